@@ -1,0 +1,5 @@
+"""Rotations, poses, wrenches and rigid registration; arrays in, arrays out, single or batched."""
+
+from counterflex.geometry import pose, registration, rotation, wrench
+
+__all__ = ["pose", "registration", "rotation", "wrench"]

@@ -1,0 +1,178 @@
+"""Rotations as 3x3 matrices, single or in batches (leading axes), and their logarithm.
+
+Frame names: ``R_a_b`` holds the axes of frame b in frame a as columns, so ``v_a = R_a_b v_b``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+
+_SMALL = 1e-4  # rad; below this the Taylor series is exact to double precision
+
+
+def skew(v: Float) -> Float:
+    """Cross-product matrix ``[v]x`` with ``[v]x u = v x u``.
+
+    Args:
+        v: (..., 3).
+
+    Returns:
+        (..., 3, 3).
+    """
+    v = np.asarray(v, dtype=np.float64)
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def exp(rotvec: Float) -> Float:
+    """Rotation matrix of a rotation vector (Rodrigues).
+
+    ``R = 1 + sin(t)/t [v]x + (1-cos(t))/t^2 [v]x^2`` with ``t = |v|``.
+
+    Args:
+        rotvec: (..., 3) rad.
+
+    Returns:
+        (..., 3, 3).
+    """
+    v = np.asarray(rotvec, dtype=np.float64)
+    t = np.linalg.norm(v, axis=-1)
+    t2 = t * t
+    small = t < _SMALL
+    safe = np.where(small, 1.0, t)
+    a = np.where(small, 1.0 - t2 / 6.0, np.sin(safe) / safe)
+    b = np.where(small, 0.5 - t2 / 24.0, (1.0 - np.cos(safe)) / (safe * safe))
+    k = skew(v)
+    return np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
+
+
+def log(R: Float) -> Float:
+    """Rotation vector of a rotation matrix; the inverse of :func:`exp` for angles up to pi.
+
+    Goes through the unit quaternion, so it is accurate near zero and near a half turn. At exactly a half turn the
+    sign of the axis is free; the one with the first non-zero component positive is returned.
+
+    Args:
+        R: (..., 3, 3).
+
+    Returns:
+        (..., 3) rad, norm in 0..pi.
+    """
+    q = quat_wxyz(R)
+    w, v = q[..., 0], q[..., 1:]
+    s = np.linalg.norm(v, axis=-1)
+    angle = 2.0 * np.arctan2(s, w)
+    small = s < 1e-9
+    scale = np.where(small, 2.0 / np.where(w == 0.0, 1.0, w), angle / np.where(small, 1.0, s))
+    out: Float = v * scale[..., None]
+    return out
+
+
+def quat_wxyz(R: Float) -> Float:
+    """Unit quaternion (w, x, y, z) with w >= 0 of a rotation matrix (Shepperd's method).
+
+    Args:
+        R: (..., 3, 3).
+
+    Returns:
+        (..., 4).
+    """
+    R = np.asarray(R, dtype=np.float64)
+    d0, d1, d2 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
+    four = np.stack([1 + d0 + d1 + d2, 1 + d0 - d1 - d2, 1 - d0 + d1 - d2, 1 - d0 - d1 + d2], axis=-1)
+    best = np.argmax(four, axis=-1)
+    wx, wy, wz = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
+    xy, yz, zx = R[..., 1, 0] + R[..., 0, 1], R[..., 2, 1] + R[..., 1, 2], R[..., 0, 2] + R[..., 2, 0]
+    candidates = np.stack(
+        [
+            np.stack([four[..., 0], wx, wy, wz], axis=-1),
+            np.stack([wx, four[..., 1], xy, zx], axis=-1),
+            np.stack([wy, xy, four[..., 2], yz], axis=-1),
+            np.stack([wz, zx, yz, four[..., 3]], axis=-1),
+        ],
+        axis=-2,
+    )
+    q = np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    first = np.take_along_axis(q, np.argmax(np.abs(q) > 1e-12, axis=-1)[..., None], axis=-1)
+    out: Float = np.where(first < 0.0, -q, q)
+    return out
+
+
+def from_quat_wxyz(q: Float) -> Float:
+    """Rotation matrix of a quaternion (w, x, y, z); the quaternion is normalised first.
+
+    Args:
+        q: (..., 4).
+
+    Returns:
+        (..., 3, 3).
+    """
+    q = np.asarray(q, dtype=np.float64)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    k = skew(q[..., 1:])
+    return np.eye(3) + 2.0 * q[..., :1, None] * k + 2.0 * (k @ k)
+
+
+def about_x(angle: Float | float) -> Float:
+    """Rotation about x. ``angle`` (...) rad -> (..., 3, 3)."""
+    return _about(0, angle)
+
+
+def about_y(angle: Float | float) -> Float:
+    """Rotation about y. ``angle`` (...) rad -> (..., 3, 3)."""
+    return _about(1, angle)
+
+
+def about_z(angle: Float | float) -> Float:
+    """Rotation about z. ``angle`` (...) rad -> (..., 3, 3)."""
+    return _about(2, angle)
+
+
+def _about(axis: int, angle: Float | float) -> Float:
+    a = np.asarray(angle, dtype=np.float64)
+    c, s = np.cos(a), np.sin(a)
+    out = np.zeros((*a.shape, 3, 3))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    out[..., axis, axis] = 1.0
+    out[..., i, i], out[..., j, j] = c, c
+    out[..., j, i], out[..., i, j] = s, -s
+    return out
+
+
+def from_zyx(angles: Float) -> Float:
+    """Rotation of intrinsic z-y'-x'' angles, ``R = Rz(a) Ry(b) Rx(c)`` (KUKA A, B, C).
+
+    Args:
+        angles: (..., 3) rad in the order a (about z), b (about y'), c (about x'').
+
+    Returns:
+        (..., 3, 3).
+    """
+    angles = np.asarray(angles, dtype=np.float64)
+    return about_z(angles[..., 0]) @ about_y(angles[..., 1]) @ about_x(angles[..., 2])
+
+
+def to_zyx(R: Float) -> Float:
+    """Intrinsic z-y'-x'' angles (a, b, c) of a rotation; b in -pi/2..pi/2.
+
+    Where b is +-90 deg only a -+ c is determined; c is then returned as zero.
+
+    Args:
+        R: (..., 3, 3).
+
+    Returns:
+        (..., 3) rad.
+    """
+    R = np.asarray(R, dtype=np.float64)
+    cb = np.hypot(R[..., 0, 0], R[..., 1, 0])
+    b = np.arctan2(-R[..., 2, 0], cb)
+    locked = cb < 1e-12
+    a = np.where(locked, np.arctan2(-R[..., 0, 1], R[..., 1, 1]), np.arctan2(R[..., 1, 0], R[..., 0, 0]))
+    c = np.where(locked, 0.0, np.arctan2(R[..., 2, 1], R[..., 2, 2]))
+    return np.stack([a, b, c], axis=-1)

@@ -1,0 +1,71 @@
+"""Wrenches and twists, linear part first: wrench (f, m) in N, N m; twist or small displacement (v, omega).
+
+A wrench is always what the surroundings do to the tool, named by the point it is taken about and the axes it is
+written in: ``w_tcp_base`` is about the TCP in base axes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.geometry.rotation import skew
+
+
+def adjoint(T_a_b: Float) -> Float:
+    """6x6 map that carries a twist given at and in b to one at and in a.
+
+    ``Ad = [[R, [p]x R], [0, R]]`` for linear-first twists.
+
+    Args:
+        T_a_b: (..., 4, 4).
+
+    Returns:
+        (..., 6, 6).
+    """
+    R, p = T_a_b[..., :3, :3], T_a_b[..., :3, 3]
+    out = np.zeros((*T_a_b.shape[:-2], 6, 6))
+    out[..., :3, :3] = R
+    out[..., 3:, 3:] = R
+    out[..., :3, 3:] = skew(p) @ R
+    return out
+
+
+def carry(T_a_b: Float, w_b: Float) -> Float:
+    """Carry a wrench from frame b (about its origin, in its axes) to frame a.
+
+    ``f_a = R f_b``, ``m_a = R m_b + p x (R f_b)``; power is unchanged.
+
+    Args:
+        T_a_b: (..., 4, 4).
+        w_b: (..., 6) N, N m.
+
+    Returns:
+        (..., 6) N, N m.
+    """
+    w_b = np.asarray(w_b, dtype=np.float64)
+    R, p = T_a_b[..., :3, :3], T_a_b[..., :3, 3]
+    f = (R @ w_b[..., :3, None])[..., 0]
+    m = (R @ w_b[..., 3:, None])[..., 0] + np.cross(p, f)
+    return np.concatenate([f, m], axis=-1)
+
+
+def shift(w: Float, lever: Float) -> Float:
+    """The same wrench, in the same axes, taken about another point.
+
+    Args:
+        w: (..., 6) about point P.
+        lever: (..., 3) m from the new point to P.
+
+    Returns:
+        (..., 6).
+    """
+    w = np.asarray(w, dtype=np.float64)
+    f = w[..., :3]
+    return np.concatenate([f, w[..., 3:] + np.cross(lever, f)], axis=-1)
+
+
+def rotate(R_a_b: Float, w_b: Float) -> Float:
+    """The same wrench or twist about the same point, written in axes a instead of b."""
+    w_b = np.asarray(w_b, dtype=np.float64)
+    return np.concatenate([(R_a_b @ w_b[..., :3, None])[..., 0], (R_a_b @ w_b[..., 3:, None])[..., 0]], axis=-1)
