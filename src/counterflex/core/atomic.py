@@ -38,7 +38,7 @@ def atomic_path(target: str | os.PathLike[str]) -> Iterator[Path]:
     part = Path(name)
     try:
         yield part
-        os.replace(part, path)
+        part.replace(path)
         umask = os.umask(0)
         os.umask(umask)
         path.chmod(0o666 & ~umask)
@@ -86,7 +86,7 @@ def atomic_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
             if item.is_file():
                 destination = path / item.relative_to(staging)
                 destination.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(item, destination)
+                item.replace(destination)
     except OSError as fault:
         if not existed:
             shutil.rmtree(path, ignore_errors=True)

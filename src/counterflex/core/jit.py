@@ -57,7 +57,9 @@ import numba  # noqa: E402  (the cache folder must be chosen before numba is imp
 prange = numba.prange
 
 
-def kernel(signature: Any = None, *, parallel: bool = False, fast: bool = False, inline: bool = False) -> Callable[[F], F]:
+def kernel(
+    signature: Any = None, *, parallel: bool = False, fast: bool = False, inline: bool = False
+) -> Callable[[F], F]:
     """Compile a pure array function with Numba, cached on disk.
 
     Args:

@@ -48,7 +48,8 @@ def exp(rotvec: Float) -> Float:
     a = np.where(small, 1.0 - t2 / 6.0, np.sin(safe) / safe)
     b = np.where(small, 0.5 - t2 / 24.0, (1.0 - np.cos(safe)) / (safe * safe))
     k = skew(v)
-    return np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
+    out: Float = np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
+    return out
 
 
 def log(R: Float) -> Float:

@@ -1,0 +1,143 @@
+"""A milling program as read: the executed blocks and the motions they make.
+
+Readers fill these types, writers consume them. Blocks keep their text and the place of every word, so that a writer can
+change a target and leave everything else byte for byte as it was.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from counterflex.core.arrays import Float
+
+MotionKind = Literal["rapid", "feed", "arc", "dwell"]
+
+
+@dataclass(frozen=True)
+class Word:
+    """A letter and its value in a block.
+
+    Attributes:
+        letter: Upper case.
+        value: As read, in program units.
+        start: Index of the letter in the block's text.
+        end: Index just behind the value.
+        literal: False when the value was an expression or a parameter.
+    """
+
+    letter: str
+    value: float
+    start: int
+    end: int
+    literal: bool = True
+
+
+@dataclass(frozen=True)
+class Modal:
+    """Modal state while a block executes, its own words included.
+
+    Attributes:
+        motion: Active motion code: ``G0 G1 G2 G3 G81 ... G80``.
+        plane: 17, 18 or 19.
+        unit_m: Length of one program unit in m (0.001 or 0.0254).
+        absolute: G90 (True) or G91.
+        arc_absolute: G90.1 (True) or G91.1.
+        feed_mode: 93, 94 or 95.
+        p_part_origin: (3,) m; ``p_part = p_part_origin + value * unit_m`` for absolute words (all offsets together).
+        tool: Number of the tool in the spindle.
+        spindle_rpm: Signed: M3 positive, M4 negative, 0 when stopped.
+    """
+
+    motion: str
+    plane: int
+    unit_m: float
+    absolute: bool
+    arc_absolute: bool
+    feed_mode: int
+    p_part_origin: tuple[float, float, float]
+    tool: int
+    spindle_rpm: float
+
+
+@dataclass(frozen=True)
+class Block:
+    """One executed block, in the order of execution.
+
+    Attributes:
+        line: 1-based line in the source file.
+        text: The line without its line end.
+        words: In order of appearance.
+        modal: State while it executes.
+        first_motion: Index of the first motion it makes.
+        motion_count: Number of motions it makes (a canned cycle makes several, a comment none).
+        single: True when the block is executed exactly once, in file order, so that it can be edited in place.
+        cycle: True for canned cycles and other blocks whose motions are not simply their own target.
+    """
+
+    line: int
+    text: str
+    words: tuple[Word, ...]
+    modal: Modal
+    first_motion: int
+    motion_count: int
+    single: bool = True
+    cycle: bool = False
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One elementary motion of the tool tip in the part frame.
+
+    Attributes:
+        block: Index of its block in :attr:`Program.blocks`.
+        kind: ``rapid``, ``feed``, ``arc`` or ``dwell``.
+        p_start: (3,) m.
+        p_end: (3,) m.
+        feed_m_s: Programmed speed (0 for rapids and dwells: the machine decides).
+        spindle_rad_s: Positive for M3.
+        tool: Tool number.
+        duration_s: Of a dwell, else 0.
+        abc_start: (3,) rad, rotary axes A B C at the start; part of 5-axis programs, zeros otherwise.
+        abc_end: (3,) rad.
+        p_centre: (3,) m of an arc: a point on its axis at the height of the start, else None.
+        normal: (3,) unit normal of the arc's plane; the turn is right-handed about it.
+        turn_rad: Signed angle turned about ``normal`` (several turns and helices included), 0 for straight motions.
+    """
+
+    block: int
+    kind: MotionKind
+    p_start: Float
+    p_end: Float
+    feed_m_s: float
+    spindle_rad_s: float
+    tool: int
+    duration_s: float = 0.0
+    abc_start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    abc_end: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    p_centre: Float | None = None
+    normal: Float | None = None
+    turn_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program as executed.
+
+    Attributes:
+        name: File name.
+        dialect: ``linuxcnc`` for now.
+        lines: The source, without line ends.
+        newline: Line end of the source.
+        blocks: Executed blocks in order (comment and empty lines included where they are passed).
+        motions: All motions in order.
+        straight: True when every source line is executed at most once and in file order (no loops, no subroutines).
+    """
+
+    name: str
+    dialect: str
+    lines: tuple[str, ...]
+    newline: str
+    blocks: tuple[Block, ...]
+    motions: tuple[Motion, ...]
+    straight: bool

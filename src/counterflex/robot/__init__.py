@@ -1,0 +1,1 @@
+"""The elastic robot: description, catalogue, kinematics, compliance, gravity."""
