@@ -1,0 +1,206 @@
+"""The tables of a cell file (``counterflex-cell``, version 1). docs/cell-file.md explains every key."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from counterflex.files.schema import ComplianceTable, PoseTable, Table, Versioned
+
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Share = Annotated[float, Field(ge=0.0, le=5.0)]
+
+
+class OpwTable(Table):
+    """Own geometry of a six-axis arm with parallel base and spherical wrist."""
+
+    a1_mm: float
+    a2_mm: float
+    b_mm: float = 0.0
+    c1_mm: float
+    c2_mm: float
+    c3_mm: float
+    c4_mm: float
+    offsets_deg: Annotated[list[float], Field(min_length=6, max_length=6)]
+    signs: Annotated[list[Literal[-1, 1]], Field(min_length=6, max_length=6)]
+    limits_deg: Annotated[list[tuple[float, float]], Field(min_length=6, max_length=6)]
+
+
+class ElasticTable(ComplianceTable):
+    """Replaces entries of the compliance (and the mass) of one segment of the robot."""
+
+    segment: str
+    mass_kg: NonNegative | None = None
+    source: str = ""
+
+
+class RobotTable(Table):
+    """Which robot: by catalogue name, by own geometry, or from a URDF file."""
+
+    catalog: str | None = None
+    geometry: OpwTable | None = None
+    urdf: str | None = None
+    urdf_tip: str | None = None
+    elastic: tuple[ElasticTable, ...] = ()
+
+    @model_validator(mode="after")
+    def _one_source(self) -> RobotTable:
+        if sum(item is not None for item in (self.catalog, self.geometry, self.urdf)) != 1:
+            raise ValueError("exactly one of catalog, geometry and urdf")
+        return self
+
+
+class BodyTable(PoseTable, ComplianceTable):
+    """One body of the end effector; its pose is given in the previous body (the flange for the first)."""
+
+    name: str
+    mass_kg: NonNegative = 0.0
+    com_x_mm: float = 0.0
+    com_y_mm: float = 0.0
+    com_z_mm: float = 0.0
+    source: str = ""
+
+
+class ToolTable(Table):
+    """A milling tool."""
+
+    number: Annotated[int, Field(ge=0)]
+    name: str = ""
+    diameter_mm: Positive
+    corner_radius_mm: NonNegative = 0.0
+    flutes: Annotated[int, Field(ge=1, le=64)]
+    helix_deg: Annotated[float, Field(ge=0.0, lt=80.0)] = 30.0
+    flute_length_mm: Positive
+    runout_um: NonNegative = 0.0
+
+
+class MaterialTable(Table):
+    """Workpiece material and the cutting law used for it."""
+
+    catalog: str | None = None
+    name: str = ""
+    law: Literal["kienzle", "linear_edge"] = "kienzle"
+    kc11_n_mm2: Positive | None = None
+    mc: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
+    kr_over_kc: Share | None = None
+    mr: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
+    ka_over_kc: Share | None = None
+    ma: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
+    ktc_n_mm2: NonNegative | None = None
+    krc_n_mm2: NonNegative | None = None
+    kac_n_mm2: NonNegative | None = None
+    kte_n_mm: NonNegative | None = None
+    kre_n_mm: NonNegative | None = None
+    kae_n_mm: NonNegative | None = None
+    chip_min_um: Positive = 1.0
+    chip_max_um: Positive = 1000.0
+    allow_extrapolation: bool = False
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _complete(self) -> MaterialTable:
+        if self.law == "kienzle" and self.catalog is None and (self.kc11_n_mm2 is None or self.mc is None):
+            raise ValueError("the Kienzle law needs kc11_n_mm2 and mc, or a catalog material")
+        if self.law == "linear_edge" and self.catalog is None and (self.ktc_n_mm2 is None or self.krc_n_mm2 is None):
+            raise ValueError("the linear-edge law needs at least ktc_n_mm2 and krc_n_mm2, or a catalog material")
+        return self
+
+
+class StockTable(Table):
+    """The blank, in the part frame: a box, an STL mesh, or the result of an earlier run."""
+
+    box_min_mm: Vector | None = None
+    box_max_mm: Vector | None = None
+    stl: str | None = None
+    result: str | None = None
+    cell_mm: Annotated[float, Field(gt=0.001, le=5.0)] = 0.1
+
+    @model_validator(mode="after")
+    def _one_source(self) -> StockTable:
+        box = self.box_min_mm is not None and self.box_max_mm is not None
+        if (self.box_min_mm is None) != (self.box_max_mm is None):
+            raise ValueError("a box needs box_min_mm and box_max_mm")
+        if box and any(low >= high for low, high in zip(self.box_min_mm or [], self.box_max_mm or [], strict=True)):
+            raise ValueError("box_min_mm must lie below box_max_mm in x, y and z")
+        if sum((box, self.stl is not None, self.result is not None)) != 1:
+            raise ValueError("exactly one of box_min_mm with box_max_mm, stl and result")
+        return self
+
+
+class PartTable(PoseTable):
+    """The part frame (program zero) in the robot base, and how that frame was measured."""
+
+    measured_with: Literal["robot", "external"] = "robot"
+    datum_points_mm: Annotated[tuple[Vector, ...], Field(max_length=100)] = ()
+    stock: StockTable
+
+    @model_validator(mode="after")
+    def _datum(self) -> PartTable:
+        if self.measured_with == "robot" and len(self.datum_points_mm) < 3:
+            raise ValueError('measured_with = "robot" needs at least three datum_points_mm (where the robot touched)')
+        return self
+
+
+class PostureTable(Table):
+    """Which of the arm's postures is used, and the free rotation about the tool axis."""
+
+    shoulder: Literal["front", "back"] = "front"
+    elbow: Literal["up", "down"] = "up"
+    wrist: Literal["no_flip", "flip"] = "no_flip"
+    rotation_about_tool_deg: Annotated[float, Field(ge=-360.0, le=360.0)] = 0.0
+
+
+class ControllerTable(Table):
+    """What the robot controller does with a program."""
+
+    cycle_ms: Positive = 12.0
+    blending_mm: NonNegative = 0.5
+    acceleration_mm_s2: Positive = 1000.0
+    rapid_mm_s: Positive = 250.0
+    tool_number: Annotated[int, Field(ge=1, le=32)] = 1
+    base_number: Annotated[int, Field(ge=1, le=64)] = 1
+
+
+class DynamicsTable(Table):
+    """The lowest structural mode, for the coupling of force and displacement in time."""
+
+    mode_hz: Positive = 8.0
+    damping_ratio: Annotated[float, Field(gt=0.0, lt=2.0)] = 0.1
+
+
+class LimitsTable(Table):
+    """Bounds on what compensation may do."""
+
+    correction_mm: Positive = 3.0
+    correction_deg: Positive = 1.0
+    joint_margin_deg: NonNegative = 2.0
+    wrist_singularity_deg: NonNegative = 5.0
+
+
+class CellTables(Versioned):
+    """A whole cell file."""
+
+    name: str
+    robot: RobotTable
+    end_effector: tuple[BodyTable, ...] = ()
+    tcp: PoseTable
+    part: PartTable
+    tools: Annotated[list[ToolTable], Field(min_length=1)]
+    material: MaterialTable
+    posture: PostureTable = PostureTable()
+    controller: ControllerTable = ControllerTable()
+    dynamics: DynamicsTable = DynamicsTable()
+    limits: LimitsTable = LimitsTable()
+
+    @model_validator(mode="after")
+    def _unique(self) -> CellTables:
+        numbers = [tool.number for tool in self.tools]
+        if len(set(numbers)) != len(numbers):
+            raise ValueError(f"tool numbers must differ: {numbers}")
+        names = [body.name for body in self.end_effector]
+        if len(set(names)) != len(names):
+            raise ValueError(f"end effector bodies must have different names: {names}")
+        return self

@@ -1,0 +1,227 @@
+"""What every counterflex file has in common: strict tables, versions, and one clear line per fault."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+import numpy as np
+import tomli_w
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from counterflex.core import atomic
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError
+from counterflex.core.units import DEG, MM, UM_PER_KN, URAD_PER_KNM
+from counterflex.geometry import pose
+
+Model = TypeVar("Model", bound="Table")
+
+_STIFFNESS = re.compile(r"stiff|^k_|^k[abc]$|_per_rad$|_n_per_", re.IGNORECASE)
+
+
+class Table(BaseModel):
+    """A table of a file: unknown keys, NaN and infinity are refused, values cannot be changed after reading."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, str_strip_whitespace=True)
+
+
+class PoseTable(Table):
+    """A pose in shop units: position and intrinsic z-y'-x'' angles (KUKA X Y Z A B C)."""
+
+    x_mm: float = 0.0
+    y_mm: float = 0.0
+    z_mm: float = 0.0
+    a_deg: float = 0.0
+    b_deg: float = 0.0
+    c_deg: float = 0.0
+
+    def matrix(self) -> Float:
+        """The pose as (4, 4) in m."""
+        return pose.from_xyz_zyx(
+            np.array([self.x_mm, self.y_mm, self.z_mm]) * MM, np.array([self.a_deg, self.b_deg, self.c_deg]) * DEG
+        )
+
+
+class ComplianceTable(Table):
+    """Compliance of an elastic element in its own axes; what is left out keeps its value (rigid by default).
+
+    Translations in um/kN (the same number as 1e-9 m/N), rotations in urad/kNm (1e-9 rad/(N m)).
+    A stiffness k in N mm/rad is ``1e12 / k`` urad/kNm; 1.2e10 N mm/rad is 83.3.
+    """
+
+    tx_um_per_kn: float | None = None
+    ty_um_per_kn: float | None = None
+    tz_um_per_kn: float | None = None
+    rx_urad_per_knm: float | None = None
+    ry_urad_per_knm: float | None = None
+    rz_urad_per_knm: float | None = None
+
+    def over(self, base: Float) -> Float:
+        """SI compliance (6,) with the given entries replacing those of ``base``."""
+        out = np.array(base, dtype=np.float64)
+        for i, name in enumerate(("tx", "ty", "tz")):
+            value = getattr(self, f"{name}_um_per_kn")
+            if value is not None:
+                out[i] = value * UM_PER_KN
+        for i, name in enumerate(("rx", "ry", "rz")):
+            value = getattr(self, f"{name}_urad_per_knm")
+            if value is not None:
+                out[3 + i] = value * URAD_PER_KNM
+        return out
+
+    @classmethod
+    def of(cls, compliance: Float) -> dict[str, float]:
+        """Keys and shop values of the entries of an SI compliance (6,) that are not rigid."""
+        names = [f"t{a}_um_per_kn" for a in "xyz"] + [f"r{a}_urad_per_knm" for a in "xyz"]
+        return {
+            name: float(f"{value / 1e-9:.6g}") for name, value in zip(names, compliance, strict=True) if value != 0.0
+        }
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Parse a TOML file.
+
+    Raises:
+        FileFormatError: It does not exist, cannot be read, or is not TOML; with line and column.
+    """
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(file), hint=_nearby(file)) from fault
+    except (OSError, UnicodeDecodeError) as fault:
+        raise FileFormatError(f"cannot be read as text: {fault}", where=str(file)) from fault
+    if not text.strip():
+        raise FileFormatError("the file is empty", where=str(file))
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as fault:
+        raise FileFormatError(f"not valid TOML: {fault}", where=str(file)) from fault
+
+
+def _nearby(file: Path) -> str:
+    if not file.parent.is_dir():
+        return f"The folder {file.parent} does not exist"
+    close = difflib.get_close_matches(file.name, [item.name for item in file.parent.iterdir()], n=1)
+    return f"Did you mean {close[0]}?" if close else "Check the path"
+
+
+def check_header(data: dict[str, Any], *, kind: str, version: int, where: str) -> None:
+    """Check ``format`` and ``version`` of a file.
+
+    Raises:
+        FileFormatError: Another format, or a version newer than this program knows.
+    """
+    if data.get("format") != kind:
+        raise FileFormatError(
+            f"not a {kind} file", where=where, value=repr(data.get("format")), limit=f'format = "{kind}"'
+        )
+    found = data.get("version")
+    if not isinstance(found, int) or found < 1:
+        raise FileFormatError("the file has no version", where=where, value=repr(found), limit=f"version = {version}")
+    if found > version:
+        raise FileFormatError(
+            "the file is newer than this counterflex reads",
+            where=where,
+            value=f"version {found}",
+            limit=f"at most {version}",
+            hint="Update counterflex",
+        )
+
+
+def parse(model: type[Model], data: dict[str, Any], *, where: str) -> Model:
+    """Check a table against its model.
+
+    Raises:
+        FileFormatError: One line for the first fault (place, value, expectation, hint), and how many more there are.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as fault:
+        raise _explain(fault, model, where) from fault
+
+
+def _explain(fault: ValidationError, model: type[Table], where: str) -> FileFormatError:
+    faults = fault.errors(include_url=False)
+    first = faults[0]
+    place = ".".join(f"[{part + 1}]" if isinstance(part, int) else str(part) for part in first["loc"]).replace(
+        ".[", "["
+    )
+    more = f" ({len(faults) - 1} more fault{'s' if len(faults) > 2 else ''} in this file)" if len(faults) > 1 else ""
+    kind = first["type"]
+    key = str(first["loc"][-1]) if first["loc"] else ""
+    hint, limit, value = None, None, first.get("input")
+    if kind == "extra_forbidden":
+        what = f"unknown key '{key}'"
+        hint = _unknown_key_hint(key, value, model)
+        value = None
+    elif kind == "missing":
+        what, value = f"the key '{key}' is missing", None
+    elif kind == "finite_number":
+        what, limit = f"'{key}' is not a finite number", "a finite number"
+    else:
+        what, limit = f"'{key}' is not acceptable", first["msg"][:1].lower() + first["msg"][1:]
+        if isinstance(value, dict | list):
+            value = None
+    return FileFormatError(
+        what + more, where=f"{where}: {place}", value=None if value is None else repr(value), limit=limit, hint=hint
+    )
+
+
+def _known_keys(model: type[BaseModel]) -> set[str]:
+    keys: set[str] = set()
+    todo: list[Any] = [model]
+    seen: set[Any] = set()
+    while todo:
+        item = todo.pop()
+        if item in seen:
+            continue
+        seen.add(item)
+        if isinstance(item, type) and issubclass(item, BaseModel):
+            for name, info in item.model_fields.items():
+                keys.add(name)
+                todo.append(info.annotation)
+        else:
+            todo.extend(getattr(item, "__args__", ()))
+    return keys
+
+
+def _unknown_key_hint(key: str, value: object, model: type[BaseModel]) -> str:
+    if _STIFFNESS.search(key):
+        hint = "Elastic elements hold compliance, never stiffness: rx_urad_per_knm = 1e12 / (stiffness in N mm/rad)"
+        if isinstance(value, int | float) and value > 0 and math.isfinite(value):
+            hint += (
+                f"; {value:g} N mm/rad is {1e12 / value:.4g} urad/kNm, {value:g} N m/rad is {1e9 / value:.4g} urad/kNm"
+            )
+        return hint
+    known = _known_keys(model)
+    close = difflib.get_close_matches(key, sorted(known), n=1)
+    with_unit = sorted(name for name in known if name.startswith(key + "_"))
+    if with_unit:
+        return f"Write the unit into the key: {with_unit[0]}"
+    return f"Did you mean '{close[0]}'?" if close else "Remove it; docs/cell-file.md lists the keys"
+
+
+def write_toml(path: str | Path, data: dict[str, Any], *, comment: str = "") -> None:
+    """Write a table as TOML, whole or not at all, with an optional comment on top."""
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    atomic.write_text(path, head + tomli_w.dumps(data))
+
+
+class Versioned(Table):
+    """A whole file: format and version first."""
+
+    format: str
+    version: int
+
+    @classmethod
+    def read(cls, path: str | Path, *, kind: str, version: int) -> Self:
+        """Read, check the header, check every key."""
+        data = read_toml(path)
+        check_header(data, kind=kind, version=version, where=str(path))
+        return parse(cls, data, where=str(path))
