@@ -1,0 +1,42 @@
+# Two commands do everything: make demo, make test. PYTHON and VENV may be set.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+
+.PHONY: demo test check docs bench-smoke clean
+
+demo: $(VENV)/.installed-run  ## Install, run the main job on embedded data, print a table, write an HTML report.
+	$(BIN)/counterflex demo --out out/demo
+
+test: $(VENV)/.installed-dev  ## Install, run the tests.
+	$(BIN)/python -m pytest
+
+check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contracts, frame names.
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python tools/check_frames.py src tests examples benchmarks
+
+docs: $(VENV)/.installed-dev  ## Run every example and every command printed in the docs.
+	$(BIN)/python tools/run_docs.py
+
+bench-smoke: $(VENV)/.installed-dev  ## Run every benchmark briefly.
+	for bench in benchmarks/*.py; do echo "== $$bench"; $(BIN)/python $$bench --quick || exit 1; done
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.installed-run: requirements/run.txt pyproject.toml | $(BIN)/python
+	$(PIP) install --require-hashes -r requirements/run.txt
+	$(PIP) install --no-build-isolation --no-deps -e .
+	touch $@
+
+$(VENV)/.installed-dev: requirements/dev.txt pyproject.toml | $(BIN)/python
+	$(PIP) install --require-hashes -r requirements/dev.txt
+	$(PIP) install --no-build-isolation --no-deps -e .
+	touch $@ $(VENV)/.installed-run
+
+clean:
+	rm -rf $(VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .benchmarks
