@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,28 @@ STIFFNESS_OF = {  # robot in the catalogue: (robot in stiffness.csv, method begi
     "kuka_kr500_r2830": ("KUKA KR 500 / KR 500 MT", "clamped"),
 }
 ESTIMATED_AXES = {"kuka_kr500_r2830": (4, 5, 6)}
+FLANGE_SECONDARY = {
+    "kuka_kr500_r2830": "290 mm in two files, 250 mm in a third",
+    "kuka_kr210_r2700_extra": "215 mm from the family, not measured",
+}
+GUESSED_MASSES = {"staubli_rx160", "staubli_rx160l"}  # by a remark in the first URDF, which the second copies
+WORDS = [  # the reference files' own shorthand, turned into what a reader can follow
+    (r"the same page reports", "the page with the DH table reports"),
+    (r"\s*\(?stored file id \d+\)?( v1 KUKA KR500)?", ""),
+    (r"as quoted in(?=;|$)", "as quoted in a public model file"),
+    (r"paper 000 \(Denkena, KR 500\)", "Denkena2015"),
+    (r"paper 001 \(Haehn & Weigold 2020\)", "Haehn2020"),
+    (r"paper 003", "Mandiola2023"),
+    (r"limits below come from", "limits come from"),
+    (r" \(data/[a-z0-9_]+\)", ""),
+    (r"laser-tracker data here", "laser-tracker data"),
+    (r"laser-tracker fit made here", "laser-tracker fit"),
+    (r"; same numbers remembered from [^;]*", ""),
+    (r", its table not readable here", ", its table not seen"),
+    (r"preset list,? \(", "preset list ("),
+    (r"^preset list(?=;)", "preset list of a public model file"),
+    (r"\(parameter list in Rust;\)", "(parameter list in Rust)"),
+]
 
 # KR 300 R2500 ultra: bearing centres along each axis from the foot of the previous offset, and the distribution of
 # the mass over the bodies, a judgement of this project between published sets (total 1035 kg with the fixed base).
@@ -61,16 +84,16 @@ KR300_SOURCES = {
     },
     "bearings": {
         "status": "SECONDARY",
-        "source": "judgement from the arm's drawings: axis 1 bearing 0.35 m above the floor, axis 4 bearing 0.42 m ahead "
-        "of axis 3, axis 6 bearing 0.13 m ahead of the wrist centre",
+        "source": "judgement, none are published: axis 1 bearing 0.35 m above the floor, axis 4 bearing 0.42 m "
+        "ahead of axis 3, axis 6 bearing 0.13 m ahead of the wrist centre",
     },
     "stiffness_about_axes": {"status": "VERIFIED", "source": f"{HAEHN}, k_A; cubes and laser triangulation"},
     "stiffness_tilt": {"status": "VERIFIED", "source": f"{HAEHN}, k_C (about x) and k_B (about y)"},
     "stiffness_links": {
         "status": "SECONDARY",
-        "source": f"{HAEHN}, frames 3 and 5; values as published, place and axes of the frames ASSUMED: link arm at mid "
-        "length with k_B about its long axis and k_A about axis 2, arm 0.20 m ahead of axis 3 with k_A about the "
-        "forearm and k_B about axis 3",
+        "source": f"{HAEHN}, frames 3 and 5; values as published, place and axes of the frames ASSUMED: link arm at "
+        "mid length with k_B about its long axis and k_A about axis 2, arm 0.20 m ahead of axis 3 with k_A about "
+        "the forearm and k_B about axis 3",
     },
     "counterbalance": {
         "status": "SECONDARY",
@@ -137,6 +160,8 @@ def robot_file(raw: dict[str, Any], stiffness: list[dict[str, str]]) -> dict[str
     out["geometry"] |= {"offsets_deg": opw["joint_offsets_deg"], "signs": opw["sign_corrections"]}
     out["limits"] = limits
     axes: dict[int, dict[str, Any]] = {axis: {"axis": axis} for axis in range(1, 7)}
+    if name in FLANGE_SECONDARY:
+        sources["geometry_flange"] = {"status": "SECONDARY", "source": f"c4: {FLANGE_SECONDARY[name]}"}
     for group in ("stiffness_about_axes", "stiffness_tilt", "stiffness_links", "masses", "bearings", "counterbalance"):
         sources[group] = not_known()
     sources["stiffness_translation"] = not_known()
@@ -247,6 +272,9 @@ def inertials(
     T_link = np.eye(4)
     by_link = {str(row["link"])[-1]: row for row in raw["link_inertials"]}
     T_axis = np.eye(4)
+    zero = np.linalg.multi_dot([np.eye(4), *(urdf_pose(joint) for joint in raw["urdf_chain"])])
+    if not np.allclose(zero[:3, 3] / MM, raw["fk_checks"][0]["flange_position_mm"], atol=1e-3):
+        raise SystemExit(f"{out['name']}: the URDF's zero pose is not the controller's")
     for axis in range(1, 7):
         joint = raw["urdf_chain"][axis - 1]
         T_link = T_link @ urdf_pose(joint)
@@ -255,7 +283,7 @@ def inertials(
         row = by_link[str(axis)]
         com = pose.transform(pose.inverse(T_axis) @ T_link, np.array(row["com_m"]))
         axes[axis] |= {"mass_kg": round(row["mass_kg"], 3), "com_mm": (com / MM).round(2).tolist()}
-    guess = any("guess" in note for note in raw.get("notes") or [])
+    guess = out["name"] in GUESSED_MASSES
     sources["masses"] = {
         "status": "UNVERIFIED" if guess else "SECONDARY",
         "source": f"link inertials of {raw['sources'][0]}" + ("; guesses by their own remark" if guess else ""),
@@ -306,17 +334,29 @@ def end_effector_file(stiffness: list[dict[str, str]]) -> dict[str, Any]:
             "stiffness": {"status": "VERIFIED", "source": f"{HAEHN}, frames 9 (ATI Omega160) and 10"},
             "frame": {
                 "status": "SECONDARY",
-                "source": "ASSUMED, the paper does not say: flange axes, k_A about the flange axis z; sensor at the flange, "
-                "holder 80 mm ahead of it; masses 11 and 75 kg and their centres of gravity are judgement",
+                "source": "ASSUMED, the paper does not say: flange axes, k_A about the flange axis z; sensor at the "
+                "flange, holder 80 mm ahead of it; masses 11 and 75 kg and their centres of gravity are judgement",
             },
         },
     }
 
 
+def worded(value: Any) -> Any:
+    """The content with every text in words a reader of the catalogue can follow."""
+    if isinstance(value, dict):
+        return {key: worded(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [worded(item) for item in value]
+    if isinstance(value, str):
+        for pattern, word in WORDS:
+            value = re.sub(pattern, word, value)
+    return value
+
+
 def write(path: Path, content: dict[str, Any]) -> None:
     """Write a TOML file."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(tomli_w.dumps(content), encoding="utf-8", newline="\n")
+    path.write_text(tomli_w.dumps(worded(content)), encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

@@ -123,7 +123,8 @@ class CatalogEntry(_Table):
         reach_mm: Data-sheet reach, where known.
         notes: Traps and remarks.
         sources: Provenance per group: ``geometry limits speeds masses stiffness_about_axes stiffness_tilt
-            stiffness_links stiffness_translation bearings counterbalance``.
+            stiffness_links stiffness_translation bearings counterbalance``, and ``geometry_flange`` where the flange
+            distance is less sure than the rest.
         geometry: OPW lengths.
         limits: Joint limits and speeds in controller angles.
         axes: Bearing position, compliance (rx ry rz about the bearing frame, z along the joint), mass, centre of
@@ -263,7 +264,7 @@ def load(name: str) -> Robot:
 
 @functools.cache
 def end_effector_elements() -> dict[str, EndEffectorElement]:
-    """Elastic bodies beyond the flange whose stiffness is published: ``haehn2020_sensor``, ``haehn2020_spindle_holder``.
+    """Elastic bodies beyond the flange with published stiffness: ``haehn2020_sensor``, ``haehn2020_spindle_holder``.
 
     Haehn2020 Table 1 gives three rotational stiffnesses per element and neither the place nor the axes of its frame;
     ``frame`` of each entry says what is assumed.
