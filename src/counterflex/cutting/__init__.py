@@ -1,0 +1,1 @@
+"""Cutting: the cutter, the material, removal of stock with engagement, and the forces of the process."""
