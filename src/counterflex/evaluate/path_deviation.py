@@ -1,0 +1,231 @@
+"""Path deviation: how far the tool centre was from the programmed path, across and along the feed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM
+from counterflex.evaluate import path_matching
+from counterflex.evaluate.contact import contact_runs, entry_exit
+from counterflex.evaluate.figures import Figures, weighted_figures
+from counterflex.path import FEED, ToolPath
+
+SPACING_M = 0.1 * MM
+
+
+@dataclass(frozen=True)
+class PathDeviation:
+    """Deviation at stations every ``spacing_m`` of the travelled path; part frame, m.
+
+    ``deviation = actual - nominal``, with the nearest nominal point in the order of the program.
+
+    Attributes:
+        spacing_m: Distance between stations.
+        time_s: (k,) when the tool was there.
+        p_part_actual: (k, 3) actual tool centre.
+        p_part_nominal: (k, 3) its nominal point.
+        length_m: (k,) place on the nominal path, from its start, never decreasing.
+        motion: (k,) program motion of the nominal point.
+        feed_direction: (k, 3) unit vector of the nominal feed.
+        across: (k, 3) deviation normal to the feed.
+        across_left_m: (k,) its component to the left of the feed, seen from the spindle.
+        across_axis_m: (k,) its component along ``feed x left``, the tool axis where the feed is square to it;
+            positive = away from the part, too little depth.
+        along_m: (k,) progress ahead of the set-point along the path; negative = the tool lags.
+        engagement: (k,) as given, interpolated.
+        cutting: (k,) True in feed motion while material is removed.
+        entry: (k,) True from first contact until the plateau; subset of ``cutting``.
+        exit: (k,) True from the end of the plateau to the end of contact; subset of ``cutting``.
+        air: (k,) True in feed motion without contact.
+        broken: (k,) True where the station does not continue the one before.
+    """
+
+    spacing_m: float
+    time_s: Float
+    p_part_actual: Float
+    p_part_nominal: Float
+    length_m: Float
+    motion: Int
+    feed_direction: Float
+    across: Float
+    across_left_m: Float
+    across_axis_m: Float
+    along_m: Float
+    engagement: Float
+    cutting: Bool
+    entry: Bool
+    exit: Bool
+    air: Bool
+    broken: Bool
+
+    @property
+    def across_m(self) -> Float:
+        """Magnitude of the deviation across the feed, (k,) m."""
+        out: Float = np.linalg.norm(self.across, axis=1)
+        return out
+
+
+@dataclass(frozen=True)
+class PathFigures:
+    """The figures of a path, each of the magnitude across the feed except ``along``.
+
+    Attributes:
+        path: Over all feed motion that removes material, entries and exits included.
+        entry: Over entries alone.
+        exit: Over exits alone.
+        plateau: Over what is neither entry nor exit.
+        air: Feed motion without contact; reported apart, never part of ``path``.
+        along: Lag or lead along the feed while cutting; reported, never counted as path error.
+        at_p_m: Path accuracy of ISO 9283 for one cycle: largest distance over all feed motion, contact or not.
+    """
+
+    path: Figures
+    entry: Figures
+    exit: Figures
+    plateau: Figures
+    air: Figures
+    along: Figures
+    at_p_m: float
+
+
+def path_deviation(
+    nominal: ToolPath,
+    time_s: Float,
+    p_part_tcp: Float,
+    engagement: Float | Bool,
+    cutter_radius_m: float,
+    *,
+    command_part_tcp: Float | None = None,
+    spacing_m: float = SPACING_M,
+    gap_m: float = 2.0 * MM,
+    capture_m: float = 1.0 * MM,
+    lost_m: float = 5.0 * MM,
+) -> PathDeviation:
+    """Match a measured path to the nominal one and split its deviation.
+
+    The measured samples are walked in chords of ``spacing_m``, so that slow and fast stretches weigh alike and a
+    stop weighs nothing. Each station gets the nearest nominal point within reach ahead of the last one. Where the
+    samples jump by more than ``gap_m`` (air moves left out), the place is searched among all later passes.
+
+    ``along`` compares progress at equal times: that of the actual tool minus that of the set-point. Without
+    set-points the program's own clock (``nominal.time_s``) takes their place; it is right only where the machine
+    keeps the programmed speed.
+
+    Args:
+        nominal: Tool path of the original program, whatever was sent to the robot; part frame.
+        time_s: (n,) s, non-decreasing, same clock as ``nominal.time_s`` unless ``command_part_tcp`` is given.
+        p_part_tcp: (n, 3) m, actual tool tip in the part frame.
+        engagement: (n,) True while material is removed, or a measure of how much (axial depth, cross-section,
+            force): above 0 is contact, and the plateau is found from it.
+        cutter_radius_m: Shortest length of an entry or exit.
+        command_part_tcp: (n, 3) m, set-points sent to the drives at the same instants, or None.
+        spacing_m: Station spacing.
+        gap_m: Samples further apart are not joined.
+        capture_m: See :func:`counterflex.evaluate.path_matching.match`.
+        lost_m: See there.
+
+    Raises:
+        InputError: Lengths differ, values are not finite, time runs backwards, or the nominal path has no length.
+
+    Source: design of figures after ISO 9283 (path accuracy); nearest-point deviation across and along the feed.
+    """
+    p = as_float("p_part_tcp", p_part_tcp, (None, 3))
+    n = len(p)
+    time = as_float("time_s", time_s, (n,))
+    contact = as_float("engagement", np.asarray(engagement, dtype=np.float64), (n,))
+    radius = as_positive("cutter_radius_m", cutter_radius_m)
+    for name, value in (("spacing_m", spacing_m), ("gap_m", gap_m), ("capture_m", capture_m), ("lost_m", lost_m)):
+        as_positive(name, value)
+    if n == 0:
+        raise InputError("the measured path holds no samples")
+    if np.any(np.diff(time) < 0.0):
+        raise InputError(
+            "time of the measured path runs backwards", where=f"sample {int(np.argmin(np.diff(time))) + 1}"
+        )
+    rows = as_float("nominal.p_part_tcp", nominal.p_part_tcp, (None, 3))
+    S = _lengths(rows)
+    if len(rows) < 2 or S[-1] <= 0.0:
+        raise InputError("the nominal path has no length")
+    feed: Bool = np.asarray(nominal.kind) == FEED
+
+    q, place, broken = path_matching.even_stations(p, spacing_m, gap_m)
+    where = np.arange(n, dtype=np.float64)
+    engaged_at: Float = np.interp(place, where, contact)
+    touching: Bool = engaged_at > (0.5 if np.asarray(engagement).dtype == np.bool_ else 0.0)
+    u, seg = path_matching.match(q, broken, touching, rows, S, feed, spacing_m, capture_m, lost_m)
+    axis = np.ascontiguousarray(nominal.axis_part, dtype=np.float64)
+    dev, tangent, left, near = path_matching.split(q, axis, u, seg, touching, rows, S, feed)
+    across: Float = dev - np.sum(dev * tangent, axis=1)[:, None] * tangent
+    station_time: Float = np.interp(place, where, time)
+    if command_part_tcp is None:
+        due: Float = np.interp(station_time, np.asarray(nominal.time_s), S)
+    else:
+        command = as_float("command_part_tcp", command_part_tcp, (n, 3))
+        qc, placec, brokenc = path_matching.even_stations(command, spacing_m, gap_m)
+        touchc: Bool = np.interp(placec, where, contact) > (0.5 if np.asarray(engagement).dtype == np.bool_ else 0.0)
+        uc, _ = path_matching.match(qc, brokenc, touchc, rows, S, feed, spacing_m, capture_m, lost_m)
+        due = np.interp(place, placec, uc)
+    cutting: Bool = touching & feed[seg]
+    runs = contact_runs(cutting, broken, spacing_m)
+    entry, exit_ = entry_exit(runs, engaged_at, spacing_m, radius)
+    return PathDeviation(
+        spacing_m=spacing_m,
+        time_s=station_time,
+        p_part_actual=q,
+        p_part_nominal=near,
+        length_m=u,
+        motion=np.asarray(nominal.motion, dtype=np.int64)[seg],
+        feed_direction=tangent,
+        across=across,
+        across_left_m=np.sum(across * left, axis=1),
+        across_axis_m=np.sum(across * np.cross(tangent, left), axis=1),
+        along_m=u + np.sum(dev * tangent, axis=1) - due,
+        engagement=engaged_at,
+        cutting=cutting,
+        entry=entry & cutting,
+        exit=exit_ & cutting,
+        air=feed[seg] & ~touching,
+        broken=broken,
+    )
+
+
+def path_figures(deviation: PathDeviation) -> PathFigures:
+    """The figures of one machined path (see :class:`PathFigures`); every station weighs its spacing.
+
+    Example:
+        >>> import numpy as np
+        >>> from counterflex.path import FEED, ToolPath
+        >>> x = np.linspace(0.0, 0.1, 11)
+        >>> line = np.stack([x, 0 * x, 0 * x], axis=1)
+        >>> column = np.full(11, 1)
+        >>> up = np.tile([0.0, 0.0, 1.0], (11, 1))
+        >>> nominal = ToolPath(line, up, column * FEED, column * 0.025, column * 1.0, x / 0.025, column, column)
+        >>> found = path_deviation(nominal, x / 0.025, line + [0, 2e-4, 0], np.ones(11, dtype=bool), 8e-3)
+        >>> round(path_figures(found).path.max_m * 1e3, 6)
+        0.2
+    """
+    size = deviation.across_m
+    h = deviation.spacing_m
+
+    def of(mask: Bool) -> Figures:
+        return weighted_figures(size[mask], h)
+
+    feed = deviation.cutting | deviation.air
+    return PathFigures(
+        path=of(deviation.cutting),
+        entry=of(deviation.entry),
+        exit=of(deviation.exit),
+        plateau=of(deviation.cutting & ~deviation.entry & ~deviation.exit),
+        air=of(deviation.air),
+        along=weighted_figures(deviation.along_m[deviation.cutting], h),
+        at_p_m=of(feed).max_m,
+    )
+
+
+def _lengths(rows: Float) -> Float:
+    steps: Float = np.linalg.norm(np.diff(rows, axis=0), axis=1)
+    return np.concatenate([np.zeros(min(len(rows), 1)), np.cumsum(steps)])
