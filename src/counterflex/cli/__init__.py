@@ -1,0 +1,1 @@
+"""The command line: arguments in shop units in, jobs called, tables printed. No logic of its own."""

@@ -1,0 +1,64 @@
+"""Printing: tables for people, JSON for programs, a progress bar for the impatient."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from counterflex.core.progress import Progress
+
+
+def print_json(data: Any) -> None:
+    """Print data as JSON on standard output."""
+    print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, note: str = "") -> None:
+    """Print a table; numbers (columns whose header ends in a unit or a figure) are right-aligned."""
+    from rich.console import Console
+    from rich.table import Table
+
+    width = None if sys.stdout.isatty() else 160
+    console = Console(width=width, highlight=False)
+    table = Table(title=title, title_justify="left", show_edge=False, pad_edge=False)
+    for i, column in enumerate(columns):
+        numeric = bool(rows) and all(_is_number(row[i]) for row in rows if row[i])
+        table.add_column(column, justify="right" if numeric else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+    if note:
+        console.print(note, markup=False)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.rstrip("%").replace(" ", ""))
+    except ValueError:
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def progress_bar(what: str, *, quiet: bool = False) -> Iterator[Progress]:
+    """A progress bar on standard error; yields the function jobs report to."""
+    if quiet or not sys.stderr.isatty():
+        from counterflex.core.progress import silent
+
+        yield silent
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
+    with Bar(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=1.0)
+
+        def report(fraction: float, what: str = "") -> None:
+            bar.update(task, completed=fraction, **({"description": what} if what else {}))
+
+        yield report

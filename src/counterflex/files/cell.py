@@ -1,0 +1,228 @@
+"""The cell file read and resolved: everything physical the rest of the program stands on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError
+from counterflex.core.units import DEG, MM, N_PER_MM, N_PER_MM2, UM
+from counterflex.cutting import material
+from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
+from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.stock import HeightMap
+from counterflex.files.cell_schema import CellTables, MaterialTable, OpwTable, StockTable
+from counterflex.robot import catalog, opw_chain
+from counterflex.robot.chain import ElasticChain
+from counterflex.robot.description import EndEffector, Opw, Robot, Segment
+
+KIND = "counterflex-cell"
+VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """A cell: the tables of its file and the objects they describe, in SI.
+
+    Attributes:
+        tables: The file as written, in shop units.
+        path: Where it was read from; relative paths in the file are relative to its folder.
+        robot: Robot with the file's changes to its elastic elements.
+        end_effector: Bodies from the flange outward and the TCP.
+        chain: Both as one elastic chain.
+    """
+
+    tables: CellTables
+    path: Path
+    robot: Robot
+    end_effector: EndEffector
+    chain: ElasticChain
+
+    @property
+    def name(self) -> str:
+        """Name of the cell."""
+        return self.tables.name
+
+    @cached_property
+    def T_base_part(self) -> Float:
+        """(4, 4) part frame in the robot base, as the controller knows it."""
+        return self.tables.part.matrix()
+
+    @cached_property
+    def datum_points_part(self) -> Float:
+        """(k, 3) m, points where the robot touched the part to measure its frame."""
+        return np.array(self.tables.part.datum_points_mm, dtype=np.float64).reshape(-1, 3) * MM
+
+    @cached_property
+    def force_law(self) -> ForceLaw:
+        """Cutting law of the material."""
+        return _force_law(self.tables.material, str(self.path))
+
+    def cutter(self, number: int) -> Cutter:
+        """The tool with the program's number.
+
+        Raises:
+            FileFormatError: The cell has no such tool.
+        """
+        for tool in self.tables.tools:
+            if tool.number == number:
+                return Cutter(
+                    diameter_m=tool.diameter_mm * MM,
+                    corner_radius_m=tool.corner_radius_mm * MM,
+                    flutes=tool.flutes,
+                    helix_rad=tool.helix_deg * DEG,
+                    flute_length_m=tool.flute_length_mm * MM,
+                    runout_m=tool.runout_um * UM,
+                )
+        raise FileFormatError(
+            f"the program uses tool T{number}, which the cell does not have",
+            where=str(self.path),
+            value=f"tools {', '.join(f'T{tool.number}' for tool in self.tables.tools)}",
+            hint=f"Add a [[tools]] table with number = {number}",
+        )
+
+    def stock(self) -> HeightMap:
+        """A fresh blank in the part frame."""
+        return _stock(self.tables.part.stock, self.path.parent)
+
+
+def read_cell(path: str | Path) -> Cell:
+    """Read a cell file and resolve what it names.
+
+    Raises:
+        FileFormatError: Missing file, wrong format or version, unknown key, value out of range, unknown robot,
+            segment or material; one line that says where and what to do.
+        ModelError: The numbers contradict each other (compliance or mass far outside of what robots are made of).
+    """
+    file = Path(path)
+    return resolve(CellTables.read(file, kind=KIND, version=VERSION), file)
+
+
+def resolve(tables: CellTables, path: Path) -> Cell:
+    """Build the objects of a cell from its tables. Raises as :func:`read_cell`."""
+    robot = _with_elastic(_robot(tables, path), tables, str(path))
+    bodies = tuple(
+        Segment(
+            name=body.name,
+            T_prev_seg=body.matrix(),
+            compliance=body.over(np.zeros(6)),
+            mass_kg=body.mass_kg,
+            p_seg_com=np.array([body.com_x_mm, body.com_y_mm, body.com_z_mm]) * MM,
+        )
+        for body in tables.end_effector
+    )
+    for body, table in zip(bodies, tables.end_effector, strict=True):
+        if np.any(body.compliance < 0.0):
+            raise FileFormatError("a compliance is negative", where=f"{path}: end_effector {table.name}", limit=">= 0")
+    end_effector = EndEffector(bodies, tables.tcp.matrix())
+    return Cell(tables, path, robot, end_effector, ElasticChain.build(robot, end_effector))
+
+
+def _robot(tables: CellTables, path: Path) -> Robot:
+    table = tables.robot
+    if table.catalog is not None:
+        try:
+            return catalog.load(table.catalog)
+        except ValueError as fault:
+            raise FileFormatError(str(fault), where=f"{path}: robot.catalog") from fault
+    if table.geometry is not None:
+        return _own_robot(table.geometry, tables.name)
+    from counterflex.robot import urdf  # heavy, optional dependency
+
+    file = path.parent / str(table.urdf)
+    if table.urdf_tip is None:
+        raise FileFormatError(
+            "a URDF robot needs the name of its flange link", where=f"{path}: robot", hint='Add urdf_tip = "tool0"'
+        )
+    return urdf.load(file, tip=table.urdf_tip)
+
+
+def _own_robot(table: OpwTable, name: str) -> Robot:
+    opw = Opw(
+        a1_m=table.a1_mm * MM,
+        a2_m=table.a2_mm * MM,
+        b_m=table.b_mm * MM,
+        c1_m=table.c1_mm * MM,
+        c2_m=table.c2_mm * MM,
+        c3_m=table.c3_mm * MM,
+        c4_m=table.c4_mm * MM,
+        offsets_rad=tuple(angle * DEG for angle in table.offsets_deg),
+        signs=tuple(table.signs),
+    )
+    return opw_chain.from_opw(name, opw, np.array(table.limits_deg) * DEG)
+
+
+def _with_elastic(robot: Robot, tables: CellTables, where: str) -> Robot:
+    segments = {segment.name: segment for segment in robot.segments}
+    for row in tables.robot.elastic:
+        if row.segment not in segments:
+            raise FileFormatError(
+                f"the robot has no segment '{row.segment}'",
+                where=f"{where}: robot.elastic",
+                limit=", ".join(segments),
+            )
+        old = segments[row.segment]
+        compliance = row.over(old.compliance)
+        if np.any(compliance < 0.0):
+            raise FileFormatError("a compliance is negative", where=f"{where}: robot.elastic {row.segment}", limit=">= 0")
+        mass = old.mass_kg if row.mass_kg is None else row.mass_kg
+        segments[row.segment] = replace(old, compliance=compliance, mass_kg=mass)
+    return replace(robot, segments=tuple(segments[segment.name] for segment in robot.segments))
+
+
+def _force_law(table: MaterialTable, where: str) -> ForceLaw:
+    h_min, h_max = table.chip_min_um * UM, table.chip_max_um * UM
+    if table.law == "linear_edge":
+        if table.ktc_n_mm2 is None or table.krc_n_mm2 is None:
+            law = material.load(str(table.catalog)).law
+            if not isinstance(law, LinearEdgeLaw):
+                raise FileFormatError(f"material {table.catalog} has no linear-edge law", where=f"{where}: material")
+            return law
+        return LinearEdgeLaw(
+            ktc_pa=table.ktc_n_mm2 * N_PER_MM2,
+            krc_pa=table.krc_n_mm2 * N_PER_MM2,
+            kac_pa=(table.kac_n_mm2 or 0.0) * N_PER_MM2,
+            kte_n_m=(table.kte_n_mm or 0.0) * N_PER_MM,
+            kre_n_m=(table.kre_n_mm or 0.0) * N_PER_MM,
+            kae_n_m=(table.kae_n_mm or 0.0) * N_PER_MM,
+            h_min_m=h_min,
+            h_max_m=h_max,
+            source=table.source,
+            status="cell file",
+        )
+    kc11, mc, source = table.kc11_n_mm2, table.mc, table.source
+    if kc11 is None or mc is None:
+        kc11, mc, source = material.kienzle_main(str(table.catalog))
+    missing = [name for name in ("kr_over_kc", "ka_over_kc") if getattr(table, name) is None]
+    if missing:
+        raise FileFormatError(
+            f"the key '{missing[0]}' is missing",
+            where=f"{where}: material",
+            hint="No open table gives radial and axial constants; state the ratio you assume (0.3 to 0.5, 0.1 to 0.3)",
+        )
+    kr, ka = float(table.kr_over_kc or 0.0), float(table.ka_over_kc or 0.0)
+    return KienzleLaw.from_k11(
+        kc11 * N_PER_MM2,
+        mc,
+        kr11_pa=kr * kc11 * N_PER_MM2,
+        mr=mc if table.mr is None else table.mr,
+        ka11_pa=ka * kc11 * N_PER_MM2,
+        ma=mc if table.ma is None else table.ma,
+        h_min_m=h_min,
+        h_max_m=h_max,
+        source=source,
+        status="cell file",
+    )
+
+
+def _stock(table: StockTable, folder: Path) -> HeightMap:
+    cell_m = table.cell_mm * MM
+    if table.box_min_mm is not None and table.box_max_mm is not None:
+        return HeightMap.from_box(np.array(table.box_min_mm) * MM, np.array(table.box_max_mm) * MM, cell_m)
+    if table.stl is not None:
+        return HeightMap.from_stl(folder / table.stl, cell_m)
+    return HeightMap.load(folder / str(table.result))

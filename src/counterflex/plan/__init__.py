@@ -1,0 +1,1 @@
+"""Planning: posture along the path, predicted cut and deflection, the compensated path."""
