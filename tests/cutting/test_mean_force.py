@@ -72,7 +72,7 @@ def test_slot_closed_form_of_kienzle() -> None:
 
         def closed(k11: float, m: float, power: float, feed: float = feed) -> float:
             gamma = math.sqrt(math.pi) * math.gamma((power + 1) / 2) / math.gamma(power / 2 + 1)
-            return 3 * 3 * MM / (2 * math.pi) * k11 * MM**m * feed ** (1 - m) * gamma
+            return float(3 * 3 * MM / (2 * math.pi) * k11 * MM**m * feed ** (1 - m) * gamma)
 
         expected = [-closed(kr, 0.6, 1.4), closed(kc, 0.23, 1.77), -closed(ka, 0.1, 0.9)]
         np.testing.assert_allclose(wrench[:3], expected, rtol=1e-12)
@@ -101,9 +101,7 @@ def test_stepped_engagement_matches_integration_point_by_point(law: ForceLaw) ->
     depth = depths[0][np.minimum((phi / math.pi * N_BINS).astype(int), N_BINS - 1)]
     edge = law.edge_force(fz * np.sin(phi)) * depth[:, None] * (3 / (2 * math.pi)) * (math.pi / n)
     sin, cos = np.sin(phi), np.cos(phi)
-    force = np.stack(
-        [-edge[:, 0] * cos - edge[:, 1] * sin, edge[:, 0] * sin - edge[:, 1] * cos, -edge[:, 2]], axis=1
-    )
+    force = np.stack([-edge[:, 0] * cos - edge[:, 1] * sin, edge[:, 0] * sin - edge[:, 1] * cos, -edge[:, 2]], axis=1)
     arm = np.stack([radius * sin, radius * cos, depth / 2], axis=1)
     expected = np.concatenate([force.sum(axis=0), np.cross(arm, force).sum(axis=0)])
     np.testing.assert_allclose(mean_wrenches(weights, depths, fz), expected, rtol=2e-5, atol=2e-5)
