@@ -1,0 +1,334 @@
+"""Cut a tool path into the stock: what each segment removed, and where on the cutter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Float32, Int, as_float
+from counterflex.core.errors import InputError
+from counterflex.core.jit import kernel
+from counterflex.core.progress import Progress, silent
+from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.stock import HeightMap, require_vertical
+from counterflex.cutting.sweep_kernels import (
+    AREA,
+    BINS,
+    BOTTOM,
+    LANES,
+    NODES,
+    QUANTUM_M,
+    VISITED,
+    VOLUME,
+    Grid,
+    Workspace,
+    stamp_bands,
+)
+from counterflex.path import FEED, RAPID, ToolPath
+
+CHUNK_BYTES = 24_000_000
+"""Memory of the engagement accumulators of one worker; the path is cut in chunks of segments that fit."""
+
+
+def bin_edges_rad() -> Float:
+    """Edges of the immersion-angle bins, (65,) rad from 0 to pi."""
+    out: Float = np.linspace(0.0, np.pi, BINS + 1)
+    return out
+
+
+def unit_widths() -> Float:
+    """``cos(phi_j) - cos(phi_j+1)`` of each bin, (64,): chip width across the feed per unit radius."""
+    out: Float = -np.diff(np.cos(bin_edges_rad()))
+    return out
+
+
+def grid_of(stock: HeightMap) -> Grid:
+    """The height map as the kernels take it; it shares the map's arrays."""
+    return Grid(stock.z, stock.tops, stock.x0_m, stock.y0_m, stock.cell_m, stock.bottom_m)
+
+
+def stamp_workspace(cutter: Cutter) -> Workspace:
+    """Scratch arrays for :func:`~counterflex.cutting.sweep_kernels.stamp_segment` with this cutter."""
+    return Workspace(
+        lane=np.empty(2 * LANES, np.float32),
+        out=np.empty(LANES, np.int32),
+        minimiser=np.empty(NODES + 2, np.float32),
+        stations=np.empty(2),
+        path=np.empty((2, 3)),
+        booked=np.empty((1, cutter.n_levels, BINS), np.int64),
+        totals=np.empty((1, 4), np.int64),
+        unit_width=unit_widths(),
+    )
+
+
+@dataclass(frozen=True)
+class Engagement:
+    """Booked engagement of many segments, stored sparsely.
+
+    ``depth[l, j]`` of a segment is the axial length in m of cutting edge engaged at level l and immersion-angle bin j,
+    averaged over the segment: ``V[l, j] / (L R_l (cos phi_j - cos phi_j+1))``.
+
+    Attributes:
+        n_levels: Axial levels of the cutter.
+        offsets: (n + 1,) first entry of each segment.
+        cell: (entries,) uint16 ``level * 64 + bin``.
+        depth_m: (entries,) float32 m.
+    """
+
+    n_levels: int
+    offsets: Int
+    cell: np.typing.NDArray[np.uint16]
+    depth_m: Float32
+
+    def __len__(self) -> int:
+        """Number of segments."""
+        return len(self.offsets) - 1
+
+    def dense(self, first: int, last: int | None = None) -> Float:
+        """Engagement of segments [first, last) as (last - first, n_levels, 64) m; one segment when last is None.
+
+        Raises:
+            InputError: The range lies outside the path.
+        """
+        stop = first + 1 if last is None else last
+        if not 0 <= first <= stop <= len(self):
+            raise InputError("segment range is outside the path", value=(first, stop), limit=f"0 to {len(self)}")
+        out = np.zeros((stop - first, self.n_levels * BINS))
+        low, high = self.offsets[first], self.offsets[stop]
+        row = np.repeat(np.arange(stop - first), np.diff(self.offsets[first : stop + 1]))
+        out[row, self.cell[low:high]] = self.depth_m[low:high]
+        return out.reshape(stop - first, self.n_levels, BINS)
+
+
+@dataclass(frozen=True)
+class RemovalResult:
+    """What each segment of a path removed; entry i belongs to the segment from path point i to i + 1.
+
+    Attributes:
+        volume_m3: (n,) volume removed, m^3.
+        bottom_volume_m3: (n,) the part of it removed by the end face (descending moves and plunges), m^3.
+        bottom_area_m2: (n,) horizontal area lowered under the cutter at the segment's end, 0 unless descending, m^2.
+        length_m: (n,) horizontal length, m.
+        engagement: Booked engagement, or None when it was not asked for.
+        collisions: (k,) indices of rapid segments that removed material; ``volume_m3`` says how much.
+        cells_visited: Number of cell evaluations, for benchmarks.
+        cells_lowered: Volume events are not counted; this is the number of segments that removed something.
+    """
+
+    volume_m3: Float
+    bottom_volume_m3: Float
+    bottom_area_m2: Float
+    length_m: Float
+    engagement: Engagement | None
+    collisions: Int
+    cells_visited: int
+    cells_lowered: int
+
+
+@kernel()
+def _compress(booked, length, unit, radii, unit_width, cell, depth, offsets):  # type: ignore[no-untyped-def]
+    """Sum the workers' books, turn them into depths and append the non-zero ones; returns the number of entries."""
+    workers, n, levels, bins = booked.shape
+    at = 0
+    for i in range(n):
+        for level in range(levels):
+            for j in range(bins):
+                total = 0
+                for worker in range(workers):
+                    total += booked[worker, i, level, j]
+                if total > 0 and length[i] > 0.0:
+                    cell[at] = level * bins + j
+                    depth[at] = total * unit / (length[i] * radii[level] * unit_width[j])
+                    at += 1
+        offsets[i + 1] = at
+    return at
+
+
+def _runs(path: Float, kind: Int, cutter: Cutter) -> Int:
+    """Join consecutive collinear level segments of a flat end mill; returns (n_runs, 2) first segment and count."""
+    n = len(path) - 1
+    step = np.diff(path, axis=0)
+    length = np.hypot(step[:, 0], step[:, 1])
+    joined = np.zeros(n, dtype=bool)
+    if cutter.is_flat and n > 1:
+        cross = step[:-1, 0] * step[1:, 1] - step[:-1, 1] * step[1:, 0]
+        dot = step[:-1, 0] * step[1:, 0] + step[:-1, 1] * step[1:, 1]
+        joined[1:] = (
+            (np.abs(cross) <= 1e-9 * length[:-1] * length[1:])
+            & (dot > 0.0)
+            & (step[:-1, 2] == 0.0)
+            & (step[1:, 2] == 0.0)
+            & (kind[:-1] == kind[1:])
+        )
+    first = np.flatnonzero(~joined)
+    return np.stack([first, np.diff(np.append(first, n))], axis=1).astype(np.int64)
+
+
+def remove_segments(
+    stock: HeightMap,
+    p_part_tcp: Float,
+    kind: Int,
+    cutter: Cutter,
+    *,
+    engagement: bool = True,
+    threads: int = 1,
+    progress: Progress = silent,
+) -> Iterator[tuple[int, RemovalResult]]:
+    """Cut a path chunk by chunk, for long paths whose engagement should not be held at once.
+
+    Args and errors as :func:`remove_path`.
+
+    Yields:
+        First segment of the chunk, and the chunk's result (indices in ``collisions`` count from the whole path).
+    """
+    path = as_float("p_part_tcp", p_part_tcp, (None, 3))
+    n = len(path) - 1
+    if n < 1:
+        raise InputError("tool path has no segment", value=f"{len(path)} points", limit=">= 2 points")
+    if len(kind) == n + 1:
+        kind = kind[1:]
+    kinds: Int = np.ascontiguousarray(kind, dtype=np.int64)
+    if kinds.shape != (n,):
+        raise InputError("kind has the wrong length", value=kinds.shape, limit=f"({n},) or ({n + 1},)")
+    if threads < 1:
+        raise InputError("number of threads is out of range", value=threads, limit=">= 1")
+    shape = cutter.kernel_parameters()
+    levels = cutter.n_levels
+    runs = _runs(path, kinds, cutter)
+    book = (kinds == FEED) & engagement
+    length = np.hypot(np.diff(path[:, 0]), np.diff(path[:, 1]))
+    per_chunk = max(256, CHUNK_BYTES // (8 * BINS * levels)) if engagement else 65536
+    unit = QUANTUM_M * stock.cell_m**2
+    grid = grid_of(stock)
+    radii, widths = cutter.level_radii(), unit_widths()
+    at = 0
+    while at < len(runs):
+        first = int(runs[at, 0])
+        stop = int(np.searchsorted(runs[:, 0], first + per_chunk))
+        stop = min(max(stop, at + 1), len(runs))
+        last = int(runs[stop - 1].sum())
+        count = last - first
+        chunk = runs[at:stop] - np.array([first, 0])
+        booked = np.zeros((threads, count, levels, BINS) if engagement else (threads, count, 0, BINS), np.int64)
+        totals = np.zeros((threads, count, 4), np.int64)
+        stamp_bands(
+            grid.z,
+            grid.tops,
+            grid.x0,
+            grid.y0,
+            grid.cell,
+            grid.floor,
+            path[first : last + 1],
+            chunk,
+            shape,
+            first > 0,
+            book[first:last],
+            booked,
+            totals,
+            threads,
+        )
+        sums = totals.sum(axis=0)
+        booked_engagement = None
+        if engagement:
+            entries = int(np.count_nonzero(booked))
+            cell, depth = np.empty(entries, np.uint16), np.empty(entries, np.float32)
+            offsets = np.zeros(count + 1, np.int64)
+            used = _compress(booked, length[first:last], unit, radii, widths, cell, depth, offsets)
+            booked_engagement = Engagement(levels, offsets, cell[:used].copy(), depth[:used].copy())
+        volume = sums[:, VOLUME] * unit
+        yield (
+            first,
+            RemovalResult(
+                volume,
+                sums[:, BOTTOM] * unit,
+                sums[:, AREA] * stock.cell_m**2,
+                length[first:last],
+                booked_engagement,
+                first + np.flatnonzero((kinds[first:last] == RAPID) & (volume > 0.0)),
+                int(sums[:, VISITED].sum()),
+                int(np.count_nonzero(sums[:, VOLUME])),
+            ),
+        )
+        at = stop
+        progress(last / n, "removing material")
+
+
+def remove_path(
+    stock: HeightMap,
+    p_part_tcp: Float,
+    kind: Int,
+    cutter: Cutter,
+    *,
+    engagement: bool = True,
+    threads: int = 1,
+    progress: Progress = silent,
+) -> RemovalResult:
+    """Cut a path into the stock, in place, by the exact swept envelope of every straight segment.
+
+    Args:
+        stock: Height map, cut in place.
+        p_part_tcp: (n + 1, 3) tool tip, m, part frame.
+        kind: (n,) or (n + 1,) kind of each segment (:data:`~counterflex.path.FEED` or ``RAPID``); with n + 1 entries
+            entry i ends segment i - 1 as in :class:`~counterflex.path.ToolPath`.
+        cutter: The cutter.
+        engagement: Book what feed segments remove by level and immersion angle. Rapids are never booked.
+        threads: Number of threads; the result is the same to the bit for any.
+        progress: Told the fraction done.
+
+    Returns:
+        The removal per segment.
+
+    Raises:
+        InputError: Path, kinds or threads are not as described.
+    """
+    parts = list(
+        piece
+        for _, piece in remove_segments(
+            stock, p_part_tcp, kind, cutter, engagement=engagement, threads=threads, progress=progress
+        )
+    )
+    booked = [part.engagement for part in parts if part.engagement is not None]
+    merged = None
+    if booked:
+        counts = np.concatenate([np.diff(piece.offsets) for piece in booked])
+        merged = Engagement(
+            cutter.n_levels,
+            np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+            np.concatenate([piece.cell for piece in booked]),
+            np.concatenate([piece.depth_m for piece in booked]),
+        )
+    return RemovalResult(
+        np.concatenate([part.volume_m3 for part in parts]),
+        np.concatenate([part.bottom_volume_m3 for part in parts]),
+        np.concatenate([part.bottom_area_m2 for part in parts]),
+        np.concatenate([part.length_m for part in parts]),
+        merged,
+        np.concatenate([part.collisions for part in parts]),
+        sum(part.cells_visited for part in parts),
+        sum(part.cells_lowered for part in parts),
+    )
+
+
+def remove_tool_path(
+    stock: HeightMap,
+    path: ToolPath,
+    cutter: Cutter,
+    *,
+    engagement: bool = True,
+    threads: int = 1,
+    progress: Progress = silent,
+) -> RemovalResult:
+    """Cut a :class:`~counterflex.path.ToolPath` with one tool into the stock; see :func:`remove_path`.
+
+    Raises:
+        ModelError: The tool axis is tilted against part z.
+        InputError: The path uses more than one tool, or is otherwise not as :func:`remove_path` needs it.
+    """
+    require_vertical(path.axis_part)
+    if len(path) > 1 and np.any(path.tool[1:] != path.tool[1]):
+        raise InputError("tool path changes the tool", hint="Cut it tool by tool")
+    return remove_path(
+        stock, path.p_part_tcp, path.kind, cutter, engagement=engagement, threads=threads, progress=progress
+    )
