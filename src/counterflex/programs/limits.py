@@ -1,0 +1,112 @@
+"""What the controllers accept: decimals, line lengths, names, program sizes, each with its source.
+
+``measured`` marks what was tried with the program named; ``manual`` what vendors' manuals state; ``cautious`` a
+setting of ours that stays far below what is known to work, because no binding figure is published.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+from counterflex.core.arrays import as_positive
+from counterflex.core.errors import InputError
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a program language on its controller.
+
+    Attributes:
+        line_characters: Longest line.
+        name_characters: Longest program or module name.
+        points_per_file: Largest number of motion instructions in one file; longer programs are split.
+        position_decimals: Decimals of a position in mm.
+        angle_decimals: Decimals of an angle in deg (quaternion components in RAPID).
+        source: Where the figures come from.
+    """
+
+    line_characters: int
+    name_characters: int
+    points_per_file: int
+    position_decimals: int
+    angle_decimals: int
+    source: str
+
+
+LINUXCNC: Final = Limits(
+    line_characters=255,
+    name_characters=255,
+    points_per_file=10_000_000,
+    position_decimals=4,
+    angle_decimals=5,
+    source="line length: LINELEN of the RS274/NGC interpreter (measured); number of lines: none known (cautious)",
+)
+KRL: Final = Limits(
+    line_characters=255,
+    name_characters=24,
+    points_per_file=5_000,
+    position_decimals=4,
+    angle_decimals=5,
+    source="names: 24 characters (KUKA KRL manual); points per file: no published figure, long programs are split in "
+    "practice (cautious)",
+)
+RAPID: Final = Limits(
+    line_characters=255,
+    name_characters=32,
+    points_per_file=5_000,
+    position_decimals=4,
+    angle_decimals=8,
+    source="identifiers: 32 characters (ABB RAPID manual); points per module: limited by program memory only "
+    "(cautious)",
+)
+
+LINUXCNC_RADIUS_ABSOLUTE_M: Final = 5e-6
+"""m. Radii at the start and end of an arc may differ by this much whatever the radius (LinuxCNC, G2/G3)."""
+LINUXCNC_RADIUS_RELATIVE: Final = 1e-3
+"""Radii may differ by this share of the radius (LinuxCNC, G2/G3), but never by more than the next figure."""
+LINUXCNC_RADIUS_LARGEST_M: Final = 0.5e-3
+"""m. Largest difference of the radii at the start and end of an arc in any case (LinuxCNC, G2/G3)."""
+
+
+def check_name(name: str, limits: Limits, language: str) -> str:
+    """Return a program name that the controller accepts as it stands.
+
+    Args:
+        name: Letters, digits and underscore, a letter first.
+        limits: Limits of the language.
+        language: Named in the error.
+
+    Raises:
+        InputError: The name is too long or holds other characters.
+    """
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+        raise InputError(
+            f"{language} cannot use this name", value=repr(name), limit="letters, digits, _; a letter first"
+        )
+    if len(name) > limits.name_characters:
+        raise InputError(
+            f"the name is too long for {language}", value=len(name), limit=f"<= {limits.name_characters} characters"
+        )
+    return name
+
+
+def smallest_spacing_m(feed_m_s: float, cycle_s: float) -> float:
+    """Shortest distance between points that the controller can run through without slowing down or skipping.
+
+    ``DS = f DT``; in shop units ``DS[um] = f[mm/min] DT[ms] / 60``.
+
+    Args:
+        feed_m_s: Feed, m/s, > 0.
+        cycle_s: Time the controller takes per point, s, > 0 (45 ms on a KRC1, Berger2013).
+
+    Returns:
+        m.
+
+    Raises:
+        InputError: An argument is not positive.
+
+    Source: Berger2013 eq. 5.
+    """
+    return as_positive("feed_m_s", feed_m_s) * as_positive("cycle_s", cycle_s)

@@ -1,0 +1,96 @@
+"""The rows of a compensated path sorted by program motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM
+from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.program import Program
+from counterflex.programs.simplify import simplify
+
+_NOT_THE_PROGRAM: Final = "the compensated path was not sampled from this program"
+
+
+@dataclass(frozen=True)
+class MotionRows:
+    """Rows of the compensated path by motion, and the vertices chosen among them.
+
+    Attributes:
+        first: (motions,) first row behind the start of the motion (row 0, the start of all, belongs to none).
+        last: (motions,) last row, the motion's end; -1 when the motion has no rows.
+        moved: (motions,) True when a row is corrected.
+        nominal: (n, 3) m.
+        command: (n, 3) m.
+        shift: (n, 3) m, command minus nominal, exactly zero where nothing is corrected.
+        way: (n,) m, nominal length up to the row.
+        vertex: (n,) True where a straight motion needs a vertex.
+    """
+
+    first: Int
+    last: Int
+    moved: Bool
+    nominal: Float
+    command: Float
+    shift: Float
+    way: Float
+    vertex: Bool
+
+
+def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: float) -> MotionRows:
+    """Sort the rows of a compensated path by motion and choose the vertices of straight motions.
+
+    Args:
+        program: The program the path was sampled from.
+        compensated: Nominal and commanded rows.
+        tolerance_m: See :func:`write_gcode`.
+
+    Returns:
+        The table.
+
+    Raises:
+        InputError: The path names motions that the program lacks, or ends a motion elsewhere than the program.
+    """
+    path = compensated.path
+    n, count = len(path), len(program.motions)
+    motion = path.motion
+    if n and (motion[0] < 0 or motion[-1] >= count):
+        raise InputError(_NOT_THE_PROGRAM, value=int(motion[-1]), limit=f"motion 0 .. {count - 1}")
+    last = np.full(count, -1, dtype=np.int64)
+    last[motion[1:]] = np.arange(1, n)
+    first = np.zeros(count, dtype=np.int64)
+    first[motion[1:][::-1]] = np.arange(1, n)[::-1]
+    have = last >= 0
+    starts = np.array([m.p_start for m in program.motions]).reshape(count, 3)
+    if count > 1:
+        jump = np.abs(starts[1:] - np.array([m.p_end for m in program.motions[:-1]])).max(axis=1) > 1e-9
+        first[1:] += jump & (first[1:] < last[1:])
+    if n > 1:
+        ends = np.array([m.p_end for m in program.motions])[have]
+        gap = np.abs(ends - path.p_part_tcp[last[have]]).max(axis=1)
+        if gap.max() > 1e-7:
+            at = int(np.flatnonzero(have)[int(np.argmax(gap))])
+            raise InputError(
+                _NOT_THE_PROGRAM,
+                where=f"{program.name}:{program.blocks[program.motions[at].block].line}",
+                value=f"end point off by {gap.max() / MM:.6f} mm",
+            )
+    row_moved = compensated.moved.copy()
+    row_moved[:1] = False
+    moved = np.zeros(count, dtype=np.bool_)
+    np.logical_or.at(moved, motion, row_moved)
+    steps = np.linalg.norm(np.diff(path.p_part_tcp, axis=0), axis=1)
+    way = np.concatenate([[0.0], np.cumsum(steps)])[:n]
+    vertex = np.zeros(n, dtype=np.bool_)
+    vertex[last[have]] = True
+    vertex[np.maximum(first[have] - 1, 0)] = True
+    vertex[:1] = True
+    vertex[simplify(way, compensated.p_part_command, tolerance_m, fixed=vertex)] = True
+    return MotionRows(
+        first, last, moved, path.p_part_tcp, compensated.p_part_command, compensated.correction_part, way, vertex
+    )

@@ -1,0 +1,161 @@
+"""One line of G-code being rewritten: words replaced, added and taken out, everything else left as it is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+from counterflex.programs.program import Block, Word
+
+AXES = "XYZ"
+_COMMENT = re.compile(r"\([^)]*\)|;.*")
+_FLOW_LETTERS = frozenset("ON")
+_CALLS = frozenset((98.0, 99.0))
+
+
+def number(value: float, decimals: int) -> str:
+    """A number with fixed decimals and never a negative zero."""
+    text = f"{value:.{decimals}f}"
+    return text[1:] if text[0] == "-" and not text.strip("-0.") else text
+
+
+class WrittenLine:
+    """Edits on one line, applied together at the end, so that word positions stay those of the source.
+
+    Args:
+        text: The line without line end.
+        words: Its words with their places in ``text``.
+    """
+
+    def __init__(self, text: str, words: Sequence[Word]) -> None:
+        self.text = text
+        self.words = words
+        self._edits: list[tuple[int, int, str]] = []
+        self._added: list[str] = []
+
+    def find(self, letter: str) -> Word | None:
+        """First word with this letter, or None."""
+        for word in self.words:
+            if word.letter == letter:
+                return word
+        return None
+
+    def replace(self, word: Word, text: str) -> None:
+        """Put ``text`` (letter included) in the place of a word."""
+        self._edits.append((word.start, word.end, text))
+
+    def remove(self, word: Word) -> None:
+        """Take a word out together with the blank before it."""
+        start = word.start
+        if start and self.text[start - 1] == " ":
+            start -= 1
+        self._edits.append((start, word.end, ""))
+
+    def set(self, letter: str, text: str) -> None:
+        """Replace the word with this letter, or add one behind the axis words."""
+        word = self.find(letter)
+        if word is None:
+            self._added.append(letter + text)
+        else:
+            self.replace(word, letter + text)
+
+    def lead(self, text: str) -> None:
+        """Put a word at the head of the line, behind the block number if there is one."""
+        first = next((w for w in self.words if w.letter not in "N/"), None)
+        place = first.start if first is not None else len(self.text)
+        self._edits.append((place, place, text + " "))
+
+    @property
+    def changed(self) -> bool:
+        """True when any edit was made."""
+        return bool(self._edits or self._added)
+
+    def render(self) -> str:
+        """The line with all edits."""
+        if not self.changed:
+            return self.text
+        edits = list(self._edits)
+        if self._added:
+            ends = [w.end for w in self.words if w.letter in "XYZABC"] or [w.end for w in self.words]
+            place = max(ends, default=len(self.text))
+            edits.append((place, place, " " + " ".join(self._added)))
+        out: list[str] = []
+        at = 0
+        for start, end, text in sorted(edits, key=lambda e: (e[0], e[1])):
+            out.append(self.text[at:start] if start > at else "")
+            out.append(text)
+            at = max(at, end)
+        out.append(self.text[at:])
+        return "".join(out)
+
+
+def flatten(block: Block, decimals: int) -> tuple[str, tuple[Word, ...]]:
+    """Rebuild a block without flow: every word with its value, comments kept, O-words, calls and block numbers gone.
+
+    Args:
+        block: Executed block, possibly one pass of a loop.
+        decimals: Decimals for values that came from expressions.
+
+    Returns:
+        The line and its words at their new places. An empty line when only flow or assignments were there.
+    """
+    call = any(w.letter == "M" and w.value in _CALLS for w in block.words)
+    flow = any(w.letter == "O" for w in block.words) or call
+    parts: list[str] = []
+    words: list[Word] = []
+    at = 0
+    length = 0
+
+    def add(text: str) -> int:
+        nonlocal length
+        start = length + (1 if parts else 0)
+        parts.append(text)
+        length = start + len(text)
+        return start
+
+    for word in [*block.words, None]:
+        for comment in _comments(block.text[at : word.start if word else len(block.text)]):
+            add(comment)
+        if word is None:
+            break
+        at = word.end
+        if flow or word.letter in _FLOW_LETTERS:
+            continue
+        text = block.text[word.start : word.end].strip() if word.literal else word.letter + _short(word.value, decimals)
+        start = add(text)
+        words.append(Word(word.letter, word.value, start, start + len(text)))
+    return " ".join(parts), tuple(words)
+
+
+def evaluated(block: Block, decimals: int) -> tuple[str, tuple[Word, ...]]:
+    """Replace the expressions of a block by their values and leave everything else.
+
+    Args:
+        block: Executed block.
+        decimals: Decimals for values that came from expressions.
+
+    Returns:
+        The line and its words at their new places.
+    """
+    if all(word.literal for word in block.words):
+        return block.text, block.words
+    parts: list[str] = []
+    words: list[Word] = []
+    at = length = 0
+    for word in block.words:
+        text = block.text[word.start : word.end] if word.literal else word.letter + _short(word.value, decimals)
+        gap = block.text[at : word.start]
+        start = length + len(gap)
+        words.append(Word(word.letter, word.value, start, start + len(text)))
+        parts += [gap, text]
+        length = start + len(text)
+        at = word.end
+    return "".join(parts) + block.text[at:], tuple(words)
+
+
+def _short(value: float, decimals: int) -> str:
+    return str(int(value)) if value == int(value) else number(value, max(decimals, 6)).rstrip("0")
+
+
+def _comments(gap: str) -> Iterable[str]:
+    return _COMMENT.findall(gap)
