@@ -103,6 +103,7 @@ class Motion:
         p_centre: (3,) m of an arc: a point on its axis at the height of the start, else None.
         normal: (3,) unit normal of the arc's plane; the turn is right-handed about it.
         turn_rad: Signed angle turned about ``normal`` (several turns and helices included), 0 for straight motions.
+        feed_rad_s: Programmed speed where only rotary axes turn, else 0.
     """
 
     block: int
@@ -118,6 +119,7 @@ class Motion:
     p_centre: Float | None = None
     normal: Float | None = None
     turn_rad: float = 0.0
+    feed_rad_s: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,148 @@
+"""Read RS274/NGC programs as LinuxCNC does, strictly."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from counterflex.core.errors import InputError, ProgramError
+from counterflex.programs.gcode_flow import Source
+from counterflex.programs.gcode_interpreter import Interpreter
+from counterflex.programs.gcode_state import State, work_offset_table
+from counterflex.programs.program import Program
+
+DIALECTS: Final = ("linuxcnc",)
+_LARGEST_FILE: Final = 500_000_000
+
+
+def read_gcode(
+    text: str,
+    *,
+    name: str = "program",
+    dialect: str = "linuxcnc",
+    tool_lengths: Mapping[int, float] | None = None,
+    work_offsets: Mapping[str, Sequence[float]] | None = None,
+    parameters: Mapping[str | int, float] | None = None,
+    step_limit: int = 2_000_000,
+    includes: Callable[[str], str | None] | None = None,
+    block_delete: bool = False,
+    plain_lines: bool = True,
+) -> Program:
+    """Execute a program's text and return the blocks passed and the motions made.
+
+    Positions are of the tool tip in the part frame: ``p_part = work_offset + g92 + value``, with the tool length offset
+    taken out. With the default offsets of zero the zero of G54 is the zero of the part.
+
+    Args:
+        text: The program.
+        name: Its name, for errors.
+        dialect: ``linuxcnc``.
+        tool_lengths: Length by tool number for G43, m, positive away from the spindle. None: lengths are compensated
+            by the machine and G43 changes nothing here.
+        work_offsets: Offsets by name ``G54`` ... ``G59.3``: x, y, z in m and, optionally, a, b, c in degrees.
+        parameters: Parameters known beforehand, by number or by global name, in program units; the positions stored
+            for G28 (5161-5166) and G30 (5181-5186) in mm and degrees of the machine.
+        step_limit: Largest number of lines executed.
+        includes: Given the name of a subroutine that the text does not define, returns the text of its file or None.
+        block_delete: Skip lines that begin with a slash, as with the operator's switch on.
+        plain_lines: Read plain lines the short way; False gives the same program more slowly.
+
+    Returns:
+        The program as executed.
+
+    Raises:
+        ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory, unsafe or endless.
+        InputError: An argument is out of range.
+
+    Source: LinuxCNC, G-code overview, G-codes, M-codes, O-codes.
+    """
+    if dialect not in DIALECTS:
+        raise InputError("an unknown dialect of G-code", value=dialect, limit=" ".join(DIALECTS))
+    if step_limit < 1:
+        raise InputError("the step limit is out of range", value=step_limit, limit=">= 1")
+    for tool, length in (tool_lengths or {}).items():
+        if not -10.0 <= length <= 10.0:
+            raise InputError(f"the length of tool {tool} is out of range", value=length, limit="-10 to 10 m")
+    newline = "\r\n" if "\r\n" in text else "\n"
+    lines = text.replace("\r\n", "\n").split("\n")
+    if lines and lines[-1] == "":
+        lines.pop()
+    if not any(line.strip() for line in lines):
+        raise ProgramError("the program is empty", where=f"{name}:1:1")
+    source = Source(name, tuple(lines))
+    state = State(work_offsets=work_offset_table(work_offsets))
+    interpreter = Interpreter(source, state, parameters, tool_lengths, includes, step_limit, block_delete, plain_lines)
+    straight = interpreter.run()
+    return Program(
+        name=name,
+        dialect=dialect,
+        lines=source.lines,
+        newline=newline,
+        blocks=tuple(interpreter.blocks),
+        motions=tuple(interpreter.motions),
+        straight=straight,
+    )
+
+
+def read_gcode_file(
+    path: str | os.PathLike[str],
+    *,
+    dialect: str = "linuxcnc",
+    tool_lengths: Mapping[int, float] | None = None,
+    work_offsets: Mapping[str, Sequence[float]] | None = None,
+    parameters: Mapping[str | int, float] | None = None,
+    step_limit: int = 2_000_000,
+    block_delete: bool = False,
+) -> Program:
+    """Read a program from a file; subroutines it does not define are looked for beside it as ``name.ngc``.
+
+    Args:
+        path: The file, UTF-8 or Latin-1 (comments only may hold more than ASCII).
+        dialect: As for :func:`read_gcode`, and so are the others.
+        tool_lengths: m by tool number.
+        work_offsets: By name.
+        parameters: By number or name.
+        step_limit: Largest number of lines executed.
+        block_delete: Skip lines that begin with a slash.
+
+    Returns:
+        The program as executed.
+
+    Raises:
+        ProgramError: The file cannot be read, is no text, or is no program that can be executed exactly.
+    """
+    file = Path(path)
+    folder = file.parent
+
+    def include(label: str) -> str | None:
+        beside = folder / f"{label}.ngc"
+        return _text(beside) if beside.parent == folder and beside.is_file() else None
+
+    return read_gcode(
+        _text(file),
+        name=file.name,
+        dialect=dialect,
+        tool_lengths=tool_lengths,
+        work_offsets=work_offsets,
+        parameters=parameters,
+        step_limit=step_limit,
+        includes=include,
+        block_delete=block_delete,
+    )
+
+
+def _text(file: Path) -> str:
+    try:
+        if file.is_file() and file.stat().st_size > _LARGEST_FILE:
+            raise ProgramError("the file is too large", where=str(file), value=file.stat().st_size, limit=_LARGEST_FILE)
+        data = file.read_bytes()
+    except OSError as fault:
+        raise ProgramError(f"cannot read the program: {fault.strerror or fault}", where=str(file)) from fault
+    if b"\0" in data:
+        raise ProgramError("the file is no text", where=str(file), hint="G-code is plain text")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
