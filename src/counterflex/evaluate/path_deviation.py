@@ -158,7 +158,7 @@ def path_deviation(
     touching: Bool = engaged_at > (0.5 if np.asarray(engagement).dtype == np.bool_ else 0.0)
     u, seg = path_matching.match(q, broken, touching, rows, S, feed, spacing_m, capture_m, lost_m)
     axis = np.ascontiguousarray(nominal.axis_part, dtype=np.float64)
-    dev, tangent, left, near = path_matching.split(q, axis, u, seg, touching, rows, S, feed)
+    dev, tangent, left, near = path_matching.split(q, axis, u, seg, rows, S, feed)
     across: Float = dev - np.sum(dev * tangent, axis=1)[:, None] * tangent
     station_time: Float = np.interp(place, where, time)
     if command_part_tcp is None:

@@ -215,7 +215,7 @@ def match(
 
 @kernel()
 def split(
-    q: Float, axis: Float, u: Float, seg: Int, engaged: Bool, P: Float, S: Float, feed: Bool
+    q: Float, axis: Float, u: Float, seg: Int, P: Float, S: Float, feed: Bool
 ) -> tuple[Float, Float, Float, Float]:
     """Deviation of matched stations and the feed direction it is split by.
 
@@ -227,7 +227,6 @@ def split(
         axis: (n, 3) tool axis at the nominal rows.
         u: (k,) m, see :func:`match`.
         seg: (k,) see :func:`match`.
-        engaged: (k,) see :func:`match`.
         P: (n, 3) m.
         S: (n,) m.
         feed: (n,) bool.

@@ -1,0 +1,251 @@
+"""Deviation of the machined surface from the simulated undisturbed one, positive = material left.
+
+Floors are compared on the height maps, along the nominal normal. A height map knows a vertical wall to one cell only,
+so walls are taken from the swept tool paths instead: the horizontal distance between where the nominal and the actual
+moves end, at three heights of each wall.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from counterflex.core.arrays import Bool, Float, Float32, as_positive
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM, UM
+from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.stock import HeightMap
+from counterflex.evaluate.figures import Figures, weighted_figures
+from counterflex.evaluate.swept_section import swept_section, wall_exit
+
+CHANGED_M = 1.0 * UM  # a cell lowered by less was not machined
+HEIGHTS = (0.1, 0.5, 0.9)  # of a wall
+
+
+@dataclass(frozen=True)
+class NominalSurface:
+    """What the undisturbed program makes: the floors and walls that deviations are measured on.
+
+    Attributes:
+        stock: Before machining.
+        nominal: After the undisturbed program.
+        cutter: The tool.
+        floor: (ny, nx) True on machined cells that are no wall.
+        normal_z: (ny, nx) vertical component of the floor's unit normal.
+        rise_m: (ny, nx) highest wall that stands within ``reach_m`` of the cell, m; infinite where there is none. Floor
+            that lies higher by more than half of it is not floor but the shifted wall.
+        fall_m: (ny, nx) deepest wall that drops off within ``reach_m`` of the cell, m; infinite where there is none.
+        wall_point: (m, 3) m points on nominal walls, exact (from the tool path).
+        wall_normal: (m, 2) horizontal unit normals, from the cut into the material.
+        wall_area_m2: (m,) wall area each point stands for.
+        reach_m: Wall shifts up to this are followed.
+    """
+
+    stock: HeightMap
+    nominal: HeightMap
+    cutter: Cutter
+    floor: Bool
+    normal_z: Float32
+    rise_m: Float32
+    fall_m: Float32
+    wall_point: Float
+    wall_normal: Float
+    wall_area_m2: Float
+    reach_m: float
+
+
+@dataclass(frozen=True)
+class SurfaceDeviation:
+    """Deviation of one machined part; m, positive = material left.
+
+    Attributes:
+        floor_m: (ny, nx) along the nominal normal; NaN off the floors and where a shifted wall covers the floor.
+        wall_m: (m,) horizontal, at the nominal surface's wall points; NaN where the wall was not found in reach.
+        surface: Figures over floors and walls, by area.
+        floor: Over floors.
+        wall: Over walls.
+        floor_resolution_m: Grid of the floors: one cell.
+        wall_resolution_m: Resolution of walls: exact section of the given path, so its sampling alone counts;
+            stated as 0.1 um. The height map alone would give one cell.
+        wall_lost_m2: Wall area with no result: shifted beyond the reach, or cut away from another side.
+    """
+
+    floor_m: Float32
+    wall_m: Float
+    surface: Figures
+    floor: Figures
+    wall: Figures
+    floor_resolution_m: float
+    wall_resolution_m: float
+    wall_lost_m2: float
+
+
+def nominal_surface(
+    stock: HeightMap,
+    nominal: HeightMap,
+    p_part_tcp: Float,
+    cutter: Cutter,
+    *,
+    reach_m: float = 3.0 * MM,
+    pitch_m: float = 0.5 * MM,
+) -> NominalSurface:
+    """Find the floors and walls that a program machines.
+
+    A wall is where neighbouring cells differ by more than 1.5 cells (56 deg) and more than 0.1 mm; everything else
+    that the program lowers is floor.
+
+    Args:
+        stock: Map before machining.
+        nominal: Map after removal simulation of the undisturbed path; same grid.
+        p_part_tcp: (n, 3) m, the undisturbed path, joined by straight moves; part frame, tool along part z.
+        cutter: The tool.
+        reach_m: Largest wall shift that is followed; also how far from a wall the floor may be covered by it.
+        pitch_m: Distance between wall points.
+
+    Raises:
+        InputError: Grids differ, or a length is out of range.
+    """
+    _same_grid(stock, nominal)
+    reach, pitch = as_positive("reach_m", reach_m), as_positive("pitch_m", pitch_m)
+    z = nominal.z
+    machined: Bool = z < stock.z - np.float32(CHANGED_M)
+    cell = nominal.cell_m
+    step = max(1.5 * cell, 0.1 * MM)
+    slope_x, slope_y = _slope(z, 1, cell, step), _slope(z, 0, cell, step)
+    normal_z: Float32 = (1.0 / np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)).astype(np.float32)
+    window = 2 * round(reach / cell) + 1
+    foot, edge = _steps(z, step)
+    rise: Float32 = ndimage.maximum_filter(foot, window)
+    fall: Float32 = ndimage.maximum_filter(edge, window)
+    rise[rise == 0.0] = np.inf
+    fall[fall == 0.0] = np.inf
+    point, normal, area = _walls(nominal, machined, p_part_tcp, cutter, step, pitch)
+    return NominalSurface(stock, nominal, cutter, machined, normal_z, rise, fall, point, normal, area, reach)
+
+
+def surface_deviation(
+    surface: NominalSurface, actual: HeightMap, p_part_actual: Float, joined: Bool | None = None
+) -> SurfaceDeviation:
+    """Compare a machined part with the nominal surface.
+
+    Args:
+        surface: From :func:`nominal_surface`.
+        actual: Map as machined; same grid.
+        p_part_actual: (n, 3) m, path of the tool tip as it really ran, dense enough that chords are as good as the
+            path (the stations of :class:`~counterflex.evaluate.PathDeviation` are).
+        joined: (n,) False where a sample does not continue the one before, or None.
+
+    Raises:
+        InputError: Grids differ, or values are not finite.
+    """
+    _same_grid(surface.nominal, actual)
+    rise = actual.z - surface.nominal.z
+    covered = (rise > 0.5 * surface.rise_m) | (-rise > 0.5 * surface.fall_m)
+    floor: Float32 = np.where(surface.floor & ~covered, rise * surface.normal_z, np.float32(np.nan))
+    wall = np.full(len(surface.wall_point), np.nan)
+    if len(wall):
+        section = swept_section(p_part_actual, surface.cutter, surface.reach_m, joined)
+        inside = min(surface.reach_m, surface.cutter.radius_m)
+        reached, _ = wall_exit(section, surface.wall_point, surface.wall_normal, inside)
+        wall = np.where(np.isfinite(reached), -reached, np.nan)
+    cells: Float = floor[~np.isnan(floor)].astype(np.float64)
+    found = ~np.isnan(wall)
+    cell_area = np.full(len(cells), actual.cell_m**2)
+    return SurfaceDeviation(
+        floor_m=floor,
+        wall_m=wall,
+        surface=weighted_figures(
+            np.concatenate([cells, wall[found]]), np.concatenate([cell_area, surface.wall_area_m2[found]])
+        ),
+        floor=weighted_figures(cells, cell_area),
+        wall=weighted_figures(wall[found], surface.wall_area_m2[found]),
+        floor_resolution_m=actual.cell_m,
+        wall_resolution_m=0.1 * UM,
+        wall_lost_m2=float(surface.wall_area_m2[~found].sum()),
+    )
+
+
+def _same_grid(a: HeightMap, b: HeightMap) -> None:
+    """Refuse maps that do not lie cell on cell."""
+    tiny = 1e-6 * a.cell_m
+    if (
+        a.z.shape != b.z.shape
+        or abs(a.cell_m - b.cell_m) > tiny
+        or abs(a.x0_m - b.x0_m) > tiny
+        or abs(a.y0_m - b.y0_m) > tiny
+    ):
+        raise InputError(
+            "height maps have different grids",
+            value=f"{b.z.shape} cells of {b.cell_m:g} m at ({b.x0_m:g}, {b.y0_m:g})",
+            limit=f"{a.z.shape} cells of {a.cell_m:g} m at ({a.x0_m:g}, {a.y0_m:g})",
+        )
+
+
+def _slope(z: Float32, axis: int, cell: float, step: float) -> Float32:
+    """Mean slope to the two neighbours along an axis, those across a wall left out."""
+    rise = np.diff(z, axis=axis)
+    good = np.abs(rise) <= step
+    rise = np.where(good, rise, np.float32(0.0))
+    pad = [(0, 0), (0, 0)]
+    before, behind = list(pad), list(pad)
+    before[axis], behind[axis] = (1, 0), (0, 1)
+    total = np.pad(rise, before) + np.pad(rise, behind)
+    count = np.pad(good.astype(np.int8), before) + np.pad(good.astype(np.int8), behind)
+    out: Float32 = (total / (np.maximum(count, 1) * cell)).astype(np.float32)
+    return out
+
+
+def _steps(z: Float32, step: float) -> tuple[Float32, Float32]:
+    """Height of the highest wall that rises from each cell, and that drops off it; 0 where there is none."""
+    foot, edge = np.zeros_like(z), np.zeros_like(z)
+    for axis in (0, 1):
+        before = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
+        behind = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
+        rise = z[behind] - z[before]
+        rise[np.abs(rise) <= step] = 0.0
+        for here, there, up in ((before, behind, rise), (behind, before, -rise)):
+            foot[here] = np.maximum(foot[here], up)
+            edge[there] = np.maximum(edge[there], up)
+    return foot, edge
+
+
+def _walls(
+    nominal: HeightMap, machined: Bool, p_part_tcp: Float, cutter: Cutter, step: float, pitch: float
+) -> tuple[Float, Float, Float]:
+    """Exact points on the nominal walls, their normals and areas."""
+    cell = nominal.cell_m
+    stride = max(1, round(pitch / cell))
+    z = nominal.z
+    points, directions, areas = [], [], []
+    for axis in (0, 1):
+        low, high = (z[:-1], z[1:]) if axis == 0 else (z[:, :-1], z[:, 1:])
+        cut_low, cut_high = (machined[:-1], machined[1:]) if axis == 0 else (machined[:, :-1], machined[:, 1:])
+        for sign, lower, upper, cut in ((1.0, low, high, cut_low), (-1.0, high, low, cut_high)):
+            face = (upper - lower > step) & cut
+            thin = np.zeros_like(face)
+            if axis == 0:
+                thin[:, ::stride] = True
+            else:
+                thin[::stride, :] = True
+            j, i = np.nonzero(face & thin)
+            base, top = lower[j, i].astype(np.float64), upper[j, i].astype(np.float64)
+            centre = np.stack([nominal.x0_m + i * cell, nominal.y0_m + j * cell], axis=1)
+            centre[:, 1 - axis] += 0.5 * cell
+            ray = np.zeros((len(i), 2))
+            ray[:, 1 - axis] = sign
+            for fraction in HEIGHTS:
+                points.append(np.column_stack([centre, base + fraction * (top - base)]))
+                directions.append(ray)
+                areas.append((top - base) * cell * stride / len(HEIGHTS))
+    point, ray = np.concatenate(points), np.concatenate(directions)
+    area = np.concatenate(areas)
+    if len(point) == 0:
+        return point, ray, area
+    section = swept_section(p_part_tcp, cutter, max(2.0 * cell, 1e-3))
+    distance, normal = wall_exit(section, point, ray, 0.5 * cell)
+    found = np.isfinite(distance) & (distance <= cell)
+    point[:, :2] += np.where(found, distance, 0.0)[:, None] * ray
+    projected = area * np.abs(np.sum(normal * ray, axis=1))
+    return point[found], normal[found], projected[found]
