@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, as_float
-from counterflex.core.errors import InputError
 from counterflex.geometry import rotation
 from counterflex.path.toolpath import ToolPath
 
@@ -93,22 +92,23 @@ class CompensatedPath:
         out: Float = np.where(self.turned[:, None], turned, self.path.axis_part)
         return out
 
-    def rotated(self, R_part_nominal: Float) -> Float:
-        """Commanded orientation of a tool frame whose nominal orientation is given.
+    def poses(self, R_part_nominal: Float) -> Float:
+        """Commanded poses of the tool frame whose nominal orientation is given.
 
         Args:
-            R_part_nominal: (n, 3, 3), nominal orientation of the tool frame (free rotation about the tool axis
-                chosen by the caller) in the part frame.
+            R_part_nominal: (n, 3, 3), nominal orientation of the tool frame in the part frame; its z is
+                ``-axis_part``, the rotation about it is the caller's choice.
 
         Returns:
-            (n, 3, 3) ``exp(rotvec) R_part_nominal``.
+            (n, 4, 4) ``Ts_part_tcp``: position ``p_part_command``, rotation ``exp(rotvec) R_part_nominal``.
 
         Raises:
             InputError: The number of rows differs from the path's.
         """
-        if R_part_nominal.shape != (len(self.path), 3, 3):
-            raise InputError(
-                "one orientation per path point is needed", value=R_part_nominal.shape, limit=(len(self.path), 3, 3)
-            )
-        out: Float = rotation.exp(self.rotvec_part_command) @ R_part_nominal
-        return out
+        n = len(self.path)
+        nominal = as_float("R_part_nominal", R_part_nominal, (n, 3, 3))
+        Ts_part_tcp = np.zeros((n, 4, 4))
+        Ts_part_tcp[:, :3, :3] = rotation.exp(self.rotvec_part_command) @ nominal
+        Ts_part_tcp[:, :3, 3] = self.p_part_command
+        Ts_part_tcp[:, 3, 3] = 1.0
+        return Ts_part_tcp

@@ -10,7 +10,6 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
-from counterflex.core.arrays import as_positive
 from counterflex.core.errors import InputError
 
 
@@ -90,23 +89,3 @@ def check_name(name: str, limits: Limits, language: str) -> str:
             f"the name is too long for {language}", value=len(name), limit=f"<= {limits.name_characters} characters"
         )
     return name
-
-
-def smallest_spacing_m(feed_m_s: float, cycle_s: float) -> float:
-    """Shortest distance between points that the controller can run through without slowing down or skipping.
-
-    ``DS = f DT``; in shop units ``DS[um] = f[mm/min] DT[ms] / 60``.
-
-    Args:
-        feed_m_s: Feed, m/s, > 0.
-        cycle_s: Time the controller takes per point, s, > 0 (45 ms on a KRC1, Berger2013).
-
-    Returns:
-        m.
-
-    Raises:
-        InputError: An argument is not positive.
-
-    Source: Berger2013 eq. 5.
-    """
-    return as_positive("feed_m_s", feed_m_s) * as_positive("cycle_s", cycle_s)
