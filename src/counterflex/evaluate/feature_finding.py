@@ -1,0 +1,144 @@
+"""Features that can be measured on a part: straight grooves, ramps and circular pockets, found in the program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import DEG, UM
+from counterflex.path import FEED, ToolPath
+
+_SAME_M = 10.0 * UM
+
+
+@dataclass(frozen=True)
+class Groove:
+    """A straight groove as wide as the cutter; a ramp where its floor is inclined.
+
+    Attributes:
+        name: For the table.
+        start: (3,) m tool tip where the groove starts, part frame.
+        end: (3,) m tool tip where it ends.
+    """
+
+    name: str
+    start: Float
+    end: Float
+
+    @property
+    def inclined(self) -> bool:
+        """True for a ramp."""
+        return abs(float(self.end[2] - self.start[2])) > _SAME_M
+
+
+@dataclass(frozen=True)
+class CircularPocket:
+    """A round pocket or bore.
+
+    Attributes:
+        name: For the table.
+        centre: (2,) m, part frame.
+        path_radius_m: Radius of the outermost turn of the tool centre.
+        floor_m: Height of its floor, m.
+    """
+
+    name: str
+    centre: Float
+    path_radius_m: float
+    floor_m: float
+
+
+Feature = Groove | CircularPocket
+
+
+def find_features(nominal: ToolPath, cutter_radius_m: float) -> tuple[Feature, ...]:
+    """Find candidates in the feed motions of a program; measuring drops those without walls on the part.
+
+    A groove is a straight feed motion that runs at least two cutter diameters in the plane; passes over the same line
+    count once, the deepest. A pocket is a closed set of arcs about one centre at one height; its outermost turn and
+    lowest floor count.
+
+    Args:
+        nominal: Tool path of the original program; arcs sampled by at least four rows each.
+        cutter_radius_m: Cutter radius.
+
+    Returns:
+        Grooves in the order of the program, then pockets.
+    """
+    p, motion = np.asarray(nominal.p_part_tcp), np.asarray(nominal.motion)
+    grooves: list[tuple[Float, Float]] = []
+    turns: list[tuple[Float, float, float, float]] = []
+    edges = np.flatnonzero(np.diff(motion)) + 1
+    for first, behind in zip(np.append(0, edges), np.append(edges, len(motion)), strict=True):
+        if nominal.kind[behind - 1] != FEED or behind < 2:
+            continue
+        rows: Float = p[max(first - 1, 0) : behind]
+        chord = rows[-1] - rows[0]
+        if float(np.hypot(chord[0], chord[1])) >= 4.0 * cutter_radius_m and _straight(rows):
+            _add_groove(grooves, rows[0], rows[-1])
+        elif len(rows) >= 4 and float(np.ptp(rows[:, 2])) < UM:
+            turn = _turn(rows)
+            if turn is not None:
+                turns.append(turn)
+    found: list[Feature] = []
+    counts = {False: 0, True: 0}
+    for start, end in grooves:
+        ramp = abs(float(end[2] - start[2])) > _SAME_M
+        counts[ramp] += 1
+        found.append(Groove(f"{'ramp' if ramp else 'groove'} {counts[ramp]}", start, end))
+    found.extend(_pockets(turns))
+    return tuple(found)
+
+
+def _straight(rows: Float) -> bool:
+    chord = rows[-1] - rows[0]
+    unit = chord / np.linalg.norm(chord)
+    away = rows - rows[0]
+    return float(np.abs(away - np.outer(away @ unit, unit)).max()) < UM
+
+
+def _add_groove(grooves: list[tuple[Float, Float]], start: Float, end: Float) -> None:
+    for k, (a, b) in enumerate(grooves):
+        same = np.abs(a - start)[:2].max() < _SAME_M and np.abs(b - end)[:2].max() < _SAME_M
+        back = np.abs(a - end)[:2].max() < _SAME_M and np.abs(b - start)[:2].max() < _SAME_M
+        if same or back:
+            if start[2] + end[2] < a[2] + b[2]:
+                grooves[k] = (start, end) if same else (end, start)
+            return
+    grooves.append((start.copy(), end.copy()))
+
+
+def _turn(rows: Float) -> tuple[Float, float, float, float] | None:
+    """Centre, radius, height and angle of rows on a circle; None where they are on none."""
+    xy = rows[:, :2] - rows[:, :2].mean(axis=0)
+    A = np.column_stack([2.0 * xy, np.ones(len(xy))])
+    solution, _, rank, _ = np.linalg.lstsq(A, np.sum(xy * xy, axis=1), rcond=None)
+    if rank < 3:
+        return None
+    centre: Float = solution[:2]
+    radius = float(np.sqrt(max(solution[2] + centre @ centre, 0.0)))
+    if radius > 1.0 or float(np.abs(np.linalg.norm(xy - centre, axis=1) - radius).max()) > 2.0 * UM:
+        return None
+    angle = np.unwrap(np.arctan2(xy[:, 1] - centre[1], xy[:, 0] - centre[0]))
+    return centre + rows[:, :2].mean(axis=0), radius, float(rows[0, 2]), float(abs(angle[-1] - angle[0]))
+
+
+def _pockets(turns: list[tuple[Float, float, float, float]]) -> list[Feature]:
+    """Closed turns about one centre, the outermost of each centre at its lowest floor."""
+    closed: dict[tuple[int, int], dict[tuple[int, int], float]] = {}
+    for centre, radius, z, angle in turns:
+        place = (round(float(centre[0]) / _SAME_M), round(float(centre[1]) / _SAME_M))
+        circle = (round(radius / _SAME_M), round(z / _SAME_M))
+        turned = closed.setdefault(place, {})
+        turned[circle] = turned.get(circle, 0.0) + angle
+    found: list[Feature] = []
+    for place, circles in closed.items():
+        whole = [circle for circle, angle in circles.items() if angle > 330.0 * DEG]
+        if whole:
+            radius = max(circle[0] for circle in whole) * _SAME_M
+            floor = min(circle[1] for circle in whole) * _SAME_M
+            name = f"pocket {len(found) + 1}"
+            found.append(CircularPocket(name, np.array(place) * _SAME_M, radius, floor))
+    return found

@@ -1,0 +1,233 @@
+"""Measure features of a machined part: width, depth, wall positions, diameter, roundness, flatness."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, MM, UM
+from counterflex.cutting.stock import HeightMap
+from counterflex.evaluate.circularity import circularity
+from counterflex.evaluate.feature_finding import CircularPocket, Feature, Groove
+from counterflex.evaluate.surface import NominalSurface
+from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
+from counterflex.evaluate.tolerances import flatness_k, linear_m
+
+_LEAST_DEPTH_M = 0.2 * MM  # shallower, a wall has no height to be measured at
+
+
+@dataclass(frozen=True)
+class FeatureRow:
+    """One measured quantity of one feature.
+
+    Attributes:
+        feature: Its name.
+        quantity: ``width``, ``depth``, ``wall left``, ``wall right``, ``flatness``, ``diameter``, ``roundness`` or
+            ``centre``. Left and right are seen along the programmed motion; wall positions count from the centre line.
+        nominal_m: As the undisturbed program makes it, m.
+        worst_m: Variant name to the value furthest from nominal, m.
+        mean_m: Variant name to the mean value, m.
+        tolerance_m: Permitted deviation from nominal, +- m (a one-sided zone where the nominal value is 0).
+        tolerance_source: Where the tolerance comes from.
+    """
+
+    feature: str
+    quantity: str
+    nominal_m: float
+    worst_m: Mapping[str, float]
+    mean_m: Mapping[str, float]
+    tolerance_m: float
+    tolerance_source: str
+
+    def ok(self, variant: str) -> bool:
+        """True where the worst value of a variant keeps the tolerance."""
+        return abs(self.worst_m[variant] - self.nominal_m) <= self.tolerance_m
+
+
+@dataclass(frozen=True)
+class Machined:
+    """One machining: its height map, and the tool path as it really ran (see :func:`.surface_deviation`)."""
+
+    actual: HeightMap
+    p_part_actual: Float
+    joined: Bool | None = None
+
+
+def measure_features(
+    surface: NominalSurface,
+    p_part_nominal: Float,
+    features: Sequence[Feature],
+    variants: Mapping[str, Machined],
+    tolerances_m: Mapping[tuple[str, str], float] | None = None,
+) -> tuple[FeatureRow, ...]:
+    """Measure features on every variant and compare them with the undisturbed part.
+
+    Walls are exact sections of the tool paths half way up the wall, every millimetre (every 2 deg in pockets), where
+    the undisturbed part has a wall on both sides. Depths come from the height map along the centre line; a ramp's
+    depth is its deepest, changed by the largest deviation of any station. Flatness is the zone that holds
+    the deviation of the floor after its best plane is taken out.
+
+    Args:
+        surface: From :func:`~counterflex.evaluate.nominal_surface`.
+        p_part_nominal: (n, 3) m, path of the undisturbed program.
+        features: From :func:`~counterflex.evaluate.feature_finding.find_features`, or given by hand.
+        variants: Name to machining.
+        tolerances_m: (feature, quantity) to +- tolerance; ISO 2768-mK for what is not listed.
+
+    Returns:
+        Rows; a feature that the undisturbed part does not show (no walls, no depth) has none.
+
+    Raises:
+        InputError: There are no variants.
+    """
+    if not variants:
+        raise InputError("there is no machined part to measure")
+    reach = surface.cutter.radius_m + surface.reach_m
+    nominal = swept_section(p_part_nominal, surface.cutter, reach)
+    sections = {name: swept_section(v.p_part_actual, surface.cutter, reach, v.joined) for name, v in variants.items()}
+    maps = {name: v.actual for name, v in variants.items()}
+    rows: list[FeatureRow] = []
+    for feature in features:
+        if isinstance(feature, Groove):
+            measured = _groove(feature, surface, nominal, sections, maps)
+        else:
+            measured = _pocket(feature, surface, nominal, sections, maps)
+        for quantity, value, size, worst, mean in measured:
+            given = (tolerances_m or {}).get((feature.name, quantity))
+            general = flatness_k(size) if quantity in ("flatness", "roundness") else linear_m(size)
+            rows.append(
+                FeatureRow(
+                    feature.name,
+                    quantity,
+                    value,
+                    worst,
+                    mean,
+                    general if given is None else given,
+                    "ISO 2768-mK" if given is None else "given",
+                )
+            )
+    return tuple(rows)
+
+
+_Row = tuple[str, float, float, dict[str, float], dict[str, float]]
+
+
+def _groove(
+    groove: Groove,
+    surface: NominalSurface,
+    nominal: SweptSection,
+    sections: Mapping[str, SweptSection],
+    maps: Mapping[str, HeightMap],
+) -> list[_Row]:
+    run = groove.end - groove.start
+    length = float(np.hypot(run[0], run[1]))
+    u = run[:2] / length
+    left = np.array([-u[1], u[0]])
+    s = np.arange(0.5 * MM, length, MM)
+    tip = groove.start + (s / length)[:, None] * run
+    top = _look(surface.stock, tip[:, :2])
+    height = tip[:, 2] + 0.5 * (top - tip[:, 2])
+    good = np.isfinite(top) & (top - tip[:, 2] > _LEAST_DEPTH_M)
+    point = np.column_stack([tip[:, :2], np.where(good, height, 0.0)])
+    sides = {"wall left": np.tile(left, (len(s), 1)), "wall right": np.tile(-left, (len(s), 1))}
+    reached = {side: wall_exit(nominal, point, ray, 0.0)[0] for side, ray in sides.items()}
+    for value in reached.values():
+        good &= np.abs(value - surface.cutter.radius_m) < UM
+    if int(good.sum()) < 3:
+        return []
+    position = {
+        side: {name: wall_exit(section, point[good], ray[good], 0.0)[0] for name, section in sections.items()}
+        for side, ray in sides.items()
+    }
+    radius = surface.cutter.radius_m
+    rows: list[_Row] = []
+    width = {name: position["wall left"][name] + position["wall right"][name] for name in sections}
+    rows.append(_row("width", 2.0 * radius, 2.0 * radius, width))
+    rows.extend(_row(side, radius, radius, position[side]) for side in sides)
+    depth = top[good] - _look(surface.nominal, tip[good, :2])
+    deepest = float(depth.max())
+    change = {name: depth - (top[good] - _look(part, tip[good, :2])) for name, part in maps.items()}
+    rows.append(_row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()}))
+    across = np.linspace(-0.6, 0.6, 7) * radius
+    place = (tip[good, None, :2] + across[None, :, None] * left).reshape(-1, 2)
+    rows.append(_flatness(place, surface.nominal, maps, float(np.ptp(s[good]))))
+    return rows
+
+
+def _pocket(
+    pocket: CircularPocket,
+    surface: NominalSurface,
+    nominal: SweptSection,
+    sections: Mapping[str, SweptSection],
+    maps: Mapping[str, HeightMap],
+) -> list[_Row]:
+    angle = np.arange(0.0, 360.0, 2.0) * DEG
+    ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    place = pocket.centre + pocket.path_radius_m * ray
+    top = _look(surface.stock, place)
+    good = np.isfinite(top) & (top - pocket.floor_m > _LEAST_DEPTH_M)
+    point = np.column_stack([place, np.where(good, 0.5 * (top + pocket.floor_m), 0.0)])
+    # the chords of a sampled arc stay inside it by less than this
+    good &= np.abs(wall_exit(nominal, point, ray, 0.0)[0] - surface.cutter.radius_m) < 20.0 * UM
+    if int(good.sum()) < 90:
+        return []
+    radius = pocket.path_radius_m + surface.cutter.radius_m
+    diameter, round_, centre = {}, {}, {}
+    for name, section in sections.items():
+        reached = wall_exit(section, point[good], ray[good], 0.0)[0]
+        found = np.isfinite(reached)
+        wall = place[good][found] + reached[found, None] * ray[good][found]
+        if len(wall) < 45:
+            continue
+        circle = circularity(wall, pocket.centre, radius)
+        diameter[name] = np.array([2.0 * circle.radius_m])
+        round_[name] = np.array([circle.g_m])
+        centre[name] = np.array([float(np.hypot(*circle.centre_offset_m))])
+    floor = place[good]
+    depth = top[good] - _look(surface.nominal, floor)
+    deepest = float(depth.max())
+    change = {name: depth - (top[good] - _look(part, floor)) for name, part in maps.items()}
+    rings = [pocket.centre + r * ray[good] for r in np.linspace(0.3, 1.0, 5) * pocket.path_radius_m]
+    return [
+        _row("diameter", 2.0 * radius, 2.0 * radius, diameter),
+        _row("roundness", 0.0, 2.0 * radius, round_),
+        _row("centre", 0.0, radius, centre),
+        _row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()}),
+        _flatness(np.concatenate(rings), surface.nominal, maps, 2.0 * radius),
+    ]
+
+
+def _row(quantity: str, nominal: float, size: float, values: Mapping[str, Float]) -> _Row:
+    worst, mean = {}, {}
+    for name, value in values.items():
+        known = value[np.isfinite(value)]
+        if len(known):
+            worst[name] = float(known[np.argmax(np.abs(known - nominal))])
+            mean[name] = float(known.mean())
+    return quantity, nominal, size, worst, mean
+
+
+def _flatness(place: Float, nominal: HeightMap, maps: Mapping[str, HeightMap], side: float) -> _Row:
+    base = _look(nominal, place)
+    A = np.column_stack([place - place.mean(axis=0), np.ones(len(place))])
+    zone = {}
+    for name, part in maps.items():
+        deviation = _look(part, place) - base
+        known = np.isfinite(deviation)
+        plane = np.linalg.lstsq(A[known], deviation[known], rcond=None)[0]
+        zone[name] = np.array([float(np.ptp(deviation[known] - A[known] @ plane))])
+    return _row("flatness", 0.0, side, zone)
+
+
+def _look(part: HeightMap, xy: Float) -> Float:
+    """Height of the cell under each place, (n,) m; NaN off the map."""
+    i = np.round((xy[:, 0] - part.x0_m) / part.cell_m).astype(np.int64)
+    j = np.round((xy[:, 1] - part.y0_m) / part.cell_m).astype(np.int64)
+    ny, nx = part.z.shape
+    on = (i >= 0) & (j >= 0) & (i < nx) & (j < ny)
+    out: Float = np.where(on, part.z[np.clip(j, 0, ny - 1), np.clip(i, 0, nx - 1)].astype(np.float64), np.nan)
+    return out
