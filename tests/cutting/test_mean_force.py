@@ -10,10 +10,12 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, N_PER_MM, N_PER_MM2
-from counterflex.cutting.arc_integrals import cosine_power_integral, disc_table, sine_power_integral
+from counterflex.cutting.arc_integrals import cosine_power_integral, sine_power_integral
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.mean_force import N_BINS, MeanForceWeights, mean_force_weights, mean_wrenches
+from counterflex.cutting.removal import remove_path
+from counterflex.cutting.stock import HeightMap
 
 HAEHN_FEED = 25e-3 / (13000 / 60 * 3)
 D16 = Cutter(diameter_m=16 * MM, flutes=3, flute_length_m=40 * MM)
@@ -117,8 +119,123 @@ def test_sine_integrals() -> None:
         sine_power_integral(-0.1, phi)
 
 
-def test_disc_integrals_add_up() -> None:
-    table = disc_table(8.0, 8.0, N_BINS)
-    assert table[1].sum() == pytest.approx(2 * math.pi * 8.0, rel=1e-9)
-    assert table[4].sum() == pytest.approx(math.pi * 64.0, rel=1e-9)
-    assert table[2:4].sum(axis=1) == pytest.approx([0.0, 0.0], abs=1e-9)
+@pytest.mark.parametrize("law", [kienzle(0.23, 0.6, 0.1), linear_edge()])
+@pytest.mark.parametrize("corner", [8.0, 3.0])
+def test_ball_and_bull_nose_match_integration_over_the_corner(law: ForceLaw, corner: float) -> None:
+    """All corner levels engaged from 40 to 140 deg; the truth is a double integral with Altintas' directions."""
+    cutter = Cutter(diameter_m=16 * MM, corner_radius_m=corner * MM, flutes=3)
+    weights = mean_force_weights(cutter, law)
+    edges = np.linspace(0.0, math.pi, N_BINS + 1)
+    inside = (edges[:-1] > math.radians(40)) & (edges[1:] < math.radians(140))
+    depths = np.zeros((weights.n_levels, N_BINS))
+    depths[:-1, inside] = np.diff(cutter.levels())[:-1, None]
+    phi0, phi1 = edges[:-1][inside][0], edges[1:][inside][-1]
+    n, fz, r = 400, 0.05 * MM, corner * MM
+    phi = phi0 + (np.arange(n) + 0.5) * (phi1 - phi0) / n
+    kappa = (np.arange(n) + 0.5) * (math.pi / 2) / n
+    P, K = np.meshgrid(phi, kappa, indexing="ij")
+    sp, cp, sk, ck = np.sin(P), np.cos(P), np.sin(K), np.cos(K)
+    weight = 3 / (2 * math.pi) * (phi1 - phi0) / n * r * (math.pi / 2) / n
+    fc, fr, fa = np.moveaxis(law.edge_force(fz * sp * sk), -1, 0) * weight
+    zero = np.zeros_like(P)
+    force = (
+        fc[..., None] * np.stack([-cp, sp, zero], -1)
+        - fr[..., None] * np.stack([sk * sp, sk * cp, -ck], -1)
+        - fa[..., None] * np.stack([ck * sp, ck * cp, sk], -1)
+    )
+    rho = 8 * MM - r + r * sk
+    arm = np.stack([rho * sp, rho * cp, r * (1 - ck)], -1)
+    wrench = mean_wrenches(weights, depths, fz)
+    np.testing.assert_allclose(wrench[:3], force.sum(axis=(0, 1)), rtol=4e-3, atol=0.02)
+    np.testing.assert_allclose(wrench[3:], np.cross(arm, force).sum(axis=(0, 1)), rtol=4e-3, atol=2e-3)
+
+
+def test_plunge_of_a_flat_end_mill() -> None:
+    """Thrust N k_r f^(1-m) R and torque N k_c f^(1-m) R^2 / 2 of N radial edges that cut with h = f."""
+    law = kienzle()
+    weights = mean_force_weights(D16, law)
+    drop, radius = 0.05 * MM, 8 * MM
+    kc, kr, _ = law.k11_pa()
+    power = MM**0.25 * drop**0.75
+    wrench = mean_wrenches(weights, np.zeros((1, N_BINS)), 0.0, drop, math.pi * radius**2)
+    expected = [0, 0, 3 * kr * power * radius, 0, 0, 3 * kc * power * radius**2 / 2]
+    np.testing.assert_allclose(wrench, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_plunge_of_a_ball_matches_integration_over_the_corner() -> None:
+    law = kienzle(0.23, 0.6, 0.1)
+    cutter = Cutter(diameter_m=10 * MM, corner_radius_m=5 * MM, flutes=2)
+    weights = mean_force_weights(cutter, law)
+    drop, radius, n = 0.05 * MM, 5 * MM, 20_000
+    kappa = (np.arange(n) + 0.5) * (math.pi / 2) / n
+    fc, fr, fa = law.edge_force(drop * np.cos(kappa)).T * radius * (math.pi / 2) / n * 2
+    wrench = mean_wrenches(weights, np.zeros((weights.n_levels, N_BINS)), 0.0, drop, math.pi * radius**2)
+    assert wrench[2] == pytest.approx(float((fr * np.cos(kappa) - fa * np.sin(kappa)).sum()), rel=0.01)
+    assert wrench[5] == pytest.approx(float((fc * radius * np.sin(kappa)).sum()), rel=0.01)
+    np.testing.assert_allclose(wrench[[0, 1, 3, 4]], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("corner", [0.0, 3.0, 8.0])
+def test_force_is_continuous_from_level_cut_to_plunge(corner: float) -> None:
+    cutter = Cutter(diameter_m=16 * MM, corner_radius_m=corner * MM, flutes=3)
+    weights = mean_force_weights(cutter, kienzle())
+    heights = np.minimum(np.diff(cutter.levels()), 3 * MM)
+    depths = np.repeat(heights[:, None], N_BINS, axis=1)
+    fz, area = 0.04 * MM, math.pi * (8 * MM) ** 2
+
+    def at(angle: float) -> Float:
+        plane, drop = fz * math.cos(angle), fz * math.sin(angle)
+        return mean_wrenches(weights, depths, plane, drop, area if drop > 0 else 0.0)
+
+    level = at(0.0)
+    np.testing.assert_allclose(at(1e-7), level, rtol=1e-3, atol=0.02)
+    np.testing.assert_allclose(at(-1e-7), level, rtol=1e-3, atol=0.02)
+    angles = np.linspace(0.0, math.pi / 2 - 1e-9, 400)
+    path = np.array([at(a) for a in angles])
+    steps = np.abs(np.diff(path, axis=0)).max(axis=0) / np.ptp(path, axis=0).max()
+    assert steps.max() < 0.1
+
+
+@pytest.mark.parametrize("corner", [0.0, 2.0, 5.0])
+@pytest.mark.parametrize("slope_deg", [-90.0, -20.0, -3.0, 0.0, 3.0, 20.0])
+def test_torque_times_angle_is_specific_energy_times_volume(corner: float, slope_deg: float) -> None:
+    """With a constant k_c (m = 0) the work of the spindle is k_c V, whatever cutter, slope and engagement."""
+    law = kienzle(0.0, 0.0, 0.0)
+    cutter = Cutter(diameter_m=10 * MM, corner_radius_m=corner * MM, flutes=2)
+    weights = mean_force_weights(cutter, law)
+    stock = HeightMap.from_box(np.array([0.0, 0.0, -20 * MM]), np.array([30 * MM, 20 * MM, 0.0]), 0.1 * MM)
+    slope = math.radians(slope_deg)
+    direction = np.array([math.cos(slope), 0.0, math.sin(slope)])
+    start = np.array([12 * MM, 10 * MM, -4 * MM if slope_deg > -90 else 0.5 * MM])
+    path = start + np.linspace(0.0, 6 * MM, 13)[:, None] * direction
+    if slope_deg > -90:  # open the slot, so that the first segment has no chip of its own
+        remove_path(stock, path[[0, 0]] + np.array([[0, 0, 9 * MM], [0, 0, 0]]), np.array([0]), cutter)
+    done = remove_path(stock, path, np.ones(12, dtype=np.int64), cutter)
+    assert done.engagement is not None
+    feed = 0.04 * MM
+    teeth = 0.5 * MM / feed
+    drop = np.full(12, 0.5 * MM) * -math.sin(slope)
+    area = done.bottom_volume_m3 / drop if slope_deg < 0 else np.zeros(12)
+    wrench = mean_wrenches(
+        weights, done.engagement.dense(0, 12), feed * max(math.cos(slope), 0.0), drop / teeth, np.maximum(area, 0.0)
+    )
+    work = wrench[2:, 5] * 2 * math.pi * teeth / cutter.flutes
+    energy = law.k11_pa()[0] * done.volume_m3[2:]
+    np.testing.assert_allclose(work.sum(), energy.sum(), rtol=0.02)
+
+
+def test_bad_input() -> None:
+    weights = mean_force_weights(D16, kienzle())
+    good = slot(weights, 1 * MM)
+    with pytest.raises(InputError, match="shape"):
+        mean_wrenches(weights, np.zeros((2, N_BINS)), 1e-5)
+    with pytest.raises(InputError, match="depth is negative"):
+        mean_wrenches(weights, -good, 1e-5)
+    with pytest.raises(InputError, match="feeds_m is negative"):
+        mean_wrenches(weights, good, -1e-5)
+    with pytest.raises(InputError, match="even"):
+        mean_force_weights(D16, kienzle(), n_bins=63)
+    assert np.all(mean_wrenches(weights, good, 0.0) == 0.0)
+    frozen = good.copy()
+    frozen.flags.writeable = False
+    assert mean_wrenches(weights, np.stack([frozen, good]), 1e-5).shape == (2, 6)

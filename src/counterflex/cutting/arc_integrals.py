@@ -1,8 +1,7 @@
 """Integrals over the bins of the immersion angle that the mean cutting force is made of.
 
 The kernels of :mod:`counterflex.cutting.mean_force` see only tables: for every power term of the force law the
-integrals over each bin, for every level of the cutter its inclination and radius, for the flat bottom of the cutter
-the integrals over the strip of the disc that lies at the lateral offset of each bin.
+integrals over each bin, for every level of the cutter its inclination, radius and area.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.integrate import quad
 from scipy.special import betainc, gammaln
 
 from counterflex.core.arrays import Float
@@ -56,8 +54,9 @@ def arc_table(terms: Float, n_bins: int) -> Float:
         n_bins: Number of bins, even, so that no bin straddles 90 deg.
 
     Returns:
-        Shape (n_terms, 4, n_bins): ``int sin^p``, ``int sin^p cos``, ``int sin^p sin`` and the effective sine
-        ``s = (int sin^p / dphi)^(1/p)``, which makes ``(f s)^p dphi`` the exact integral; for p = 0 the mean sine.
+        Shape (n_terms, 5, n_bins): ``int sin^p``, ``int sin^p cos``, ``int sin^p sin``, the effective sine
+        ``s = (int sin^p / dphi)^(1/p)``, which makes ``(f s)^p dphi`` the exact integral (for p = 0 the mean sine),
+        and ``s^-p``.
 
     Raises:
         InputError: The number of bins is odd or below 8.
@@ -66,17 +65,20 @@ def arc_table(terms: Float, n_bins: int) -> Float:
         raise InputError("number of bins of the immersion angle is out of range", value=n_bins, limit="even, >= 8")
     edges = np.linspace(0.0, math.pi, n_bins + 1)
     width = math.pi / n_bins
-    table = np.empty((len(terms), 4, n_bins))
+    table = np.empty((len(terms), 5, n_bins))
     for row, p in zip(table, terms[:, 0], strict=True):
         row[0] = np.diff(sine_power_integral(p, edges))
         row[1] = np.diff(cosine_power_integral(p, edges))
         row[2] = np.diff(sine_power_integral(p + 1.0, edges))
         mean = row[0] / width if p > 0.0 else np.diff(-np.cos(edges)) / width
         row[3] = mean ** (1.0 / p) if p > 0.0 else mean
+        row[4] = row[3] ** -p
     return table
 
 
-def level_table(boundaries_m: Float, radius_m: float, corner_radius_m: float, flute_length_m: float) -> Float:
+def level_table(
+    boundaries_m: Float, radius_m: float, corner_radius_m: float, flute_length_m: float, terms: Float
+) -> Float:
     """Describe the cutting edge at every axial level by averages over the level.
 
     On the corner arc the angle between tool axis and outward normal is kappa with
@@ -88,63 +90,31 @@ def level_table(boundaries_m: Float, radius_m: float, corner_radius_m: float, fl
         radius_m: Cutter radius in m.
         corner_radius_m: Corner radius in m: 0 flat, ``radius_m`` ball.
         flute_length_m: Cutting length in m, the upper end of the last level.
+        terms: Rows (p, k_c, k_r, k_a) of the force law, shape (n_terms, 4).
 
     Returns:
-        Shape (n_levels, 6): mean sin kappa, mean cos kappa, edge length per axial length, mean radius in m, lower and
-        upper height above the tip in m.
+        Shape (n_levels, 8 + n_terms): mean sin kappa, mean cos kappa, edge length per axial length, mean radius in m, lower and
+        upper height above the tip in m, area of the level seen along the axis in m2, radius of the flat bottom in m;
+        then for every power term the effective ``(mean sin^p kappa)^(1/p)``.
     """
-    table = np.empty((len(boundaries_m) - 1, 6))
+    table = np.ones((len(boundaries_m) - 1, 8 + len(terms)))
+    flat = max(radius_m - corner_radius_m, 0.0)
     for row, z0, z1 in zip(table, boundaries_m[:-1], boundaries_m[1:], strict=True):
         top = min(float(z1), flute_length_m) if math.isinf(z1) else float(z1)
         if z0 >= corner_radius_m * (1.0 - 1e-12):
-            row[:] = 1.0, 0.0, 1.0, radius_m, z0, top
+            row[:8] = 1.0, 0.0, 1.0, radius_m, z0, top, 0.0, flat
             continue
         k0 = math.acos(1.0 - z0 / corner_radius_m)
         k1 = math.acos(max(1.0 - z1 / corner_radius_m, 0.0))
         span = k1 - k0
         mean_sin = (math.cos(k0) - math.cos(k1)) / span
         mean_cos = (math.sin(k1) - math.sin(k0)) / span
-        row[:] = mean_sin, mean_cos, 1.0 / mean_sin, radius_m - corner_radius_m * (1.0 - mean_sin), z0, top
-    return table
-
-
-def disc_table(lateral_radius_m: float, disc_radius_m: float, n_bins: int) -> Float:
-    """Tabulate the flat bottom of a cutter by strips of equal immersion angle.
-
-    A point of the bottom at lateral offset w (left positive) belongs to the bin of ``phi = acos(w / R)``. With the
-    half chord ``l = sqrt(R_e^2 - w^2)`` of the bottom disc:
-    ``int dx = 2 l``, ``int dx / r = 2 asinh(l/|w|)``, ``int w dx / r^2 = 2 atan(l/w)``.
-
-    Args:
-        lateral_radius_m: Radius R that defines the bins, in m.
-        disc_radius_m: Radius R_e of the flat bottom (cutter radius less corner radius), 0 for a ball mill, in m.
-        n_bins: Number of bins.
-
-    Returns:
-        Shape (5, n_bins): mean chord in m; integrals over the strip of dA / r (m), w/r dA / r (m), w dA / r (m2) and
-        dA (m2). The force of end edges needs dA/r = dr dphi; the torque dA = r dr dphi.
-    """
-    table = np.zeros((5, n_bins))
-    if disc_radius_m <= 0.0:
-        return table
-    edges = lateral_radius_m * np.cos(np.linspace(0.0, math.pi, n_bins + 1))
-    edges[n_bins // 2] = 0.0
-    big = disc_radius_m
-
-    def half_chord(w: float) -> float:
-        return math.sqrt(max(big * big - w * w, 0.0))
-
-    for b in range(n_bins // 2):
-        low, high = min(edges[b + 1], big), min(edges[b], big)
-        if high > low:
-            strips = (
-                lambda w: 2.0 * math.asinh(half_chord(w) / w),
-                lambda w: 2.0 * math.atan2(half_chord(w), w),
-                lambda w: 2.0 * w * math.asinh(half_chord(w) / w),
-                lambda w: 2.0 * half_chord(w),
-            )
-            table[1:, b] = [quad(strip, low, high, epsabs=0.0, epsrel=1e-9)[0] for strip in strips]
-            table[0, b] = table[4, b] / (edges[b] - edges[b + 1])
-    mirror = table[:, : n_bins // 2][:, ::-1]
-    table[:, n_bins // 2 :] = mirror * np.array([1.0, 1.0, -1.0, -1.0, 1.0])[:, None]
+        inner, outer = flat + corner_radius_m * math.sin(k0), flat + corner_radius_m * math.sin(k1)
+        mean_radius = flat + corner_radius_m * mean_sin
+        ring = math.pi * (outer * outer - inner * inner)
+        row[:8] = mean_sin, mean_cos, 1.0 / mean_sin, mean_radius, z0, top, ring, flat
+        for t, p in enumerate(terms[:, 0]):
+            if p > 0.0:
+                mean = np.diff(sine_power_integral(float(p), np.array([k0, k1])))[0] / span
+                row[8 + t] = mean ** (1.0 / p)
     return table
