@@ -6,21 +6,33 @@ All positions are in m, angles in rad, poses 4x4. ``q`` are the six angles the r
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from counterflex.core.arrays import Float, Int, as_float, frozen
-from counterflex.core.errors import ModelError
+from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import STANDARD_GRAVITY
-from counterflex.robot.description import Counterbalance, EndEffector, Opw, Robot, Segment
-
-JOINTS = 6
-_ROTATION_TOLERANCE = 1e-8  # largest deviation of R R^T from identity
-_REACH_LIMIT = 20.0  # m; a longer link is a unit mistake
-_MASS_LIMIT = 2e4  # kg
-_SOFTEST_TRANSLATION = 1e-4  # m/N, a stiffness of 1e4 N/m
-_SOFTEST_ROTATION = 1e-2  # rad/(N m), a stiffness of 100 N m/rad
-_GRAVITY_LIMIT = 100.0  # m/s2
+from counterflex.robot.chain_checks import (
+    JOINTS,
+    check_counterbalance,
+    fixed_pose,
+    gravity_field,
+    joint_limits,
+    joint_speeds,
+    rigid_motion,
+)
+from counterflex.robot.compact import Compact, compact
+from counterflex.robot.description import Counterbalance, EndEffector, Opw, Robot
+from counterflex.robot.kernels_batch import (
+    CHUNK,
+    ON_RIGID,
+    RIGID,
+    SETTLED,
+    jacobian_range,
+    pose_range,
+    pose_threads,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +87,11 @@ class ElasticChain:
         """Number of segments."""
         return len(self.names)
 
+    @cached_property
+    def compact(self) -> Compact:
+        """The chain as the kernels read it, rigid segments merged; made once."""
+        return compact(self)
+
     @classmethod
     def build(
         cls,
@@ -95,13 +112,13 @@ class ElasticChain:
         """
         tool = end_effector if end_effector is not None else EndEffector((), np.eye(4))
         segments = (*robot.segments, *tool.segments)
-        T_segment_flange = _rigid(robot.T_last_flange, f"{robot.name}: T_last_flange")
-        T_last_tcp = _rigid(tool.T_last_tcp, "end effector: T_last_tcp")
+        T_segment_flange = rigid_motion(robot.T_last_flange, f"{robot.name}: T_last_flange")
+        T_last_tcp = rigid_motion(tool.T_last_tcp, "end effector: T_last_tcp")
         n, n_robot = len(segments), len(robot.segments)
         fixed = np.empty((n, 4, 4))
         T_flange_tcp = np.eye(4)
         for i, segment in enumerate(segments):
-            fixed[i] = _segment(segment, f"{robot.name}: segment {segment.name!r}")
+            fixed[i] = fixed_pose(segment, f"{robot.name}: segment {segment.name!r}")
             if i >= n_robot:
                 if segment.joint is not None:
                     raise ModelError("a segment of the end effector cannot be driven", where=segment.name)
@@ -121,7 +138,7 @@ class ElasticChain:
             )
         balance = robot.counterbalance
         if balance is not None:
-            _check_counterbalance(balance, robot.name)
+            check_counterbalance(balance, robot.name)
         return cls(
             name=robot.name,
             names=tuple(s.name for s in segments),
@@ -136,11 +153,11 @@ class ElasticChain:
             flange_segment=n_robot - 1,
             T_segment_flange=frozen(T_segment_flange),
             T_flange_tcp=frozen(T_flange_tcp),
-            joint_limits_rad=frozen(_limits(robot)),
-            joint_speeds_rad_s=None if robot.joint_speeds_rad_s is None else frozen(_speeds(robot)),
+            joint_limits_rad=frozen(joint_limits(robot)),
+            joint_speeds_rad_s=None if robot.joint_speeds_rad_s is None else frozen(joint_speeds(robot)),
             opw=robot.opw,
             counterbalance=balance,
-            gravity=frozen(_gravity(gravity_base)),
+            gravity=frozen(gravity_field(gravity_base)),
         )
 
 
@@ -150,10 +167,42 @@ def joint_angles(q: Float) -> Float:
     Raises:
         InputError: Wrong shape or not finite.
     """
-    array = as_float("q", q)
-    if array.ndim < 1 or array.shape[-1] != JOINTS:
-        array = as_float("q", q, (None, JOINTS))  # raises with the expected shape
+    return _six("q", q)
+
+
+def points(q: Float, w_tcp_base: Float | None) -> tuple[Float, Float, tuple[int, ...]]:
+    """Broadcast angles and wrenches against each other and flatten them for the kernels.
+
+    Args:
+        q: (..., 6) rad.
+        w_tcp_base: (..., 6) N, N m; None is no load.
+
+    Returns:
+        q (n, 6), w (n, 6), and the common leading shape.
+
+    Raises:
+        InputError: Wrong shape or not finite.
+    """
+    q = joint_angles(q)
+    w = np.zeros(JOINTS) if w_tcp_base is None else _six("w_tcp_base", w_tcp_base)
+    try:
+        lead = np.broadcast_shapes(q.shape[:-1], w.shape[:-1])
+    except ValueError as fault:
+        raise InputError("angles and wrenches do not match", value=(q.shape, w.shape)) from fault
+    return _rows(q, lead), _rows(w, lead), lead
+
+
+def _six(name: str, value: Float) -> Float:
+    array = as_float(name, value)
+    if array.ndim < 1 or array.shape[-1] != JOINTS or np.ndim(value) < 1:
+        raise InputError(f"{name} has the wrong shape", value=np.shape(value), limit="(..., 6)")
     return array
+
+
+def _rows(array: Float, lead: tuple[int, ...]) -> Float:
+    """(n, 6), C-ordered and writable, as the kernels want it."""
+    rows: Float = np.require(np.broadcast_to(array, (*lead, JOINTS)).reshape(-1, JOINTS), requirements=["C", "W"])
+    return rows
 
 
 def frames(chain: ElasticChain, q: Float) -> Float:
@@ -191,8 +240,7 @@ def forward(chain: ElasticChain, q: Float) -> Float:
     Returns:
         (..., 4, 4) T_base_tcp.
     """
-    out: Float = frames(chain, q)[..., -1, :, :] @ chain.T_last_tcp
-    return out
+    return _poses(chain, q, None, RIGID, gravity=False)
 
 
 def flange(chain: ElasticChain, q: Float) -> Float:
@@ -214,135 +262,63 @@ def jacobian(chain: ElasticChain, q: Float) -> Float:
     Returns:
         (..., 6, 6): rows m/rad (linear), then rad/rad.
     """
-    Ts = frames(chain, q)
-    tip = (Ts[..., -1, :, :] @ chain.T_last_tcp)[..., :3, 3]
-    driven = np.flatnonzero(chain.joint >= 0)
-    axis = chain.sign[driven, None] * Ts[..., driven, :3, 2]
-    lever = tip[..., None, :] - Ts[..., driven, :3, 3]
-    columns = np.concatenate([np.cross(axis, lever), axis], axis=-1)
-    out: Float = np.ascontiguousarray(np.swapaxes(columns, -1, -2))
-    return out
+    rows, _, lead = points(q, None)
+    out = np.empty((len(rows), JOINTS * JOINTS))
+    jacobian_range(chain.compact.real, chain.compact.kind, rows, out, 0, len(rows))
+    return out.reshape(*lead, JOINTS, JOINTS)
 
 
-def forward_elastic(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None, *, gravity: bool = False) -> Float:
-    """Pose of the TCP with every elastic element displaced by the load.
+def forward_elastic(
+    chain: ElasticChain,
+    q: Float,
+    w_tcp_base: Float | None = None,
+    *,
+    gravity: bool = False,
+    equilibrium: bool = False,
+) -> Float:
+    """Pose of the TCP with every elastic element displaced by compliance times load, composed as finite z-y'-x''.
 
     Args:
         chain: The chain.
         q: (..., 6) rad controller angles.
         w_tcp_base: (..., 6) N, N m, about the TCP in base axes; None is no load.
-        gravity: Add own weight and payload.
+        gravity: Add own weight and payload, relieved by the counterbalance.
+        equilibrium: Take the loads on the deflected geometry instead of the rigid one; see
+            :func:`counterflex.robot.compliance.deflection`.
 
     Returns:
         (..., 4, 4) T_base_tcp.
-    """
-    from counterflex.robot.compliance import elastic_pose
 
-    return elastic_pose(chain, q, w_tcp_base, gravity=gravity)
+    Raises:
+        ModelError: With ``equilibrium``, a point without a stable equilibrium nearby.
+
+    Source: Haehn2020 eq. 2-9.
+    """
+    return _poses(chain, q, w_tcp_base, SETTLED if equilibrium else ON_RIGID, gravity=gravity)
+
+
+def _poses(chain: ElasticChain, q: Float, w: Float | None, how: int, *, gravity: bool) -> Float:
+    q, w, lead = points(q, w)
+    out = np.empty((len(q), 4, 4))
+    real, kind = chain.compact.real, chain.compact.kind
+    if len(q) <= CHUNK:
+        failed = pose_range(real, kind, q, w, how, int(gravity), out, 0, len(q))
+    else:
+        failed = pose_threads(real, kind, q, w, how, int(gravity), out)
+    require_settled(failed)
+    return out.reshape(*lead, 4, 4)
+
+
+def require_settled(failed: int) -> None:
+    """Raise a ModelError where an equilibrium was not found for ``failed`` points."""
+    if failed:
+        raise ModelError(
+            f"no elastic equilibrium found at {failed} point(s): the load is far beyond what the chain can carry",
+            hint="Check the units of load and compliance",
+        )
 
 
 def _frozen_int(values: list[int]) -> Int:
     array = np.array(values, dtype=np.int64)
     array.flags.writeable = False
     return array
-
-
-def _finite(value: object, shape: tuple[int, ...], where: str) -> Float:
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as fault:
-        raise ModelError("not an array of numbers", where=where, value=repr(value)[:80]) from fault
-    if array.shape != shape:
-        raise ModelError("wrong shape", where=where, value=array.shape, limit=shape)
-    if not np.all(np.isfinite(array)):
-        raise ModelError("a number is not finite", where=where, value=array.tolist())
-    return array
-
-
-def _rigid(value: object, where: str) -> Float:
-    T = _finite(value, (4, 4), where)
-    R = T[:3, :3]
-    if np.max(np.abs(R @ R.T - np.eye(3))) > _ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
-        raise ModelError("the pose does not hold a proper rotation", where=where, value=np.round(R, 6).tolist())
-    if np.any(T[3] != (0.0, 0.0, 0.0, 1.0)):
-        raise ModelError("the last row of a pose must be 0 0 0 1", where=where, value=T[3].tolist())
-    if np.max(np.abs(T[:3, 3])) > _REACH_LIMIT:
-        raise ModelError(
-            "a link is implausibly long", where=where, value=T[:3, 3].tolist(), limit=f"{_REACH_LIMIT:g} m",
-            hint="Lengths inside are in m",
-        )  # fmt: skip
-    return T
-
-
-def _segment(segment: Segment, where: str) -> Float:
-    """Check one segment and return its fixed pose."""
-    if segment.joint is not None and segment.joint not in range(JOINTS):
-        raise ModelError("no such driven axis", where=where, value=segment.joint, limit="0..5 or None")
-    if segment.sign not in (1.0, -1.0):
-        raise ModelError("the sign of a drive must be +1 or -1", where=where, value=segment.sign)
-    _finite(segment.offset_rad, (), f"{where} offset_rad")
-    compliance = _finite(segment.compliance, (6,), f"{where} compliance")
-    if np.any(compliance < 0.0):
-        raise ModelError("a compliance is negative", where=where, value=compliance.tolist(), limit=">= 0")
-    for part, limit, unit in (
-        (compliance[:3], _SOFTEST_TRANSLATION, "m/N"),
-        (compliance[3:], _SOFTEST_ROTATION, "rad/(N m)"),
-    ):
-        if np.any(part > limit):
-            raise ModelError(
-                "a compliance is implausibly large", where=where, value=float(part.max()), limit=f"<= {limit:g} {unit}",
-                hint="Check the unit of the stiffness (N m/rad, N/m)",
-            )  # fmt: skip
-    mass = float(_finite(segment.mass_kg, (), f"{where} mass_kg"))
-    if not 0.0 <= mass <= _MASS_LIMIT:
-        raise ModelError("a mass is out of range", where=where, value=mass, limit=f"0..{_MASS_LIMIT:g} kg")
-    com = _finite(segment.p_seg_com, (3,), f"{where} p_seg_com")
-    if np.max(np.abs(com)) > _REACH_LIMIT:
-        raise ModelError(
-            "a centre of gravity is implausibly far out", where=where, value=com.tolist(), limit=f"{_REACH_LIMIT:g} m",
-            hint="Lengths inside are in m",
-        )  # fmt: skip
-    return _rigid(segment.T_prev_seg, f"{where} T_prev_seg")
-
-
-def _limits(robot: Robot) -> Float:
-    limits = _finite(robot.joint_limits_rad, (JOINTS, 2), f"{robot.name}: joint_limits_rad")
-    if np.any(limits[:, 0] >= limits[:, 1]):
-        raise ModelError("a lower joint limit is not below the upper one", where=robot.name, value=limits.tolist())
-    if np.max(np.abs(limits)) > 1000.0:
-        raise ModelError("joint limits are implausibly large", where=robot.name, hint="Angles inside are in rad")
-    return limits
-
-
-def _speeds(robot: Robot) -> Float:
-    speeds = _finite(robot.joint_speeds_rad_s, (JOINTS,), f"{robot.name}: joint_speeds_rad_s")
-    if np.any(speeds <= 0.0):
-        raise ModelError("a joint speed limit is not positive", where=robot.name, value=speeds.tolist())
-    return speeds
-
-
-def _gravity(value: object) -> Float:
-    gravity = _finite(value, (3,), "gravity_base")
-    if np.linalg.norm(gravity) > _GRAVITY_LIMIT:
-        raise ModelError(
-            "gravity is implausibly strong", value=gravity.tolist(), limit=f"{_GRAVITY_LIMIT:g} m/s2",
-            hint="It is given in m/s2",
-        )  # fmt: skip
-    return gravity
-
-
-def _check_counterbalance(balance: Counterbalance, where: str) -> None:
-    if balance.joint not in range(JOINTS):
-        raise ModelError("the counterbalance acts on no driven axis", where=where, value=balance.joint, limit="0..5")
-    numbers = (
-        balance.anchor_column_m, balance.anchor_arm_m, balance.piston_area_m2,
-        balance.gas_constant_j, balance.gas_volume_max_m3,
-    )  # fmt: skip
-    if not all(np.isfinite(v) and v > 0.0 for v in numbers) or not np.isfinite(balance.q_min_force_rad):
-        raise ModelError("a number of the counterbalance is not positive and finite", where=where, value=numbers)
-    stroke = 2.0 * min(balance.anchor_arm_m, balance.anchor_column_m)
-    if stroke * balance.piston_area_m2 >= balance.gas_volume_max_m3:
-        raise ModelError(
-            "the stroke of the counterbalance is larger than its gas volume", where=where,
-            value=stroke * balance.piston_area_m2, limit=f"< {balance.gas_volume_max_m3:g} m3",
-        )  # fmt: skip

@@ -1,13 +1,37 @@
-"""Elastic deflection of the chain under load, linear and nonlinear, and its Cartesian compliance."""
+"""Elastic deflection of the chain under load, linear and nonlinear, and its Cartesian compliance.
+
+One model covers both sources: springs of any subset of six directions at any frame under a full wrench. Linear, it is
+the series of six-dof joints of Denkena2015; composed as finite z-y'-x'' rotations, the virtual joints of Haehn2020.
+
+Loads on the rigid geometry (Haehn2020) leave out that the load follows the deflection. The equilibrium form takes them
+where the bodies are after deflection; it is conservative and equals a chain of real spring-loaded joints. The two
+differ by about the deflection squared over the lever arms.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from counterflex.core.arrays import Float, as_float
-from counterflex.geometry import pose, rotation
-from counterflex.robot.chain import ElasticChain, frames, joint_angles
-from counterflex.robot.gravity import weight_loads
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError, ModelError
+from counterflex.robot.chain import ElasticChain, frames, points, require_settled
+from counterflex.robot.kernels_batch import (
+    CHUNK,
+    ON_RIGID,
+    SETTLED,
+    compliance_range,
+    compliance_threads,
+    deflection_range,
+    deflection_threads,
+    step_range,
+    step_threads,
+)
+
+LANES_FROM = 200_000  # points from which the lane-blocked kernels repay their longer compilation
+LARGEST_ROTATION = 0.2  # rad; beyond this a deflection is not elastic any more
+LARGEST_TRANSLATION = 1.0  # m
 
 
 def element_loads(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
@@ -21,23 +45,43 @@ def element_loads(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
     Returns:
         (..., n, 6) N, N m.
     """
+    q, w, lead = points(q, w_tcp_base)
     Ts = frames(chain, q)
-    w = np.asarray(w_tcp_base, dtype=np.float64)
-    tip = (Ts[..., -1, :, :] @ chain.T_last_tcp)[..., :3, 3]
-    force = w[..., None, :3]
-    moment = w[..., None, 3:] + np.cross(tip[..., None, :] - Ts[..., :3, 3], force)
+    tip = (Ts[:, -1] @ chain.T_last_tcp)[:, :3, 3]
+    force = w[:, None, :3]
+    moment = w[:, None, 3:] + np.cross(tip[:, None, :] - Ts[..., :3, 3], force)
     R_seg_base = np.swapaxes(Ts[..., :3, :3], -1, -2)
     f = (R_seg_base @ force[..., None])[..., 0]
     m = (R_seg_base @ moment[..., None])[..., 0]
-    out: Float = np.concatenate([np.broadcast_to(f, m.shape), m], axis=-1)
-    return out
+    return np.concatenate([f, m], axis=-1).reshape(*lead, chain.n, 6)
+
+
+def element_jacobians(chain: ElasticChain, q: Float) -> Float:
+    """TCP twist of a unit displacement of each element in each of its six directions; rigid geometry, base axes.
+
+    Args:
+        chain: The chain.
+        q: (..., 6) rad.
+
+    Returns:
+        (..., n, 6, 6): column d for direction d of ``tx ty tz rx ry rz``.
+    """
+    Ts = frames(chain, q)
+    R, p = Ts[..., :3, :3], Ts[..., :3, 3]
+    tip = (Ts[..., -1, :, :] @ chain.T_last_tcp)[..., :3, 3]
+    columns = np.zeros((*Ts.shape[:-2], 6, 6))
+    columns[..., :3, :3] = R
+    columns[..., 3:, 3:] = R
+    lever = (tip[..., None, :] - p)[..., None, :]
+    columns[..., :3, 3:] = np.swapaxes(np.cross(np.swapaxes(R, -1, -2), lever), -1, -2)
+    return columns
 
 
 def cartesian_compliance(chain: ElasticChain, q: Float) -> Float:
     """Compliance at the TCP, ``C(q) = sum_i J_i diag(c_i) J_i^T``.
 
-    Column d of ``J_i`` is the TCP twist of a unit displacement of element i in its direction d (Denkena2015 eq. 1-7 in
-    base axes; springs in series add their compliances).
+    Column d of ``J_i`` is the TCP twist of a unit displacement of element i in its direction d. Denkena2015 eq. 1-7 in
+    base axes: springs in series add their compliances.
 
     Args:
         chain: The chain.
@@ -46,61 +90,163 @@ def cartesian_compliance(chain: ElasticChain, q: Float) -> Float:
     Returns:
         (..., 6, 6) m/N, rad/N, m/(N m), rad/(N m): ``deflection = C w_tcp_base``; symmetric, positive semidefinite.
     """
-    Ts = frames(chain, joint_angles(q))
-    tip = (Ts[..., -1, :, :] @ chain.T_last_tcp)[..., :3, 3]
-    R = Ts[..., :3, :3]
-    columns = np.zeros((*Ts.shape[:-2], 6, 6))
-    columns[..., :3, :3] = R
-    columns[..., 3:, 3:] = R
-    columns[..., :3, 3:] = -rotation.skew(tip[..., None, :] - Ts[..., :3, 3]) @ R
-    out: Float = np.einsum("...nij,nj,...nkj->...ik", columns, chain.compliance, columns)
-    return out
-
-
-def _elastic(chain: ElasticChain, q: Float, loads: Float) -> Float:
-    """TCP pose with every element displaced by compliance times load. Loads (..., n, 6) in segment axes."""
-    q = joint_angles(q)
-    delta = chain.compliance * loads
-    lead = np.broadcast_shapes(q.shape[:-1], delta.shape[:-2])
-    T = np.broadcast_to(np.eye(4), (*lead, 4, 4))
-    for i in range(chain.n):
-        T = T @ chain.fixed[i]
-        if chain.joint[i] >= 0:
-            theta = chain.sign[i] * q[..., chain.joint[i]] + chain.offset[i]
-            T = T @ pose.make(rotation.about_z(theta))
-        d = delta[..., i, :]
-        T = T @ pose.make(rotation.from_zyx(d[..., [5, 4, 3]]), d[..., :3])
-    out: Float = T @ chain.T_last_tcp
-    return out
+    rows, _, lead = points(q, None)
+    out = np.empty((len(rows), 36))
+    compact = chain.compact
+    if len(rows) <= CHUNK:
+        compliance_range(compact.real, compact.kind, rows, out, 0, len(rows))
+    else:
+        compliance_threads(compact.real, compact.kind, rows, out)
+    return out.reshape(*lead, 6, 6)
 
 
 def deflection(
-    chain: ElasticChain, q: Float, w_tcp_base: Float, *, nonlinear: bool = True, gravity: bool = False
+    chain: ElasticChain,
+    q: Float,
+    w_tcp_base: Float,
+    *,
+    nonlinear: bool = True,
+    gravity: bool = False,
+    equilibrium: bool = False,
 ) -> Float:
-    """Deflection of the TCP: loaded minus unloaded.
+    """Deflection of the TCP: pose under load minus pose without it.
 
     Args:
         chain: The chain.
         q: (..., 6) rad.
-        w_tcp_base: (..., 6) N, N m, about the TCP in base axes.
+        w_tcp_base: (..., 6) N, N m, about the TCP in base axes; broadcast against ``q``.
         nonlinear: Compose the finite z-y'-x'' displacements (Haehn2020 eq. 2-9) instead of ``C(q) w``.
-        gravity: Own weight acts in both states.
+        gravity: Own weight, payload and counterbalance act in both states, so that the result is what the load alone
+            adds to the sag (:func:`counterflex.robot.gravity.sag`). Differs by second order only.
+        equilibrium: Take all loads on the deflected geometry (the wrench keeps its base axes and follows the TCP)
+            instead of the rigid one.
 
     Returns:
         (..., 6) translation of the TCP in m and rotation vector in rad, base axes.
+
+    Raises:
+        InputError: Wrong shapes, not finite, or ``gravity`` or ``equilibrium`` asked of the linear form.
+        ModelError: The deflection is beyond 0.2 rad or 1 m, where no elastic model holds, or there is no equilibrium.
     """
-    q = joint_angles(q)
-    w = as_float("w_tcp_base", w_tcp_base)
+    q, w, lead = points(q, w_tcp_base)
     if not nonlinear:
-        linear: Float = (cartesian_compliance(chain, q) @ w[..., None])[..., 0]
-        return linear
-    loads = element_loads(chain, q, w)
-    weight = weight_loads(chain, q) if gravity else np.zeros_like(loads)
-    return pose.difference(_elastic(chain, q, weight), _elastic(chain, q, weight + loads))
+        if gravity or equilibrium:
+            raise InputError("gravity and equilibrium need the nonlinear form", value="nonlinear=False")
+        out: Float = (cartesian_compliance(chain, q) @ w[:, :, None])[..., 0]
+    else:
+        out = np.empty((len(q), 6))
+        compact = chain.compact
+        how = SETTLED if equilibrium else ON_RIGID
+        if len(q) <= CHUNK:
+            failed = deflection_range(compact.real, compact.kind, q, w, how, int(gravity), out, 0, len(q))
+        elif len(q) >= LANES_FROM and not (gravity or equilibrium):
+            from counterflex.robot.kernels_lanes import deflection_lanes
+
+            deflection_lanes(compact.real, compact.kind, q, w, out)
+            failed = 0
+        else:
+            failed = deflection_threads(compact.real, compact.kind, q, w, how, int(gravity), out)
+        require_settled(failed)
+    _plausible(out)
+    return out.reshape(*lead, 6)
 
 
-def elastic_pose(chain: ElasticChain, q: Float, w_tcp_base: Float | None, *, gravity: bool) -> Float:
-    """See :func:`counterflex.robot.chain.forward_elastic`."""
-    w = np.zeros(6) if w_tcp_base is None else as_float("w_tcp_base", w_tcp_base)
-    loads = element_loads(chain, q, w)
-    return _elastic(chain, q, loads + weight_loads(chain, q) if gravity else loads)
+def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
+    """What each segment contributes to the linear deflection; the sum over segments is ``C(q) w``.
+
+    Args:
+        chain: The chain.
+        q: (..., 6) rad.
+        w_tcp_base: (..., 6) N, N m.
+
+    Returns:
+        (..., n, 6) m, rad, base axes at the TCP, in the order of ``chain.names``.
+    """
+    q, w, lead = points(q, w_tcp_base)
+    columns = element_jacobians(chain, q)
+    delta = chain.compliance * (np.swapaxes(columns, -1, -2) @ w[:, None, :, None])[..., 0]
+    out: Float = (columns @ delta[..., None])[..., 0]
+    return out.reshape(*lead, chain.n, 6)
+
+
+def linear_gap(
+    chain: ElasticChain, q: Float, w_tcp_base: Float, *, gravity: bool = False, equilibrium: bool = False
+) -> Float:
+    """How far the two forms differ: nonlinear deflection minus ``C(q) w``.
+
+    Args:
+        chain: The chain.
+        q: (..., 6) rad.
+        w_tcp_base: (..., 6) N, N m.
+        gravity: As for :func:`deflection`, on the nonlinear side.
+        equilibrium: As for :func:`deflection`, on the nonlinear side.
+
+    Returns:
+        (..., 6) m, rad, base axes.
+    """
+    curved = deflection(chain, q, w_tcp_base, gravity=gravity, equilibrium=equilibrium)
+    out: Float = curved - deflection(chain, q, w_tcp_base, nonlinear=False)
+    return out
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """Steps of many points; the arrays share their leading shape with the inputs.
+
+    Attributes:
+        deflection: (..., 6) loaded minus rigid pose at q, m and rad, base axes.
+        q_c: (..., 6) rad, angles whose deflected pose is the rigid pose of q.
+        residual: (..., 6) what is left of the deflection at q_c.
+        sigma: (...) distance from singularity, see :class:`counterflex.robot.kernels_step.ElasticStep`.
+        status: (...) 0, or bits DAMPED, CLAMPED, REFUSED of :mod:`counterflex.robot.kernels_step`.
+    """
+
+    deflection: Float
+    q_c: Float
+    residual: Float
+    sigma: Float
+    status: Int
+
+
+def corrections(chain: ElasticChain, q: Float, w_tcp_base: Float, *, gravity: bool = False) -> Corrections:
+    """Deflection and corrected joint angles of many points: the online step, batched and threaded.
+
+    Args:
+        chain: The chain.
+        q: (..., 6) rad.
+        w_tcp_base: (..., 6) N, N m.
+        gravity: Add own weight and payload to the load, so that sag is part of the deflection and undone too.
+
+    Returns:
+        The steps. Points too close to a singularity have status REFUSED and ``q_c = q``.
+    """
+    q, w, lead = points(q, w_tcp_base)
+    out = np.empty((len(q), 19))
+    status = np.empty(len(q), dtype=np.int64)
+    compact = chain.compact
+    if len(q) <= CHUNK:
+        step_range(compact.real, compact.kind, q, w, int(gravity), out, status, 0, len(q))
+    elif len(q) >= LANES_FROM and not gravity:
+        from counterflex.robot.kernels_lanes_step import step_lanes
+
+        step_lanes(compact.real, compact.kind, q, w, out, status)
+    else:
+        step_threads(compact.real, compact.kind, q, w, int(gravity), out, status)
+    return Corrections(
+        deflection=out[:, :6].reshape(*lead, 6),
+        q_c=out[:, 6:12].reshape(*lead, 6),
+        residual=out[:, 12:18].reshape(*lead, 6),
+        sigma=out[:, 18].reshape(lead),
+        status=status.reshape(lead),
+    )
+
+
+def _plausible(deflections: Float) -> None:
+    worst = np.max(np.abs(deflections), axis=0, initial=0.0)
+    if not (np.all(worst[:3] <= LARGEST_TRANSLATION) and np.all(worst[3:] <= LARGEST_ROTATION)):
+        raise ModelError(
+            "the load deflects the chain beyond any elastic model",
+            value=f"{worst[:3].max():.3g} m, {worst[3:].max():.3g} rad",
+            limit=f"<= {LARGEST_TRANSLATION:g} m, {LARGEST_ROTATION:g} rad",
+            hint="Check the units of load and compliance",
+        )

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.robot.chain import ElasticChain, frames, joint_angles
+from counterflex.robot.chain import ElasticChain, frames, joint_angles, points, require_settled
 from counterflex.robot.description import Counterbalance
+from counterflex.robot.kernels_batch import ON_RIGID, SETTLED, sag_range
 
 
 def counterbalance_torque(balance: Counterbalance, q_joint: Float | float) -> Float:
@@ -66,17 +67,24 @@ def weight_loads(chain: ElasticChain, q: Float) -> Float:
     return np.concatenate([f, m], axis=-1)
 
 
-def sag(chain: ElasticChain, q: Float) -> Float:
-    """How far own weight and payload move the unloaded TCP: pose with weight minus weightless pose.
+def sag(chain: ElasticChain, q: Float, *, equilibrium: bool = True) -> Float:
+    """How far own weight and payload move the TCP: unloaded pose with weight minus weightless pose.
 
     Args:
-        chain: The chain.
+        chain: The chain; its masses, gravity and counterbalance.
         q: (..., 6) rad.
+        equilibrium: Take the loads on the deflected geometry (default); else on the rigid one.
 
     Returns:
-        (..., 6) m, rad, base axes.
-    """
-    from counterflex.geometry import pose
-    from counterflex.robot.chain import forward, forward_elastic
+        (..., 6) translation m, rotation vector rad, base axes.
 
-    return pose.difference(forward(chain, q), forward_elastic(chain, q, gravity=True))
+    Raises:
+        ModelError: No stable equilibrium near the pose.
+    """
+    rows, _, lead = points(q, None)
+    out = np.empty((len(rows), 6))
+    compact = chain.compact
+    require_settled(
+        sag_range(compact.real, compact.kind, rows, SETTLED if equilibrium else ON_RIGID, out, 0, len(rows))
+    )
+    return out.reshape(*lead, 6)
