@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import FileFormatError
+from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.units import DEG, MM, N_PER_MM, N_PER_MM2, UM
 from counterflex.cutting import material
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
@@ -168,23 +168,31 @@ def _with_elastic(robot: Robot, tables: CellTables, where: str) -> Robot:
         old = segments[row.segment]
         compliance = row.over(old.compliance)
         if np.any(compliance < 0.0):
-            raise FileFormatError("a compliance is negative", where=f"{where}: robot.elastic {row.segment}", limit=">= 0")
+            raise FileFormatError(
+                "a compliance is negative", where=f"{where}: robot.elastic {row.segment}", limit=">= 0"
+            )
         mass = old.mass_kg if row.mass_kg is None else row.mass_kg
         segments[row.segment] = replace(old, compliance=compliance, mass_kg=mass)
     return replace(robot, segments=tuple(segments[segment.name] for segment in robot.segments))
 
 
 def _force_law(table: MaterialTable, where: str) -> ForceLaw:
+    if table.catalog is not None:
+        try:
+            return material.load(table.catalog).with_ratios(kr_over_kc=table.kr_over_kc, ka_over_kc=table.ka_over_kc)
+        except CounterflexError as fault:
+            raise FileFormatError(fault.what, where=f"{where}: material", limit=fault.limit, hint=fault.hint) from fault
     h_min, h_max = table.chip_min_um * UM, table.chip_max_um * UM
+    if h_min >= h_max:
+        raise FileFormatError(
+            "chip_min_um is not below chip_max_um",
+            where=f"{where}: material",
+            value=f"{table.chip_min_um:g} and {table.chip_max_um:g}",
+        )
     if table.law == "linear_edge":
-        if table.ktc_n_mm2 is None or table.krc_n_mm2 is None:
-            law = material.load(str(table.catalog)).law
-            if not isinstance(law, LinearEdgeLaw):
-                raise FileFormatError(f"material {table.catalog} has no linear-edge law", where=f"{where}: material")
-            return law
         return LinearEdgeLaw(
-            ktc_pa=table.ktc_n_mm2 * N_PER_MM2,
-            krc_pa=table.krc_n_mm2 * N_PER_MM2,
+            ktc_pa=(table.ktc_n_mm2 or 0.0) * N_PER_MM2,
+            krc_pa=(table.krc_n_mm2 or 0.0) * N_PER_MM2,
             kac_pa=(table.kac_n_mm2 or 0.0) * N_PER_MM2,
             kte_n_m=(table.kte_n_mm or 0.0) * N_PER_MM,
             kre_n_m=(table.kre_n_mm or 0.0) * N_PER_MM,
@@ -194,27 +202,17 @@ def _force_law(table: MaterialTable, where: str) -> ForceLaw:
             source=table.source,
             status="cell file",
         )
-    kc11, mc, source = table.kc11_n_mm2, table.mc, table.source
-    if kc11 is None or mc is None:
-        kc11, mc, source = material.kienzle_main(str(table.catalog))
-    missing = [name for name in ("kr_over_kc", "ka_over_kc") if getattr(table, name) is None]
-    if missing:
-        raise FileFormatError(
-            f"the key '{missing[0]}' is missing",
-            where=f"{where}: material",
-            hint="No open table gives radial and axial constants; state the ratio you assume (0.3 to 0.5, 0.1 to 0.3)",
-        )
-    kr, ka = float(table.kr_over_kc or 0.0), float(table.ka_over_kc or 0.0)
+    kc11, mc = table.kc11_n_mm2 or 0.0, table.mc or 0.0
     return KienzleLaw.from_k11(
         kc11 * N_PER_MM2,
         mc,
-        kr11_pa=kr * kc11 * N_PER_MM2,
+        kr11_pa=(table.kr_over_kc or 0.0) * kc11 * N_PER_MM2,
         mr=mc if table.mr is None else table.mr,
-        ka11_pa=ka * kc11 * N_PER_MM2,
+        ka11_pa=(table.ka_over_kc or 0.0) * kc11 * N_PER_MM2,
         ma=mc if table.ma is None else table.ma,
         h_min_m=h_min,
         h_max_m=h_max,
-        source=source,
+        source=table.source,
         status="cell file",
     )
 
@@ -222,7 +220,8 @@ def _force_law(table: MaterialTable, where: str) -> ForceLaw:
 def _stock(table: StockTable, folder: Path) -> HeightMap:
     cell_m = table.cell_mm * MM
     if table.box_min_mm is not None and table.box_max_mm is not None:
-        return HeightMap.from_box(np.array(table.box_min_mm) * MM, np.array(table.box_max_mm) * MM, cell_m)
+        low, high = ((x * MM, y * MM, z * MM) for x, y, z in (table.box_min_mm, table.box_max_mm))
+        return HeightMap.from_box(low, high, cell_m)
     if table.stl is not None:
         return HeightMap.from_stl(folder / table.stl, cell_m)
     return HeightMap.load(folder / str(table.result))

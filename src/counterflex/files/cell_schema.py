@@ -10,7 +10,7 @@ from counterflex.files.schema import ComplianceTable, PoseTable, Table, Versione
 
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
-Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Vector = tuple[float, float, float]
 Share = Annotated[float, Field(ge=0.0, le=5.0)]
 
 
@@ -102,10 +102,22 @@ class MaterialTable(Table):
 
     @model_validator(mode="after")
     def _complete(self) -> MaterialTable:
-        if self.law == "kienzle" and self.catalog is None and (self.kc11_n_mm2 is None or self.mc is None):
-            raise ValueError("the Kienzle law needs kc11_n_mm2 and mc, or a catalog material")
-        if self.law == "linear_edge" and self.catalog is None and (self.ktc_n_mm2 is None or self.krc_n_mm2 is None):
-            raise ValueError("the linear-edge law needs at least ktc_n_mm2 and krc_n_mm2, or a catalog material")
+        numbers = [
+            key
+            for key in ("kc11_n_mm2", "mc", "mr", "ma", "ktc_n_mm2", "krc_n_mm2", "kac_n_mm2", "kte_n_mm", "kre_n_mm")
+            if getattr(self, key) is not None
+        ]
+        if self.catalog is not None:
+            if numbers:
+                raise ValueError(f"a catalog material brings its own constants: remove {numbers[0]}, or remove catalog")
+            return self
+        wanted = {
+            "kienzle": ("kc11_n_mm2", "mc", "kr_over_kc", "ka_over_kc"),
+            "linear_edge": ("ktc_n_mm2", "krc_n_mm2"),
+        }[self.law]
+        missing = [key for key in wanted if getattr(self, key) is None]
+        if missing:
+            raise ValueError(f"the {self.law} law needs {missing[0]} (or a catalog material)")
         return self
 
 
@@ -149,8 +161,13 @@ class PostureTable(Table):
 
     shoulder: Literal["front", "back"] = "front"
     elbow: Literal["up", "down"] = "up"
-    wrist: Literal["no_flip", "flip"] = "no_flip"
+    wrist: Literal["noflip", "flip"] = "noflip"
     rotation_about_tool_deg: Annotated[float, Field(ge=-360.0, le=360.0)] = 0.0
+
+    @property
+    def branch(self) -> str:
+        """The posture as the inverse kinematics names it."""
+        return f"{self.shoulder} {self.elbow} {self.wrist}"
 
 
 class ControllerTable(Table):

@@ -1,0 +1,223 @@
+"""Small questions: where is the flange, how far does it bend, is this cell plausible."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_float
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
+from counterflex.files.cell import Cell, read_cell
+from counterflex.geometry import pose, rotation
+from counterflex.robot import catalog, compliance, gravity, inverse
+from counterflex.robot.chain import ElasticChain, forward
+
+UNIT_FORCE_N = 100.0
+
+
+def robots() -> list[dict[str, Any]]:
+    """One row per catalogue robot: name, model, reach, payload, and the status of each group of numbers."""
+    rows = []
+    for name in catalog.names():
+        entry = catalog.entry(name)
+        rows.append(
+            {
+                "name": name,
+                "model": f"{entry.manufacturer} {entry.model}",
+                "reach_mm": entry.reach_mm,
+                "payload_kg": entry.payload_kg,
+                "status": {group: source.status for group, source in entry.sources.items()},
+                "source": {group: source.source for group, source in entry.sources.items()},
+            }
+        )
+    return rows
+
+
+def load_chain(robot_or_cell: str) -> tuple[ElasticChain, Cell | None]:
+    """The elastic chain of a cell file, or of a bare catalogue robot whose TCP is its flange."""
+    if Path(robot_or_cell).suffix == ".toml" or Path(robot_or_cell).exists():
+        cell = read_cell(robot_or_cell)
+        return cell.chain, cell
+    return ElasticChain.build(catalog.load(robot_or_cell)), None
+
+
+def pose_of_joints(chain: ElasticChain, joints_deg: list[float]) -> dict[str, Any]:
+    """TCP pose in the base for joint angles, with the margin to every joint limit."""
+    q = _joints(chain, joints_deg)
+    return {
+        "tcp_in_base": _pose_mm_deg(forward(chain, q)),
+        "joints_deg": list(joints_deg),
+        "margins": _margins(chain, q),
+    }
+
+
+def joints_of_pose(chain: ElasticChain, xyz_mm: list[float], abc_deg: list[float]) -> dict[str, Any]:
+    """All joint angles that bring the TCP to a pose, branch by branch.
+
+    Raises:
+        ReachError: No branch reaches the pose within the joint limits.
+    """
+    T_base_tcp = pose.from_xyz_zyx(as_float("--xyz-mm", xyz_mm, (3,)) * MM, as_float("--abc-deg", abc_deg, (3,)) * DEG)
+    return {
+        "tcp_in_base": _pose_mm_deg(T_base_tcp),
+        "solutions": [
+            {
+                "branch": str(solution.branch),
+                "joints_deg": _round(solution.q / DEG, 6),
+                "margins": _margins(chain, solution.q),
+                "wrist_deg": round(float(solution.wrist_rad / DEG), 3),
+            }
+            for solution in inverse.inverse_all(chain, T_base_tcp)
+        ],
+    }
+
+
+def deflection(
+    chain: ElasticChain, joints_deg: list[float], force_n: list[float], moment_nm: list[float]
+) -> dict[str, Any]:
+    """Deflection at the TCP under a wrench in base axes: linear, nonlinear, sag, compliance, and who bends most."""
+    q = _joints(chain, joints_deg)
+    w = np.concatenate([as_float("--force-n", force_n, (3,)), as_float("--moment-nm", moment_nm, (3,))])
+    C = compliance.cartesian_compliance(chain, q)
+    linear = C @ w
+    nonlinear = compliance.deflection(chain, q, w)
+    sag = gravity.sag(chain, q)
+    return {
+        "tcp_in_base": _pose_mm_deg(forward(chain, q)),
+        "force_n": list(force_n),
+        "moment_nm": list(moment_nm),
+        "linear": _twist(linear),
+        "nonlinear": _twist(nonlinear),
+        "gap_um": round(float(np.linalg.norm((nonlinear - linear)[:3]) / UM), 4),
+        "gravity_sag": _twist(sag),
+        "compliance": {
+            "translation_um_per_kn": [_round(row, 3) for row in C[:3, :3] / UM_PER_KN],
+            "rotation_urad_per_knm": [_round(row, 3) for row in C[3:, 3:] / URAD_PER_KNM],
+            "coupling_um_per_knm": [_round(row, 3) for row in C[:3, 3:] / UM_PER_KN],
+        },
+        "shares": shares(chain, q, w),
+    }
+
+
+def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> list[dict[str, Any]]:
+    """Contribution of each elastic segment to the displacement of the TCP, largest first."""
+    parts = compliance.shares(chain, q, w_tcp_base)
+    total = compliance.cartesian_compliance(chain, q) @ w_tcp_base
+    length = float(np.linalg.norm(total[:3]))
+    rows = []
+    for name, part in zip(chain.names, parts, strict=True):
+        share = float(part[:3] @ total[:3]) / length**2 if length > 0.0 else 0.0
+        if np.any(part != 0.0):
+            rows.append({"segment": name, "dx_dy_dz_um": _round(part[:3] / UM, 3), "share": round(share, 4)})
+    return sorted(rows, key=lambda row: -abs(float(row["share"])))  # type: ignore[arg-type]
+
+
+def check_cell(path: str) -> dict[str, Any]:
+    """Resolve a cell and judge it: reach of the stock's corners, compliance at the part, weakest element, warnings."""
+    cell = read_cell(path)
+    chain = cell.chain
+    warnings: list[str] = []
+    stock = cell.stock()
+    law, tools = cell.force_law, [cell.cutter(tool.number) for tool in cell.tables.tools]
+    low, high = stock.bounds_m()
+    corners = np.array([[x, y, high[2]] for x in (low[0], high[0]) for y in (low[1], high[1])])
+    from counterflex.plan import posture
+    from counterflex.plan.tool_frame import tool_orientation, tool_poses
+
+    axes = np.tile([0.0, 0.0, 1.0], (len(corners), 1))
+    Rs_part_tcp = tool_orientation(axes, cell.tables.posture.rotation_about_tool_deg * DEG)
+    Ts_base_tcp = tool_poses(cell.T_base_part, corners, Rs_part_tcp)
+    q = np.array([posture.solve(chain, T, cell.posture) for T in Ts_base_tcp])
+    margins = [_margins(chain, row) for row in q]
+    centre = q[0]
+    worst = []
+    for axis, name in enumerate("xyz"):
+        w = np.zeros(6)
+        w[axis] = UNIT_FORCE_N
+        d = compliance.cartesian_compliance(chain, centre) @ w
+        weakest = shares(chain, centre, w)
+        worst.append(
+            {
+                "direction": name,
+                "um_per_n": round(float(d[axis] / UNIT_FORCE_N / UM), 3),
+                "weakest": weakest[0]["segment"] if weakest else "",
+                "share": weakest[0]["share"] if weakest else 0.0,
+            }
+        )
+        if d[axis] / UNIT_FORCE_N > 20.0 * UM:
+            warnings.append(f"{d[axis] / UNIT_FORCE_N / UM:.1f} um/N along {name} is softer than milling robots are")
+        if d[axis] == 0.0:
+            warnings.append(f"the cell is rigid along {name}: no elastic element acts there")
+    sag = np.array([gravity.sag(chain, row)[:3] for row in q])
+    spread = sag - sag.mean(axis=0)
+    known = [entry for entry in margins if min(entry.values()) < cell.tables.limits.joint_margin_deg]
+    if known:
+        warnings.append("a joint comes closer to its limit than limits.joint_margin_deg at a corner of the stock")
+    return {
+        "cell": cell.name,
+        "robot": chain.name,
+        "segments": [
+            {
+                "segment": name,
+                "compliance": _nonzero(chain.compliance[i]),
+                "mass_kg": round(float(chain.mass[i]), 3),
+            }
+            for i, name in enumerate(chain.names)
+        ],
+        "mass_kg": round(float(chain.mass.sum()), 2),
+        "force_law": {"law": type(law).__name__, "source": law.source, "status": law.status},
+        "tools": [{"diameter_mm": tool.diameter_m / MM, "flutes": tool.flutes} for tool in tools],
+        "stock_mm": {"low": _round(np.array(low) / MM, 3), "high": _round(np.array(high) / MM, 3)},
+        "at_corner": {"xyz_mm": _round(corners[0] / MM, 3), "joints_deg": _round(centre / DEG, 3)},
+        "softness": worst,
+        "sag_at_corners_um": [_round(row / UM, 1) for row in sag],
+        "sag_variation_um": round(float(np.max(np.linalg.norm(spread, axis=1)) / UM), 1),
+        "smallest_joint_margin_deg": round(min(min(entry.values()) for entry in margins), 2),
+        "warnings": warnings,
+    }
+
+
+def _joints(chain: ElasticChain, joints_deg: list[float]) -> Float:
+    q: Float = as_float("--joints-deg", joints_deg, (6,)) * DEG
+    outside = (q < chain.joint_limits_rad[:, 0]) | (q > chain.joint_limits_rad[:, 1])
+    if np.any(outside):
+        axis = int(np.argmax(outside))
+        low, high = chain.joint_limits_rad[axis] / DEG
+        raise InputError(
+            f"axis {axis + 1} of {chain.name} cannot be there",
+            value=f"{joints_deg[axis]:g} deg",
+            limit=f"{low:g} to {high:g} deg",
+        )
+    return q
+
+
+def _margins(chain: ElasticChain, q: Float) -> dict[str, float]:
+    margin = np.minimum(q - chain.joint_limits_rad[:, 0], chain.joint_limits_rad[:, 1] - q) / DEG
+    return {f"axis{i + 1}": round(float(value), 3) for i, value in enumerate(margin)}
+
+
+def _pose_mm_deg(T: Float) -> dict[str, float]:
+    position, angles = T[:3, 3] / MM, rotation.to_zyx(T[:3, :3]) / DEG
+    names = ("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg")
+    return {name: round(float(value), 6) for name, value in zip(names, [*position, *angles], strict=True)}
+
+
+def _twist(d: Float) -> dict[str, Any]:
+    return {
+        "dx_dy_dz_um": _round(d[:3] / UM, 3),
+        "length_um": round(float(np.linalg.norm(d[:3]) / UM), 3),
+        "rx_ry_rz_urad": _round(d[3:] / URAD, 3),
+    }
+
+
+def _nonzero(values: Float) -> dict[str, float]:
+    from counterflex.files.schema import ComplianceTable
+
+    return ComplianceTable.of(values)
+
+
+def _round(values: Float, digits: int) -> list[float]:
+    return [round(float(value), digits) + 0.0 for value in values]

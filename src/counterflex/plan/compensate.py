@@ -1,0 +1,318 @@
+"""From a tool path to a compensated one: predict force and deflection point by point and move the points against them.
+
+Where the compensation works, the tool runs along the nominal path; so the force that decides the correction is that of
+the *undisturbed* cut. Commanded = nominal - (deflection under that force + sag that is left). What then remains, and
+what the uncompensated program would have done, are predicted by cutting again with the tool free to bend.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.errors import ModelError, ReachError
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import DEG, MM
+from counterflex.cutting.coefficients import ForceLaw
+from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.stock import HeightMap
+from counterflex.geometry import wrench
+from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.plan.cut import Cut, Mode, cut
+from counterflex.plan.part_frame import sag_deviation, true_part_frame
+from counterflex.plan.plan import Plan, across
+from counterflex.plan.smoothing import moving_average
+from counterflex.plan.tool_frame import tool_orientation, tool_poses
+from counterflex.robot import compliance, gravity
+from counterflex.robot.chain import ElasticChain
+from counterflex.robot.inverse import PathSolution, inverse_path
+
+EXTRAPOLATED_SHARE = 0.02
+"""Share of the force impulse that may come from chips outside the law's range before planning refuses."""
+_CONTACT_M3 = 1e-12
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds on what compensation may do; a plan that needs more is refused, never clipped.
+
+    Attributes:
+        correction_m: Largest correction.
+        rotation_rad: Largest correction of the orientation.
+        joint_margin_rad: Smallest distance to a joint limit.
+        wrist_rad: Smallest angle between axes 4 and 6.
+    """
+
+    correction_m: float = 3.0 * MM
+    rotation_rad: float = 1.0 * DEG
+    joint_margin_rad: float = 2.0 * DEG
+    wrist_rad: float = 5.0 * DEG
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """All that planning stands on.
+
+    Attributes:
+        chain: Robot and end effector.
+        T_base_part: (4, 4) part frame as the controller knows it.
+        datum_points_part: (k, 3) m where the robot touched the part to measure that frame, or None when it was
+            measured from outside.
+        branch: Posture of the arm, for example ``front up noflip``.
+        rotation_about_tool_rad: Free rotation, see :func:`counterflex.plan.tool_frame.tool_orientation`.
+        law: Force law.
+        cutter_of: Gives the cutter of a tool number.
+        mode: Lowest structural mode.
+        limits: Bounds.
+        normal_only: Correct square to the feed only (Haehn2020 eq. 10).
+        orientation: Correct the orientation too.
+        smoothing_m: Window over which predicted force is averaged along the path.
+        allow_extrapolation: Accept force from chips outside the law's range.
+    """
+
+    chain: ElasticChain
+    T_base_part: Float
+    datum_points_part: Float | None
+    branch: str
+    rotation_about_tool_rad: float
+    law: ForceLaw
+    cutter_of: Callable[[int], Cutter]
+    mode: Mode
+    limits: Limits = Limits()
+    normal_only: bool = False
+    orientation: bool = False
+    smoothing_m: float = 2.0 * MM
+    allow_extrapolation: bool = False
+
+
+def plan(
+    path: ToolPath,
+    line_of_motion: Int,
+    stock: HeightMap,
+    setting: Setting,
+    *,
+    predict: bool = True,
+    progress: Progress = silent,
+) -> Plan:
+    """Plan the compensation of a path.
+
+    Args:
+        path: The nominal path.
+        line_of_motion: (motions,) source line of each program motion.
+        stock: The blank; left as it is.
+        setting: Robot, part, tools, law, bounds.
+        predict: Also predict the deviations of the uncompensated and the compensated program.
+        progress: Told the fraction done; may raise to interrupt.
+
+    Returns:
+        The plan.
+
+    Raises:
+        ReachError: A point cannot be reached within limits; names the source line.
+        ModelError: A correction is beyond its bound, or force comes from chips outside the law's range.
+        ProgramError: Material is cut with the spindle stopped.
+    """
+    line: Int = line_of_motion[path.motion]
+    joints = solve_joints(path, line, setting)
+    progress(0.1, "undisturbed cut")
+    share = 0.3 if predict else 0.8
+
+    def part_of(begin: float, length: float, what: str) -> Progress:
+        return lambda fraction, _="": progress(begin + length * fraction, what)
+
+    undisturbed = cut(
+        path,
+        path.p_part_tcp,
+        stock.copy(),
+        setting.cutter_of,
+        setting.law,
+        progress=part_of(0.1, share, "undisturbed cut"),
+    )
+    contact = (path.kind == FEED) & (undisturbed.volume_m3 > _CONTACT_M3)
+    _check_chips(undisturbed, contact, path, line, setting)
+    w = at_points(smoothed(undisturbed.w_tcp_part, path, contact, setting.smoothing_m), contact)
+    R_base_part = setting.T_base_part[:3, :3]
+    deflection = wrench.rotate(
+        R_base_part.T, compliance.deflection(setting.chain, joints.q, wrench.rotate(R_base_part, w))
+    )
+    deflection[~contact] = 0.0
+    sag = residual_sag(path.p_part_tcp, joints.q, setting)
+    correction = np.where(contact[:, None], -(deflection[:, :3] + sag), 0.0)
+    if setting.normal_only:
+        correction = across(correction, path.p_part_tcp)
+    turn = np.where(contact[:, None], -deflection[:, 3:], 0.0) if setting.orientation else np.zeros_like(correction)
+    _check_corrections(correction, turn, line, setting.limits)
+    nominal = np.full((len(path), 3), np.nan)
+    compensated = nominal.copy()
+    w_nominal = np.full((len(path), 6), np.nan)
+    if predict:
+        C_part = part_compliance(setting, joints.q)
+        command = path.p_part_tcp + correction
+        bent = cut(
+            path,
+            path.p_part_tcp,
+            stock.copy(),
+            setting.cutter_of,
+            setting.law,
+            compliance_part=C_part,
+            mode=setting.mode,
+            progress=part_of(0.4, 0.3, "uncompensated program"),
+        )
+        nominal, w_nominal = bent.displacement_part[:, :3] + sag, bent.w_tcp_part
+        rest = cut(
+            path,
+            command,
+            stock.copy(),
+            setting.cutter_of,
+            setting.law,
+            compliance_part=C_part,
+            mode=setting.mode,
+            progress=part_of(0.7, 0.3, "compensated program"),
+        )
+        compensated = rest.displacement_part[:, :3] + sag + correction
+    progress(1.0)
+    return Plan(
+        path=path,
+        line=line,
+        q=joints.q,
+        w_tcp_part=w,
+        deflection_part=deflection,
+        sag_part=sag,
+        correction_part=correction,
+        rotvec_part=turn,
+        volume_m3=undisturbed.volume_m3,
+        axial_depth_m=undisturbed.axial_depth_m,
+        entry_rad=undisturbed.entry_rad,
+        exit_rad=undisturbed.exit_rad,
+        feed_per_tooth_m=undisturbed.feed_per_tooth_m,
+        deviation_nominal_part=nominal,
+        deviation_compensated_part=compensated,
+        w_nominal_part=w_nominal,
+    )
+
+
+def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:
+    """Joint angles along the path, with the margins that the limits ask for.
+
+    Raises:
+        ReachError: Out of reach, out of limits, too near a limit or a singularity; names the source line.
+    """
+    Rs_part_tcp = tool_orientation(path.axis_part, setting.rotation_about_tool_rad)
+    Ts_base_tcp = tool_poses(setting.T_base_part, path.p_part_tcp, Rs_part_tcp)
+    try:
+        joints = inverse_path(setting.chain, Ts_base_tcp, setting.branch)
+    except ReachError as fault:
+        row = int(fault.data.get("point", 0))
+        raise ReachError(
+            fault.what,
+            where=_place(path, line, row),
+            value=fault.value,
+            limit=fault.limit,
+            hint=fault.hint,
+            **fault.data,
+        ) from fault
+    limits = setting.limits
+    row = int(np.argmin(joints.limit_margin_rad))
+    if joints.limit_margin_rad[row] < limits.joint_margin_rad:
+        raise ReachError(
+            f"axis {int(joints.limit_axis[row]) + 1} comes too close to its limit",
+            where=_place(path, line, row),
+            value=f"{joints.limit_margin_rad[row] / DEG:.2f} deg left",
+            limit=f">= {limits.joint_margin_rad / DEG:g} deg (limits.joint_margin_deg)",
+            hint="Move the part, or turn the tool about its axis",
+        )
+    row = int(np.argmin(joints.wrist))
+    if joints.wrist[row] < np.sin(limits.wrist_rad):
+        raise ReachError(
+            "the wrist comes too close to its singularity",
+            where=_place(path, line, row),
+            value=f"axis 5 at {float(np.arcsin(joints.wrist[row])) / DEG:.2f} deg from it",
+            limit=f">= {limits.wrist_rad / DEG:g} deg (limits.wrist_singularity_deg)",
+            hint="Move the part, or turn the tool about its axis",
+        )
+    return joints
+
+
+def residual_sag(p_part: Float, q: Float, setting: Setting) -> Float:
+    """(n, 3) m, deviation that own weight leaves along the path, see :mod:`counterflex.plan.part_frame`."""
+    sag = gravity.sag(setting.chain, q)[:, :3]
+    if setting.datum_points_part is None:
+        return sag_deviation(setting.T_base_part, setting.T_base_part, p_part, sag)
+    datum = setting.datum_points_part
+    axes = np.tile([0.0, 0.0, 1.0], (len(datum), 1))
+    Rs_part_tcp = tool_orientation(axes, setting.rotation_about_tool_rad)
+    q_datum = inverse_path(setting.chain, tool_poses(setting.T_base_part, datum, Rs_part_tcp), setting.branch).q
+    T_base_true = true_part_frame(setting.T_base_part, datum, gravity.sag(setting.chain, q_datum)[:, :3])
+    return sag_deviation(setting.T_base_part, T_base_true, p_part, sag)
+
+
+def part_compliance(setting: Setting, q: Float) -> Float:
+    """(n, 6, 6) compliance at the tool tip in part axes."""
+    R_part_base = setting.T_base_part[:3, :3].T
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = R_part_base
+    out: Float = turn @ compliance.cartesian_compliance(setting.chain, q) @ turn.T
+    return np.ascontiguousarray(out)
+
+
+def smoothed(w: Float, path: ToolPath, contact: Bool, window_m: float) -> Float:
+    """Force averaged along the path within each stretch of contact (the height map's grid makes it noisy)."""
+    station = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p_part_tcp, axis=0), axis=1))])
+    stretch = np.cumsum(np.diff(contact.astype(np.int64), prepend=0) != 0)
+    out = moving_average(w, station, window_m, stretch)
+    out[~contact] = 0.0
+    return out
+
+
+def at_points(w: Float, contact: Bool) -> Float:
+    """Force at the points from force over the segments: the mean of the segments that meet there, while in contact.
+
+    At the last point of a stretch that ends inside the material (the tool then lifts) the last segment's force stands.
+    """
+    out = w.copy()
+    both = contact[:-1] & contact[1:]
+    out[:-1][both] = 0.5 * (w[:-1][both] + w[1:][both])
+    return out
+
+
+def _check_chips(result: Cut, contact: Bool, path: ToolPath, line: Int, setting: Setting) -> None:
+    force = np.linalg.norm(result.w_tcp_part[:, :3], axis=1) * np.diff(path.time_s, prepend=path.time_s[:1])
+    total = float(force[contact].sum())
+    law = setting.law
+    outside = contact & ((result.chip_m < law.h_min_m) | (result.chip_m > law.h_max_m))
+    share = float(force[outside].sum()) / total if total > 0.0 else 0.0
+    if share > EXTRAPOLATED_SHARE and not setting.allow_extrapolation:
+        row = int(np.argmax(np.where(outside, force, -1.0)))
+        raise ModelError(
+            "force would come from chips outside the range of the cutting constants",
+            where=_place(path, line, row),
+            value=f"mean chip {result.chip_m[row] / MM:.4f} mm, {100 * share:.0f} % of the force",
+            limit=f"{law.h_min_m / MM:g} to {law.h_max_m / MM:g} mm, at most {100 * EXTRAPOLATED_SHARE:g} %",
+            hint="Use constants measured at this feed, or set material.allow_extrapolation = true",
+            share=share,
+        )
+
+
+def _check_corrections(correction: Float, turn: Float, line: Int, limits: Limits) -> None:
+    for values, limit, unit, name, key in (
+        (correction, limits.correction_m, MM, "mm", "correction_mm"),
+        (turn, limits.rotation_rad, DEG, "deg", "correction_deg"),
+    ):
+        size = np.linalg.norm(values, axis=1)
+        row = int(np.argmax(size)) if len(size) else 0
+        if len(size) and size[row] > limit:
+            raise ModelError(
+                "the correction needed is beyond its bound",
+                where=f"line {int(line[row])}",
+                value=f"{size[row] / unit:.3f} {name}",
+                limit=f"<= {limit / unit:g} {name} (limits.{key})",
+                hint="Cut less at a time, place the part better, or raise the bound if it is safe",
+            )
+
+
+def _place(path: ToolPath, line: Int, row: int) -> str:
+    at = ", ".join(f"{value:.3f}" for value in path.p_part_tcp[row] / MM)
+    return f"line {int(line[row])}, at ({at}) mm"

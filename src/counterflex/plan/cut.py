@@ -1,0 +1,177 @@
+"""Cut a path in the model: engagement, force and displacement per row, undisturbed or bending."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int, as_float
+from counterflex.core.errors import InputError, ProgramError
+from counterflex.core.progress import Progress, silent
+from counterflex.cutting.coefficients import ForceLaw
+from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.mean_force import mean_force_weights
+from counterflex.cutting.removal import bin_edges_rad, grid_of, stamp_workspace
+from counterflex.cutting.stock import HeightMap, require_vertical
+from counterflex.path.toolpath import FEED, RAPID, ToolPath
+from counterflex.plan.cut_kernel import STATE, cut_rows
+
+ROWS_PER_CALL = 2000
+
+
+@dataclass(frozen=True)
+class Mode:
+    """The lowest structural mode, through which force becomes displacement.
+
+    Attributes:
+        omega_rad_s: Undamped angular frequency, > 0.
+        damping_ratio: > 0.
+    """
+
+    omega_rad_s: float
+    damping_ratio: float
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """What cutting a path gives, one row per path point (row i: the segment that ends there). Part axes, SI.
+
+    Attributes:
+        w_tcp_part: (n, 6) N, N m, mean wrench on the tool about its tip.
+        displacement_part: (n, 6) m, rad, displacement of the tool at the end of the row (zero when undisturbed).
+        volume_m3: (n,) removed, by rapids too.
+        axial_depth_m: (n,) largest engaged axial depth.
+        entry_rad: (n,) immersion angle where the engagement begins; NaN out of the cut.
+        exit_rad: (n,) where it ends.
+        feed_per_tooth_m: (n,) along the path actually run.
+        chip_m: (n,) mean chip thickness ``f_z mean(sin phi)``; 0 out of the cut.
+    """
+
+    w_tcp_part: Float
+    displacement_part: Float
+    volume_m3: Float
+    axial_depth_m: Float
+    entry_rad: Float
+    exit_rad: Float
+    feed_per_tooth_m: Float
+    chip_m: Float
+
+    def collisions(self, kind: Int) -> Int:
+        """Rows of rapids that removed material."""
+        out: Int = np.flatnonzero((kind == RAPID) & (self.volume_m3 > 1e-12))
+        return out
+
+
+def cut(
+    path: ToolPath,
+    p_part_command: Float,
+    stock: HeightMap,
+    cutter_of: Callable[[int], Cutter],
+    law: ForceLaw,
+    *,
+    compliance_part: Float | None = None,
+    mode: Mode | None = None,
+    progress: Progress = silent,
+) -> Cut:
+    """Cut the stock along a commanded path.
+
+    Args:
+        path: Times, kinds, speeds and tools of the rows.
+        p_part_command: (n, 3) m commanded tool tips, part frame (``path.p_part_tcp`` for the program as it is).
+        stock: The blank; it is cut in place.
+        cutter_of: Gives the cutter of a tool number.
+        law: Force law.
+        compliance_part: (n, 6, 6) compliance at the tool tip in part axes, to let the tool bend; None keeps it where
+            it is commanded.
+        mode: The mode through which it bends; needed with ``compliance_part``.
+        progress: Told the fraction of rows done; may raise to interrupt.
+
+    Returns:
+        The cut, row by row.
+
+    Raises:
+        ProgramError: Material is cut in feed motion with the spindle stopped.
+        ModelError: The tool is tilted.
+        InputError: Shapes differ, or compliance without mode.
+    """
+    n = len(path)
+    command = as_float("p_part_command", p_part_command, (n, 3))
+    require_vertical(path.axis_part)
+    if (compliance_part is None) != (mode is None):
+        raise InputError("bending needs both a compliance and a mode")
+    C = np.zeros((n, 6, 6)) if compliance_part is None else as_float("compliance_part", compliance_part, (n, 6, 6))
+    omega, zeta = (0.0, 1.0) if mode is None else (mode.omega_rad_s, mode.damping_ratio)
+    w, x = np.zeros((n, 6)), np.zeros((n, 6))
+    volume, axial, feed_tooth, chip = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    entry, exit_ = np.full(n, np.nan), np.full(n, np.nan)
+    if n < 2:
+        return Cut(w, x, volume, axial, entry, exit_, feed_tooth, chip)
+    grid, edges, state = grid_of(stock), bin_edges_rad(), np.zeros(STATE)
+    state[12:15] = command[0]
+    kind, tool = np.ascontiguousarray(path.kind, dtype=np.int64), path.tool
+    changes = [1, *(np.flatnonzero(np.diff(tool[1:])) + 2).tolist(), n]
+    for begin, end in itertools.pairwise(changes):
+        active = np.any(kind[begin:end] == FEED)
+        if not active and _far_above(command[begin - 1 : end], stock):
+            state[12:15] = command[end - 1]
+            state[15] = 0.0
+            continue
+        cutter = cutter_of(int(tool[begin]))
+        weights = mean_force_weights(cutter, law)
+        workspace, shape = stamp_workspace(cutter), cutter.kernel_parameters()
+        depth, extra = np.zeros((weights.n_levels, weights.n_bins)), np.zeros(2)
+        feed_frame, force = np.zeros(6), np.zeros(6)
+        state[15] = 0.0
+        for at in range(begin, end, ROWS_PER_CALL):
+            stop = min(at + ROWS_PER_CALL, end)
+            cut_rows(
+                at,
+                stop,
+                command,
+                kind,
+                path.time_s,
+                path.spindle_rad_s,
+                C,
+                omega,
+                zeta,
+                float(cutter.flutes),
+                grid,
+                shape,
+                workspace,
+                weights.terms,
+                weights.arc,
+                weights.levels,
+                edges,
+                state,
+                depth,
+                extra,
+                feed_frame,
+                force,
+                w,
+                x,
+                volume,
+                axial,
+                entry,
+                exit_,
+                feed_tooth,
+                chip,
+            )
+            progress(stop / n)
+    stopped = (kind == FEED) & (volume > 1e-12) & (path.spindle_rad_s == 0.0)
+    if np.any(stopped):
+        row = int(np.argmax(stopped))
+        raise ProgramError(
+            "the program cuts material with the spindle stopped",
+            where=f"motion {int(path.motion[row])}, at {np.round(path.p_part_tcp[row] * 1e3, 3).tolist()} mm",
+            hint="Start the spindle (M3 S...) before the first cut",
+            row=row,
+        )
+    return Cut(w, x, volume, axial, entry, exit_, feed_tooth, chip)
+
+
+def _far_above(points: Float, stock: HeightMap) -> bool:
+    """True when a tool moving through these points stays above the stock."""
+    return bool(np.min(points[:, 2]) > float(stock.z.max()))

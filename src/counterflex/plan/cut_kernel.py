@@ -1,0 +1,206 @@
+"""Kernel: walk along a path, cut the stock step by step, and let the force bend the tool away, causally in time.
+
+At each step the tool is where the command and the displacement of the last step put it; the segment it sweeps is cut,
+what was removed gives the engagement, the engagement gives the force, and the force drives one structural mode,
+
+    x'' + 2 zeta w x' + w^2 x = w^2 C F,
+
+advanced exactly over the step with the force held (closed form of the damped oscillator). A whole-path fixed point of
+force and displacement diverges at entries and exits; this order in time does not.
+"""
+
+from __future__ import annotations
+
+import math
+
+from counterflex.core.jit import kernel
+from counterflex.cutting.mean_force import mean_wrench
+from counterflex.cutting.sweep_kernels import stamp_segment
+from counterflex.path.toolpath import FEED
+
+STATE = 16
+"""Carried from row to row: displacement (6), its rate (6), last tip (3), whether the last segment was stamped (1)."""
+
+SHORTEST_STEP = 0.25
+"""A bending tool in the cut is advanced in steps of at most this over omega (1/25 of the mode's period) ..."""
+LONGEST_STEP = 1.0
+"""... unless the force is so light that longer ones, up to this over omega, cannot excite it."""
+GAIN = 0.2
+"""Bound on how much of a step's displacement the force of the next step may answer. The direction of the chip follows
+the tool's own velocity, so a displacement rate u turns the force by u / v; over a step that displaces the tool by
+``(F C / v) u (omega dt)^2 / (2 dt)`` more, and force and displacement chase each other when that gain nears one."""
+
+_TWO_PI = 2.0 * math.pi
+_THRESHOLD = 0.02  # of the largest bin: below it a bin counts as grazed by grid noise, not as engaged
+
+
+@kernel(
+    "UniTuple(float64, 4)(float64, float64, float64)",
+)
+def oscillator(dt: float, omega: float, zeta: float) -> tuple[float, float, float, float]:
+    """Exact step of ``x'' + 2 zeta w x' + w^2 x = 0`` over dt: (x, v) -> (a x + b v, c x + d v).
+
+    Args:
+        dt: s, >= 0.
+        omega: Undamped angular frequency, rad/s.
+        zeta: Damping ratio, > 0; at exactly 1 the neighbouring value 1 + 1e-9 is used.
+
+    Returns:
+        (a, b, c, d).
+    """
+    if zeta < 1.0:
+        wd = omega * math.sqrt(1.0 - zeta * zeta)
+        e = math.exp(-zeta * omega * dt)
+        co, si = math.cos(wd * dt), math.sin(wd * dt) / wd
+    else:
+        wd = omega * math.sqrt(max(zeta * zeta - 1.0, 2e-9))
+        fast, slow = math.exp((-zeta * omega - wd) * dt), math.exp((-zeta * omega + wd) * dt)
+        e = 1.0
+        co, si = 0.5 * (slow + fast), 0.5 * (slow - fast) / wd
+    damp = zeta * omega
+    return e * (co + damp * si), e * si, -e * omega * omega * si, e * (co - damp * si)
+
+
+@kernel()
+def cut_rows(  # type: ignore[no-untyped-def]
+    first,
+    last,
+    p_command,
+    kind,
+    time,
+    spindle,
+    compliance,
+    omega,
+    zeta,
+    flutes,
+    grid,
+    shape,
+    workspace,
+    terms,
+    arc,
+    levels,
+    edges,
+    state,
+    depth,
+    extra,
+    wrench_feed,
+    force,
+    wrench,
+    displacement,
+    volume,
+    axial,
+    entry,
+    exit_,
+    feed_tooth,
+    chip,
+):
+    """Cut rows [first, last) of a path; see :func:`counterflex.plan.cut.cut` for the meaning of every array.
+
+    ``omega == 0`` cuts the undisturbed path: the displacement stays zero.
+    """
+    coupled = omega > 0.0
+    pull = 0.0  # of the last contact: |F| times the compliance along it, m
+    for i in range(first, last):
+        for k in range(6):
+            wrench[i, k] = 0.0
+        volume[i] = 0.0
+        axial[i] = 0.0
+        entry[i] = math.nan
+        exit_[i] = math.nan
+        feed_tooth[i] = 0.0
+        chip[i] = 0.0
+        rate = abs(spindle[i]) / _TWO_PI * flutes
+        cutting = kind[i] == FEED
+        dt = time[i] - time[i - 1]
+        steps = 1
+        if coupled and cutting and dt > 0.0:
+            steps = _steps(dt, omega, pull, p_command, i)
+            dt /= steps
+        for step in range(1, steps + 1):
+            share = step / steps
+            xa, ya, za = state[12], state[13], state[14]
+            xb = p_command[i - 1, 0] + share * (p_command[i, 0] - p_command[i - 1, 0]) + state[0]
+            yb = p_command[i - 1, 1] + share * (p_command[i, 1] - p_command[i - 1, 1]) + state[1]
+            zb = p_command[i - 1, 2] + share * (p_command[i, 2] - p_command[i - 1, 2]) + state[2]
+            plane = math.hypot(xb - xa, yb - ya)
+            for k in range(6):
+                force[k] = 0.0
+            if plane > 0.0 or za != zb:
+                removed = stamp_segment(grid, shape, xa, ya, za, xb, yb, zb, state[15] > 0.0, workspace, depth, extra)
+                volume[i] += removed
+                state[15] = 1.0
+                if removed > 0.0 and cutting and dt > 0.0 and rate > 0.0:
+                    teeth = rate * dt
+                    end_area = extra[0] / (za - zb) if za > zb else 0.0
+                    mean_wrench(depth, plane / teeth, (za - zb) / teeth, end_area, terms, arc, levels, wrench_feed)
+                    ux, uy = (1.0, 0.0) if plane == 0.0 else ((xb - xa) / plane, (yb - ya) / plane)
+                    for k in (0, 3):
+                        force[k] = ux * wrench_feed[k] - uy * wrench_feed[k + 1]
+                        force[k + 1] = uy * wrench_feed[k] + ux * wrench_feed[k + 1]
+                        force[k + 2] = wrench_feed[k + 2]
+                    feed_tooth[i] = math.hypot(plane, zb - za) / teeth
+                    deepest, low, high, mean_sine = _engaged(depth, edges)
+                    axial[i] = max(axial[i], deepest)
+                    if deepest > 0.0:
+                        entry[i], exit_[i] = low, high
+                        chip[i] = feed_tooth[i] * mean_sine
+            state[12], state[13], state[14] = xb, yb, zb
+            for k in range(6):
+                wrench[i, k] += force[k] / steps
+            if coupled and dt > 0.0:
+                a, b, c, d = oscillator(dt, omega, zeta)
+                for k in range(6):
+                    target = 0.0
+                    for j in range(6):
+                        target += compliance[i, k, j] * force[j]
+                    x, v = state[k] - target, state[6 + k]
+                    state[k] = target + a * x + b * v
+                    state[6 + k] = c * x + d * v
+        pull = 0.0
+        for k in range(3):
+            bend = 0.0
+            for j in range(6):
+                bend += compliance[i, k, j] * wrench[i, j]
+            pull = max(pull, abs(bend))
+        for k in range(6):
+            displacement[i, k] = state[k]
+
+
+@kernel()
+def _steps(dt, omega, pull, p_command, i):  # type: ignore[no-untyped-def]
+    """Number of steps a row of a bending tool is cut into, see :data:`GAIN`."""
+    dx = p_command[i, 0] - p_command[i - 1, 0]
+    dy = p_command[i, 1] - p_command[i - 1, 1]
+    dz = p_command[i, 2] - p_command[i - 1, 2]
+    speed = math.sqrt(dx * dx + dy * dy + dz * dz) / dt
+    limit = LONGEST_STEP / omega
+    if pull > 0.0:
+        limit = min(limit, max(SHORTEST_STEP / omega, 2.0 * GAIN * speed / (pull * omega * omega)))
+    return max(1, math.ceil(dt / limit))
+
+
+@kernel()
+def _engaged(depth, edges):  # type: ignore[no-untyped-def]
+    """Largest axial depth, first and last engaged angle, and the mean of sin(phi) over the engaged edge."""
+    bins = depth.shape[1]
+    deepest = 0.0
+    total = 0.0
+    sine = 0.0
+    for b in range(bins):
+        column = 0.0
+        for level in range(depth.shape[0]):
+            column += depth[level, b]
+        deepest = max(deepest, column)
+        total += column
+        sine += column * math.sin(0.5 * (edges[b] + edges[b + 1]))
+    if total <= 0.0:
+        return 0.0, math.nan, math.nan, 0.0
+    first, last = bins, -1
+    for b in range(bins):
+        column = 0.0
+        for level in range(depth.shape[0]):
+            column += depth[level, b]
+        if column > _THRESHOLD * deepest:
+            first = min(first, b)
+            last = b
+    return deepest, edges[first], edges[last + 1], sine / total

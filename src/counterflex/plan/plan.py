@@ -1,0 +1,74 @@
+"""The result of planning: one row per path point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.path.toolpath import FEED, ToolPath
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Everything predicted and decided along a path; n rows, as the path. Part axes, SI.
+
+    Attributes:
+        path: The nominal path.
+        line: (n,) source line of each row.
+        q: (n, 6) rad, controller angles at the nominal point.
+        w_tcp_part: (n, 6) N, N m, mean wrench on the tool about its tip in the undisturbed cut.
+        deflection_part: (n, 6) m, rad, static deflection under that wrench.
+        sag_part: (n, 3) m, deviation of the unloaded tip that own weight leaves after the part frame was measured.
+        correction_part: (n, 3) m, added to the programmed point.
+        rotvec_part: (n, 3) rad, correction of the orientation (zero where the language has none).
+        volume_m3: (n,) removed along the segment that ends here.
+        axial_depth_m: (n,) largest engaged axial depth.
+        entry_rad: (n,) immersion angle where the engagement begins, NaN out of the cut.
+        exit_rad: (n,) where it ends, NaN out of the cut.
+        feed_per_tooth_m: (n,).
+        deviation_nominal_part: (n, 3) m, predicted deviation of the uncompensated program (cut and force coupled).
+        deviation_compensated_part: (n, 3) m, the same for the compensated program.
+        w_nominal_part: (n, 6) predicted wrench of the uncompensated program.
+    """
+
+    path: ToolPath
+    line: Int
+    q: Float
+    w_tcp_part: Float
+    deflection_part: Float
+    sag_part: Float
+    correction_part: Float
+    rotvec_part: Float
+    volume_m3: Float
+    axial_depth_m: Float
+    entry_rad: Float
+    exit_rad: Float
+    feed_per_tooth_m: Float
+    deviation_nominal_part: Float
+    deviation_compensated_part: Float
+    w_nominal_part: Float
+
+    @property
+    def cutting(self) -> Bool:
+        """(n,) True for feed rows that remove material."""
+        out: Bool = (self.path.kind == FEED) & (self.volume_m3 > 0.0)
+        return out
+
+
+def across(deviation_part: Float, p_part: Float) -> Float:
+    """Part of a deviation that is square to the direction of the path.
+
+    Args:
+        deviation_part: (n, 3) m.
+        p_part: (n, 3) m, points of the path; row i ends the segment whose direction is used.
+
+    Returns:
+        (n, 3) m. Rows without a direction (dwell, first row) are returned whole.
+    """
+    step = np.diff(p_part, axis=0, prepend=p_part[:1])
+    length = np.linalg.norm(step, axis=1, keepdims=True)
+    v = step / np.where(length > 0.0, length, 1.0)
+    out: Float = deviation_part - np.sum(deviation_part * v, axis=1, keepdims=True) * v
+    return out
