@@ -1,0 +1,172 @@
+"""How a robot controller runs a tool path: rounded corners, speed limits, and time.
+
+Corners are rounded within the blending distance (approximate positioning) or stopped at exactly; the path speed is
+trapezoidal: programmed feed, limited acceleration along the path, and across it in the roundings.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.path.toolpath import RAPID, ToolPath
+
+_SMOOTH_RAD = math.radians(3.0)  # corners below this are run through at full speed
+_ROUNDING_POINTS = 6
+_TURN_LEVER_M = 0.3  # a pure change of orientation by 1 rad counts as this much path
+
+
+@dataclass(frozen=True)
+class Track:
+    """The path the controller runs, as a polyline with speeds; row i ends segment i.
+
+    Attributes:
+        p: (n, 3) m.
+        axis: (n, 3) tool axis.
+        length_m: (n,) length of the segment that ends here; 0 for a dwell.
+        speed_m_s: (n,) highest speed on that segment.
+        corner_m_s: (n,) highest speed at this point.
+        dwell_s: (n,) standstill on a segment without length.
+        source: (n,) row of the tool path.
+    """
+
+    p: Float
+    axis: Float
+    length_m: Float
+    speed_m_s: Float
+    corner_m_s: Float
+    dwell_s: Float
+    source: Int
+
+
+def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, acceleration_m_s2: float) -> Track:
+    """Round the corners of a tool path and find the speed limits.
+
+    A corner of angle theta is replaced by the parabola that leaves and meets its sides at ``d = min(blending, half of
+    each side)``; its sharpest curvature ``sin(theta/2) / (d cos^2(theta/2))`` limits the speed to
+    ``sqrt(a / curvature)``. Without blending the corner is an exact stop.
+
+    Args:
+        path: The tool path.
+        blending_m: Largest distance from a corner at which rounding starts, m; 0 is exact stop.
+        rapid_m_s: Speed of rapid moves, m/s.
+        acceleration_m_s2: Limit along and across the path, m/s2.
+
+    Returns:
+        The track.
+    """
+    n = len(path)
+    step = np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1])
+    length = np.linalg.norm(step, axis=1)
+    turned = np.linalg.norm(np.diff(path.axis_part, axis=0, prepend=path.axis_part[:1]), axis=1)
+    time = np.diff(path.time_s, prepend=path.time_s[:1])
+    speed = np.where(path.kind == RAPID, rapid_m_s, np.maximum(path.feed_m_s, 1e-6))
+    turning = (length < 1e-9) & (turned > 1e-9)
+    reach = np.where(turning, _TURN_LEVER_M * turned, np.where(length < 1e-9, 0.0, length))
+    speed = np.where(turning, np.where(time > 0.0, reach / np.maximum(time, 1e-3), rapid_m_s), speed)
+    dwell = np.where(reach == 0.0, time, 0.0)
+    unit = step / np.maximum(length, 1e-12)[:, None]
+
+    rows: list[tuple[Float, Float, float, float, float, float, int]] = []
+    begin, begin_axis = path.p_part_tcp[0], path.axis_part[0]
+    rows.append((begin, begin_axis, 0.0, 1.0, 0.0, 0.0, 0))
+    for i in range(1, n):
+        if reach[i] == 0.0:
+            if dwell[i] > 0.0:
+                rows[-1] = (*rows[-1][:4], 0.0, *rows[-1][5:])
+                rows.append((begin, begin_axis, 0.0, 1.0, 0.0, float(dwell[i]), i))
+            continue
+        end, end_axis = path.p_part_tcp[i], path.axis_part[i]
+        following = i + 1
+        while following < n and reach[following] == 0.0 and dwell[following] == 0.0:
+            following += 1
+        stop = following >= n or dwell[following] > 0.0 or turning[i] or turning[following]
+        corner = 0.0
+        distance = 0.0
+        if not stop:
+            angle = math.acos(min(1.0, max(-1.0, float(unit[i] @ unit[following]))))
+            if angle < _SMOOTH_RAD:
+                corner = min(speed[i], speed[following])
+            else:
+                distance = min(blending_m, 0.5 * length[i], 0.5 * length[following])
+                sharp = math.cos(0.5 * angle)
+                if distance > 1e-9 and sharp > 1e-3:
+                    curvature = math.sin(0.5 * angle) / (distance * sharp * sharp)
+                    corner = min(math.sqrt(acceleration_m_s2 / curvature), speed[i], speed[following])
+                else:
+                    distance = 0.0
+        target = end - distance * unit[i]
+        span = float(np.linalg.norm(target - begin)) if not turning[i] else float(reach[i])
+        rows.append((target, end_axis, span, float(speed[i]), float(corner), 0.0, i))
+        begin, begin_axis = target, end_axis
+        if distance > 0.0:
+            exit_point = end + distance * unit[following]
+            for k in range(1, _ROUNDING_POINTS + 1):
+                t = k / _ROUNDING_POINTS
+                p = (1.0 - t) ** 2 * target + 2.0 * t * (1.0 - t) * end + t * t * exit_point
+                source = i if t <= 0.5 else following
+                rows.append((p, end_axis, float(np.linalg.norm(p - begin)), corner, corner, 0.0, source))
+                begin = p
+    return Track(
+        p=np.array([r[0] for r in rows]),
+        axis=np.array([r[1] for r in rows]),
+        length_m=np.array([r[2] for r in rows]),
+        speed_m_s=np.array([r[3] for r in rows]),
+        corner_m_s=np.array([r[4] for r in rows]),
+        dwell_s=np.array([r[5] for r in rows]),
+        source=np.array([r[6] for r in rows], dtype=np.int64),
+    )
+
+
+def timed(track: Track, acceleration_m_s2: float, cycle_s: float) -> tuple[Float, Float, Float, Int]:
+    """Run the track: samples at the controller's cycle.
+
+    Corner speeds are lowered so that ``v_i^2 <= v_(i-1)^2 + 2 a L`` forwards and backwards; each segment is then run
+    in three phases (accelerate, hold, brake).
+
+    Args:
+        track: From :func:`build_track`.
+        acceleration_m_s2: Limit along the path, m/s2.
+        cycle_s: Time between samples, s.
+
+    Returns:
+        Time (m,) s, position (m, 3) m, tool axis (m, 3) and row of the tool path (m,); the last sample is at the end.
+    """
+    a, length = acceleration_m_s2, track.length_m
+    corner = track.corner_m_s.copy()
+    corner[0] = corner[-1] = 0.0
+    for i in range(1, len(corner)):
+        corner[i] = min(corner[i], math.sqrt(corner[i - 1] ** 2 + 2.0 * a * length[i]))
+    for i in range(len(corner) - 1, 0, -1):
+        corner[i - 1] = min(corner[i - 1], math.sqrt(corner[i] ** 2 + 2.0 * a * length[i]))
+    v0, v1 = corner[:-1], corner[1:]
+    span = length[1:]
+    peak = np.sqrt(np.minimum(track.speed_m_s[1:] ** 2, a * span + 0.5 * (v0**2 + v1**2)))
+    peak = np.maximum(peak, np.maximum(v0, v1))
+    rise, fall = (peak**2 - v0**2) / (2.0 * a), (peak**2 - v1**2) / (2.0 * a)
+    hold = np.maximum(span - rise - fall, 0.0)
+    moving = span > 0.0
+    hold_s = np.where(moving, hold / np.where(peak > 0.0, peak, 1.0), track.dwell_s[1:])
+    duration = np.stack([(peak - v0) / a, hold_s, (peak - v1) / a], axis=1)
+    duration[~moving] = np.stack([np.zeros_like(hold_s), hold_s, np.zeros_like(hold_s)], axis=1)[~moving]
+    station = np.concatenate([[0.0], np.cumsum(span)])
+    begin = np.stack([station[:-1], station[:-1] + rise, station[:-1] + rise + hold], axis=1)
+    begin[~moving] = station[:-1][~moving, None]
+    speed = np.stack([v0, peak, peak], axis=1) * moving[:, None]
+    slope = np.stack([np.full_like(v0, a), np.zeros_like(v0), np.full_like(v0, -a)], axis=1) * moving[:, None]
+    clock = np.concatenate([[0.0], np.cumsum(duration.ravel())])
+    samples = math.ceil(clock[-1] / cycle_s - 1e-9) + 1
+    t = cycle_s * np.arange(samples)
+    phase = np.clip(np.searchsorted(clock, t, side="right") - 1, 0, duration.size - 1)
+    dt = np.minimum(t - clock[phase], duration.ravel()[phase])
+    s = begin.ravel()[phase] + speed.ravel()[phase] * dt + 0.5 * slope.ravel()[phase] * dt**2
+    segment = phase // 3
+    s = np.clip(s, station[segment], station[segment + 1])
+    share = np.where(moving[segment], (s - station[segment]) / np.where(moving, span, 1.0)[segment], 0.0)[:, None]
+    p = (1.0 - share) * track.p[segment] + share * track.p[segment + 1]
+    axis = (1.0 - share) * track.axis[segment] + share * track.axis[segment + 1]
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    return t, p, axis, track.source[segment + 1]
