@@ -1,0 +1,153 @@
+"""What a report page is made from: typed, free of files and of page layout."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from counterflex.core.arrays import Float
+from counterflex.evaluate.error_budget import BudgetLine
+from counterflex.evaluate.features import FeatureRow
+from counterflex.evaluate.path_deviation import PathDeviation
+from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One line of a fact table.
+
+    Attributes:
+        name: What it is.
+        value: With its unit, as printed.
+        source: Where the value comes from, or empty.
+        note: Anything the reader should know, or empty.
+    """
+
+    name: str
+    value: str
+    source: str = ""
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One constant that the truth has different from the model.
+
+    Attributes:
+        name: The constant.
+        model: Value the planner used, with unit.
+        truth: Value of the simulated cell, with unit.
+        change: Difference as printed, for example ``+8.3 %``.
+    """
+
+    name: str
+    model: str
+    truth: str
+    change: str
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A series over time.
+
+    Attributes:
+        time_s: (n,) s.
+        value: (n,) in the unit of the plot.
+    """
+
+    time_s: Float
+    value: Float
+
+
+@dataclass(frozen=True)
+class VariantData:
+    """One machining as the report shows it.
+
+    Attributes:
+        deviation: Path deviation stations.
+        surface: Surface deviation, or None where no part was simulated.
+        force_n: Magnitude of the process force over time, or None.
+    """
+
+    deviation: PathDeviation
+    surface: SurfaceDeviation | None = None
+    force_n: Curve | None = None
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """Everything on the page that compares an uncompensated with a compensated machining.
+
+    Attributes:
+        title: Headline, for example the part's name.
+        subtitle: One line below it.
+        created: Date as printed.
+        summary: From :func:`counterflex.evaluate.summary`; all headline numbers and tables are read from it.
+        nominal: The original program on the simulated cell.
+        compensated: The compensated program on the same cell.
+        facts: Part, robot, tool, material, program, truth seed.
+        nominal_surface: Floors and walls of the undisturbed part, or None where no part was simulated.
+        engagement_label: Name and unit of the engagement measure.
+        engagement_scale: Factor from the stations' engagement to that unit.
+        features: Measured features; variants ``nominal`` and ``compensated``.
+        budget: Error budget of the uncompensated machining.
+        assumptions: Every assumption with value and source.
+        differences: How the truth differed from the model.
+        timing: Steps of the job and what they took.
+        versions: Program and library names to versions.
+        notes: Paragraphs below the headline that the reader must know (what was simulated, what was not).
+    """
+
+    title: str
+    subtitle: str
+    created: str
+    summary: Mapping[str, Any]
+    nominal: VariantData
+    compensated: VariantData
+    facts: tuple[Fact, ...] = ()
+    nominal_surface: NominalSurface | None = None
+    engagement_label: str = "engagement"
+    engagement_scale: float = 1.0
+    features: tuple[FeatureRow, ...] = ()
+    budget: tuple[BudgetLine, ...] = ()
+    assumptions: tuple[Fact, ...] = ()
+    differences: tuple[Difference, ...] = ()
+    timing: tuple[Fact, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class PredictionData:
+    """The page of a planned program: what is predicted and corrected, with no machining simulated.
+
+    Attributes:
+        title: Headline.
+        subtitle: One line below it.
+        created: Date as printed.
+        time_s: (n,) s, at the programmed speed.
+        p_part_tcp: (n, 3) m, programmed tool tip.
+        deflection_m: (n, 3) m, predicted deflection in part axes, before compensation.
+        correction_m: (n, 3) m, correction added to the program.
+        force_n: (n,) N, magnitude of the predicted mean force.
+        facts: See :class:`ReportData`.
+        assumptions: See there.
+        timing: See there.
+        versions: See there.
+        notes: See there.
+    """
+
+    title: str
+    subtitle: str
+    created: str
+    time_s: Float
+    p_part_tcp: Float
+    deflection_m: Float
+    correction_m: Float
+    force_n: Float
+    facts: tuple[Fact, ...] = ()
+    assumptions: tuple[Fact, ...] = ()
+    timing: tuple[Fact, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()

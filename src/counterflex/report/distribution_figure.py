@@ -1,0 +1,86 @@
+"""Bars: where the error comes from, and how the surface deviation is distributed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM, UM
+from counterflex.evaluate.error_budget import REMAINDER, BudgetLine
+from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
+from counterflex.report.arrays_json import numbers
+from counterflex.report.colours import AFTER, BEFORE
+
+
+def budget_figure(budget: tuple[BudgetLine, ...]) -> dict[str, Any]:
+    """Mean contribution of each cause to the deviation met, largest on top, the remainder last."""
+    causes = sorted((line for line in budget if line.name != REMAINDER), key=lambda line: abs(line.share))
+    ordered = [*(line for line in budget if line.name == REMAINDER), *causes]
+    colours = ["#9aa3ad" if line.name == REMAINDER else "#33689c" for line in ordered]
+    return {
+        "data": [
+            {
+                "type": "bar",
+                "orientation": "h",
+                "y": [line.name for line in ordered],
+                "x": [round(line.mean_m / UM, 2) for line in ordered],
+                "text": [f"{line.mean_m / UM:.0f} µm · {100.0 * line.share:.1f} %" for line in ordered],
+                "textposition": "outside",
+                "cliponaxis": False,
+                "marker": {"color": colours},
+                "hovertemplate": "%{y}: %{x:.1f} µm<extra></extra>",
+            }
+        ],
+        "layout": {
+            "height": 90 + 26 * len(ordered),
+            "margin": {"l": 190, "r": 110, "t": 8, "b": 44},
+            "xaxis": {"title": {"text": "mean part of the deviation before compensation, µm"}, "zeroline": True},
+            "yaxis": {"automargin": True},
+            "showlegend": False,
+        },
+    }
+
+
+def histogram_figure(
+    surface: NominalSurface, before: SurfaceDeviation, after: SurfaceDeviation, limit_mm: float
+) -> dict[str, Any]:
+    """Share of the machined area in each class of deviation, before and after, 61 classes over the map's scale."""
+    edges = np.linspace(-limit_mm, limit_mm, 62)
+    centre = 0.5 * (edges[1:] + edges[:-1])
+    data = []
+    for name, colour, found in (("before", BEFORE, before), ("after", AFTER, after)):
+        data.append(
+            {
+                "type": "bar",
+                "name": name,
+                "x": numbers(centre, 4),
+                "y": numbers(100.0 * area_shares(surface, found, edges), 4),
+                "marker": {"color": colour, "opacity": 0.75},
+                "width": round(float(edges[1] - edges[0]), 5),
+                "hovertemplate": "%{x:+.3f} mm: %{y:.2f} % of the area<extra></extra>",
+            }
+        )
+    return {
+        "data": data,
+        "layout": {
+            "height": 300,
+            "barmode": "overlay",
+            "margin": {"l": 60, "r": 14, "t": 24, "b": 46},
+            "xaxis": {"title": {"text": "surface deviation, mm (+ = material left)"}, "tickformat": "+.2~f"},
+            "yaxis": {"title": {"text": "share of area, %"}, "type": "log", "dtick": 1},
+            "legend": {"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "bottom"},
+        },
+    }
+
+
+def area_shares(surface: NominalSurface, found: SurfaceDeviation, edges_mm: Float) -> Float:
+    """Share of the evaluated floor and wall area in each class; what lies beyond the ends counts in the end classes."""
+    floor = found.floor_m[~np.isnan(found.floor_m)].astype(np.float64)
+    known = ~np.isnan(found.wall_m)
+    value = np.concatenate([floor, found.wall_m[known]]) / MM
+    area = np.concatenate([np.full(len(floor), surface.nominal.cell_m**2), surface.wall_area_m2[known]])
+    inside = np.clip(value, edges_mm[0], edges_mm[-1])
+    counted: Float = np.histogram(inside, bins=edges_mm, weights=area)[0]
+    return counted / max(float(area.sum()), 1e-30)

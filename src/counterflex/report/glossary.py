@@ -1,0 +1,45 @@
+"""The figures of the page in words; they are defined once, in the evaluate room."""
+
+from __future__ import annotations
+
+from typing import Final
+
+GLOSSARY: Final = (
+    (
+        "nominal path",
+        "Path of the tool centre in the original program, in the part frame, whatever was sent to the robot.",
+    ),
+    (
+        "path error",
+        "Distance of the actual tool centre from the nearest nominal point, in the order of the program; its component "
+        "across the feed. Taken every 0.1 mm of path, so that slow and fast stretches weigh alike, over all feed "
+        "motion that removes material. Air moves are reported apart.",
+    ),
+    ("max", "Largest value."),
+    ("99.7 %", "Value that 99.7 % of the path length (of the area, for surfaces) stays below."),
+    ("rms", "Root of the mean square over the path length or area."),
+    (
+        "entry, exit",
+        "Path error from first contact until the engagement has reached its plateau, and from where it leaves the "
+        "plateau until contact ends; at least one cutter radius each. Part of the overall figures, never cut out.",
+    ),
+    ("along", "Lag or lead along the feed. Reported, never counted as path error."),
+    (
+        "surface deviation",
+        "Distance of the machined surface from the simulated undisturbed one along the nominal normal, over the floors "
+        "and walls that the program machines. Positive = material left. Floors come from the height map, walls from "
+        "the exact section of the swept tool path.",
+    ),
+    ("reduction", "1 - compensated / uncompensated of the same figure, same truth, same seed."),
+    (
+        "truth level",
+        "What the planner knew: 'same' = the truth's own constants (shows the method's error), 'seeded' = constants "
+        "off as listed (what a user gets), 'identified' = constants from a measuring campaign.",
+    ),
+    ("AT_p", "Path accuracy in the sense of ISO 9283: largest distance over all feed motion, in contact or not."),
+    (
+        "share in the error budget",
+        "Component of a predicted contribution along the deviation met, summed over the path, divided by the sum of "
+        "the deviation's magnitude. Shares add up to 100 %; a cause that works against the deviation has a negative one.",
+    ),
+)

@@ -1,0 +1,258 @@
+"""Colour maps of the part before and after, side by side on one stepped scale, with call-outs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM
+from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
+from counterflex.report.arrays_json import block
+from counterflex.report.colours import METROLOGY, edges_mm, stepped
+
+LIMIT_CELLS: Final = 120_000
+_LIMIT_3D: Final = 16_000
+_APART_MM: Final = 22.0
+_BAND_MM: Final = 1.3
+
+
+@dataclass(frozen=True)
+class MapPicture:
+    """A deviation map thinned for the screen: every pixel shows the largest deviation in its block of cells.
+
+    Attributes:
+        x_mm: (nx,) pixel centres.
+        y_mm: (ny,) pixel centres.
+        value_mm: (ny, nx) deviation, NaN where nothing was machined. Walls are drawn as a band just outside the floor.
+    """
+
+    x_mm: Float
+    y_mm: Float
+    value_mm: Float
+
+
+@dataclass(frozen=True)
+class Callout:
+    """A place that both maps point at.
+
+    Attributes:
+        label: Number shown.
+        x_mm: Place.
+        y_mm: Place.
+        before_mm: Deviation before, NaN where unknown.
+        after_mm: Deviation after, NaN where unknown.
+    """
+
+    label: str
+    x_mm: float
+    y_mm: float
+    before_mm: float
+    after_mm: float
+
+
+def map_picture(surface: NominalSurface, found: SurfaceDeviation, limit_cells: int = LIMIT_CELLS) -> MapPicture:
+    """Thin a deviation map to at most ``limit_cells`` pixels and draw its walls."""
+    part = surface.nominal
+    ny, nx = found.floor_m.shape
+    k = max(1, math.ceil(math.sqrt(ny * nx / limit_cells)))
+    value = _largest(found.floor_m.astype(np.float64), k) / MM
+    x: Float = (part.x0_m + part.cell_m * (np.arange(value.shape[1]) * k + 0.5 * (k - 1))) / MM
+    y: Float = (part.y0_m + part.cell_m * (np.arange(value.shape[0]) * k + 0.5 * (k - 1))) / MM
+    known = np.isfinite(found.wall_m)
+    if known.any():
+        wall, deviation = surface.wall_point[known, :2] / MM, found.wall_m[known] / MM
+        band = max(_BAND_MM, 1.6 * k * part.cell_m / MM)
+        j, i = np.nonzero(np.isnan(value))
+        centre = np.column_stack([x[i], y[j]])
+        distance, nearest = cKDTree(wall).query(centre, k=min(3, len(wall)), distance_upper_bound=band)
+        distance, nearest = np.reshape(distance, (len(centre), -1)), np.reshape(nearest, (len(centre), -1))
+        padded = np.append(deviation, 0.0)
+        here = padded[nearest]
+        worst = np.take_along_axis(here, np.argmax(np.abs(here), axis=1)[:, None], axis=1)[:, 0]
+        close = np.isfinite(distance[:, 0])
+        value[j[close], i[close]] = worst[close]
+    return MapPicture(x, y, value)
+
+
+def callouts(before: MapPicture, after: MapPicture) -> tuple[Callout, ...]:
+    """The three worst places before and the two worst after, at least 22 mm apart."""
+    chosen: list[tuple[int, int]] = []
+    for picture, count in ((before, 3), (after, 2)):
+        size = np.where(np.isnan(picture.value_mm), 0.0, np.abs(picture.value_mm))
+        for j, i in chosen:
+            _blank(size, picture, j, i)
+        for _ in range(count):
+            j, i = (int(v) for v in np.unravel_index(int(np.argmax(size)), size.shape))
+            if size[j, i] <= 0.0:
+                break
+            chosen.append((j, i))
+            _blank(size, picture, j, i)
+    return tuple(
+        Callout(
+            str(n + 1),
+            float(before.x_mm[i]),
+            float(before.y_mm[j]),
+            float(before.value_mm[j, i]),
+            float(after.value_mm[j, i]),
+        )
+        for n, (j, i) in enumerate(chosen)
+    )
+
+
+def map_figure(before: MapPicture, after: MapPicture, places: tuple[Callout, ...], limit_mm: float) -> dict[str, Any]:
+    """Plotly specification of both maps with linked zoom and one colour bar."""
+    dx = float(before.x_mm[1] - before.x_mm[0])
+    width = float(np.ptp(before.x_mm)) + dx
+    height = float(np.ptp(before.y_mm)) + dx
+    pixels = min(max(530.0 * height / width, 180.0), 620.0)
+    data = []
+    for n, picture in enumerate((before, after)):
+        axis = "" if n == 0 else "2"
+        data.append(
+            {
+                "type": "heatmap",
+                "x0": round(float(picture.x_mm[0]), 4),
+                "dx": round(dx, 6),
+                "y0": round(float(picture.y_mm[0]), 4),
+                "dy": round(dx, 6),
+                "z": block(np.round(picture.value_mm, 4)),
+                "coloraxis": "coloraxis",
+                "xaxis": f"x{axis}",
+                "yaxis": f"y{axis}",
+                "hoverongaps": False,
+                "hovertemplate": "x %{x:.1f}, y %{y:.1f} mm<br>deviation %{z:+.3f} mm<extra></extra>",
+            }
+        )
+    frame = {"showgrid": False, "zeroline": False, "ticks": "outside", "mirror": True, "showline": True}
+    x_range = [float(before.x_mm[0]) - 0.5 * dx, float(before.x_mm[-1]) + 0.5 * dx]
+    y_range = [float(before.y_mm[0]) - 0.5 * dx, float(before.y_mm[-1]) + 0.5 * dx]
+    layout: dict[str, Any] = {
+        "height": round(pixels + 150.0),
+        "margin": {"l": 50, "r": 10, "t": 36, "b": 100},
+        "plot_bgcolor": "#eef0f2",
+        "xaxis": {**frame, "domain": [0.0, 0.485], "range": x_range, "title": {"text": "x, mm"}, "constrain": "domain"},
+        "xaxis2": {
+            **frame, "domain": [0.515, 1.0], "range": x_range, "title": {"text": "x, mm"}, "matches": "x",
+            "anchor": "y2", "constrain": "domain",
+        },
+        "yaxis": {**frame, "range": y_range, "title": {"text": "y, mm"}, "scaleanchor": "x", "constrain": "domain"},
+        "yaxis2": {
+            **frame, "range": y_range, "matches": "y", "anchor": "x2", "showticklabels": False,
+            "scaleanchor": "x2", "constrain": "domain",
+        },
+        "coloraxis": {
+            "cmin": -limit_mm,
+            "cmax": limit_mm,
+            "colorscale": stepped(METROLOGY),
+            "colorbar": {
+                "orientation": "h",
+                "x": 0.5,
+                "y": -52.0 / pixels,
+                "yanchor": "top",
+                "len": 0.86,
+                "thickness": 14,
+                "title": {"text": "deviation, mm &nbsp; <b>+ = material left</b>, − = too much removed", "side": "top"},
+                "tickvals": edges_mm(limit_mm),
+                "tickformat": "+.3~f",
+                "tickfont": {"size": 10},
+            },
+        },
+        "annotations": [
+            *(
+                {
+                    "text": f"<b>{title}</b>", "x": x, "y": 1.0, "xref": "paper", "yref": "paper", "yshift": 24,
+                    "xanchor": "left", "showarrow": False, "font": {"size": 14},
+                }
+                for title, x in (("Before: original program", 0.0), ("After: compensated program", 0.515))
+            ),
+            *(_pointer(place, n, before) for place in places for n in (0, 1)),
+        ],
+    }  # fmt: skip
+    return {"data": data, "layout": layout}
+
+
+def figure_3d(surface: NominalSurface, found: SurfaceDeviation, limit_mm: float) -> dict[str, Any]:
+    """Plotly specification of the nominal part in space, coloured by its deviation; needs WebGL."""
+    picture = map_picture(surface, found, _LIMIT_3D)
+    part = surface.nominal
+    k = max(1, math.ceil(math.sqrt(part.z.size / _LIMIT_3D)))
+    ny, nx = picture.value_mm.shape
+    height = part.z[k // 2 :: k, k // 2 :: k][:ny, :nx].astype(np.float64) / MM
+    shape = (min(ny, height.shape[0]), min(nx, height.shape[1]))
+    colour = np.nan_to_num(picture.value_mm[: shape[0], : shape[1]], nan=0.0)
+    axis = {"backgroundcolor": "#f4f6f8", "gridcolor": "#ffffff", "showbackground": True}
+    return {
+        "data": [
+            {
+                "type": "surface",
+                "x": block(picture.x_mm[: shape[1]]),
+                "y": block(picture.y_mm[: shape[0]]),
+                "z": block(height[: shape[0], : shape[1]]),
+                "surfacecolor": block(colour),
+                "cmin": -limit_mm,
+                "cmax": limit_mm,
+                "colorscale": stepped(METROLOGY),
+                "colorbar": {"title": {"text": "mm, + = material left"}, "tickvals": edges_mm(limit_mm)},
+                "hovertemplate": "%{x:.1f}, %{y:.1f} mm<br>%{surfacecolor:+.3f} mm<extra></extra>",
+            }
+        ],
+        "layout": {
+            "height": 520,
+            "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
+            "scene": {
+                "aspectmode": "data",
+                "xaxis": {**axis, "title": {"text": "x, mm"}},
+                "yaxis": {**axis, "title": {"text": "y, mm"}},
+                "zaxis": {**axis, "title": {"text": "z, mm"}},
+                "camera": {"eye": {"x": -0.4, "y": -1.1, "z": 0.9}},
+            },
+        },
+    }
+
+
+def _largest(value: Float, k: int) -> Float:
+    """Value of largest magnitude in each block of k x k; NaN where all are."""
+    ny, nx = value.shape
+    my, mx = math.ceil(ny / k), math.ceil(nx / k)
+    padded = np.full((my * k, mx * k), np.nan)
+    padded[:ny, :nx] = value
+    blocks = padded.reshape(my, k, mx, k).transpose(0, 2, 1, 3).reshape(my, mx, k * k)
+    pick = np.argmax(np.nan_to_num(np.abs(blocks), nan=-1.0), axis=2)
+    out: Float = np.take_along_axis(blocks, pick[..., None], axis=2)[..., 0]
+    return out
+
+
+def _blank(size: Float, picture: MapPicture, j: int, i: int) -> None:
+    """Take a neighbourhood out of the search."""
+    near = np.hypot(picture.x_mm[None, :] - picture.x_mm[i], picture.y_mm[:, None] - picture.y_mm[j]) < _APART_MM
+    size[near] = 0.0
+
+
+def _pointer(place: Callout, n: int, picture: MapPicture) -> dict[str, Any]:
+    value = place.after_mm if n else place.before_mm
+    text = f"<b>{place.label}</b> {'n/a' if math.isnan(value) else f'{value:+.2f}'}"
+    middle_x = 0.5 * float(picture.x_mm[0] + picture.x_mm[-1])
+    middle_y = 0.5 * float(picture.y_mm[0] + picture.y_mm[-1])
+    return {
+        "x": round(place.x_mm, 3),
+        "y": round(place.y_mm, 3),
+        "xref": f"x{'2' if n else ''}",
+        "yref": f"y{'2' if n else ''}",
+        "text": text,
+        "showarrow": True,
+        "arrowhead": 6,
+        "arrowsize": 0.8,
+        "arrowwidth": 1.2,
+        "arrowcolor": "#222",
+        "ax": 34 if place.x_mm < middle_x else -34,
+        "ay": -24 if place.y_mm < middle_y else 24,
+        "bgcolor": "rgba(255,255,255,0.92)",
+        "bordercolor": "#222",
+        "borderpad": 2,
+        "font": {"size": 11},
+    }

@@ -1,0 +1,241 @@
+"""Put the page together: figures, tables, one file, no request to anywhere."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+
+from counterflex.core.atomic import write_text
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM
+from counterflex.evaluate.summary import check_summary, seed_rows, table_rows
+from counterflex.report.arrays_json import script_json
+from counterflex.report.colours import COLOUR_BLIND, METROLOGY, edges_mm, scale_limit_mm, stepped
+from counterflex.report.data import PredictionData, ReportData
+from counterflex.report.distribution_figure import budget_figure, histogram_figure
+from counterflex.report.glossary import GLOSSARY
+from counterflex.report.map_figure import callouts, figure_3d, map_figure, map_picture
+from counterflex.report.series_figure import prediction_figure, prediction_map, series_figure, signed_figure
+
+_ROW_NAMES = {
+    "path": "Path error, all cutting",
+    "entry": "Path error, entries",
+    "exit": "Path error, exits",
+    "plateau": "Path error, between them",
+    "air": "In the air (not counted)",
+    "along": "Along the feed (not counted)",
+    "surface": "Surface, floors and walls",
+    "floor": "Surface, floors",
+    "wall": "Surface, walls",
+}
+
+
+def report_page(data: ReportData) -> str:
+    """The page that compares an uncompensated with a compensated machining, as HTML text.
+
+    All headline figures and figure tables are read from ``data.summary``, so the page and ``summary.json`` cannot
+    differ. Everything the page needs is inside it.
+
+    Raises:
+        FileFormatError: ``data.summary`` is no summary.
+        InputError: It lacks the variants ``nominal`` and ``compensated``.
+    """
+    summary = check_summary(dict(data.summary))
+    if not {"nominal", "compensated"} <= set(summary["variants"]):
+        raise InputError("the report compares two variants", value=sorted(summary["variants"]))
+    figures: dict[str, Any] = {
+        "series": series_figure(data),
+        "signed": signed_figure(data.nominal.deviation, data.compensated.deviation),
+    }
+    places: tuple[Any, ...] = ()
+    scales: list[dict[str, Any]] = []
+    surface, before, after = data.nominal_surface, data.nominal.surface, data.compensated.surface
+    if surface is not None and before is not None and after is not None:
+        limit = scale_limit_mm(max(before.surface.max_m, after.surface.max_m) / MM)
+        fine = scale_limit_mm(max(after.surface.p997_m / MM, 1e-3))
+        shown = (map_picture(surface, before), map_picture(surface, after))
+        places = callouts(*shown)
+        figures["map"] = map_figure(*shown, places, limit)
+        figures["space_before"] = figure_3d(surface, before, limit)
+        figures["space_after"] = figure_3d(surface, after, limit)
+        figures["histogram"] = histogram_figure(surface, before, after, limit)
+        scales = [
+            {"name": f"±{value:g} mm", "limit": value, "ticks": edges_mm(value)}
+            for value in ([limit, fine] if fine < limit else [limit])
+        ]
+    if data.budget:
+        figures["budget"] = budget_figure(data.budget)
+    return _render(
+        "report.html.j2",
+        figures,
+        scales,
+        data=data,
+        summary=summary,
+        cards=_cards(summary),
+        rows=_figure_rows(summary),
+        seeds=seed_rows(summary) if len(summary["seeds"]) > 1 else [],
+        levels=_levels(summary),
+        features=_feature_rows(data),
+        places=[(p.label, f"{p.x_mm:.1f}", f"{p.y_mm:.1f}", _signed(p.before_mm), _signed(p.after_mm)) for p in places],
+        glossary=GLOSSARY,
+    )
+
+
+def prediction_page(data: PredictionData) -> str:
+    """The page of a planned program: predicted deflection, correction and force, nothing machined, as HTML text.
+
+    Raises:
+        InputError: Columns have different lengths or no rows.
+    """
+    n = len(data.time_s)
+    if n == 0 or any(len(c) != n for c in (data.p_part_tcp, data.deflection_m, data.correction_m, data.force_n)):
+        raise InputError("prediction columns are empty or have different lengths", value=n)
+    size = np.linalg.norm(data.deflection_m, axis=1) / MM
+    worst = int(np.argmax(size))
+    correction = np.linalg.norm(data.correction_m, axis=1) / MM
+    where = ", ".join(f"{v / MM:.1f}" for v in data.p_part_tcp[worst])
+    cards = [
+        ("Largest predicted deflection", f"{size[worst]:.3f} mm", f"at x y z {where} mm"),
+        ("Largest correction", f"{correction.max():.3f} mm", f"mean {correction.mean():.3f} mm"),
+        ("Largest mean force", f"{float(np.max(data.force_n)):.0f} N", "over one spindle turn"),
+        ("Program time", f"{float(data.time_s[-1]):.1f} s", f"{n} points"),
+    ]
+    figures = {"prediction": prediction_figure(data), "plan": prediction_map(data)}
+    return _render("prediction.html.j2", figures, [], data=data, cards=cards)
+
+
+def write_page(page: str, path: str | os.PathLike[str]) -> None:
+    """Write a page whole or not at all.
+
+    Raises:
+        OutputError: The folder cannot be written.
+    """
+    write_text(path, page)
+
+
+def _render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any]], **values: Any) -> str:
+    from plotly.offline import get_plotlyjs
+
+    palettes = {"metrology": stepped(METROLOGY), "colour-blind": stepped(COLOUR_BLIND)}
+    return (
+        _environment()
+        .get_template(template)
+        .render(
+            plotly=Markup(get_plotlyjs()),
+            figures=Markup(script_json(dict(figures))),
+            controls=Markup(script_json({"palettes": palettes, "scales": scales})),
+            scales=scales,
+            shown=set(figures),
+            **values,
+        )
+    )
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("counterflex.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def _cards(summary: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Headline figures: name, before, after, change."""
+    cards = []
+    for name, part, figure in (
+        ("Path error, 99.7 %", "path", "p997_mm"),
+        ("Path error, largest", "path", "max_mm"),
+        ("At cutter exit, largest", "exit", "max_mm"),
+        ("Machined surface, 99.7 %", "surface", "p997_mm"),
+    ):
+        values = [summary["variants"][v].get(part, {}).get(figure) for v in ("nominal", "compensated")]
+        if None in values:
+            continue
+        share = summary["reduction"].get(part, {}).get(figure)
+        cards.append(
+            {
+                "name": name,
+                "before": f"{values[0]:.3f}",
+                "after": f"{values[1]:.3f}",
+                "change": "" if share is None else f"{-100.0 * share:+.0f} %".replace("-", "−"),
+                "bar": "0" if not values[0] else f"{min(100.0 * values[1] / values[0], 100.0):.1f}",
+            }
+        )
+    return cards
+
+
+def _figure_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Rows of the figure table, one per kind of deviation."""
+    table = {row[0]: row[1:] for row in table_rows(summary)}
+    rows = []
+    for part, name in _ROW_NAMES.items():
+        if f"{part}.max_mm" in table:
+            cells = [table[f"{part}.{figure}_mm"] for figure in ("max", "p997", "rms")]
+            rows.append({"name": name, "cells": cells, "aside": part in ("air", "along")})
+    return rows
+
+
+def _levels(summary: Mapping[str, Any]) -> list[dict[str, str]]:
+    """What remains per truth level, over its seeds."""
+    names = {
+        "same": "method error: planner given the truth's constants",
+        "seeded": "method + model error: constants off as listed",
+        "identified": "after a measuring campaign",
+    }
+    rows = []
+    for level, entry in summary["over_seeds"].items():
+        path = entry.get("path", {})
+        if "p997" in path and "max" in path:
+            rows.append(
+                {
+                    "level": level,
+                    "meaning": names.get(level, ""),
+                    "count": str(entry["count"]),
+                    **{
+                        f"{figure}_{kind}": f"{100.0 * path[figure][f'{kind}_remaining']:.1f} %"
+                        for figure in ("p997", "max")
+                        for kind in ("median", "worst")
+                    },
+                }
+            )
+    return rows
+
+
+def _feature_rows(data: ReportData) -> list[dict[str, Any]]:
+    rows = []
+    previous = ""
+    for row in data.features:
+        cells = []
+        for variant in ("nominal", "compensated"):
+            if variant not in row.worst_m:
+                cells.append({"value": "not found", "off": "", "ok": False})
+                continue
+            off = row.worst_m[variant] - row.nominal_m
+            cells.append({"value": f"{row.worst_m[variant] / MM:.3f}", "off": _signed(off / MM), "ok": row.ok(variant)})
+        sign = "" if row.nominal_m == 0.0 else "±"
+        rows.append(
+            {
+                "feature": row.feature if row.feature != previous else "",
+                "quantity": row.quantity,
+                "nominal": f"{row.nominal_m / MM:.3f}",
+                "tolerance": f"{sign}{row.tolerance_m / MM:g}",
+                "source": row.tolerance_source,
+                "cells": cells,
+            }
+        )
+        previous = row.feature
+    return rows
+
+
+def _signed(value_mm: float) -> str:
+    return "n/a" if math.isnan(value_mm) else f"{value_mm:+.3f}".replace("-", "−")

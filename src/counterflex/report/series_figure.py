@@ -1,0 +1,178 @@
+"""Curves over time on one linked axis: path error, force, engagement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float
+from counterflex.core.units import MM, UM
+from counterflex.evaluate.path_deviation import PathDeviation
+from counterflex.report.arrays_json import numbers, thin
+from counterflex.report.colours import AFTER, BEFORE
+from counterflex.report.data import PredictionData, ReportData, VariantData
+
+_POINTS: Final = 5000
+
+
+@dataclass(frozen=True)
+class _Line:
+    row: int
+    name: str
+    colour: str
+    x: Float
+    y: Float
+    digits: int
+    keep: Bool
+    legend: bool
+
+
+def series_figure(data: ReportData) -> dict[str, Any]:
+    """Path error across the feed, force and engagement over time, before and after; entries and exits shaded."""
+    lines: list[_Line] = []
+    variants = (("before", BEFORE, data.nominal), ("after", AFTER, data.compensated))
+    for name, colour, variant in variants:
+        found = variant.deviation
+        lines.append(
+            _Line(0, name, colour, found.time_s, found.across_m / MM, 4, found.cutting & ~found.broken, legend=True)
+        )
+        lines.append(
+            _Line(
+                2, name, colour, found.time_s, found.engagement * data.engagement_scale, 3, ~found.broken, legend=False
+            )
+        )
+        if variant.force_n is not None:
+            force = variant.force_n
+            whole = np.ones(len(force.time_s), dtype=np.bool_)
+            lines.append(_Line(1, name, colour, force.time_s, force.value, 1, whole, legend=False))
+    titles = ("path error<br>across feed, mm", "process<br>force, N", data.engagement_label)
+    figure = _stacked(lines, titles, (0.46, 0.24, 0.18))
+    figure["layout"]["shapes"] = _shades(data.nominal)
+    return figure
+
+
+def prediction_figure(data: PredictionData) -> dict[str, Any]:
+    """Predicted deflection, correction and force over time."""
+    whole = np.ones(len(data.time_s), dtype=np.bool_)
+    lines = []
+    for axis, colour in zip(range(3), ("#b91c1c", "#15803d", "#1d4ed8"), strict=True):
+        name = "xyz"[axis]
+        lines.append(_Line(0, name, colour, data.time_s, data.deflection_m[:, axis] / MM, 4, whole, legend=True))
+        lines.append(_Line(1, name, colour, data.time_s, data.correction_m[:, axis] / MM, 4, whole, legend=False))
+    lines.append(_Line(2, "force", "#444444", data.time_s, data.force_n, 1, whole, legend=False))
+    titles = ("predicted<br>deflection, mm", "correction<br>in program, mm", "predicted<br>force, N")
+    return _stacked(lines, titles, (0.34, 0.34, 0.2))
+
+
+def prediction_map(data: PredictionData) -> dict[str, Any]:
+    """Programmed path seen from above, coloured by the magnitude of the predicted deflection."""
+    size = np.linalg.norm(data.deflection_m, axis=1) / MM
+    step = max(1, -(-len(size) // 6000))
+    x, y = data.p_part_tcp[::step, 0] / MM, data.p_part_tcp[::step, 1] / MM
+    order = np.argsort(size[::step], kind="stable")  # the largest are drawn last, on top
+    return {
+        "data": [
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "x": numbers(x[order], 2),
+                "y": numbers(y[order], 2),
+                "marker": {
+                    "size": 5,
+                    "color": numbers(size[::step][order], 4),
+                    "colorscale": "Viridis",
+                    "cmin": 0.0,
+                    "colorbar": {"title": {"text": "predicted<br>deflection, mm"}},
+                },
+                "hovertemplate": "x %{x:.1f}, y %{y:.1f} mm<br>%{marker.color:.3f} mm<extra></extra>",
+            }
+        ],
+        "layout": {
+            "height": 420,
+            "margin": {"l": 60, "r": 10, "t": 16, "b": 46},
+            "xaxis": {"title": {"text": "x, mm"}, "zeroline": False},
+            "yaxis": {"title": {"text": "y, mm"}, "scaleanchor": "x", "zeroline": False},
+        },
+    }
+
+
+def signed_figure(deviation_before: PathDeviation, deviation_after: PathDeviation) -> dict[str, Any]:
+    """Signed components across the feed over the length of the program: sideways and in depth."""
+    lines = []
+    for name, colour, found in (("before", BEFORE, deviation_before), ("after", AFTER, deviation_after)):
+        keep = found.cutting & ~found.broken
+        lines.append(_Line(0, name, colour, found.length_m, found.across_left_m / UM, 1, keep, legend=True))
+        lines.append(_Line(1, name, colour, found.length_m, found.across_axis_m / UM, 1, keep, legend=False))
+        lines.append(_Line(2, name, colour, found.length_m, found.along_m / UM, 1, keep, legend=False))
+    titles = ("to the left<br>of feed, µm", "out of the<br>part, µm", "along feed, µm<br>(not counted)")
+    return _stacked(lines, titles, (0.3, 0.3, 0.28), "length along the program, m")
+
+
+def _stacked(
+    lines: list[_Line], titles: tuple[str, ...], shares: tuple[float, ...], x_title: str = "time, s"
+) -> dict[str, Any]:
+    """Rows of curves above each other on one x axis."""
+    layout: dict[str, Any] = {
+        "height": 520,
+        "margin": {"l": 84, "r": 14, "t": 30, "b": 46},
+        "hovermode": "x unified",
+        "legend": {"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "bottom"},
+        "xaxis": {"title": {"text": x_title}, "anchor": f"y{len(titles)}", "zeroline": False},
+    }
+    gap = (1.0 - sum(shares)) / (len(shares) - 1)
+    top = 1.0
+    for row, (title, share) in enumerate(zip(titles, shares, strict=True)):
+        layout[f"yaxis{row + 1 if row else ''}"] = {
+            "domain": [max(round(top - share, 4), 0.0), round(top, 4)],
+            "title": {"text": title, "font": {"size": 12}},
+            "rangemode": "tozero",
+            "zeroline": True,
+            "zerolinecolor": "#b8c0c8",
+        }
+        top -= share + gap
+    out = []
+    for line in lines:
+        x, y = thin(line.x, line.y, line.keep, _POINTS)
+        out.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "name": line.name,
+                "legendgroup": line.name,
+                "showlegend": line.legend,
+                "x": numbers(x, 4),
+                "y": numbers(y, line.digits),
+                "xaxis": "x",
+                "yaxis": f"y{line.row + 1 if line.row else ''}",
+                "line": {"color": line.colour, "width": 1.3},
+                "connectgaps": False,
+            }
+        )
+    return {"data": out, "layout": layout}
+
+
+def _shades(variant: VariantData) -> list[dict[str, Any]]:
+    """Grey bands over the entries and exits of the uncompensated run, at most 400 of them."""
+    found = variant.deviation
+    shapes: list[dict[str, Any]] = []
+    for mask, colour in ((found.entry, "rgba(90,120,160,0.16)"), (found.exit, "rgba(200,120,40,0.20)")):
+        edge = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+        starts, ends = np.flatnonzero(edge == 1), np.flatnonzero(edge == -1) - 1
+        for a, b in list(zip(starts, ends, strict=True))[:200]:
+            shapes.append(
+                {
+                    "type": "rect",
+                    "xref": "x",
+                    "yref": "paper",
+                    "x0": round(float(found.time_s[a]), 4),
+                    "x1": round(float(found.time_s[b]), 4),
+                    "y0": 0.0,
+                    "y1": 1.0,
+                    "fillcolor": colour,
+                    "line": {"width": 0},
+                    "layer": "below",
+                }
+            )
+    return shapes
