@@ -11,8 +11,13 @@ from counterflex.core.units import INCH, MM
 # First and second axis of each plane; the normal completes a right-handed frame. G18 is Z then X, normal +Y.
 PLANE_AXES: Final[dict[int, tuple[int, int, int]]] = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
 _FULL_CIRCLE_RAD: Final = 1e-6
-# A radius mismatch is an error above 0.5 mm (0.05 inch), or above 0.005 mm (0.0005 inch) and 0.1 % of the radius.
+# Centre format: radii may differ by 0.1 % or by an absolute bound, whichever is more, and never by 100 times that bound
+# (20 um, or 2 mil, in each of two directions). Radius format: R may fall short of half the chord by a rounding.
 _RELATIVE: Final = 1e-3
+_ABSOLUTE_MM: Final = 0.02 * math.sqrt(2.0)
+_ABSOLUTE_INCH: Final = 0.002 * math.sqrt(2.0)
+_RADIUS_MM: Final = 0.00127
+_RADIUS_INCH: Final = 0.00005
 
 
 class ArcFault(ValueError):
@@ -71,9 +76,14 @@ def turn_angle(start: tuple[float, float], end: tuple[float, float], clockwise: 
     return -angle if clockwise else angle
 
 
-def tolerance(unit_m: float) -> tuple[float, float]:
-    """Small and large radius tolerance in m for the program's unit."""
-    return (0.0005 * INCH, 0.05 * INCH) if unit_m == INCH else (0.005 * MM, 0.5 * MM)
+def centre_tolerance(unit_m: float) -> float:
+    """Difference of start and end radius that is always allowed, m, for the program's unit."""
+    return _ABSOLUTE_INCH * INCH if unit_m == INCH else _ABSOLUTE_MM * MM
+
+
+def radius_tolerance(unit_m: float) -> float:
+    """How far R may fall short of half the chord, m, for the program's unit."""
+    return _RADIUS_INCH * INCH if unit_m == INCH else _RADIUS_MM * MM
 
 
 def by_centre(
@@ -104,9 +114,9 @@ def by_centre(
     radius, end_radius = math.hypot(*spoke), math.hypot(*end_spoke)
     if min(radius, end_radius) < 1e-9:
         raise ArcFault("the arc has no radius", f"{radius / unit_m:.6g} and {end_radius / unit_m:.6g}")
-    small, large = tolerance(unit_m)
+    allowed = centre_tolerance(unit_m)
     off = abs(radius - end_radius)
-    if off > large or (off > small and off > _RELATIVE * max(radius, end_radius)):
+    if off > 100.0 * allowed or (off > allowed and off > _RELATIVE * max(radius, end_radius)):
         raise ArcFault(
             "the arc's radius at its end differs from that at its start",
             f"{radius / unit_m:.6g} at the start and {end_radius / unit_m:.6g} at the end",
@@ -142,7 +152,7 @@ def by_radius(
             "an arc with R must end elsewhere than it starts", f"R{radius / unit_m:.6g} and the same point", "R"
         )
     half = 0.5 * chord
-    if half - size > tolerance(unit_m)[0]:
+    if half - size > radius_tolerance(unit_m):
         raise ArcFault(
             "the arc's R is too small to reach the end point",
             f"R{radius / unit_m:.6g} for a chord of {chord / unit_m:.6g}",

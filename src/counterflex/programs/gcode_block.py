@@ -66,7 +66,10 @@ class BlockWords:
             what, hint = refused[code]
             raise self._fault(what, word.start, name, hint)
         group = groups[code]
-        if group in into:
+        if group in into and 800 in (code, into[group]) and letter == "G":
+            # G80 beside another motion code only ends a canned cycle.
+            code = code if into[group] == 800 else into[group]
+        elif group in into:
             raise self._fault(
                 f"two codes of the modal group '{group}' in one block",
                 word.start,
@@ -85,6 +88,10 @@ class BlockWords:
     def has(self, letters: str) -> bool:
         """Whether one of the letters has a word that nothing has used yet."""
         return any(letter in self._unused for letter in letters)
+
+    def names(self, letter: str) -> bool:
+        """Whether the block has this word, used or not."""
+        return letter in self._values
 
     def take(self, letter: str) -> float | None:
         """Use a word; None where the block has none."""

@@ -72,7 +72,7 @@ REFUSED_M: Final[dict[int, tuple[str, str]]] = {
 
 AXES: Final = "XYZABC"
 CYCLES: Final = frozenset((730, 810, 820, 830, 850, 860, 890))
-TAKES_AXES: Final = frozenset((100, 280, 281, 300, 301, 520, 920))
+TAKES_AXES: Final = frozenset((100, 280, 300, 520, 920))
 
 
 def code_name(letter: str, code: int) -> str:

@@ -1,7 +1,7 @@
 """Canned drilling and boring cycles as the moves they stand for.
 
-Source: LinuxCNC, "Canned Cycles": preliminary motion to R, then per hole rapid in the plane, rapid to R, the cycle,
-and retraction to R (G99) or to the higher of R and the height at which the series began (G98).
+Source: LinuxCNC, "Canned Cycles": before the first hole of a series a rapid up to R, then per hole a rapid in the
+plane, a rapid to R, the cycle, and retraction to R (G99) or to the higher of R and the series' first height (G98).
 """
 
 from __future__ import annotations

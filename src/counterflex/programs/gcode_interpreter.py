@@ -13,7 +13,7 @@ from counterflex.programs.gcode_codes import TAKES_AXES, code_name
 from counterflex.programs.gcode_expression import Expression, NamedParameter
 from counterflex.programs.gcode_flow import LOOPS, Construct, Source
 from counterflex.programs.gcode_modes import apply_modes, apply_offsets, apply_rates
-from counterflex.programs.gcode_motion import FARTHEST_M, MotionMaker, point
+from counterflex.programs.gcode_motion import FARTHEST_M, MotionMaker, point, radians
 from counterflex.programs.gcode_parameters import Parameters
 from counterflex.programs.gcode_scanner import FlowWord, ScannedLine, error_at, scan_plain
 from counterflex.programs.gcode_state import State
@@ -55,6 +55,7 @@ class Interpreter:
         includes: Returns the text of a subroutine's file by name, or None.
         step_limit: Largest number of lines executed.
         block_delete: Skip lines that begin with a slash.
+        complete: Refuse a program that stops without M2, M30 or a closing ``%``.
         plain: Use the short way for plain lines (the result is the same).
     """
 
@@ -67,6 +68,7 @@ class Interpreter:
         includes: Callable[[str], str | None] | None,
         step_limit: int,
         block_delete: bool,
+        complete: bool = False,
         plain: bool = True,
     ) -> None:
         self._main = source
@@ -78,6 +80,7 @@ class Interpreter:
         self._included: dict[str, Source | None] = {}
         self._step_limit = step_limit
         self._block_delete = block_delete
+        self._complete = complete
         self._plain = plain
         self._frames: list[_Frame] = []
         self._counters: dict[int, int] = {}
@@ -116,6 +119,9 @@ class Interpreter:
                 if place.source is not self._main or self._frames:
                     place.index = len(place.source.lines) - 1
                     raise self._fault("the file ends inside a subroutine", 0, hint="Close it with endsub or M99")
+                if self._complete:
+                    place.index = len(place.source.lines) - 1
+                    raise self._fault("the program stops without M2, M30 or a closing %", 0, hint="Is it complete?")
                 break
             steps += 1
             if steps > self._step_limit:
@@ -217,14 +223,13 @@ class Interpreter:
         elif code == 10 and not state.feed:
             return False
         if code != state.motion:
-            state.motion = code
-            state.cycle.clear()
+            state.choose_motion(code)
             self._refresh()
         motions = self._maker.motions
         last = motions[-1].p_end if motions else None
         here = state.position
         p_start = last if last is not None and (last[0], last[1], last[2]) == here[:3] else point(here)
-        abc = _ZERO_ABC if here[3:] == _ZERO_ABC else _abc(state)
+        abc = _ZERO_ABC if here[3:] == _ZERO_ABC else radians(here)
         state.position = (x, y, z, here[3], here[4], here[5])
         rapid = code == 0
         if state.constant_surface:
@@ -284,9 +289,14 @@ class Interpreter:
         return jump() if jump is not None else None
 
     def _percent_line(self, source: Source, index: int) -> None:
-        """A percent sign opens the program where nothing but blank lines come before it, and ends it elsewhere."""
-        if any(line.strip() for line in source.lines[:index]):
+        """A percent sign opens the program where nothing but blank lines come before it; a second one ends it."""
+        if not any(line.strip() for line in source.lines[:index]):
+            self._percent = True
+        elif self._percent:
             self._ended = True
+        else:
+            column = source.lines[index].index("%")
+            raise self._fault("a % in a program that does not begin with one", column, "%")
 
     def _evaluate(self, scanned: ScannedLine) -> tuple[Word, ...]:
         """Evaluate words, then let assignments take effect."""
@@ -324,10 +334,8 @@ class Interpreter:
                 "two codes of one block both need the axis words", f"G{special}",
                 f"{code_name('G', special or 0)} and {code_name('G', motion)}",
             )  # fmt: skip
-        if motion is not None and motion != state.motion:
-            state.cycle.clear()
         if motion is not None:
-            state.motion = motion
+            state.choose_motion(motion)
         cycle = False
         if special in (280, 300):
             maker.home(block, special)
@@ -337,11 +345,13 @@ class Interpreter:
         else:
             apply_offsets(block, state)
         active = state.motion
-        modal = self._refresh(machine)
+        modal = self._refresh()
+        if machine:
+            modal = self._refresh(machine=True)
         jump = self._stop(source, block, stop)
         if motion == 800 and block.has("XYZABC"):
             raise block.fault("G80 moves nothing, yet there are axis words", "G800", "G80")
-        if block.has("XYZABC") or (motion in (20, 30) and block.has("IJK")):
+        if block.has("XYZABC") or (active in (20, 30) and block.has("IJKR")):
             if active == 800:
                 letter = next(axis for axis in "XYZABC" if block.has(axis))
                 raise block.fault("an axis word, but no motion code is active", letter, hint="Write G0, G1, G2 or G3")
@@ -350,7 +360,7 @@ class Interpreter:
             cycle = cycle or (active >= 730 and len(maker.motions) > count)
         elif machine:
             raise block.fault("G53 needs an axis word", "G530", "G53")
-        elif motion is not None and motion not in (0, 800):
+        elif motion is not None and motion not in (0, 10, 800):
             raise block.fault("the motion code has no axis word", f"G{motion}", code_name("G", motion))
         block.finish()
         if stop in (20, 300):
@@ -506,9 +516,3 @@ class Interpreter:
             return _Place(self._place.source, frame.entry)
         self._frames.pop()
         return _Place(frame.source, frame.back)
-
-
-def _abc(state: State) -> tuple[float, float, float]:
-    from counterflex.programs.gcode_motion import _radians
-
-    return _radians(state.position)

@@ -10,10 +10,8 @@ from counterflex.programs.gcode_block import BlockWords
 from counterflex.programs.gcode_codes import code_name
 from counterflex.programs.gcode_state import WORK_OFFSETS, ZERO, Six, State, minus, plus
 
-_WORK_OFFSET: Final = {
-    code: name
-    for code, name in zip((540, 550, 560, 570, 580, 590, 591, 592, 593), WORK_OFFSETS, strict=True)
-}  # fmt: skip
+_OFFSET_CODES: Final = (540, 550, 560, 570, 580, 590, 591, 592, 593)
+_WORK_OFFSET: Final = dict(zip(_OFFSET_CODES, WORK_OFFSETS, strict=True))
 _MOST: Final = 1_000_000.0
 
 
@@ -28,8 +26,14 @@ def apply_rates(block: BlockWords, state: State) -> None:
     if feed is not None:
         if not 0.0 <= feed <= _MOST:
             raise block.fault("the feed F is out of range", "F", hint="0 to 1e6")
+        if unit is not None and _unit(unit) != state.unit_m and state.feed_mode != 93:
+            raise block.fault(
+                "F stands in the block that changes the unit: controllers differ in which unit it takes",
+                "F",
+                hint="Write F in a later block",
+            )
         state.feed = feed
-        state.feed_unit_m = state.unit_m if unit is None else _unit(unit)
+        state.feed_unit_m = state.unit_m
     speed = block.take("S")
     if speed is not None:
         if not 0.0 <= speed <= _MOST:

@@ -82,8 +82,8 @@ class MotionMaker:
                 spindle_rad_s=state.spindle_rpm * RPM if spindle else 0.0,
                 tool=state.tool,
                 duration_s=duration_s,
-                abc_start=_radians(start),
-                abc_end=_radians(target),
+                abc_start=radians(start),
+                abc_end=radians(target),
                 p_centre=centre,
                 normal=normal,
                 turn_rad=turn,
@@ -98,6 +98,8 @@ class MotionMaker:
             value = "F0" if state.feed == 0.0 else "no F"
             raise block.fault("a feed move without a feed", "F", value, "Write F on this line or before")
         if state.feed_mode == 93:
+            if not block.names("F"):
+                raise block.fault("inverse time (G93) needs F in every block that feeds", "F", "no F")
             time_s = MINUTE / state.feed
             return length_m / time_s, 0.0 if length_m > 0.0 else angle_deg * DEG / time_s
         per_minute = state.feed
@@ -242,7 +244,7 @@ class MotionMaker:
     def cycle(self, block: BlockWords, code: int) -> None:
         """Execute a canned cycle; its words stay in force while the same cycle is repeated."""
         state = self._state
-        first, second, third = PLANE_AXES[state.plane]
+        third = PLANE_AXES[state.plane][2]
         name = code_name("G", code)
         if state.feed_mode == 93:
             raise block.fault("canned cycles do not work in inverse time (G93)", f"G{code}", name)
@@ -264,28 +266,35 @@ class MotionMaker:
                 shown = "XYZ"[third] if letter == "Z" else letter
                 raise block.fault(f"{name} needs the word {shown}", f"G{code}", name)
         peck, dwell_s = sticky.get("Q", 0.0) * state.unit_m, sticky.get("P", 0.0)
+        if code == 860 and state.spindle_rpm == 0.0:
+            raise block.fault("G86 with the spindle stopped", f"G{code}", "0 rpm", "Start it with M3 or M4")
         if "Q" in needed and peck <= 0.0:
             raise block.fault(f"the peck Q of {name} is not positive", "Q", f"Q{sticky['Q']:g}")
         if "P" in needed and not 0.0 <= dwell_s <= _LONGEST_DWELL_S:
             raise block.fault(f"the dwell P of {name} is out of range", "P", f"P{dwell_s:g}")
         here = state.position[third]
-        base = state.origin[third] if state.absolute else here
+        opens = state.cycle_initial is None
+        if state.cycle_initial is None:
+            state.cycle_initial = here
+        old = state.cycle_initial
+        base = state.origin[third] if state.absolute else old
         r = base + sticky["R"] * state.unit_m
         bottom = (base if state.absolute else r) + sticky["Z"] * state.unit_m
         if bottom > r:
+            heights = [(height - state.origin[third]) / state.unit_m for height in (r, bottom)]
             raise block.fault(
-                f"the R height of {name} is below the bottom of the hole", "R",
-                f"R at {(r - state.origin[third]) / state.unit_m:.6g}, bottom at {(bottom - state.origin[third]) / state.unit_m:.6g}",
-            )  # fmt: skip
+                f"the R height of {name} is below the bottom of the hole",
+                "R",
+                f"R at {heights[0]:.6g}, bottom at {heights[1]:.6g}",
+            )
         if "Q" in needed and (r - bottom) / peck > MOST_PECKS:
             raise block.fault(f"the peck Q of {name} makes too many pecks", "Q", f"Q{sticky['Q']:g}")
-        old = sticky.setdefault("initial", here)
-        if here < r:
+        if opens and here < r:
             self._along(block, third, r, rapid=True)
         clear = max(r, old) if state.retract_initial else r
         for _ in range(count):
             target = list(self.target(axes, machine=False))
-            target[third] = state.position[third]
+            target[third] = max(state.position[third], clear)  # clear is never below R
             self.straight(block, (target[0], target[1], target[2], target[3], target[4], target[5]), rapid=True)
             if state.position[third] != r:
                 self._along(block, third, r, rapid=True)
@@ -312,5 +321,6 @@ class MotionMaker:
         return minus(self._state.position, minus((0.0,) * 6, self._state.tool_length))
 
 
-def _radians(position: Six) -> tuple[float, float, float]:
+def radians(position: Six) -> tuple[float, float, float]:
+    """Return the rotary axes in rad."""
     return (position[3] * DEG, position[4] * DEG, position[5] * DEG)

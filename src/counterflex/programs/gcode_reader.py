@@ -28,6 +28,7 @@ def read_gcode(
     step_limit: int = 2_000_000,
     includes: Callable[[str], str | None] | None = None,
     block_delete: bool = False,
+    complete: bool = False,
     plain_lines: bool = True,
 ) -> Program:
     """Execute a program's text and return the blocks passed and the motions made.
@@ -47,6 +48,8 @@ def read_gcode(
         step_limit: Largest number of lines executed.
         includes: Given the name of a subroutine that the text does not define, returns the text of its file or None.
         block_delete: Skip lines that begin with a slash, as with the operator's switch on.
+        complete: Refuse a text that stops without M2, M30 or a closing ``%``, as LinuxCNC does: it may have been
+            cut off.
         plain_lines: Read plain lines the short way; False gives the same program more slowly.
 
     Returns:
@@ -73,12 +76,14 @@ def read_gcode(
         raise ProgramError("the program is empty", where=f"{name}:1:1")
     source = Source(name, tuple(lines))
     state = State(work_offsets=work_offset_table(work_offsets))
-    interpreter = Interpreter(source, state, parameters, tool_lengths, includes, step_limit, block_delete, plain_lines)
+    interpreter = Interpreter(
+        source, state, parameters, tool_lengths, includes, step_limit, block_delete, complete, plain_lines
+    )
     straight = interpreter.run()
     return Program(
         name=name,
         dialect=dialect,
-        lines=source.lines,
+        lines=(*source.lines, "") if text.endswith("\n") else source.lines,
         newline=newline,
         blocks=tuple(interpreter.blocks),
         motions=tuple(interpreter.motions),
@@ -95,6 +100,7 @@ def read_gcode_file(
     parameters: Mapping[str | int, float] | None = None,
     step_limit: int = 2_000_000,
     block_delete: bool = False,
+    complete: bool = True,
 ) -> Program:
     """Read a program from a file; subroutines it does not define are looked for beside it as ``name.ngc``.
 
@@ -106,6 +112,7 @@ def read_gcode_file(
         parameters: By number or name.
         step_limit: Largest number of lines executed.
         block_delete: Skip lines that begin with a slash.
+        complete: Refuse a file that stops without M2, M30 or a closing ``%``.
 
     Returns:
         The program as executed.
@@ -130,6 +137,7 @@ def read_gcode_file(
         step_limit=step_limit,
         includes=include,
         block_delete=block_delete,
+        complete=complete,
     )
 
 

@@ -14,6 +14,7 @@ from typing import Final
 
 from counterflex.core.errors import InputError
 from counterflex.core.units import INCH, MM
+from counterflex.programs.gcode_codes import CYCLES
 from counterflex.programs.program import Modal
 
 Six = tuple[float, float, float, float, float, float]
@@ -86,6 +87,7 @@ class State:
         tool: In the spindle.
         prepared: Tool chosen by T; None before the first.
         cycle: Sticky words of the canned cycle by letter, in program units.
+        cycle_initial: Height along the cycle's axis at which the running series of cycles began, m; None outside one.
     """
 
     work_offsets: dict[str, Six]
@@ -100,7 +102,7 @@ class State:
     absolute: bool = True
     arc_absolute: bool = False
     feed_mode: int = 94
-    retract_initial: bool = True
+    retract_initial: bool = False
     feed: float | None = None
     feed_unit_m: float = MM
     speed_rpm: float = 0.0
@@ -110,6 +112,7 @@ class State:
     tool: int = 0
     prepared: int | None = None
     cycle: dict[str, float] = field(default_factory=dict)
+    cycle_initial: float | None = None
 
     @property
     def origin(self) -> Six:
@@ -125,6 +128,14 @@ class State:
         around_m = 2.0 * math.pi * abs(self.position[0] - self.origin[0])
         fast = surface_m >= self.speed_limit * around_m
         return self.spindle * (self.speed_limit if fast else surface_m / around_m)
+
+    def choose_motion(self, code: int) -> None:
+        """Make a motion code active; sticky words end with their cycle, a series with the first other motion."""
+        if code != self.motion:
+            self.motion = code
+            self.cycle.clear()
+        if code not in CYCLES:
+            self.cycle_initial = None
 
     def modal(self, machine: bool = False) -> Modal:
         """Return the state as writers see it; ``machine`` for a block with G53."""
