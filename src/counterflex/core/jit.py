@@ -1,60 +1,94 @@
 """Compiled kernels: one decorator that keeps types for the checker and a cache that cannot go stale.
 
-Numba's on-disk cache does not see changes in other source files, and it needs a writable place. The cache folder
-is therefore named after a hash of every kernel source of the package, and falls back to a temporary folder.
+Numba's on-disk cache does not see changes in other source files, and it needs a writable place. Each kernel is
+therefore cached in a folder named after a hash of its module and of every kernel module that this one imports, under a
+per-user cache folder or, where that is not writable, a temporary one.
 Set ``NUMBA_DISABLE_JIT=1`` to step through kernels in plain Python.
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+import numba
+
 F = TypeVar("F", bound=Callable[..., Any])
 
+prange = numba.prange
 
-def _source_hash() -> str:
-    package = Path(__file__).resolve().parents[1]
-    digest = hashlib.sha256()
-    for source in sorted(package.rglob("*.py")):
-        data = source.read_bytes()
-        if b"core.jit import" in data:
-            digest.update(source.relative_to(package).as_posix().encode())
-            digest.update(data)
-    return digest.hexdigest()[:16]
+_PACKAGE = Path(__file__).resolve().parents[1]
+_IMPORT = re.compile(rb"^from counterflex((?:\.\w+)*) import (?:\(([^)]*)\)|([^\n(]+))", re.MULTILINE)
 
 
-def _cache_dir() -> Path:
-    """Folder for compiled kernels: a per-user cache, or a temporary one where that is not writable."""
-    if "NUMBA_CACHE_DIR" in os.environ:
-        return Path(os.environ["NUMBA_CACHE_DIR"])
+def _imported(source: bytes) -> set[str]:
+    """Dotted names below the package that a source text may import as modules."""
+    found = set()
+    for match in _IMPORT.finditer(source):
+        base = match.group(1).decode().lstrip(".")
+        found.add(base)
+        for name in (match.group(2) or match.group(3)).decode().replace("\n", " ").split(","):
+            word = name.split(" as ")[0].strip()
+            if word:
+                found.add(f"{base}.{word}".lstrip("."))
+    return found
+
+
+@functools.cache
+def _closure(module: str) -> frozenset[str]:
+    """Kernel modules that a module's kernels can depend on, itself included (dotted names below the package)."""
+    todo, seen = [module], set()
+    while todo:
+        name = todo.pop()
+        file = _PACKAGE / (name.replace(".", "/") + ".py")
+        if name in seen or not file.is_file():
+            continue
+        seen.add(name)
+        todo.extend(_imported(file.read_bytes()) - seen)
+    return frozenset(seen)
+
+
+@functools.cache
+def _cache_root() -> Path:
+    """Where compiled kernels are kept: a per-user folder, or a temporary one where that is not writable."""
+    if "COUNTERFLEX_CACHE" in os.environ:
+        return Path(os.environ["COUNTERFLEX_CACHE"])
     base = os.environ.get("XDG_CACHE_HOME") or (
         os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else str(Path.home() / ".cache")
     )
-    leaf = f"kernels-{_source_hash()}-py{sys.version_info.major}{sys.version_info.minor}"
-    for root in (Path(base or tempfile.gettempdir()) / "counterflex", Path(tempfile.gettempdir()) / "counterflex"):
+    for parent in (Path(base or tempfile.gettempdir()), Path(tempfile.gettempdir())):
+        root = parent / "counterflex"
         try:
-            folder = root / leaf
-            folder.mkdir(parents=True, exist_ok=True)
-            probe = folder / f".probe-{os.getpid()}"
+            root.mkdir(parents=True, exist_ok=True)
+            probe = root / f".probe-{os.getpid()}"
             probe.touch()
             probe.unlink()
         except OSError:
             continue
-        return folder
-    return Path(tempfile.mkdtemp(prefix="counterflex-kernels-"))
+        return root
+    return Path(tempfile.mkdtemp(prefix="counterflex-"))
 
 
-os.environ.setdefault("NUMBA_CACHE_DIR", str(_cache_dir()))
+@functools.cache
+def cache_folder(module: str) -> Path:
+    """Folder for the compiled kernels of a module, named after all sources they depend on.
 
-import numba  # noqa: E402  (the cache folder must be chosen before numba is imported)
-
-prange = numba.prange
+    Args:
+        module: Full dotted name, for example ``counterflex.plan.cut_kernel``.
+    """
+    name = module.removeprefix("counterflex.")
+    digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
+    for dependency in sorted(_closure(name)):
+        digest.update(dependency.encode())
+        digest.update((_PACKAGE / (dependency.replace(".", "/") + ".py")).read_bytes())
+    return _cache_root() / f"{name}-{digest.hexdigest()[:16]}"
 
 
 def kernel(
@@ -83,6 +117,7 @@ def kernel(
         options["inline"] = "always"
 
     def decorate(function: F) -> F:
+        numba.config.CACHE_DIR = str(cache_folder(function.__module__))
         compiled = numba.njit(**options) if signature is None else numba.njit(signature, **options)
         return cast(F, compiled(function))
 
