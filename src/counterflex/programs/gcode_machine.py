@@ -45,6 +45,7 @@ class WrittenMachine:
         self.written: Float = np.full((len(rows.way), 3), np.nan)
         self.checked: Bool = np.zeros(len(rows.way), dtype=np.bool_)
         self.arc_error_m = 0.0
+        self.dwell_error_m = 0.0
         self.split_motions = self.vertices_added = 0
         self.arcs_kept = self.arcs_split = self.arcs_as_lines = self.radius_replaced = 0
         self.completed_blocks = self.cycles_expanded = 0
@@ -78,7 +79,11 @@ class WrittenMachine:
         last = self.rows.last[index]
         if last >= 0:
             self.written[last] = self.here()
-            self.checked[last] = True
+            if motion.kind == "dwell":
+                gap = self.written[last] - self.rows.command[last]
+                self.dwell_error_m = max(self.dwell_error_m, float(np.sqrt(gap @ gap)))
+            else:
+                self.checked[last] = True
 
     def target(self, modal: Modal, axis: int, target: float) -> tuple[str, float]:
         """Word value for a target on one axis, and the position it leads to."""

@@ -37,6 +37,8 @@ class GcodeText:
         resolution_m: Last decimal written.
         largest_written_error_m: Largest distance of the written path from the commanded samples of feed motions
             (rapids count at their ends only); at most ``tolerance_m`` plus one rounding, 0.87 ``resolution_m``.
+        largest_dwell_error_m: Largest distance of the commanded from the written position during dwells: a dwell keeps
+            the position of the motion before it.
         largest_dropped_rotation_rad: Largest correction of orientation, which G-code without rotary axes cannot say.
     """
 
@@ -54,6 +56,7 @@ class GcodeText:
     tolerance_m: float
     resolution_m: float
     largest_written_error_m: float
+    largest_dwell_error_m: float
     largest_dropped_rotation_rad: float
 
 
@@ -73,8 +76,8 @@ def write_gcode(
     inherit is no longer that of the source, the missing word is written. Corrected straight moves get their axis
     words edited in place and further blocks where one straight line is not enough; corrected arcs stay arcs where the
     commanded points lie on one within the tolerance, else they become several arcs or straight moves. Rapids are
-    corrected at their end points only. A program with loops or calls is written in the order of execution, its
-    expressions replaced by their values. Nothing at all changes when no row is corrected.
+    corrected at their end points only, dwells keep the position of the motion before them. A program with loops or
+    calls is written in the order of execution, its expressions replaced by their values. Nothing at all changes when no row is corrected.
 
     Args:
         program: As read.
@@ -115,6 +118,7 @@ def write_gcode(
             tolerance_m=tolerance_m,
             resolution_m=resolution,
             largest_written_error_m=0.0,
+            largest_dwell_error_m=0.0,
             largest_dropped_rotation_rad=dropped,
         )
     emitter = Emitter(program, rows, tolerance_m, decimals)
@@ -137,6 +141,7 @@ def write_gcode(
         tolerance_m=tolerance_m,
         resolution_m=resolution,
         largest_written_error_m=max(_line_error(rows, emitter.written, emitter.checked), emitter.arc_error_m),
+        largest_dwell_error_m=emitter.dwell_error_m,
         largest_dropped_rotation_rad=dropped,
     )
 

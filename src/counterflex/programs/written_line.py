@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from counterflex.programs.program import Block, Word
 
 AXES = "XYZ"
+_ORDER = "XYZABCIJKR"
 _COMMENT = re.compile(r"\([^)]*\)|;.*")
 _FLOW_LETTERS = frozenset("ON")
 _CALLS = frozenset((98.0, 99.0))
@@ -31,7 +32,7 @@ class WrittenLine:
         self.text = text
         self.words = words
         self._edits: list[tuple[int, int, str]] = []
-        self._added: list[str] = []
+        self._added: list[tuple[int, str]] = []
 
     def find(self, letter: str) -> Word | None:
         """First word with this letter, or None."""
@@ -52,10 +53,10 @@ class WrittenLine:
         self._edits.append((start, word.end, ""))
 
     def set(self, letter: str, text: str) -> None:
-        """Replace the word with this letter, or add one behind the axis words."""
+        """Replace the word with this letter, or add one in its usual place (X Y Z A B C I J K R)."""
         word = self.find(letter)
         if word is None:
-            self._added.append(letter + text)
+            self._added.append((_ORDER.index(letter), letter + text))
         else:
             self.replace(word, letter + text)
 
@@ -75,10 +76,8 @@ class WrittenLine:
         if not self.changed:
             return self.text
         edits = list(self._edits)
-        if self._added:
-            ends = [w.end for w in self.words if w.letter in "XYZABC"] or [w.end for w in self.words]
-            place = max(ends, default=len(self.text))
-            edits.append((place, place, " " + " ".join(self._added)))
+        for place, text in sorted(self._added):
+            edits.append(self._insertion(place, text))
         out: list[str] = []
         at = 0
         for start, end, text in sorted(edits, key=lambda e: (e[0], e[1])):
@@ -87,6 +86,17 @@ class WrittenLine:
             at = max(at, end)
         out.append(self.text[at:])
         return "".join(out)
+
+    def _insertion(self, place: int, text: str) -> tuple[int, int, str]:
+        """Where a new word goes: behind the last word of smaller order, else before the first of larger order."""
+        smaller = [w.end for w in self.words if 0 <= _ORDER.find(w.letter) < place]
+        if smaller:
+            return smaller[-1], smaller[-1], " " + text
+        larger = [w.start for w in self.words if _ORDER.find(w.letter) > place]
+        if larger:
+            return larger[0], larger[0], text + " "
+        end = max((w.end for w in self.words), default=len(self.text))
+        return end, end, " " + text
 
 
 def flatten(block: Block, decimals: int) -> tuple[str, tuple[Word, ...]]:
