@@ -203,7 +203,7 @@ def test_torque_times_angle_is_specific_energy_times_volume(corner: float, slope
     law = kienzle(0.0, 0.0, 0.0)
     cutter = Cutter(diameter_m=10 * MM, corner_radius_m=corner * MM, flutes=2)
     weights = mean_force_weights(cutter, law)
-    stock = HeightMap.from_box(np.array([0.0, 0.0, -20 * MM]), np.array([30 * MM, 20 * MM, 0.0]), 0.1 * MM)
+    stock = HeightMap.from_box((0.0, 0.0, -20 * MM), (30 * MM, 20 * MM, 0.0), 0.1 * MM)
     slope = math.radians(slope_deg)
     direction = np.array([math.cos(slope), 0.0, math.sin(slope)])
     start = np.array([12 * MM, 10 * MM, -4 * MM if slope_deg > -90 else 0.5 * MM])

@@ -35,7 +35,9 @@ def sine_power_integral(p: float, phi: Float) -> Float:
     angle = np.asarray(phi, dtype=np.float64)
     a = (p + 1.0) / 2.0
     half = 0.5 * math.exp(float(gammaln(a) + gammaln(0.5) - gammaln(a + 0.5)))
-    part = half * betainc(a, 0.5, np.clip(np.sin(angle) ** 2, 0.0, 1.0))
+    sin2, cos2 = np.sin(angle) ** 2, np.cos(angle) ** 2
+    # near 90 deg the complement keeps the digits
+    part = half * np.where(sin2 < 0.5, betainc(a, 0.5, np.minimum(sin2, 1.0)), 1.0 - betainc(0.5, a, cos2))
     result: Float = np.where(angle <= math.pi / 2.0, part, 2.0 * half - part)
     return result
 
@@ -93,9 +95,9 @@ def level_table(
         terms: Rows (p, k_c, k_r, k_a) of the force law, shape (n_terms, 4).
 
     Returns:
-        Shape (n_levels, 8 + n_terms): mean sin kappa, mean cos kappa, edge length per axial length, mean radius in m, lower and
-        upper height above the tip in m, area of the level seen along the axis in m2, radius of the flat bottom in m;
-        then for every power term the effective ``(mean sin^p kappa)^(1/p)``.
+        Shape (n_levels, 8 + n_terms): mean sin kappa, mean cos kappa, edge length per axial length, mean radius in m,
+        lower and upper height above the tip in m, area of the level seen along the axis in m2, radius of the flat
+        bottom in m; then for every power term the effective ``(mean sin^p kappa)^(1/p)``.
     """
     table = np.ones((len(boundaries_m) - 1, 8 + len(terms)))
     flat = max(radius_m - corner_radius_m, 0.0)
