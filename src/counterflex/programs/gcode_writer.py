@@ -77,7 +77,8 @@ def write_gcode(
     words edited in place and further blocks where one straight line is not enough; corrected arcs stay arcs where the
     commanded points lie on one within the tolerance, else they become several arcs or straight moves. Rapids are
     corrected at their end points only, dwells keep the position of the motion before them. A program with loops or
-    calls is written in the order of execution, its expressions replaced by their values. Nothing at all changes when no row is corrected.
+    calls is written in the order of execution, its expressions replaced by their values. Nothing at all changes when
+    no row is corrected.
 
     Args:
         program: As read.

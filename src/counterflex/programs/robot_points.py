@@ -101,7 +101,8 @@ def choose_points(
 
     Straight stretches are reduced within the tolerances at the same place of the way; then points that follow the one
     before closer than ``DS = f DT`` are merged into their neighbours (Berger2013 eq. 5). Ends of rapids, changes of
-    speed, dwells and rows before an event stay.
+    speed, dwells and rows before an event stay. The first row is left out: it is where the program happens to start,
+    which G-code does not say, and a robot must not be sent there.
 
     Args:
         program: The program the path was sampled from.
@@ -147,7 +148,7 @@ def choose_points(
     keep[simplify(way, p, tolerance_m, rotvec=turned, tolerance_rad=tolerance_rad, fixed=stays)] = True
     dwells = np.array([motion.kind == "dwell" for motion in program.motions], dtype=np.bool_)[path.motion]
     keep &= (moving | stays) & ~dwells
-    keep[0] = True
+    keep[0] = n == 1
     merged, close = _merge(keep, stays, way, np.where(rapid, 0.0, path.feed_m_s), cycle_s)
     row = np.flatnonzero(keep)
     position, angle = _errors(row, way, p, turned, ~rapid & ~dwells)
@@ -219,9 +220,6 @@ def steps(program: Program, points: RobotPoints) -> Iterator[Block | float | int
     at = 0
     m = len(points.row)
     motion = points.motion
-    if m and points.row[0] == 0:
-        yield 0
-        at = 1
     for block in program.blocks:
         yield block
         for index in range(block.first_motion, block.first_motion + block.motion_count):
