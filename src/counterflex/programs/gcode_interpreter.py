@@ -140,14 +140,9 @@ class Interpreter:
         if words is not None and not self._frames and self._straight(text, index, words):
             return
         after, self._place = self._place, here
-        if words is not None:
-            scanned = None
-            literal = tuple(Word(letter, value, start, end) for letter, value, start, end in words)
-        else:
-            scanned = source.scan(index)
-            literal = ()
+        scanned = source.scan(index) if words is None else None
         self._parameters.line = index + 1
-        jump = self._execute(source, index, text, scanned, literal)
+        jump = self._execute(source, index, text, scanned, words or ())
         self._place = after if jump is None else jump
 
     def _count(self, source: Source, index: int) -> None:
@@ -184,7 +179,7 @@ class Interpreter:
 
     # Plain straight moves -------------------------------------------------------------------------------------------
 
-    def _straight(self, text: str, index: int, words: list[tuple[str, float, int, int]]) -> bool:
+    def _straight(self, text: str, index: int, words: tuple[Word, ...]) -> bool:
         """Execute a plain G0 or G1 line under G94; False where the line needs the long way."""
         state = self._state
         if state.feed_mode != 94:
@@ -193,7 +188,8 @@ class Interpreter:
         feed: float | None = None
         axes = {}
         named = False
-        for letter, value, _, _ in words:
+        for word in words:
+            letter, value = word.letter, word.value
             if letter in "XYZ":
                 if letter in axes:
                     return False
@@ -248,9 +244,7 @@ class Interpreter:
                 abc,
             )
         )
-        self._append_block(
-            self._main, index, text, tuple(Word(*word) for word in words), self._modal, len(motions) - 1, False
-        )
+        self._append_block(self._main, index, text, words, self._modal, len(motions) - 1, False)
         return True
 
     def _refresh(self, machine: bool = False) -> Modal:

@@ -18,6 +18,7 @@ from counterflex.programs.gcode_expression import (
     Number,
     NumberedParameter,
 )
+from counterflex.programs.program import Word
 
 _NUMBER: Final = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
 _PLAIN_LINE: Final = re.compile(rf"[ \t]*(?:[A-NP-Za-np-z][ \t]*{_NUMBER}[ \t]*)+")
@@ -80,18 +81,20 @@ def error_at(
     return ProgramError(what, where=f"{name}:{line}:{column + 1}", value=value, hint=hint)
 
 
-def scan_plain(text: str) -> list[tuple[str, float, int, int]] | None:
+def scan_plain(text: str) -> tuple[Word, ...] | None:
     """Read a line that holds nothing but letters and literal numbers.
 
     Args:
         text: The line without its end.
 
     Returns:
-        Letter (upper case), value, start and end of each word; None where the line needs the full scanner.
+        Its words; None where the line needs the full scanner.
     """
     if _PLAIN_LINE.fullmatch(text) is None or len(text) > _LONGEST_LINE:
         return None
-    return [(match[1].upper(), float(match[2]), match.start(), match.end()) for match in _PLAIN_WORD.finditer(text)]
+    return tuple(
+        [Word(match[1].upper(), float(match[2]), match.start(), match.end()) for match in _PLAIN_WORD.finditer(text)]
+    )
 
 
 def strip_comments(text: str, name: str, line: int) -> tuple[str, list[int], list[str]]:

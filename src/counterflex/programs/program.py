@@ -14,7 +14,7 @@ from counterflex.core.arrays import Float
 MotionKind = Literal["rapid", "feed", "arc", "dwell"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Word:
     """A letter and its value in a block.
 
@@ -33,7 +33,7 @@ class Word:
     literal: bool = True
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Modal:
     """Modal state while a block executes, its own words included.
 
@@ -60,7 +60,7 @@ class Modal:
     spindle_rpm: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Block:
     """One executed block, in the order of execution.
 
@@ -85,7 +85,7 @@ class Block:
     cycle: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Motion:
     """One elementary motion of the tool tip in the part frame.
 
@@ -122,7 +122,7 @@ class Motion:
     feed_rad_s: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Program:
     """A program as executed.
 

@@ -1,0 +1,97 @@
+"""What was read, as a table: one row for each motion, in shop units."""
+
+from __future__ import annotations
+
+import math
+import os
+from typing import Final
+
+import polars as pl
+
+from counterflex.core.atomic import write_text
+from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM
+from counterflex.programs.program import Program
+
+# A nanometre and a microdegree: below the digits of any program, above the noise of binary fractions.
+_DIGITS: Final = 6
+SCHEMA: Final[dict[str, type[pl.DataType]]] = {
+    "line": pl.Int64,
+    "motion": pl.String,
+    "x_mm": pl.Float64,
+    "y_mm": pl.Float64,
+    "z_mm": pl.Float64,
+    "a_deg": pl.Float64,
+    "b_deg": pl.Float64,
+    "c_deg": pl.Float64,
+    "feed_mm_min": pl.Float64,
+    "plane": pl.String,
+    "centre_x_mm": pl.Float64,
+    "centre_y_mm": pl.Float64,
+    "centre_z_mm": pl.Float64,
+    "turns": pl.Float64,
+    "dwell_s": pl.Float64,
+    "tool": pl.Int64,
+    "spindle_rpm": pl.Float64,
+}
+
+
+def _shown(value: float) -> float:
+    """Round to the digits shown, without a negative zero."""
+    return round(value, _DIGITS) + 0.0
+
+
+def listing(program: Program) -> pl.DataFrame:
+    """Return the motions of a program as a table.
+
+    Columns: ``line`` in the source; ``motion`` rapid, feed, arc or dwell; end point ``x_mm y_mm z_mm`` of the tool tip
+    in the part frame and ``a_deg b_deg c_deg`` of the rotary axes; ``feed_mm_min`` along the path (empty for rapids,
+    dwells and moves of rotary axes alone); of arcs ``plane`` (G17, G18, G19), the centre at the start's height and
+    ``turns`` = angle / 360 deg, positive for G3; ``dwell_s``; ``tool``; and
+    ``spindle_rpm``, positive for M3.
+
+    Args:
+        program: As read.
+
+    Returns:
+        One row for each motion, in order of execution; empty cells are null.
+    """
+    columns: dict[str, list[object]] = {name: [] for name in SCHEMA}
+    for motion in program.motions:
+        block = program.blocks[motion.block]
+        arc = motion.p_centre is not None
+        centre = [_shown(value / MM) for value in motion.p_centre] if motion.p_centre is not None else [None] * 3
+        feed = _shown(motion.feed_m_s / MM_PER_MIN) if motion.feed_m_s > 0.0 else None
+        row: tuple[object, ...] = (
+            block.line,
+            motion.kind,
+            *(_shown(value / MM) for value in motion.p_end),
+            *(_shown(angle / DEG) for angle in motion.abc_end),
+            feed,
+            f"G{block.modal.plane}" if arc else None,
+            *centre,
+            _shown(motion.turn_rad / (2.0 * math.pi)) if arc else None,
+            motion.duration_s if motion.kind == "dwell" else None,
+            motion.tool,
+            _shown(motion.spindle_rad_s / RPM),
+        )
+        for column, value in zip(columns.values(), row, strict=True):
+            column.append(value)
+    return pl.DataFrame(columns, schema=SCHEMA)
+
+
+def write_listing(program: Program, target: str | os.PathLike[str]) -> int:
+    """Write the table as comma-separated values, whole or not at all.
+
+    Args:
+        program: As read.
+        target: File to write.
+
+    Returns:
+        Number of motions written.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
+    table = listing(program)
+    write_text(target, table.write_csv())
+    return table.height
