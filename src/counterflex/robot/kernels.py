@@ -63,15 +63,6 @@ def joint_trig(q: Float, trig: Float) -> None:
 
 
 @kernel()
-def advance_trig(trig: Float, step: Float, moved: Float) -> None:
-    """Cosines and sines after a small move of the joints, by the addition theorems."""
-    for j in range(6):
-        c, s = small_cos(step[j]), small_sin(step[j])
-        moved[j] = trig[j] * c - trig[6 + j] * s
-        moved[6 + j] = trig[6 + j] * c + trig[j] * s
-
-
-@kernel()
 def chain_pass(real: Float, kind: Int, m: int, trig: Float, delta: Float, elastic: int, frame: Float) -> None:
     """Pose of every station after its drive, and of the TCP.
 
