@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -222,6 +224,24 @@ def test_torque_times_angle_is_specific_energy_times_volume(corner: float, slope
     work = wrench[2:, 5] * 2 * math.pi * teeth / cutter.flutes
     energy = law.k11_pa()[0] * done.volume_m3[2:]
     np.testing.assert_allclose(work.sum(), energy.sum(), rtol=0.02)
+
+
+@given(
+    st.integers(1, 63),
+    st.floats(1e-6, 2e-4),
+    st.floats(1e-4, 2e-2),
+    st.sampled_from([kienzle(0.2, 0.5, 0.3), linear_edge()]),
+)
+def test_engagements_add(split: int, feed: float, depth_m: float, law: ForceLaw) -> None:
+    """Two arcs side by side carry the sum of the wrenches of each, and the spindle always has to push."""
+    weights = mean_force_weights(D16, law)
+    whole = slot(weights, depth_m)
+    left, right = whole.copy(), whole.copy()
+    left[:, split:] = 0.0
+    right[:, :split] = 0.0
+    parts = mean_wrenches(weights, np.stack([left, right, whole]), feed)
+    np.testing.assert_allclose(parts[0] + parts[1], parts[2], rtol=1e-9, atol=1e-9)
+    assert np.all(parts[:, 5] > 0.0)
 
 
 def test_bad_input() -> None:

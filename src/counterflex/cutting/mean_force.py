@@ -222,6 +222,8 @@ def mean_wrench(
 
     Takes what :func:`counterflex.cutting.sweep_kernels.stamp_segment` books: with ``n`` teeth passing during the
     segment, ``feed_m = hypot(dx, dy) / n``, ``drop_m = -dz / n``, ``end_area_m2 = extra[0] / -dz`` when descending.
+    The spindle turns clockwise (M3). For a left-hand cutter on M4 pass the bins in reverse order and change the sign of
+    Fy, Mx and Mz of the result.
 
     Args:
         depth: (n_levels, n_bins) engaged axial length per level and bin of the immersion angle in m.
