@@ -199,7 +199,7 @@ def test_force_is_continuous_from_level_cut_to_plunge(corner: float) -> None:
 
 
 @pytest.mark.parametrize("corner", [0.0, 2.0, 5.0])
-@pytest.mark.parametrize("slope_deg", [-90.0, -20.0, -3.0, 0.0, 3.0, 20.0])
+@pytest.mark.parametrize("slope_deg", [-90.0, -60.0, -20.0, -3.0, 0.0, 3.0, 20.0, 60.0])
 def test_torque_times_angle_is_specific_energy_times_volume(corner: float, slope_deg: float) -> None:
     """With a constant k_c (m = 0) the work of the spindle is k_c V, whatever cutter, slope and engagement."""
     law = kienzle(0.0, 0.0, 0.0)
@@ -223,7 +223,7 @@ def test_torque_times_angle_is_specific_energy_times_volume(corner: float, slope
     )
     work = wrench[2:, 5] * 2 * math.pi * teeth / cutter.flutes
     energy = law.k11_pa()[0] * done.volume_m3[2:]
-    np.testing.assert_allclose(work.sum(), energy.sum(), rtol=0.02)
+    np.testing.assert_allclose(work.sum(), energy.sum(), rtol=0.006)
 
 
 @given(

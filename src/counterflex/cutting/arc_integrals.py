@@ -95,16 +95,17 @@ def level_table(
         terms: Rows (p, k_c, k_r, k_a) of the force law, shape (n_terms, 4).
 
     Returns:
-        Shape (n_levels, 8 + n_terms): mean sin kappa, mean cos kappa, edge length per axial length, mean radius in m,
+        Shape (n_levels, 10 + n_terms): mean sin kappa, mean cos kappa, edge length per axial length, mean radius in m,
         lower and upper height above the tip in m, area of the level seen along the axis in m2, radius of the flat
-        bottom in m; then for every power term the effective ``(mean sin^p kappa)^(1/p)``.
+        bottom in m, sin kappa and cos kappa at the upper end; then for every power term the effective
+        ``(mean sin^p kappa)^(1/p)``.
     """
-    table = np.ones((len(boundaries_m) - 1, 8 + len(terms)))
+    table = np.ones((len(boundaries_m) - 1, 10 + len(terms)))
     flat = max(radius_m - corner_radius_m, 0.0)
     for row, z0, z1 in zip(table, boundaries_m[:-1], boundaries_m[1:], strict=True):
         top = min(float(z1), flute_length_m) if math.isinf(z1) else float(z1)
         if z0 >= corner_radius_m * (1.0 - 1e-12):
-            row[:8] = 1.0, 0.0, 1.0, radius_m, z0, top, 0.0, flat
+            row[:10] = 1.0, 0.0, 1.0, radius_m, z0, top, 0.0, flat, 1.0, 0.0
             continue
         k0 = math.acos(1.0 - z0 / corner_radius_m)
         k1 = math.acos(max(1.0 - z1 / corner_radius_m, 0.0))
@@ -115,8 +116,9 @@ def level_table(
         mean_radius = flat + corner_radius_m * mean_sin
         ring = math.pi * (outer * outer - inner * inner)
         row[:8] = mean_sin, mean_cos, 1.0 / mean_sin, mean_radius, z0, top, ring, flat
+        row[8:10] = math.sin(k1), math.cos(k1)
         for t, p in enumerate(terms[:, 0]):
             if p > 0.0:
                 mean = np.diff(sine_power_integral(float(p), np.array([k0, k1])))[0] / span
-                row[8 + t] = mean ** (1.0 / p)
+                row[10 + t] = mean ** (1.0 / p)
     return table

@@ -72,7 +72,7 @@ class MeanForceWeights:
     Attributes:
         terms: (n_terms, 4) rows (p, k_c, k_r, k_a) times N / 2 pi.
         arc: (n_terms, 5, n_bins) arc integrals, see :func:`counterflex.cutting.arc_integrals.arc_table`.
-        levels: (n_levels, 8 + n_terms) edge geometry, see :func:`counterflex.cutting.arc_integrals.level_table`.
+        levels: (n_levels, 10 + n_terms) edge geometry, see :func:`counterflex.cutting.arc_integrals.level_table`.
     """
 
     terms: Float
@@ -133,7 +133,7 @@ def _level_side(row: Float, feed: float, terms: Float, arc: Float, level: Float,
             ds += d * i_s[b]
             ec += e * ic[b]
             es += e * i_s[b]
-        power = (feed * level[8 + t]) ** terms[t, 0] / sin_k
+        power = (feed * level[10 + t]) ** terms[t, 0] / sin_k
         kc = terms[t, 1] * power
         kn = (terms[t, 2] * sin_k + terms[t, 3] * cos_k) * power
         kz = (terms[t, 2] * cos_k - terms[t, 3] * sin_k) * power
@@ -157,11 +157,18 @@ def _inclined_side(row: Float, feed: float, drop: float, terms: Float, arc: Floa
         for t in range(terms.shape[0]):
             p = terms[t, 0]
             sine = arc[t, 3, b]
-            chip = feed * sine * level[8 + t] + drop * cos_k
-            swept = feed * sine * sin_k + drop * cos_k
-            if chip <= 0.0 or swept <= 0.0:
-                continue
-            edge = row[b] / sin_k if drop > 0.0 else min(row[b] * feed * sine / swept, longest)
+            chip = feed * sine * level[10 + t] + drop * cos_k
+            edge = row[b] / sin_k
+            if drop < 0.0:
+                swept = feed * sine * sin_k + drop * cos_k
+                most = feed * sine * level[8] + drop * level[9]
+                if 2.0 * swept < most:  # the lower end of the level does not cut
+                    swept = 0.5 * most
+                    chip = swept
+                if swept <= 0.0:
+                    continue
+                chip = min(max(chip, 0.5 * swept), most)
+                edge = min(row[b] * feed * sine / swept, longest)
             height = z0 + 0.5 * edge * sin_k
             power = chip**p * edge
             flat = power * arc[t, 4, b]

@@ -96,7 +96,7 @@ def _revolution(
                 edge = length / sin_k
                 fc = fr = fa = 0.0
                 for t in range(terms.shape[0]):
-                    power = (gap * levels[level, 8 + t]) ** terms[t, 0] * edge
+                    power = (gap * levels[level, 10 + t]) ** terms[t, 0] * edge
                     fc += terms[t, 1] * power
                     fr += terms[t, 2] * power
                     fa += terms[t, 3] * power
