@@ -215,7 +215,8 @@ def test_chain_equals_the_closed_form_wherever_the_bearings_sit(
     q: tuple[float, ...],
     bearings: tuple[float, ...],
 ) -> None:
-    opw = Opw(*lengths, offsets_rad=offsets, signs=signs)
+    a1, a2, b, c1, c2, c3, c4 = lengths
+    opw = Opw(a1, a2, b, c1, c2, c3, c4, offsets, signs)
     middle = Element("link", 1, np.array([[0, -1, 0, 0.2], [1, 0, 0, 0.1], [0, 0, 1, -0.3], [0, 0, 0, 1.0]]))
     end = Element("plate", 5, np.array([[1, 0, 0, 0], [0, 0, -1, 0.1], [0, 1, 0, 0.2], [0, 0, 0, 1.0]]))
     robot = catalog.from_opw("own", opw, LIMITS, bearings_m=np.array(bearings), elements=[middle, end])

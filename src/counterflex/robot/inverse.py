@@ -19,7 +19,7 @@ from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.robot import inverse_kernel, opw, reach_errors
 from counterflex.robot.chain import ElasticChain
-from counterflex.robot.inverse_seeds import branch_of, extension, seeds
+from counterflex.robot.inverse_seeds import arm_length, branch_of, extension, seeds
 
 SIGMA_FLOOR: Final = 0.005
 """Scaled sigma_min below which :func:`inverse` and :func:`inverse_path` refuse (about 0.6 deg of axis 5)."""
@@ -108,7 +108,10 @@ def inverse_all(
 
 
 def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | None = None) -> list[Solution]:
-    """See :func:`inverse_all`; ``near`` is one start more, which decides where a singular pose leaves angles free."""
+    """See :func:`inverse_all`; ``near`` is one start more, which decides where a singular pose leaves angles free.
+
+    With ``near`` and without limits every solution is turned as near to it as full turns go.
+    """
     chain = problem.chain
     found: list[Solution] = []
     outside: list[Solution] = []
@@ -117,6 +120,10 @@ def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | No
         if solved is None:
             continue
         q, sigma, wrist = solved
+        if near is not None and not within_limits:
+            row = q + opw.TURN * np.round((near - q) / opw.TURN)
+            _add(found, _solution(chain, target, row, sigma, wrist))
+            continue
         q = _wrapped(q)
         choices = opw.turns(q, chain.joint_limits_rad)
         for row in choices:
@@ -125,7 +132,7 @@ def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | No
             middle = chain.joint_limits_rad.mean(axis=1)
             row = opw.nearest_turn(q, middle, chain.joint_limits_rad)
             _add(outside, _solution(chain, target, row, sigma, wrist))
-    if not within_limits:
+    if not within_limits and near is None:
         per_branch: dict[str, Solution] = {}
         for s in sorted(found + outside, key=lambda s: -s.limit_margin_rad):
             per_branch.setdefault(s.branch, s)
@@ -270,18 +277,9 @@ class _Problem:
         q, measures = np.array(seed, dtype=np.float64), np.empty(3)
         done = inverse_kernel.newton(
             self.real, self.kind, self.m, np.array(target), self.w, self.gravity, self.loaded, self.length, q,
-            np.ones(6), measures,
+            measures,
         )  # fmt: skip
         return (q, float(measures[0]), float(measures[1])) if done else None
-
-
-def arm_length(chain: ElasticChain) -> float:
-    """Length of the arm from axis 2 to the flange: the sum of its offsets, m; for scaling only."""
-    first = int(np.flatnonzero(chain.joint == 1)[0])
-    steps = [chain.fixed[i, :3, 3] for i in range(first + 1, chain.flange_segment + 1)]
-    steps.append(chain.T_segment_flange[:3, 3])
-    total = float(sum(np.linalg.norm(step) for step in steps))
-    return total if total > 0.0 else 1.0
 
 
 def _follow(

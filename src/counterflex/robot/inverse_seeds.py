@@ -98,3 +98,12 @@ def branch_of(chain: ElasticChain, q: Float) -> str:
     low = float(z[2] @ np.cross(p[2] - p[1], p[4] - p[2])) < 0.0
     flip = float(z[4] @ np.cross(z[3], z[5])) < 0.0
     return opw.BRANCHES[4 * int(flip) + 2 * int(back) + int(low)]
+
+
+def arm_length(chain: ElasticChain) -> float:
+    """Length of the arm from axis 2 to the flange: the sum of its offsets, m; for scaling only."""
+    first = int(np.flatnonzero(chain.joint == 1)[0])
+    steps = [chain.fixed[i, :3, 3] for i in range(first + 1, chain.flange_segment + 1)]
+    steps.append(chain.T_segment_flange[:3, 3])
+    total = float(sum(np.linalg.norm(step) for step in steps))
+    return total if total > 0.0 else 1.0

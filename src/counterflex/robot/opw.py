@@ -22,6 +22,7 @@ from py_opw_kinematics import _internal as _library
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
+from counterflex.geometry import rotation
 from counterflex.robot.description import Opw
 from counterflex.robot.opw_chain import checked
 
@@ -71,15 +72,51 @@ def branches(opw: Opw, Ts_base_flange: Float) -> Float:
         InputError: The poses have another shape or are not finite.
 
     Source: Brandstoetter, Angerer, Hofbaur 2014. In a singular wrist (theta 5 = 0) only the sum of axes 4 and 6 is
-    determined; the library then splits it as it likes.
+    determined; theta 4 = 0 is returned there.
     """
     Ts = as_float("T_base_flange", Ts_base_flange)
     if Ts.shape[-2:] != (4, 4):
         raise InputError("T_base_flange has the wrong shape", value=Ts.shape, limit="(..., 4, 4)")
     rows = Ts.reshape(-1, 16).copy()
     rows[:, 3::4][:, :3] /= MM
-    q: Float = np.asarray(_engine(opw).reach(rows)[0], dtype=np.float64)
+    q: Float = np.array(_engine(opw).reach(rows)[0], dtype=np.float64)
+    flat = Ts.reshape(-1, 4, 4)
+    missing = np.isnan(q[..., 0])
+    for back in (False, True):
+        slots = [k for k in range(8) if BRANCHES[k].startswith("back") == back]
+        suspects = missing[:, slots].any(axis=1)
+        for i in np.flatnonzero(suspects):
+            if extension(opw, flat[i], back=back) >= 0.0:  # in reach, so the wrist is singular
+                q[i, slots] = np.where(missing[i, slots, None], _straight_wrist(opw, flat[i])[slots], q[i, slots])
     return q.reshape(*Ts.shape[:-2], 8, 6)
+
+
+def _straight_wrist(opw: Opw, T_base_flange: Float) -> Float:
+    """(8, 6) solutions of a wrist too straight for the library.
+
+    The arm's angles are those of the flange tipped about the wrist centre; the wrist's follow from the axis z of the
+    flange in the forearm, ``(cos t4 sin t5, sin t4 sin t5, cos t5)``, with theta 4 = 0 where theta 5 = 0.
+    """
+    tipped = T_base_flange.copy()
+    wrist = T_base_flange[:3, 3] - opw.c4_m * T_base_flange[:3, 2]
+    tipped[:3, :3] = T_base_flange[:3, :3] @ rotation.about_x(0.1)
+    tipped[:3, 3] = (wrist + opw.c4_m * tipped[:3, 2]) / MM
+    q = np.asarray(_engine(opw).reach(tipped.reshape(1, 16))[0], dtype=np.float64)[0]
+    signs, offsets = np.array(opw.signs), np.array(opw.offsets_rad)
+    theta = signs * q - offsets
+    R_arm_flange = (
+        np.swapaxes(rotation.about_z(theta[:, 0]) @ rotation.about_y(theta[:, 1] + theta[:, 2]), -1, -2)
+        @ (T_base_flange[:3, :3])
+    )
+    bend = np.hypot(R_arm_flange[:, 0, 2], R_arm_flange[:, 1, 2])
+    turn = np.where(bend > 1e-12, np.arctan2(R_arm_flange[:, 1, 2], R_arm_flange[:, 0, 2]), 0.0)
+    flip = np.arange(8) >= 4
+    theta[:, 3] = np.where(flip & (bend > 1e-12), turn + math.pi, turn)
+    theta[:, 4] = np.where(flip, -1.0, 1.0) * np.arctan2(bend, R_arm_flange[:, 2, 2])
+    R_wrist_flange = np.swapaxes(rotation.about_z(theta[:, 3]) @ rotation.about_y(theta[:, 4]), -1, -2) @ R_arm_flange
+    theta[:, 5] = np.arctan2(R_wrist_flange[:, 1, 0], R_wrist_flange[:, 0, 0])
+    out: Float = signs * (theta + offsets)
+    return out - TURN * np.round(out / TURN)
 
 
 def slot_of(opw: Opw, q: Float) -> int:
