@@ -15,6 +15,7 @@ from counterflex.core.units import MM, N_PER_MM, N_PER_MM2
 from counterflex.cutting.arc_integrals import cosine_power_integral, sine_power_integral
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.force import engagement_of_arc, mean_thickness
 from counterflex.cutting.mean_force import N_BINS, MeanForceWeights, mean_force_weights, mean_wrenches
 from counterflex.cutting.removal import remove_path
 from counterflex.cutting.stock import HeightMap
@@ -93,6 +94,28 @@ def test_slot_closed_form_of_linear_edge() -> None:
         -n * a / math.pi * law.kac_pa * fz - n * a / 2 * law.kae_n_m,
     ]
     np.testing.assert_allclose(wrench[:3], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("ae_over_d", "factor"), [(1.0, 1.57), (0.5, 1.57), (0.2, 2.32), (0.1, 3.22), (0.05, 4.51)])
+def test_mean_thickness_and_what_taking_the_feed_for_it_costs(ae_over_d: float, factor: float) -> None:
+    """Berger2013 eq. 1 prints f_z where eq. 2 and 3 need the mean thickness h_m."""
+    weights = mean_force_weights(D16, kienzle(), n_bins=2048)
+    arc = engagement_of_arc(D16, 3 * MM, 0.0, math.acos(1 - 2 * ae_over_d), 2048)
+    found = mean_thickness(weights, arc[None], np.array([0.03 * MM]), np.zeros(1))[0]
+    assert 0.03 * MM / found == pytest.approx(factor, abs=0.006)
+
+
+@pytest.mark.parametrize(("m", "percent"), [(0.23, 3.0), (0.274, 4.0)])
+@pytest.mark.parametrize("ae_over_d", [0.05, 0.2, 0.5, 1.0])
+def test_force_of_the_mean_thickness_is_a_few_percent_too_high(m: float, percent: float, ae_over_d: float) -> None:
+    """k_c(h_m) h_m against the mean of k_c(h) h over the arc (Jensen): 2 to 4.5 %."""
+    phi = np.linspace(0.0, math.acos(1 - 2 * ae_over_d), 100_001)
+    h = np.sin(phi)
+    mean = np.trapezoid(h, phi) / phi[-1]
+    exact = np.trapezoid(h ** (1 - m), phi) / phi[-1]
+    closed = float(sine_power_integral(1 - m, phi[-1:])[0] / phi[-1])
+    assert closed == pytest.approx(exact, rel=1e-6)
+    assert 100 * (mean ** (1 - m) / closed - 1) == pytest.approx(percent, abs=1.1)
 
 
 @pytest.mark.parametrize("law", [kienzle(), kienzle(0.23, 0.6, 0.1), linear_edge()])
