@@ -47,7 +47,7 @@ class Cutter:
 
     def __post_init__(self) -> None:
         """Check every dimension."""
-        if not (math.isfinite(self.diameter_m) and 0.0 < self.diameter_m):
+        if not (math.isfinite(self.diameter_m) and self.diameter_m > 0.0):
             raise InputError("cutter diameter is out of range", value=self.diameter_m, limit="> 0 m")
         if self.diameter_m > 1.0:
             raise InputError(

@@ -6,27 +6,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from counterflex.core.arrays import Float, Float32, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
 from counterflex.core.progress import Progress, silent
+from counterflex.cutting.booking_kernels import AREA, BINS, BOTTOM, EVENTS, QUANTUM_M, VISITED, VOLUME
 from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.envelope_kernels import NODES, OUT, SIDE
 from counterflex.cutting.stock import HeightMap, require_vertical
-from counterflex.cutting.sweep_kernels import (
-    AREA,
-    BINS,
-    BOTTOM,
-    LANES,
-    NODES,
-    QUANTUM_M,
-    VISITED,
-    VOLUME,
-    Grid,
-    Workspace,
-    stamp_bands,
-)
+from counterflex.cutting.sweep_kernels import Grid, Scratch, Workspace, stamp_bands
 from counterflex.path import FEED, RAPID, ToolPath
+
+UInt16 = npt.NDArray[np.uint16]
 
 CHUNK_BYTES = 24_000_000
 """Memory of the engagement accumulators of one worker; the path is cut in chunks of segments that fit."""
@@ -51,11 +44,16 @@ def grid_of(stock: HeightMap) -> Grid:
 
 def stamp_workspace(cutter: Cutter) -> Workspace:
     """Scratch arrays for :func:`~counterflex.cutting.sweep_kernels.stamp_segment` with this cutter."""
-    return Workspace(
-        lane=np.empty(2 * LANES, np.float32),
-        out=np.empty(LANES, np.int32),
+    scratch = Scratch(
+        lane=np.empty(2 * SIDE, np.float32),
+        out=np.zeros(OUT, np.float32),
         minimiser=np.empty(NODES + 2, np.float32),
         stations=np.empty(2),
+        event=np.empty((4, EVENTS), np.float32),
+        code=np.empty((5, EVENTS), np.int32),
+    )
+    return Workspace(
+        scratch=scratch,
         path=np.empty((2, 3)),
         booked=np.empty((1, cutter.n_levels, BINS), np.int64),
         totals=np.empty((1, 4), np.int64),
@@ -79,7 +77,7 @@ class Engagement:
 
     n_levels: int
     offsets: Int
-    cell: np.typing.NDArray[np.uint16]
+    cell: UInt16
     depth_m: Float32
 
     def __len__(self) -> int:
@@ -114,7 +112,7 @@ class RemovalResult:
         engagement: Booked engagement, or None when it was not asked for.
         collisions: (k,) indices of rapid segments that removed material; ``volume_m3`` says how much.
         cells_visited: Number of cell evaluations, for benchmarks.
-        cells_lowered: Volume events are not counted; this is the number of segments that removed something.
+        segments_cutting: Number of segments that removed something.
     """
 
     volume_m3: Float
@@ -124,11 +122,13 @@ class RemovalResult:
     engagement: Engagement | None
     collisions: Int
     cells_visited: int
-    cells_lowered: int
+    segments_cutting: int
 
 
 @kernel()
-def _compress(booked, length, unit, radii, unit_width, cell, depth, offsets):  # type: ignore[no-untyped-def]
+def _compress(
+    booked: Int, length: Float, unit: float, radii: Float, unit_width: Float, cell: UInt16, depth: Float32, offsets: Int
+) -> int:
     """Sum the workers' books, turn them into depths and append the non-zero ones; returns the number of entries."""
     workers, n, levels, bins = booked.shape
     at = 0
@@ -213,26 +213,11 @@ def remove_segments(
         chunk = runs[at:stop] - np.array([first, 0])
         booked = np.zeros((threads, count, levels, BINS) if engagement else (threads, count, 0, BINS), np.int64)
         totals = np.zeros((threads, count, 4), np.int64)
-        stamp_bands(
-            grid.z,
-            grid.tops,
-            grid.x0,
-            grid.y0,
-            grid.cell,
-            grid.floor,
-            path[first : last + 1],
-            chunk,
-            shape,
-            first > 0,
-            book[first:last],
-            booked,
-            totals,
-            threads,
-        )
+        stamp_bands(grid, path[first : last + 1], chunk, shape, first > 0, book[first:last], booked, totals, threads)
         sums = totals.sum(axis=0)
         booked_engagement = None
         if engagement:
-            entries = int(np.count_nonzero(booked))
+            entries = count * levels * BINS
             cell, depth = np.empty(entries, np.uint16), np.empty(entries, np.float32)
             offsets = np.zeros(count + 1, np.int64)
             used = _compress(booked, length[first:last], unit, radii, widths, cell, depth, offsets)
@@ -283,12 +268,12 @@ def remove_path(
     Raises:
         InputError: Path, kinds or threads are not as described.
     """
-    parts = list(
+    parts = [
         piece
         for _, piece in remove_segments(
             stock, p_part_tcp, kind, cutter, engagement=engagement, threads=threads, progress=progress
         )
-    )
+    ]
     booked = [part.engagement for part in parts if part.engagement is not None]
     merged = None
     if booked:
@@ -307,7 +292,7 @@ def remove_path(
         merged,
         np.concatenate([part.collisions for part in parts]),
         sum(part.cells_visited for part in parts),
-        sum(part.cells_lowered for part in parts),
+        sum(part.segments_cutting for part in parts),
     )
 
 

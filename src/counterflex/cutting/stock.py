@@ -12,6 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Float32
 from counterflex.core.atomic import atomic_path
 from counterflex.core.errors import FileFormatError, InputError, ModelError
+from counterflex.cutting.stock_mesh import STL_UNIT_M, heights_from_stl
 
 BLOCK_ROWS: Final = 8
 BLOCK_COLUMNS: Final = 16
@@ -105,6 +106,22 @@ class HeightMap:
         z = np.full((ny, nx), high[2], dtype=np.float32)
         return cls(float(low[0] + 0.5 * cell_m), float(low[1] + 0.5 * cell_m), cell_m, z, float(low[2]))
 
+    @classmethod
+    def from_stl(cls, path: str | os.PathLike[str], cell_m: float, unit_m: float = STL_UNIT_M) -> HeightMap:
+        """Make stock of the upper surface of a closed STL body.
+
+        Args:
+            path: STL file.
+            cell_m: Side of a cell, m.
+            unit_m: Length of one unit of the file, m; CAM systems write mm.
+
+        Raises:
+            FileFormatError: The file cannot be read, is no STL, or its surface is not closed.
+            InputError: The size is implausible (wrong unit), or the grid is too small or too large.
+        """
+        x0, y0, bottom, heights = heights_from_stl(path, cell_m, unit_m)
+        return cls(x0, y0, cell_m, heights, bottom)
+
     @property
     def volume_m3(self) -> float:
         """Volume of the material above the bottom, m^3."""
@@ -112,12 +129,12 @@ class HeightMap:
 
     def x_m(self) -> Float:
         """Cell centres along x, (nx,) m."""
-        out: Float = self.x0_m + self.cell_m * np.arange(self.z.shape[1])
+        out: Float = self.x0_m + self.cell_m * np.arange(self.z.shape[1], dtype=np.float64)
         return out
 
     def y_m(self) -> Float:
         """Cell centres along y, (ny,) m."""
-        out: Float = self.y0_m + self.cell_m * np.arange(self.z.shape[0])
+        out: Float = self.y0_m + self.cell_m * np.arange(self.z.shape[0], dtype=np.float64)
         return out
 
     def copy(self) -> HeightMap:

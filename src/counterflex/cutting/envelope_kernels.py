@@ -1,0 +1,212 @@
+"""Kernels: lower a height map by the exact swept envelope of a cutter and book what was removed.
+
+A straight segment runs from a to b; s and w are the coordinates of a cell along and to the left of the horizontal
+feed, L its horizontal length, m its slope dz/L. With the outline f of the cutter (see :class:`Cutter`) the swept
+envelope at a cell is ``min over t in [0, L] of z_a + m t + f(sqrt((s - t)^2 + w^2))``. The function is convex in t,
+and its free minimiser t = s + u(w) depends on w alone:
+
+* flat: u = -q climbing, +q descending, with q = sqrt(R^2 - w^2);
+* ball: u = -q sin(theta), tan(theta) = m;
+* bull nose: u = 0 on the level; on a slope ``tan(psi) sqrt(1 - w^2/rho^2) = |m|`` with ``rho = R - r + r sin(psi)``,
+  solved on a table over w for each segment and interpolated. An error in u enters the height only to second order.
+
+Heights are float32 and computed in coordinates relative to the segment. Removed heights are added as whole numbers
+of 2^-30 m, so that every sum is the same for any order, number of bands and number of threads.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from counterflex.core.arrays import Float32, Int
+from counterflex.core.jit import kernel
+
+Real: TypeAlias = Any
+"""A scalar of a kernel: float64, or float32 where a loop is to run in vectors."""
+Whole: TypeAlias = Any
+"""An integer of a kernel."""
+Int32: TypeAlias = npt.NDArray[np.int32]
+
+LANES: Final = 16
+"""Cells of a row worked on at once."""
+PEAK: Final = 32
+NEW: Final = 48
+OUT: Final = 80
+"""Places in the row results: removed heights from 0, running maximum, new heights; padded for reads of 16 anywhere."""
+SIDE: Final = 32
+"""Place of the lanes' steps in w behind those in s."""
+NODES: Final = 256
+"""Intervals of the table of the minimiser of a bull nose over w in [0, R]."""
+
+_ZERO = np.float32(0.0)
+
+
+@kernel()
+def row_flat(
+    row: Float32,
+    lane: Float32,
+    out: Float32,
+    s0: Real,
+    w0: Real,
+    length: Real,
+    za: Real,
+    slope: Real,
+    floor: Real,
+    radius: Real,
+) -> None:
+    """Lower 16 cells under a flat end mill; out receives what was removed."""
+    r2 = radius * radius
+    for k in range(LANES):
+        s = s0 + lane[k]
+        w = w0 + lane[SIDE + k]
+        a = r2 - w * w
+        q = math.sqrt(max(a, _ZERO))
+        t_in = max(s - q, _ZERO)
+        t_out = min(s + q, length)
+        low = max(za + slope * (t_in if slope > _ZERO else t_out), floor)
+        old = row[k]
+        new = low if (a >= _ZERO) & (t_in <= t_out) & (low < old) else old
+        row[k] = new
+        out[k] = old - new
+        out[NEW + k] = new
+        out[PEAK + k] = max(out[PEAK + k], new)
+
+
+@kernel()
+def row_ball(
+    row: Float32,
+    lane: Float32,
+    out: Float32,
+    s0: Real,
+    w0: Real,
+    length: Real,
+    za: Real,
+    slope: Real,
+    floor: Real,
+    radius: Real,
+    sin_theta: Real,
+) -> None:
+    """Lower 16 cells under a ball end mill."""
+    r2 = radius * radius
+    for k in range(LANES):
+        s = s0 + lane[k]
+        w = w0 + lane[SIDE + k]
+        a = r2 - w * w
+        t = min(max(s - sin_theta * math.sqrt(max(a, _ZERO)), _ZERO), length)
+        rest = a - (s - t) * (s - t)
+        low = max(za + slope * t + radius - math.sqrt(max(rest, _ZERO)), floor)
+        old = row[k]
+        new = low if (rest >= _ZERO) & (low < old) else old
+        row[k] = new
+        out[k] = old - new
+        out[NEW + k] = new
+        out[PEAK + k] = max(out[PEAK + k], new)
+
+
+@kernel()
+def row_bull(
+    row: Float32,
+    lane: Float32,
+    out: Float32,
+    s0: Real,
+    w0: Real,
+    length: Real,
+    za: Real,
+    slope: Real,
+    floor: Real,
+    radius: Real,
+    corner: Real,
+    minimiser: Float32,
+) -> None:
+    """Lower 16 cells under a bull nose; minimiser is the table of u over |w| (ignored on the level)."""
+    inner = radius - corner
+    r2 = corner * corner
+    per = np.float32(NODES) / radius
+    for k in range(LANES):
+        s = s0 + lane[k]
+        w = w0 + lane[SIDE + k]
+        u = _ZERO
+        if slope != _ZERO:
+            x = min(abs(w) * per, np.float32(NODES - 0.001))
+            i = np.int32(x)
+            u = minimiser[i] + (x - np.float32(i)) * (minimiser[i + 1] - minimiser[i])
+        t = min(max(s + u, _ZERO), length)
+        v = max(math.sqrt(w * w + (s - t) * (s - t)) - inner, _ZERO)
+        rest = r2 - v * v
+        low = max(za + slope * t + corner - math.sqrt(max(rest, _ZERO)), floor)
+        old = row[k]
+        new = low if (rest >= _ZERO) & (low < old) else old
+        row[k] = new
+        out[k] = old - new
+        out[NEW + k] = new
+        out[PEAK + k] = max(out[PEAK + k], new)
+
+
+@kernel()
+def nothing(pairs: Int) -> bool:
+    """True when the 16 removed heights, seen as 8 integers, are all zero."""
+    bits = np.int64(0)
+    for k in range(LANES // 2):
+        bits |= pairs[k]
+    return bool(bits == 0)
+
+
+@kernel()
+def gather(event: Float32, held: Whole, out: Float32, lane: Float32, s_row: Real, w_row: Real) -> int:
+    """Append the row's columns from the first to the last that was lowered; returns how many."""
+    first = 0
+    while out[first] <= _ZERO:
+        first += 1
+    last = LANES - 1
+    while out[last] <= _ZERO:
+        last -= 1
+    removed, new, s, w = event[0, held:], event[1, held:], event[2, held:], event[3, held:]
+    for k in range(LANES):
+        removed[k] = out[first + k]
+    for k in range(LANES):
+        new[k] = out[NEW + first + k]
+    for k in range(LANES):
+        s[k] = s_row + lane[first + k]
+    for k in range(LANES):
+        w[k] = w_row + lane[SIDE + first + k]
+    return last + 1 - first
+
+
+@kernel()
+def fill_minimiser(table: Float32, radius: Real, corner: Real, slope: Real) -> None:
+    """Tabulate u(|w|) of a bull nose at the slope: bisection on psi, then Newton's accuracy by 40 halvings."""
+    inner = radius - corner
+    steep = abs(slope)
+    sign = -1.0 if slope > 0.0 else 1.0
+    for i in range(NODES + 1):
+        w = radius * i / NODES
+        low = math.asin(min(1.0, max(0.0, (w - inner) / corner)))
+        high = 0.5 * math.pi
+        for _ in range(40):
+            psi = 0.5 * (low + high)
+            rho = inner + corner * math.sin(psi)
+            if math.tan(psi) * math.sqrt(max(0.0, 1.0 - (w / rho) ** 2)) < steep:
+                low = psi
+            else:
+                high = psi
+        rho = inner + corner * math.sin(0.5 * (low + high))
+        table[i] = sign * math.sqrt(max(0.0, rho * rho - w * w))
+
+
+@kernel()
+def height_under(rho: Real, radius: Real, corner: Real) -> Real:
+    """Height of the outline at rho above the tip."""
+    v = max(0.0, rho - (radius - corner))
+    return corner - math.sqrt(max(0.0, corner * corner - v * v))
+
+
+@kernel()
+def radius_over(h: Real, radius: Real, corner: Real) -> Real:
+    """Radius of the outline at height h above the tip."""
+    if h >= corner:
+        return radius
+    return radius - corner + math.sqrt(max(0.0, h * (2.0 * corner - h)))

@@ -1,0 +1,185 @@
+"""Stock from a triangle mesh, and the machined part back as one."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Float32, Int
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.jit import kernel
+
+if TYPE_CHECKING:
+    from counterflex.cutting.stock import HeightMap
+
+STL_UNIT_M: Final = 1e-3
+"""STL files carry no unit; CAM systems write mm."""
+SMALLEST_SIDE_M: Final = 2e-3
+LARGEST_SIDE_M: Final = 10.0
+
+
+def upper_surface(
+    vertices_m: Float, faces: Int, x0_m: float, y0_m: float, cell_m: float, shape: tuple[int, int]
+) -> Float:
+    """Highest point of a mesh over each cell centre, by filling the plan view of every triangle.
+
+    Args:
+        vertices_m: (n, 3) m.
+        faces: (m, 3) vertex indices.
+        x0_m: x of the centre of cell [0, 0], m; y0_m likewise.
+        y0_m: See x0_m.
+        cell_m: Side of a cell, m.
+        shape: (ny, nx).
+
+    Returns:
+        (ny, nx) m, minus infinity where no triangle lies.
+    """
+    out = np.full(shape, -np.inf)
+    _fill(
+        np.ascontiguousarray(vertices_m, dtype=np.float64),
+        np.ascontiguousarray(faces, dtype=np.int64),
+        x0_m,
+        y0_m,
+        cell_m,
+        out,
+    )
+    return out
+
+
+@kernel()
+def _fill(vertices: Float, faces: Int, x0: float, y0: float, cell: float, out: Float) -> None:
+    """Raise every cell centre inside a triangle's plan view to the triangle's plane (edges included)."""
+    ny, nx = out.shape
+    for f in range(faces.shape[0]):
+        ax, ay, az = vertices[faces[f, 0], 0], vertices[faces[f, 0], 1], vertices[faces[f, 0], 2]
+        bx, by, bz = vertices[faces[f, 1], 0], vertices[faces[f, 1], 1], vertices[faces[f, 1], 2]
+        cx, cy, cz = vertices[faces[f, 2], 0], vertices[faces[f, 2], 1], vertices[faces[f, 2], 2]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0.0:
+            continue
+        i_low = max(0, math.ceil((min(ax, bx, cx) - x0) / cell))
+        i_high = min(nx - 1, math.floor((max(ax, bx, cx) - x0) / cell))
+        j_low = max(0, math.ceil((min(ay, by, cy) - y0) / cell))
+        j_high = min(ny - 1, math.floor((max(ay, by, cy) - y0) / cell))
+        for j in range(j_low, j_high + 1):
+            y = y0 + j * cell
+            for i in range(i_low, i_high + 1):
+                x = x0 + i * cell
+                u = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
+                v = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
+                w = 1.0 - u - v
+                if u >= -1e-12 and v >= -1e-12 and w >= -1e-12:
+                    out[j, i] = max(out[j, i], u * az + v * bz + w * cz)
+
+
+def read_stl(path: str | os.PathLike[str], unit_m: float = STL_UNIT_M) -> tuple[Float, Int]:
+    """Read a closed STL body.
+
+    Args:
+        path: STL file, binary or text.
+        unit_m: Length of one unit of the file, m.
+
+    Returns:
+        Vertices (n, 3) in m and faces (m, 3).
+
+    Raises:
+        FileFormatError: The file cannot be read, is no STL, or its surface is not closed.
+        InputError: The size is implausible, as when the unit is wrong.
+    """
+    import trimesh
+
+    where = str(path)
+    if not Path(path).is_file():
+        raise FileFormatError("cannot read stock: no such file", where=where)
+    try:
+        mesh: Any = trimesh.load_mesh(Path(path), file_type="stl")
+        vertices: Float = np.array(mesh.vertices, dtype=np.float64)
+        faces: Int = np.array(mesh.faces, dtype=np.int64)
+    except Exception as fault:
+        raise FileFormatError("not an STL file", where=where, value=str(fault)[:80]) from fault
+    if len(faces) < 4:
+        raise FileFormatError("STL file holds no body", where=where, value=f"{len(faces)} triangles")
+    if not np.all(np.isfinite(vertices)):
+        raise FileFormatError("STL file holds a coordinate that is not finite", where=where)
+    if not mesh.is_watertight:
+        raise FileFormatError(
+            "stock mesh is not watertight",
+            where=where,
+            hint="Export a closed solid, or repair the mesh in the CAD system",
+        )
+    vertices = vertices * unit_m
+    size = np.ptp(vertices, axis=0)
+    if size.max() < SMALLEST_SIDE_M or size.max() > LARGEST_SIDE_M:
+        small = size.max() < SMALLEST_SIDE_M
+        raise InputError(
+            f"stock mesh is implausibly {'small' if small else 'large'}",
+            where=where,
+            value=" x ".join(f"{v / STL_UNIT_M:.4g}" for v in size) + " mm",
+            limit=f"{SMALLEST_SIDE_M / STL_UNIT_M:g} mm to {LARGEST_SIDE_M / STL_UNIT_M:g} mm",
+            hint="STL carries no unit and is read in mm; was it written in " + ("m or inch?" if small else "um?"),
+        )
+    return vertices, faces
+
+
+def heights_from_stl(
+    path: str | os.PathLike[str], cell_m: float, unit_m: float = STL_UNIT_M
+) -> tuple[float, float, float, Float32]:
+    """Upper surface of a closed STL body on a grid: x0, y0, bottom (m) and heights (ny, nx).
+
+    Cells whose centre no triangle covers are at the bottom. Undercuts are filled, as nothing below the upper surface
+    can be represented.
+
+    Raises:
+        FileFormatError: See :func:`read_stl`.
+        InputError: See :func:`read_stl`; or the cell is not positive.
+    """
+    if not (math.isfinite(cell_m) and cell_m > 0.0):
+        raise InputError("cell size is out of range", value=cell_m, limit="> 0 m")
+    vertices, faces = read_stl(path, unit_m)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    nx, ny = (math.ceil(round(float(high[k] - low[k]) / cell_m, 6)) for k in (0, 1))
+    if nx * ny > 200_000_000:
+        raise InputError("height map is too large", value=f"{nx} x {ny} cells", hint="Make the cell larger")
+    x0, y0, bottom = (float(low[0]) + 0.5 * cell_m, float(low[1]) + 0.5 * cell_m, float(low[2]))
+    surface = upper_surface(vertices, faces, x0, y0, cell_m, (ny, nx))
+    heights: Float32 = np.where(np.isfinite(surface), np.maximum(surface, bottom), bottom).astype(np.float32)
+    return x0, y0, bottom, heights
+
+
+def to_mesh(stock: HeightMap, step: int = 1) -> tuple[Float, Int]:
+    """Closed triangle mesh of the part: the top through the cell centres, vertical sides, and the bottom.
+
+    Args:
+        stock: The height map.
+        step: Use every ``step``-th cell each way.
+
+    Returns:
+        Vertices (n, 3) in m, part frame, and faces (m, 3), counter-clockwise seen from outside. Its volume is that of
+        the map less half a cell along the rim.
+
+    Raises:
+        InputError: The step leaves fewer than 2 cells a side.
+    """
+    if step < 1 or min(stock.z.shape) <= step:
+        raise InputError("mesh step is out of range", value=step, limit=f"1 to {min(stock.z.shape) - 1}")
+    z = stock.z[::step, ::step].astype(np.float64)
+    x, y = stock.x_m()[::step], stock.y_m()[::step]
+    ny, nx = z.shape
+    plan_x, plan_y = np.meshgrid(x, y)
+    top = np.stack([plan_x, plan_y, np.maximum(z, stock.bottom_m)], axis=-1).reshape(-1, 3)
+    base = top.copy()
+    base[:, 2] = stock.bottom_m
+    index = np.arange(ny * nx).reshape(ny, nx)
+    a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, 1:].ravel(), index[1:, :-1].ravel()
+    up = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    rim = np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
+    after = np.roll(rim, -1)
+    n = ny * nx
+    sides = np.concatenate([np.stack([rim, rim + n, after + n], 1), np.stack([rim, after + n, after], 1)])
+    faces: Int = np.concatenate([up, up[:, ::-1] + n, sides]).astype(np.int64)
+    vertices: Float = np.concatenate([top, base])
+    return vertices, faces
