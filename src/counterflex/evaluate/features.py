@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.stock import HeightMap
@@ -154,7 +154,7 @@ def _groove(
     rows.append(_row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()}))
     across = np.linspace(-0.6, 0.6, 7) * radius
     place = (tip[good, None, :2] + across[None, :, None] * left).reshape(-1, 2)
-    rows.append(_flatness(place, surface.nominal, maps, float(np.ptp(s[good]))))
+    rows.extend(_flatness(place, surface, maps, float(np.ptp(s[good]))))
     return rows
 
 
@@ -197,7 +197,7 @@ def _pocket(
         _row("roundness", 0.0, 2.0 * radius, round_),
         _row("centre", 0.0, radius, centre),
         _row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()}),
-        _flatness(np.concatenate(rings), surface.nominal, maps, 2.0 * radius),
+        *_flatness(np.concatenate(rings), surface, maps, 2.0 * radius),
     ]
 
 
@@ -211,23 +211,34 @@ def _row(quantity: str, nominal: float, size: float, values: Mapping[str, Float]
     return quantity, nominal, size, worst, mean
 
 
-def _flatness(place: Float, nominal: HeightMap, maps: Mapping[str, HeightMap], side: float) -> _Row:
-    base = _look(nominal, place)
-    A = np.column_stack([place - place.mean(axis=0), np.ones(len(place))])
+def _flatness(place: Float, surface: NominalSurface, maps: Mapping[str, HeightMap], side: float) -> list[_Row]:
+    """Flatness over floor that no shifted wall can stand on; no row where there is too little of it."""
+    clear = np.isinf(surface.rise_m) & np.isinf(surface.fall_m) & surface.floor
+    j, i, on = _cells(surface.nominal, place)
+    inner = place[on & clear[j, i]]
+    if len(inner) < 10:
+        return []
+    base = _look(surface.nominal, inner)
+    A = np.column_stack([inner - inner.mean(axis=0), np.ones(len(inner))])
     zone = {}
     for name, part in maps.items():
-        deviation = _look(part, place) - base
-        known = np.isfinite(deviation)
-        plane = np.linalg.lstsq(A[known], deviation[known], rcond=None)[0]
-        zone[name] = np.array([float(np.ptp(deviation[known] - A[known] @ plane))])
-    return _row("flatness", 0.0, side, zone)
+        deviation = _look(part, inner) - base
+        plane = np.linalg.lstsq(A, deviation, rcond=None)[0]
+        zone[name] = np.array([float(np.ptp(deviation - A @ plane))])
+    return [_row("flatness", 0.0, side, zone)]
+
+
+def _cells(part: HeightMap, xy: Float) -> tuple[Int, Int, Bool]:
+    """Row and column of the cell under each place, clipped to the map, and whether the place is on it."""
+    i = np.round((xy[:, 0] - part.x0_m) / part.cell_m).astype(np.int64)
+    j = np.round((xy[:, 1] - part.y0_m) / part.cell_m).astype(np.int64)
+    ny, nx = part.z.shape
+    on: Bool = (i >= 0) & (j >= 0) & (i < nx) & (j < ny)
+    return np.clip(j, 0, ny - 1), np.clip(i, 0, nx - 1), on
 
 
 def _look(part: HeightMap, xy: Float) -> Float:
     """Height of the cell under each place, (n,) m; NaN off the map."""
-    i = np.round((xy[:, 0] - part.x0_m) / part.cell_m).astype(np.int64)
-    j = np.round((xy[:, 1] - part.y0_m) / part.cell_m).astype(np.int64)
-    ny, nx = part.z.shape
-    on = (i >= 0) & (j >= 0) & (i < nx) & (j < ny)
-    out: Float = np.where(on, part.z[np.clip(j, 0, ny - 1), np.clip(i, 0, nx - 1)].astype(np.float64), np.nan)
+    j, i, on = _cells(part, xy)
+    out: Float = np.where(on, part.z[j, i].astype(np.float64), np.nan)
     return out

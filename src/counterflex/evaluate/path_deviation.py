@@ -36,7 +36,7 @@ class PathDeviation:
         across_axis_m: (k,) its component along ``feed x left``, the tool axis where the feed is square to it;
             positive = away from the part, too little depth.
         along_m: (k,) progress ahead of the set-point along the path; negative = the tool lags.
-        engagement: (k,) as given, interpolated.
+        engagement: (k,) as given.
         cutting: (k,) True in feed motion while material is removed.
         entry: (k,) True from first contact until the plateau; subset of ``cutting``.
         exit: (k,) True from the end of the plateau to the end of contact; subset of ``cutting``.
@@ -120,7 +120,8 @@ def path_deviation(
         time_s: (n,) s, non-decreasing, same clock as ``nominal.time_s`` unless ``command_part_tcp`` is given.
         p_part_tcp: (n, 3) m, actual tool tip in the part frame.
         engagement: (n,) True while material is removed, or a measure of how much (axial depth, cross-section,
-            force): above 0 is contact, and the plateau is found from it.
+            force): above 0 is contact, and the plateau is found from it. Entry i holds on the way from sample i - 1
+            to sample i.
         cutter_radius_m: Shortest length of an entry or exit.
         command_part_tcp: (n, 3) m, set-points sent to the drives at the same instants, or None.
         spacing_m: Station spacing.
@@ -154,9 +155,9 @@ def path_deviation(
 
     q, place, broken = path_matching.even_stations(p, spacing_m, gap_m)
     where = np.arange(n, dtype=np.float64)
-    engaged_at: Float = np.interp(place, where, contact)
-    touching: Bool = engaged_at > (0.5 if np.asarray(engagement).dtype == np.bool_ else 0.0)
-    u, seg = path_matching.match(q, broken, touching, rows, S, feed, spacing_m, capture_m, lost_m)
+    engaged_at: Float = contact[np.ceil(place).astype(np.int64)]
+    touching: Bool = engaged_at > 0.0
+    u, seg = path_matching.match(q, broken, rows, S, spacing_m, capture_m, lost_m)
     axis = np.ascontiguousarray(nominal.axis_part, dtype=np.float64)
     dev, tangent, left, near = path_matching.split(q, axis, u, seg, rows, S, feed)
     across: Float = dev - np.sum(dev * tangent, axis=1)[:, None] * tangent
@@ -166,8 +167,7 @@ def path_deviation(
     else:
         command = as_float("command_part_tcp", command_part_tcp, (n, 3))
         qc, placec, brokenc = path_matching.even_stations(command, spacing_m, gap_m)
-        touchc: Bool = np.interp(placec, where, contact) > (0.5 if np.asarray(engagement).dtype == np.bool_ else 0.0)
-        uc, _ = path_matching.match(qc, brokenc, touchc, rows, S, feed, spacing_m, capture_m, lost_m)
+        uc, _ = path_matching.match(qc, brokenc, rows, S, spacing_m, capture_m, lost_m)
         due = np.interp(place, placec, uc)
     cutting: Bool = touching & feed[seg]
     runs = contact_runs(cutting, broken, spacing_m)

@@ -2,8 +2,9 @@
 
 The nominal path may cross itself, run back along itself and be skipped in part; the measured one may stop, lag and
 vibrate. A match that looks for the nearest point anywhere would jump between passes. So the match only moves
-forward, within a reach bound by the distance just travelled and the present deviation; only where the measured path
-itself has a hole, or is lost, all later passes are searched and judged by how well the path ahead follows them.
+forward, within a reach bound by the distance just travelled and the present deviation, and prefers nominal moves that
+run the way the tool runs: the end of a cut is not taken for the retract above it. Only where the measured path itself
+has a hole, or is lost, all later passes are searched and judged by how well the path ahead follows them.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from counterflex.core.jit import kernel
 
 _AHEAD_STATIONS = 20  # looked ahead when the place on the path is searched
 _TIE = 1e-15  # m2; equal distances go to the earlier pass
+_SAME_WAY = 0.2  # least cosine between the tool's travel and a nominal move that it is taken to follow
+_ANY_WAY = -2.0
 
 
 @kernel()
@@ -72,49 +75,65 @@ def even_stations(p: Float, spacing: float, gap: float) -> tuple[Float, Float, B
 
 
 @kernel()
+def travel_directions(q: Float, broken: Bool) -> Float:
+    """Direction of travel at every station, (k, 3) unit vectors over four chords; zero where the path is one point."""
+    m = q.shape[0]
+    out = np.zeros((m, 3))
+    for i in range(m):
+        a, b = i, i
+        while a > 0 and a > i - 2 and not broken[a]:
+            a -= 1
+        while b < m - 1 and b < i + 2 and not broken[b + 1]:
+            b += 1
+        x, y, z = q[b, 0] - q[a, 0], q[b, 1] - q[a, 1], q[b, 2] - q[a, 2]
+        size = math.sqrt(x * x + y * y + z * z)
+        if size > 0.0:
+            out[i, 0], out[i, 1], out[i, 2] = x / size, y / size, z / size
+    return out
+
+
+@kernel()
 def _nearest(
-    x: float, y: float, z: float, P: Float, S: Float, feed: Bool, only_feed: bool, j0: int, u0: float, u1: float
+    p: Float, way: Float, least: float, P: Float, S: Float, j0: int, u0: float, u1: float
 ) -> tuple[float, int, float]:
     """Nearest nominal point with path length in u0..u1, from segment j0 on: squared distance, segment, length."""
     best, best_j, best_u = math.inf, -1, u0
     j = j0
     while j < P.shape[0] and S[j - 1] <= u1:
         length = S[j] - S[j - 1]
-        if length > 0.0 and S[j] >= u0 and (feed[j] or not only_feed):
+        if length > 0.0 and S[j] >= u0:
             ux, uy, uz = P[j, 0] - P[j - 1, 0], P[j, 1] - P[j - 1, 1], P[j, 2] - P[j - 1, 2]
-            t = ((x - P[j - 1, 0]) * ux + (y - P[j - 1, 1]) * uy + (z - P[j - 1, 2]) * uz) / (length * length)
-            t = min(max(t, max(0.0, (u0 - S[j - 1]) / length)), min(1.0, (u1 - S[j - 1]) / length))
-            dx, dy, dz = x - P[j - 1, 0] - t * ux, y - P[j - 1, 1] - t * uy, z - P[j - 1, 2] - t * uz
-            d2 = dx * dx + dy * dy + dz * dz
-            if d2 < best - _TIE:
-                best, best_j, best_u = d2, j, S[j - 1] + t * length
+            if way[0] * ux + way[1] * uy + way[2] * uz >= least * length:
+                vx, vy, vz = p[0] - P[j - 1, 0], p[1] - P[j - 1, 1], p[2] - P[j - 1, 2]
+                t = (vx * ux + vy * uy + vz * uz) / (length * length)
+                t = min(max(t, max(0.0, (u0 - S[j - 1]) / length)), min(1.0, (u1 - S[j - 1]) / length))
+                dx, dy, dz = vx - t * ux, vy - t * uy, vz - t * uz
+                d2 = dx * dx + dy * dy + dz * dz
+                if d2 < best - _TIE:
+                    best, best_j, best_u = d2, j, S[j - 1] + t * length
         j += 1
     return best, best_j, best_u
 
 
 @kernel()
-def _step(
-    x: float, y: float, z: float, P: Float, S: Float, feed: Bool, engaged: bool, j: int, u: float, reach: float
-) -> tuple[float, int, float]:
-    """One step forward: among feed motions where the cutter cuts, else among all."""
-    d2, jn, un = _nearest(x, y, z, P, S, feed, engaged, j, u, u + reach)
+def _step(p: Float, way: Float, P: Float, S: Float, j: int, u: float, reach: float) -> tuple[float, int, float]:
+    """One step forward: among moves that run the tool's way, else among all."""
+    d2, jn, un = _nearest(p, way, _SAME_WAY, P, S, j, u, u + reach)
     if jn < 0:
-        d2, jn, un = _nearest(x, y, z, P, S, feed, False, j, u, u + reach)
+        d2, jn, un = _nearest(p, way, _ANY_WAY, P, S, j, u, u + reach)
     return d2, jn, un
 
 
 @kernel()
-def _follow(q: Float, i: int, stop: int, P: Float, S: Float, feed: Bool, engaged: Bool, j: int, u: float) -> float:
+def _follow(q: Float, way: Float, i: int, stop: int, P: Float, S: Float, j: int, u: float) -> float:
     """Mean squared distance of the stations ahead when they are followed from segment j, length u."""
     total, count = 0.0, 0
-    d2, jn, un = _step(q[i, 0], q[i, 1], q[i, 2], P, S, feed, engaged[i], j, u, 0.0)
+    d2, jn, un = _step(q[i], way[i], P, S, j, u, 0.0)
     d = math.sqrt(d2) if jn >= 0 else 0.0
     last = i
-    for k in range(i, stop):
-        if (k - i) % 10 != 0:
-            continue
+    for k in range(i, stop, 10):
         step = math.sqrt((q[k, 0] - q[last, 0]) ** 2 + (q[k, 1] - q[last, 1]) ** 2 + (q[k, 2] - q[last, 2]) ** 2)
-        d2, jn, un = _step(q[k, 0], q[k, 1], q[k, 2], P, S, feed, engaged[k], j, u, 1e-4 + 2.0 * step + 2.2 * d)
+        d2, jn, un = _step(q[k], way[k], P, S, j, u, 1e-4 + 2.0 * step + 2.2 * d)
         if jn < 0:
             return math.inf
         j, u, d = jn, un, math.sqrt(d2)
@@ -126,57 +145,51 @@ def _follow(q: Float, i: int, stop: int, P: Float, S: Float, feed: Bool, engaged
 
 @kernel()
 def _search(
-    q: Float, i: int, stop: int, P: Float, S: Float, feed: Bool, engaged: Bool, j0: int, u0: float, capture: float
+    q: Float, way: Float, i: int, stop: int, P: Float, S: Float, j0: int, u0: float, capture: float
 ) -> tuple[float, int, float]:
     """Place on the nominal path from u0 on that station i and those ahead of it follow; the earliest of equals."""
-    x, y, z = q[i, 0], q[i, 1], q[i, 2]
-    least, least_j, least_u = _step(x, y, z, P, S, feed, engaged[i], j0, u0, math.inf)
+    least, least_j, least_u = _step(q[i], way[i], P, S, j0, u0, math.inf)
     if least_j < 0:
         return least, least_j, least_u
     limit = (math.sqrt(least) + capture) ** 2
     candidates = np.empty((256, 3))
     count = 0
-    group = math.inf
-    group_j, group_u, open_until = -1, 0.0, -1.0
+    group, group_j, group_u, open_until = math.inf, -1, 0.0, -1.0
     for j in range(j0, P.shape[0]):
-        if S[j] <= S[j - 1] or (engaged[i] and not feed[j]):
+        if S[j] <= S[j - 1]:
             continue
-        d2, jn, un = _nearest(x, y, z, P, S, feed, False, j, max(u0, S[j - 1]), S[j])
+        d2, jn, un = _nearest(q[i], way[i], _SAME_WAY, P, S, j, max(u0, S[j - 1]), S[j])
         if jn != j or d2 > limit:
             continue
-        if un > open_until and group_j >= 0 and count < 256:
+        if un > open_until and group_j >= 0 and count < 255:
             candidates[count, 0], candidates[count, 1], candidates[count, 2] = group, group_j, group_u
             count += 1
             group = math.inf
         if d2 < group - _TIE:
             group, group_j, group_u = d2, j, un
         open_until = un + 0.5 * capture
-    if group_j >= 0 and count < 256:
-        candidates[count, 0], candidates[count, 1], candidates[count, 2] = group, group_j, group_u
-        count += 1
+    if group_j < 0:
+        return least, least_j, least_u
+    candidates[count, 0], candidates[count, 1], candidates[count, 2] = group, group_j, group_u
+    count += 1
     score = np.empty(count)
     for c in range(count):
-        score[c] = math.sqrt(_follow(q, i, stop, P, S, feed, engaged, int(candidates[c, 1]), candidates[c, 2]))
-    best = score.min() if count else math.inf
+        score[c] = math.sqrt(_follow(q, way, i, stop, P, S, int(candidates[c, 1]), candidates[c, 2]))
     for c in range(count):
-        if score[c] <= best + capture:
+        if score[c] <= score.min() + capture:
             return candidates[c, 0], int(candidates[c, 1]), candidates[c, 2]
     return least, least_j, least_u
 
 
 @kernel()
-def match(
-    q: Float, broken: Bool, engaged: Bool, P: Float, S: Float, feed: Bool, spacing: float, capture: float, lost: float
-) -> tuple[Float, Int]:
+def match(q: Float, broken: Bool, P: Float, S: Float, spacing: float, capture: float, lost: float) -> tuple[Float, Int]:
     """Place of every station on the nominal path, never running backwards.
 
     Args:
         q: (k, 3) m stations of the measured path.
         broken: (k,) True where a hole in the measured path lies before the station.
-        engaged: (k,) True where the cutter removes material; such stations belong to feed motions.
         P: (n, 3) m nominal points.
         S: (n,) m length along them.
-        feed: (n,) True where the segment that ends here is a feed motion.
         spacing: Chord between stations, m.
         capture: m. After a hole, passes that the path ahead follows worse than the best by less than this count
             as equal, and the earliest is taken.
@@ -186,24 +199,23 @@ def match(
         Length along the nominal path (k,) m, and the index of the row that ends the segment (k,).
     """
     m = q.shape[0]
+    way = travel_directions(q, broken)
     u_out = np.empty(m)
     j_out = np.empty(m, dtype=np.int64)
     j, u, d = 1, 0.0, 0.0
     wait = 0
     for i in range(m):
-        x, y, z = q[i, 0], q[i, 1], q[i, 2]
         d2 = math.inf
         jn, un = -1, u
         if not broken[i]:
-            d2, jn, un = _step(x, y, z, P, S, feed, engaged[i], j, u, 1e-4 + 2.0 * spacing + 2.2 * d)
+            d2, jn, un = _step(q[i], way[i], P, S, j, u, 1e-4 + 2.0 * spacing + 2.2 * d)
         wait -= 1
-        away = jn < 0 or (d2 > lost * lost and (wait <= 0 or (engaged[i] and not engaged[i - 1])))
-        if away:
+        if jn < 0 or (d2 > lost * lost and wait <= 0):
             wait = 10
             stop = i + 1
             while stop < m and stop < i + 10 * _AHEAD_STATIONS and not broken[stop]:
                 stop += 1
-            f2, jf, uf = _search(q, i, stop, P, S, feed, engaged, j, u, capture)
+            f2, jf, uf = _search(q, way, i, stop, P, S, j, u, capture)
             if jf >= 0 and (jn < 0 or f2 < 0.25 * d2):
                 d2, jn, un = f2, jf, uf
         if jn >= 0:

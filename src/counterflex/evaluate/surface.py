@@ -37,6 +37,7 @@ class NominalSurface:
         rise_m: (ny, nx) highest wall that stands within ``reach_m`` of the cell, m; infinite where there is none. Floor
             that lies higher by more than half of it is not floor but the shifted wall.
         fall_m: (ny, nx) deepest wall that drops off within ``reach_m`` of the cell, m; infinite where there is none.
+        flank: (ny, nx) True beside a step of the nominal surface.
         wall_point: (m, 3) m points on nominal walls, exact (from the tool path).
         wall_normal: (m, 2) horizontal unit normals, from the cut into the material.
         wall_area_m2: (m,) wall area each point stands for.
@@ -50,6 +51,7 @@ class NominalSurface:
     normal_z: Float32
     rise_m: Float32
     fall_m: Float32
+    flank: Bool
     wall_point: Float
     wall_normal: Float
     wall_area_m2: Float
@@ -61,7 +63,8 @@ class SurfaceDeviation:
     """Deviation of one machined part; m, positive = material left.
 
     Attributes:
-        floor_m: (ny, nx) along the nominal normal; NaN off the floors and where a shifted wall covers the floor.
+        floor_m: (ny, nx) along the nominal normal; NaN off the floors and where a shifted wall stands on the floor:
+            within reach of a nominal wall, more than half its height off, or on a flank of the machined part.
         wall_m: (m,) horizontal, at the nominal surface's wall points; NaN where the wall was not found in reach.
         surface: Figures over floors and walls, by area.
         floor: Over floors.
@@ -112,7 +115,7 @@ def nominal_surface(
     z = nominal.z
     machined: Bool = z < stock.z - np.float32(CHANGED_M)
     cell = nominal.cell_m
-    step = max(1.5 * cell, 0.1 * MM)
+    step = _wall_step(cell)
     slope_x, slope_y = _slope(z, 1, cell, step), _slope(z, 0, cell, step)
     normal_z: Float32 = (1.0 / np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)).astype(np.float32)
     window = 2 * round(reach / cell) + 1
@@ -122,7 +125,8 @@ def nominal_surface(
     rise[rise == 0.0] = np.inf
     fall[fall == 0.0] = np.inf
     point, normal, area = _walls(nominal, machined, p_part_tcp, cutter, step, pitch)
-    return NominalSurface(stock, nominal, cutter, machined, normal_z, rise, fall, point, normal, area, reach)
+    flank: Bool = (foot > 0.0) | (edge > 0.0)
+    return NominalSurface(stock, nominal, cutter, machined, normal_z, rise, fall, flank, point, normal, area, reach)
 
 
 def surface_deviation(
@@ -143,6 +147,9 @@ def surface_deviation(
     _same_grid(surface.nominal, actual)
     rise = actual.z - surface.nominal.z
     covered = (rise > 0.5 * surface.rise_m) | (-rise > 0.5 * surface.fall_m)
+    foot, edge = _steps(actual.z, _wall_step(actual.cell_m))
+    flank = (np.isfinite(surface.rise_m) | np.isfinite(surface.fall_m)) & ((foot > 0.0) | (edge > 0.0))
+    covered |= flank & (~surface.flank | (rise > 0.25 * surface.rise_m) | (-rise > 0.25 * surface.fall_m))
     floor: Float32 = np.where(surface.floor & ~covered, rise * surface.normal_z, np.float32(np.nan))
     wall = np.full(len(surface.wall_point), np.nan)
     if len(wall):
@@ -165,6 +172,11 @@ def surface_deviation(
         wall_resolution_m=0.1 * UM,
         wall_lost_m2=float(surface.wall_area_m2[~found].sum()),
     )
+
+
+def _wall_step(cell: float) -> float:
+    """Least difference of neighbouring cells that makes a wall, m."""
+    return max(1.5 * cell, 0.1 * MM)
 
 
 def _same_grid(a: HeightMap, b: HeightMap) -> None:

@@ -18,6 +18,9 @@ def budget_figure(budget: tuple[BudgetLine, ...]) -> dict[str, Any]:
     """Mean contribution of each cause to the deviation met, largest on top, the remainder last."""
     causes = sorted((line for line in budget if line.name != REMAINDER), key=lambda line: abs(line.share))
     ordered = [*(line for line in budget if line.name == REMAINDER), *causes]
+    mean_um = [line.mean_m / UM for line in ordered]
+    span = max(max(mean_um, default=0.0), 0.0) - min(min(mean_um, default=0.0), 0.0) or 1.0
+    low, high = min(0.0, *mean_um) - 0.32 * span * (min(mean_um) < 0.0), max(0.0, *mean_um) + 0.42 * span
     colours = ["#9aa3ad" if line.name == REMAINDER else "#33689c" for line in ordered]
     return {
         "data": [
@@ -35,8 +38,8 @@ def budget_figure(budget: tuple[BudgetLine, ...]) -> dict[str, Any]:
         ],
         "layout": {
             "height": 90 + 26 * len(ordered),
-            "margin": {"l": 190, "r": 110, "t": 8, "b": 44},
-            "xaxis": {"title": {"text": "mean part of the deviation before compensation, µm"}, "zeroline": True},
+            "margin": {"l": 10, "r": 10, "t": 8, "b": 44},
+            "xaxis": {"title": {"text": "mean part of the deviation, µm"}, "zeroline": True, "range": [low, high]},
             "yaxis": {"automargin": True},
             "showlegend": False,
         },
@@ -69,7 +72,7 @@ def histogram_figure(
             "barmode": "overlay",
             "margin": {"l": 60, "r": 14, "t": 24, "b": 46},
             "xaxis": {"title": {"text": "surface deviation, mm (+ = material left)"}, "tickformat": "+.2~f"},
-            "yaxis": {"title": {"text": "share of area, %"}, "type": "log", "dtick": 1},
+            "yaxis": {"title": {"text": "share of area, %"}, "type": "log", "dtick": 1, "range": [-2.5, 2.0]},
             "legend": {"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "bottom"},
         },
     }

@@ -40,6 +40,7 @@ GLOSSARY: Final = (
     (
         "share in the error budget",
         "Component of a predicted contribution along the deviation met, summed over the path, divided by the sum of "
-        "the deviation's magnitude. Shares add up to 100 %; a cause that works against the deviation has a negative one.",
+        "the deviation's magnitude. Shares add up to 100 %; a cause that works against the deviation has a negative "
+        "one.",
     ),
 )

@@ -17,8 +17,9 @@ from counterflex.report.colours import METROLOGY, edges_mm, stepped
 
 LIMIT_CELLS: Final = 120_000
 _LIMIT_3D: Final = 16_000
-_APART_MM: Final = 22.0
-_BAND_MM: Final = 1.3
+_APART: Final = 0.14  # of the part's longer side
+_LABEL_PX: Final = (64.0, 20.0)
+_BAND_MM: Final = 2.0
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,10 @@ def map_picture(surface: NominalSurface, found: SurfaceDeviation, limit_cells: i
     ny, nx = found.floor_m.shape
     k = max(1, math.ceil(math.sqrt(ny * nx / limit_cells)))
     value = _largest(found.floor_m.astype(np.float64), k) / MM
-    x: Float = (part.x0_m + part.cell_m * (np.arange(value.shape[1]) * k + 0.5 * (k - 1))) / MM
-    y: Float = (part.y0_m + part.cell_m * (np.arange(value.shape[0]) * k + 0.5 * (k - 1))) / MM
+    x, y = (
+        (origin + part.cell_m * (np.arange(count, dtype=np.float64) * k + 0.5 * (k - 1))) / MM
+        for origin, count in ((part.x0_m, value.shape[1]), (part.y0_m, value.shape[0]))
+    )
     known = np.isfinite(found.wall_m)
     if known.any():
         wall, deviation = surface.wall_point[known, :2] / MM, found.wall_m[known] / MM
@@ -80,7 +83,7 @@ def map_picture(surface: NominalSurface, found: SurfaceDeviation, limit_cells: i
 
 
 def callouts(before: MapPicture, after: MapPicture) -> tuple[Callout, ...]:
-    """The three worst places before and the two worst after, at least 22 mm apart."""
+    """The three worst places before and the two worst after, at least a seventh of the part apart."""
     chosen: list[tuple[int, int]] = []
     for picture, count in ((before, 3), (after, 2)):
         size = np.where(np.isnan(picture.value_mm), 0.0, np.abs(picture.value_mm))
@@ -110,6 +113,7 @@ def map_figure(before: MapPicture, after: MapPicture, places: tuple[Callout, ...
     width = float(np.ptp(before.x_mm)) + dx
     height = float(np.ptp(before.y_mm)) + dx
     pixels = min(max(530.0 * height / width, 180.0), 620.0)
+    offsets = _offsets(places, before, min(530.0 / width, pixels / height))
     data = []
     for n, picture in enumerate((before, after)):
         axis = "" if n == 0 else "2"
@@ -170,7 +174,7 @@ def map_figure(before: MapPicture, after: MapPicture, places: tuple[Callout, ...
                 }
                 for title, x in (("Before: original program", 0.0), ("After: compensated program", 0.515))
             ),
-            *(_pointer(place, n, before) for place in places for n in (0, 1)),
+            *(_pointer(place, n, offset) for place, offset in zip(places, offsets, strict=True) for n in (0, 1)),
         ],
     }  # fmt: skip
     return {"data": data, "layout": layout}
@@ -229,15 +233,38 @@ def _largest(value: Float, k: int) -> Float:
 
 def _blank(size: Float, picture: MapPicture, j: int, i: int) -> None:
     """Take a neighbourhood out of the search."""
-    near = np.hypot(picture.x_mm[None, :] - picture.x_mm[i], picture.y_mm[:, None] - picture.y_mm[j]) < _APART_MM
+    apart = _APART * max(float(np.ptp(picture.x_mm)), float(np.ptp(picture.y_mm)))
+    near = np.hypot(picture.x_mm[None, :] - picture.x_mm[i], picture.y_mm[:, None] - picture.y_mm[j]) < apart
     size[near] = 0.0
 
 
-def _pointer(place: Callout, n: int, picture: MapPicture) -> dict[str, Any]:
+def _offsets(places: tuple[Callout, ...], picture: MapPicture, px_per_mm: float) -> list[tuple[int, int]]:
+    """Offset of each label from its place in pixels (right, down), so that labels hide neither each other nor places."""
+    width, height = _LABEL_PX
+    spots = [(p.x_mm * px_per_mm, -p.y_mm * px_per_mm) for p in places]
+    left, right = float(picture.x_mm[0]) * px_per_mm, float(picture.x_mm[-1]) * px_per_mm
+    top, bottom = -float(picture.y_mm[-1]) * px_per_mm, -float(picture.y_mm[0]) * px_per_mm
+    taken: list[tuple[float, float]] = []
+    chosen = []
+    for spot in spots:
+        best, least = (0, -30), math.inf
+        for ring in (1.0, 1.7, 2.5):
+            for ax, ay in ((46, -26), (-46, -26), (46, 26), (-46, 26), (0, -32), (0, 32), (62, 0), (-62, 0)):
+                x, y = spot[0] + ring * ax, spot[1] + ring * ay
+                clash = sum(abs(x - u) < width and abs(y - v) < height for u, v in taken)
+                clash += sum(abs(x - u) < 0.6 * width and abs(y - v) < 0.7 * height for u, v in spots)
+                outside = x - width / 2 < left or x + width / 2 > right or y - height / 2 < top or y > bottom - 10
+                cost = 10.0 * clash + 5.0 * outside + ring
+                if cost < least:
+                    least, best = cost, (round(ring * ax), round(ring * ay))
+        taken.append((spot[0] + best[0], spot[1] + best[1]))
+        chosen.append(best)
+    return chosen
+
+
+def _pointer(place: Callout, n: int, offset: tuple[int, int]) -> dict[str, Any]:
     value = place.after_mm if n else place.before_mm
     text = f"<b>{place.label}</b> {'n/a' if math.isnan(value) else f'{value:+.2f}'}"
-    middle_x = 0.5 * float(picture.x_mm[0] + picture.x_mm[-1])
-    middle_y = 0.5 * float(picture.y_mm[0] + picture.y_mm[-1])
     return {
         "x": round(place.x_mm, 3),
         "y": round(place.y_mm, 3),
@@ -249,8 +276,8 @@ def _pointer(place: Callout, n: int, picture: MapPicture) -> dict[str, Any]:
         "arrowsize": 0.8,
         "arrowwidth": 1.2,
         "arrowcolor": "#222",
-        "ax": 34 if place.x_mm < middle_x else -34,
-        "ay": -24 if place.y_mm < middle_y else 24,
+        "ax": offset[0],
+        "ay": offset[1],
         "bgcolor": "rgba(255,255,255,0.92)",
         "bordercolor": "#222",
         "borderpad": 2,

@@ -180,8 +180,11 @@ def _figure_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for part, name in _ROW_NAMES.items():
         if f"{part}.max_mm" in table:
+            aside = part in ("air", "along")
             cells = [table[f"{part}.{figure}_mm"] for figure in ("max", "p997", "rms")]
-            rows.append({"name": name, "cells": cells, "aside": part in ("air", "along")})
+            if aside:
+                cells = [(*cell[:2], "") for cell in cells]
+            rows.append({"name": name, "cells": cells, "aside": aside})
     return rows
 
 
