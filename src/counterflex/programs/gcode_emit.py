@@ -57,7 +57,7 @@ class Emitter(WrittenMachine):
             self._still(block, line)
             return
         motion = self.program.motions[block.first_motion]
-        self.stand(motion.p_start)
+        self.begin(block.first_motion, motion)
         if block.cycle or block.motion_count > 1:
             self._cycle(block, line)
         else:
@@ -144,16 +144,18 @@ class Emitter(WrittenMachine):
     # ---- canned cycles ---------------------------------------------------------------------------------------
 
     def _cycle(self, block: Block, line: WrittenLine) -> None:
-        """A canned cycle or homing block: as it is when nothing of it is corrected, else as single moves."""
+        """A canned cycle or homing block: as it is when nothing of it is corrected, else as single moves.
+
+        Once one is written out, the rest of the run is too: words and the level to return to (G98) are those of the
+        first cycle of a run.
+        """
         indices = range(block.first_motion, block.first_motion + block.motion_count)
         modal, motions = block.modal, self.program.motions
-        code = self.motion_word(line)
-        complete = code is not None and line.find("Z") is not None and line.find("R") is not None
         homing = any(w.letter == "G" and w.value in (28.0, 30.0) for w in line.words)
         moved = any(bool(self.rows.moved[i]) for i in indices)
         if homing and not moved:
             self.off = [0.0, 0.0, 0.0]
-        elif moved or self.inherits(modal) or (self._expanding and not complete):
+        elif moved or self.inherits(modal) or (self._expanding and not homing):
             self._expand(block, line, indices)
             return
         self.completed_blocks += self.state_motion(block, line, block.modal.motion)
@@ -170,9 +172,11 @@ class Emitter(WrittenMachine):
         if rest:
             self.lines.append(rest)
         self.lines.append(f"({block.modal.motion} written out)")
+        turning = block.modal.spindle_rpm != 0.0
         for i in indices:
             motion = self.program.motions[i]
-            self.stand(motion.p_start)
+            self.begin(i, motion)
+            turning = self._spindle(block, turning, motion.spindle_rad_s != 0.0)
             first, last = int(self.rows.first[i]), int(self.rows.last[i])
             if motion.kind == "dwell":
                 self.lines.append(f"G4 P{number(motion.duration_s, 3)}")
@@ -191,5 +195,12 @@ class Emitter(WrittenMachine):
                     self.checked[first : last + 1] = True
             self.off = [self.current(axis) - float(motion.p_end[axis]) for axis in range(3)]
             self.arrive(i, motion)
+        self._spindle(block, turning, block.modal.spindle_rpm != 0.0)
         self._expanding = True
         self.cycles_expanded += 1
+
+    def _spindle(self, block: Block, turning: bool, wanted: bool) -> bool:
+        """Stop or restart the spindle inside a cycle (G86)."""
+        if turning != wanted:
+            self.lines.append("M5" if not wanted else "M4" if block.modal.spindle_rpm < 0.0 else "M3")
+        return wanted

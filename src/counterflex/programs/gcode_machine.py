@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -45,7 +46,6 @@ class WrittenMachine:
         self.written: Float = np.full((len(rows.way), 3), np.nan)
         self.checked: Bool = np.zeros(len(rows.way), dtype=np.bool_)
         self.arc_error_m = 0.0
-        self.dwell_error_m = 0.0
         self.split_motions = self.vertices_added = 0
         self.arcs_kept = self.arcs_split = self.arcs_as_lines = self.radius_replaced = 0
         self.completed_blocks = self.cycles_expanded = 0
@@ -59,6 +59,13 @@ class WrittenMachine:
     def stand(self, p: Float) -> None:
         """Set the nominal position; the offset stays."""
         self.nominal = [float(p[0]), float(p[1]), float(p[2])]
+
+    def begin(self, index: int, motion: Motion) -> None:
+        """A motion starts; where the source jumps to its start (another tool length), the offset goes along."""
+        self.stand(motion.p_start)
+        start = int(self.rows.first[index]) - 1
+        if self.rows.last[index] >= 0 and math.isnan(self.written[start, 0]):
+            self.written[start] = self.here()
 
     def current(self, axis: int) -> float:
         """Written position on one axis, m."""
@@ -79,11 +86,7 @@ class WrittenMachine:
         last = self.rows.last[index]
         if last >= 0:
             self.written[last] = self.here()
-            if motion.kind == "dwell":
-                gap = self.written[last] - self.rows.command[last]
-                self.dwell_error_m = max(self.dwell_error_m, float(np.sqrt(gap @ gap)))
-            else:
-                self.checked[last] = True
+            self.checked[last] = True
 
     def target(self, modal: Modal, axis: int, target: float) -> tuple[str, float]:
         """Word value for a target on one axis, and the position it leads to."""

@@ -119,7 +119,7 @@ def write_gcode(
             tolerance_m=tolerance_m,
             resolution_m=resolution,
             largest_written_error_m=0.0,
-            largest_dwell_error_m=0.0,
+            largest_dwell_error_m=rows.dwell_error_m,
             largest_dropped_rotation_rad=dropped,
         )
     emitter = Emitter(program, rows, tolerance_m, decimals)
@@ -142,7 +142,7 @@ def write_gcode(
         tolerance_m=tolerance_m,
         resolution_m=resolution,
         largest_written_error_m=max(_line_error(rows, emitter.written, emitter.checked), emitter.arc_error_m),
-        largest_dwell_error_m=emitter.dwell_error_m,
+        largest_dwell_error_m=rows.dwell_error_m,
         largest_dropped_rotation_rad=dropped,
     )
 

@@ -26,7 +26,9 @@ class MotionRows:
         last: (motions,) last row, the motion's end; -1 when the motion has no rows.
         moved: (motions,) True when a row is corrected.
         nominal: (n, 3) m.
-        command: (n, 3) m.
+        command: (n, 3) m; a dwell keeps the correction of the row before it, because a dwell cannot move, and so does
+            the start of a motion that begins elsewhere (another tool length).
+        dwell_error_m: Largest distance of a commanded row of a dwell from where the dwell is held, m.
         shift: (n, 3) m, command minus nominal, exactly zero where nothing is corrected.
         way: (n,) m, nominal length up to the row.
         vertex: (n,) True where a straight motion needs a vertex.
@@ -40,6 +42,7 @@ class MotionRows:
     shift: Float
     way: Float
     vertex: Bool
+    dwell_error_m: float
 
 
 def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: float) -> MotionRows:
@@ -66,10 +69,13 @@ def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: flo
     first = np.zeros(count, dtype=np.int64)
     first[motion[1:][::-1]] = np.arange(1, n)[::-1]
     have = last >= 0
+    joint = np.zeros(0, dtype=np.int64)
     starts = np.array([m.p_start for m in program.motions]).reshape(count, 3)
     if count > 1:
         jump = np.abs(starts[1:] - np.array([m.p_end for m in program.motions[:-1]])).max(axis=1) > 1e-9
-        first[1:] += jump & (first[1:] < last[1:])
+        jump &= first[1:] < last[1:]
+        joint = first[1:][jump]
+        first[1:] += jump
     if n > 1:
         ends = np.array([m.p_end for m in program.motions])[have]
         gap = np.abs(ends - path.p_part_tcp[last[have]]).max(axis=1)
@@ -80,17 +86,26 @@ def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: flo
                 where=f"{program.name}:{program.blocks[program.motions[at].block].line}",
                 value=f"end point off by {gap.max() / MM:.6f} mm",
             )
-    row_moved = compensated.moved.copy()
-    row_moved[:1] = False
+    command = compensated.p_part_command.copy()
+    command[:1] = path.p_part_tcp[:1]
+    dwells = [index for index, source in enumerate(program.motions) if source.kind == "dwell"]
+    for index in dwells:
+        if last[index] >= first[index] >= 1:
+            command[first[index] : last[index] + 1] = command[first[index] - 1]
+    held = float(np.linalg.norm(command[1:] - compensated.p_part_command[1:], axis=1).max(initial=0.0))
+    shift = command - path.p_part_tcp
+    shift[joint] = shift[joint - 1]
+    command[joint] = path.p_part_tcp[joint] + shift[joint]
+    row_moved = np.any(shift != 0.0, axis=1)
+    row_moved[joint] = False
     moved = np.zeros(count, dtype=np.bool_)
     np.logical_or.at(moved, motion, row_moved)
+    moved[dwells] = False
     steps = np.linalg.norm(np.diff(path.p_part_tcp, axis=0), axis=1)
     way = np.concatenate([[0.0], np.cumsum(steps)])[:n]
     vertex = np.zeros(n, dtype=np.bool_)
     vertex[last[have]] = True
     vertex[np.maximum(first[have] - 1, 0)] = True
     vertex[:1] = True
-    vertex[simplify(way, compensated.p_part_command, tolerance_m, fixed=vertex)] = True
-    return MotionRows(
-        first, last, moved, path.p_part_tcp, compensated.p_part_command, compensated.correction_part, way, vertex
-    )
+    vertex[simplify(way, command, tolerance_m, fixed=vertex)] = True
+    return MotionRows(first, last, moved, path.p_part_tcp, command, shift, way, vertex, held)
