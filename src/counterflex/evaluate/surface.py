@@ -147,9 +147,10 @@ def surface_deviation(
     _same_grid(surface.nominal, actual)
     rise = actual.z - surface.nominal.z
     covered = (rise > 0.5 * surface.rise_m) | (-rise > 0.5 * surface.fall_m)
-    foot, edge = _steps(actual.z, _wall_step(actual.cell_m))
+    step = _wall_step(actual.cell_m)
+    foot, edge = _steps(actual.z, step)
     flank = (np.isfinite(surface.rise_m) | np.isfinite(surface.fall_m)) & ((foot > 0.0) | (edge > 0.0))
-    covered |= flank & (~surface.flank | (rise > 0.25 * surface.rise_m) | (-rise > 0.25 * surface.fall_m))
+    covered |= flank & (~surface.flank | (np.abs(rise) > step))
     floor: Float32 = np.where(surface.floor & ~covered, rise * surface.normal_z, np.float32(np.nan))
     wall = np.full(len(surface.wall_point), np.nan)
     if len(wall):

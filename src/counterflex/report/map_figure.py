@@ -239,7 +239,7 @@ def _blank(size: Float, picture: MapPicture, j: int, i: int) -> None:
 
 
 def _offsets(places: tuple[Callout, ...], picture: MapPicture, px_per_mm: float) -> list[tuple[int, int]]:
-    """Offset of each label from its place in pixels (right, down), so that labels hide neither each other nor places."""
+    """Offset of each label from its place in pixels (right, down), so that labels hide no other label or place."""
     width, height = _LABEL_PX
     spots = [(p.x_mm * px_per_mm, -p.y_mm * px_per_mm) for p in places]
     left, right = float(picture.x_mm[0]) * px_per_mm, float(picture.x_mm[-1]) * px_per_mm
