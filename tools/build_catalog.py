@@ -105,7 +105,8 @@ KR300_SOURCES = {
 
 def main(reference: Path) -> None:
     """Write all files of the catalogue."""
-    stiffness = list(csv.DictReader((reference / "stiffness.csv").open(encoding="utf-8")))
+    with (reference / "stiffness.csv").open(encoding="utf-8", newline="") as table:
+        stiffness = list(csv.DictReader(table))
     TARGET.mkdir(parents=True, exist_ok=True)
     for old in TARGET.glob("*.toml"):
         old.unlink()

@@ -158,14 +158,12 @@ def test_broken_catalogue_file_is_refused(
     folder = tmp_path_factory.mktemp("robots")
     (folder / "mine.toml").write_text('format = "counterflex-robot"\nversion = 1\nname = "mine"\nmass = 3\n')
     monkeypatch.setattr(catalog, "_folder", lambda: folder)
-    catalog.names.cache_clear()
     catalog.entry.cache_clear()
     try:
         with pytest.raises(FileFormatError, match=r"mine\.toml"):
             catalog.entry("mine")
     finally:
         monkeypatch.undo()
-        catalog.names.cache_clear()
         catalog.entry.cache_clear()
 
 

@@ -178,7 +178,6 @@ class EndEffectorElement:
     frame: Provenance
 
 
-@functools.cache
 def names() -> list[str]:
     """Names of all robots in the catalogue, sorted."""
     return sorted(item.name[:-5] for item in _folder().iterdir() if item.name.endswith(".toml"))
@@ -262,7 +261,6 @@ def load(name: str) -> Robot:
     )
 
 
-@functools.cache
 def end_effector_elements() -> dict[str, EndEffectorElement]:
     """Elastic bodies beyond the flange with published stiffness: ``haehn2020_sensor``, ``haehn2020_spindle_holder``.
 

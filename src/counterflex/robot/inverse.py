@@ -4,7 +4,7 @@ The identified geometry of a chain may deviate from its OPW lengths, and a wrenc
 the polished angles bring the *loaded* TCP of :func:`counterflex.robot.chain.forward_elastic` to the target. Chains
 without OPW geometry are seeded from a fixed set of starts within the joint limits.
 
-Lengths are compared to angles by ``L``, half the arm's length from axis 2 to the TCP's flange; ``sigma_min`` is the
+Lengths are compared to angles by ``L``, half the arm's length from axis 2 to the flange; ``sigma_min`` is the
 smallest singular value of the Jacobian with its linear rows divided by L.
 """
 
