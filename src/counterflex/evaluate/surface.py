@@ -32,12 +32,11 @@ class NominalSurface:
         stock: Before machining.
         nominal: After the undisturbed program.
         cutter: The tool.
-        floor: (ny, nx) True on machined cells that are no wall.
+        floor: (ny, nx) True on machined cells that do not adjoin a wall.
         normal_z: (ny, nx) vertical component of the floor's unit normal.
         rise_m: (ny, nx) highest wall that stands within ``reach_m`` of the cell, m; infinite where there is none. Floor
             that lies higher by more than half of it is not floor but the shifted wall.
         fall_m: (ny, nx) deepest wall that drops off within ``reach_m`` of the cell, m; infinite where there is none.
-        flank: (ny, nx) True beside a step of the nominal surface.
         wall_point: (m, 3) m points on nominal walls, exact (from the tool path).
         wall_normal: (m, 2) horizontal unit normals, from the cut into the material.
         wall_area_m2: (m,) wall area each point stands for.
@@ -51,7 +50,6 @@ class NominalSurface:
     normal_z: Float32
     rise_m: Float32
     fall_m: Float32
-    flank: Bool
     wall_point: Float
     wall_normal: Float
     wall_area_m2: Float
@@ -97,7 +95,7 @@ def nominal_surface(
     """Find the floors and walls that a program machines.
 
     A wall is where neighbouring cells differ by more than 1.5 cells (56 deg) and more than 0.1 mm; everything else
-    that the program lowers is floor.
+    that the program lowers is floor, but for the row of cells along a wall, which the map cannot tell from it.
 
     Args:
         stock: Map before machining.
@@ -125,8 +123,8 @@ def nominal_surface(
     rise[rise == 0.0] = np.inf
     fall[fall == 0.0] = np.inf
     point, normal, area = _walls(nominal, machined, p_part_tcp, cutter, step, pitch)
-    flank: Bool = (foot > 0.0) | (edge > 0.0)
-    return NominalSurface(stock, nominal, cutter, machined, normal_z, rise, fall, flank, point, normal, area, reach)
+    floor: Bool = machined & (foot == 0.0) & (edge == 0.0)
+    return NominalSurface(stock, nominal, cutter, floor, normal_z, rise, fall, point, normal, area, reach)
 
 
 def surface_deviation(
@@ -147,10 +145,9 @@ def surface_deviation(
     _same_grid(surface.nominal, actual)
     rise = actual.z - surface.nominal.z
     covered = (rise > 0.5 * surface.rise_m) | (-rise > 0.5 * surface.fall_m)
-    step = _wall_step(actual.cell_m)
-    foot, edge = _steps(actual.z, step)
+    foot, edge = _steps(actual.z, _wall_step(actual.cell_m))
     flank = (np.isfinite(surface.rise_m) | np.isfinite(surface.fall_m)) & ((foot > 0.0) | (edge > 0.0))
-    covered |= flank & (~surface.flank | (np.abs(rise) > step))
+    covered |= flank
     floor: Float32 = np.where(surface.floor & ~covered, rise * surface.normal_z, np.float32(np.nan))
     wall = np.full(len(surface.wall_point), np.nan)
     if len(wall):
