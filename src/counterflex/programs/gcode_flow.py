@@ -13,6 +13,14 @@ _CLOSERS: Final = {"endsub": "sub", "endwhile": "while", "endif": "if", "endrepe
 LOOPS: Final = ("while", "do", "repeat")
 
 
+def split_lines(text: str) -> tuple[str, ...]:
+    """Split at line feeds, with or without a carriage return; the empty rest behind the last one is no line."""
+    lines = text.replace("\r\n", "\n").split("\n")
+    if lines[-1] == "":
+        lines.pop()
+    return tuple(lines)
+
+
 @dataclass
 class Construct:
     """A subroutine, loop or condition.

@@ -11,7 +11,7 @@ from counterflex.core.units import MINUTE, RPM
 from counterflex.programs.gcode_block import BlockWords
 from counterflex.programs.gcode_codes import TAKES_AXES, code_name
 from counterflex.programs.gcode_expression import Expression, NamedParameter
-from counterflex.programs.gcode_flow import LOOPS, Construct, Source
+from counterflex.programs.gcode_flow import LOOPS, Construct, Source, split_lines
 from counterflex.programs.gcode_modes import apply_modes, apply_offsets, apply_rates
 from counterflex.programs.gcode_motion import FARTHEST_M, MotionMaker, point, radians
 from counterflex.programs.gcode_parameters import Parameters
@@ -483,7 +483,7 @@ class Interpreter:
         if self._includes is not None:
             if label not in self._included:
                 text = self._includes(label)
-                self._included[label] = None if text is None else Source(f"{label}.ngc", tuple(text.splitlines()))
+                self._included[label] = None if text is None else Source(f"{label}.ngc", split_lines(text))
             included = self._included[label]
             if included is not None:
                 entry = self._entry(included, label, modern)

@@ -94,12 +94,12 @@ class MotionMaker:
     def _feed(self, block: BlockWords, length_m: float, angle_deg: float) -> tuple[float, float]:
         """Feed of a motion of that length in m/s and, where only rotary axes turn, in rad/s."""
         state = self._state
+        if state.feed_mode == 93 and not block.names("F"):
+            raise block.fault("inverse time (G93) needs F in every block that feeds", "F", "no F")
         if not state.feed or state.feed <= 0.0:
             value = "F0" if state.feed == 0.0 else "no F"
             raise block.fault("a feed move without a feed", "F", value, "Write F on this line or before")
         if state.feed_mode == 93:
-            if not block.names("F"):
-                raise block.fault("inverse time (G93) needs F in every block that feeds", "F", "no F")
             time_s = MINUTE / state.feed
             return length_m / time_s, 0.0 if length_m > 0.0 else angle_deg * DEG / time_s
         per_minute = state.feed

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import InputError, ProgramError
-from counterflex.programs.gcode_flow import Source
+from counterflex.programs.gcode_flow import Source, split_lines
 from counterflex.programs.gcode_interpreter import Interpreter
 from counterflex.programs.gcode_state import State, work_offset_table
 from counterflex.programs.program import Program
@@ -69,12 +69,10 @@ def read_gcode(
         if not -10.0 <= length <= 10.0:
             raise InputError(f"the length of tool {tool} is out of range", value=length, limit="-10 to 10 m")
     newline = "\r\n" if "\r\n" in text else "\n"
-    lines = text.replace("\r\n", "\n").split("\n")
-    if lines and lines[-1] == "":
-        lines.pop()
+    lines = split_lines(text)
     if not any(line.strip() for line in lines):
         raise ProgramError("the program is empty", where=f"{name}:1:1")
-    source = Source(name, tuple(lines))
+    source = Source(name, lines)
     state = State(work_offsets=work_offset_table(work_offsets))
     interpreter = Interpreter(
         source, state, parameters, tool_lengths, includes, step_limit, block_delete, complete, plain_lines
