@@ -6,7 +6,7 @@ from typing import Final
 
 from counterflex.core.arrays import as_positive
 from counterflex.core.errors import InputError
-from counterflex.core.units import MM
+from counterflex.core.units import MM, UM
 
 # Upper end of the nominal range in mm -> +- tolerance in mm, class m (medium), ISO 2768-1 table 1
 _LINEAR_M: Final = ((3.0, 0.1), (6.0, 0.1), (30.0, 0.2), (120.0, 0.3), (400.0, 0.5), (1000.0, 0.8), (2000.0, 1.2))
@@ -34,6 +34,6 @@ def flatness_k(side_m: float) -> float:
 def _look_up(table: tuple[tuple[float, float], ...], size_m: float) -> float:
     size = as_positive("nominal size", size_m, zero=True)
     for limit, tolerance in table:
-        if size <= limit * MM * (1.0 + 1e-12):
+        if size <= limit * MM + UM:  # sizes measured on a map come with its rounding
             return tolerance * MM
     raise InputError("size is beyond the table of general tolerances", value=size, limit=f"<= {table[-1][0] * MM:g} m")

@@ -12,10 +12,10 @@ METROLOGY: Final = (
     "#3fae49",
     "#f6f0a0", "#fbdc5a", "#fbbd35", "#f6962a", "#ec6a22", "#d33a1e", "#9c1414",
 )  # fmt: skip
-# purple to orange over light grey: told apart with every common colour blindness
+# purple to orange over white: told apart with every common colour blindness
 COLOUR_BLIND: Final = (
     "#2d004b", "#47126b", "#5f3a92", "#7d65ad", "#9b8ac0", "#b9add3", "#d8d2e6",
-    "#f4f4f4",
+    "#ffffff",
     "#fde3c0", "#fdc98b", "#f6a956", "#e68a26", "#cb6d0d", "#a3530a", "#7f3b08",
 )  # fmt: skip
 BEFORE: Final = "#c2410c"

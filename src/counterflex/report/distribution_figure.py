@@ -18,28 +18,41 @@ def budget_figure(budget: tuple[BudgetLine, ...]) -> dict[str, Any]:
     """Mean contribution of each cause to the deviation met, largest on top, the remainder last."""
     causes = sorted((line for line in budget if line.name != REMAINDER), key=lambda line: abs(line.share))
     ordered = [*(line for line in budget if line.name == REMAINDER), *causes]
-    mean_um = [line.mean_m / UM for line in ordered]
-    span = max(max(mean_um, default=0.0), 0.0) - min(min(mean_um, default=0.0), 0.0) or 1.0
-    low, high = min(0.0, *mean_um) - 0.32 * span * (min(mean_um) < 0.0), max(0.0, *mean_um) + 0.42 * span
-    colours = ["#9aa3ad" if line.name == REMAINDER else "#33689c" for line in ordered]
+    mean_um = [round(line.mean_m / UM, 2) for line in ordered]
+    low, high = min([0.0, *mean_um]), max([0.0, *mean_um])
+    span = high - low or 1.0
+    names = [line.name for line in ordered]
     return {
         "data": [
             {
                 "type": "bar",
                 "orientation": "h",
-                "y": [line.name for line in ordered],
-                "x": [round(line.mean_m / UM, 2) for line in ordered],
-                "text": [f"{line.mean_m / UM:.0f} µm · {100.0 * line.share:.1f} %" for line in ordered],
-                "textposition": "outside",
-                "cliponaxis": False,
-                "marker": {"color": colours},
+                "y": names,
+                "x": mean_um,
+                "marker": {"color": ["#9aa3ad" if name == REMAINDER else "#33689c" for name in names]},
                 "hovertemplate": "%{y}: %{x:.1f} µm<extra></extra>",
-            }
+            },
+            {
+                "type": "scatter",
+                "mode": "text",
+                "y": names,
+                "x": [max(value, 0.0) + 0.015 * span for value in mean_um],
+                "text": [
+                    f"{value:.0f} µm · {100.0 * line.share:.1f} %".replace("-", "−")
+                    for value, line in zip(mean_um, ordered, strict=True)
+                ],
+                "textposition": "middle right",
+                "hoverinfo": "skip",
+            },
         ],
         "layout": {
             "height": 90 + 26 * len(ordered),
             "margin": {"l": 10, "r": 10, "t": 8, "b": 44},
-            "xaxis": {"title": {"text": "mean part of the deviation, µm"}, "zeroline": True, "range": [low, high]},
+            "xaxis": {
+                "title": {"text": "mean part of the deviation, µm"},
+                "zeroline": True,
+                "range": [low - 0.03 * span, high + 0.4 * span],
+            },
             "yaxis": {"automargin": True},
             "showlegend": False,
         },

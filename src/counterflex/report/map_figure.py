@@ -138,7 +138,7 @@ def map_figure(before: MapPicture, after: MapPicture, places: tuple[Callout, ...
     layout: dict[str, Any] = {
         "height": round(pixels + 150.0),
         "margin": {"l": 50, "r": 10, "t": 36, "b": 100},
-        "plot_bgcolor": "#eef0f2",
+        "plot_bgcolor": "#d9dee3",
         "xaxis": {**frame, "domain": [0.0, 0.485], "range": x_range, "title": {"text": "x, mm"}, "constrain": "domain"},
         "xaxis2": {
             **frame, "domain": [0.515, 1.0], "range": x_range, "title": {"text": "x, mm"}, "matches": "x",

@@ -79,6 +79,7 @@ def report_page(data: ReportData) -> str:
         data=data,
         summary=summary,
         cards=_cards(summary),
+        verdict=_verdict(summary),
         rows=_figure_rows(summary),
         seeds=seed_rows(summary) if len(summary["seeds"]) > 1 else [],
         levels=_levels(summary),
@@ -172,6 +173,21 @@ def _cards(summary: Mapping[str, Any]) -> list[dict[str, str]]:
             }
         )
     return cards
+
+
+def _verdict(summary: Mapping[str, Any]) -> str:
+    """The result in one sentence; nothing in it is rounded in favour of the method."""
+    level = summary["truth_level"]
+    path = [summary["variants"][name]["path"]["p997_mm"] for name in ("nominal", "compensated")]
+    text = f"99.7 % of the cut stays within {path[1]:.3f} mm of the programmed path; uncompensated it was {path[0]:.3f} mm."
+    entry = summary["over_seeds"].get(level, {})
+    spread = entry.get("path", {}).get("p997")
+    if spread is not None and entry["count"] > 1:
+        text += (
+            f" Over {entry['count']} simulated cells ({level}), {100.0 * spread['median_remaining']:.1f} % of the "
+            f"error remains in the median and {100.0 * spread['worst_remaining']:.1f} % in the worst."
+        )
+    return text
 
 
 def _figure_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
