@@ -179,7 +179,7 @@ def _verdict(summary: Mapping[str, Any]) -> str:
     """The result in one sentence; nothing in it is rounded in favour of the method."""
     level = summary["truth_level"]
     path = [summary["variants"][name]["path"]["p997_mm"] for name in ("nominal", "compensated")]
-    text = f"99.7 % of the cut stays within {path[1]:.3f} mm of the programmed path; uncompensated it was {path[0]:.3f} mm."
+    text = f"99.7 % of the cut stays within {path[1]:.3f} mm of the programmed path; before, within {path[0]:.3f} mm."
     entry = summary["over_seeds"].get(level, {})
     spread = entry.get("path", {}).get("p997")
     if spread is not None and entry["count"] > 1:
