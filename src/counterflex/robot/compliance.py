@@ -6,6 +6,11 @@ the series of six-dof joints of Denkena2015; composed as finite z-y'-x'' rotatio
 Loads on the rigid geometry (Haehn2020) leave out that the load follows the deflection. The equilibrium form takes them
 where the bodies are after deflection; it is conservative and equals a chain of real spring-loaded joints. The two
 differ by about the deflection squared over the lever arms.
+
+Measured on a KR 300 R2500 ultra with an 86 kg end effector, 20 000 poses in front of the robot, forces to 800 N per
+axis, deflection 1.9 mm median and 5.3 mm at most, TCP position, median / maximum: nonlinear against ``C w`` 2.0 / 14 um
+(0.11 % / 0.30 %), equilibrium against rigid geometry 2.1 / 14 um, with own weight in both states 3.4 / 26 um; sag 2.4 /
+4.1 mm, of which the equilibrium form changes 2.2 / 6.3 um.
 """
 
 from __future__ import annotations
