@@ -11,7 +11,9 @@ from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.files.cell import Cell, read_cell
+from counterflex.files.schema import ComplianceTable
 from counterflex.geometry import pose, rotation
+from counterflex.plan.tool_frame import tool_orientation, tool_poses
 from counterflex.robot import catalog, compliance, gravity, inverse
 from counterflex.robot.chain import ElasticChain, forward
 
@@ -68,7 +70,7 @@ def joints_of_pose(chain: ElasticChain, xyz_mm: list[float], abc_deg: list[float
                 "branch": str(solution.branch),
                 "joints_deg": _round(solution.q / DEG, 6),
                 "margins": _margins(chain, solution.q),
-                "wrist_deg": round(float(solution.wrist_rad / DEG), 3),
+                "wrist_deg": round(float(np.arcsin(min(1.0, solution.wrist)) / DEG), 3),
             }
             for solution in inverse.inverse_all(chain, T_base_tcp)
         ],
@@ -112,7 +114,7 @@ def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> list[dict[str, A
         share = float(part[:3] @ total[:3]) / length**2 if length > 0.0 else 0.0
         if np.any(part != 0.0):
             rows.append({"segment": name, "dx_dy_dz_um": _round(part[:3] / UM, 3), "share": round(share, 4)})
-    return sorted(rows, key=lambda row: -abs(float(row["share"])))  # type: ignore[arg-type]
+    return sorted(rows, key=lambda row: -abs(float(row["share"])))
 
 
 def check_cell(path: str) -> dict[str, Any]:
@@ -122,15 +124,12 @@ def check_cell(path: str) -> dict[str, Any]:
     warnings: list[str] = []
     stock = cell.stock()
     law, tools = cell.force_law, [cell.cutter(tool.number) for tool in cell.tables.tools]
-    low, high = stock.bounds_m()
-    corners = np.array([[x, y, high[2]] for x in (low[0], high[0]) for y in (low[1], high[1])])
-    from counterflex.plan import posture
-    from counterflex.plan.tool_frame import tool_orientation, tool_poses
-
+    x, y, top = stock.x_m(), stock.y_m(), float(stock.z.max())
+    corners = np.array([[a, b, top] for a in (x[0], x[-1]) for b in (y[0], y[-1])])
     axes = np.tile([0.0, 0.0, 1.0], (len(corners), 1))
     Rs_part_tcp = tool_orientation(axes, cell.tables.posture.rotation_about_tool_deg * DEG)
     Ts_base_tcp = tool_poses(cell.T_base_part, corners, Rs_part_tcp)
-    q = np.array([posture.solve(chain, T, cell.posture) for T in Ts_base_tcp])
+    q = inverse.inverse_path(chain, Ts_base_tcp, cell.tables.posture.branch).q
     margins = [_margins(chain, row) for row in q]
     centre = q[0]
     worst = []
@@ -162,7 +161,7 @@ def check_cell(path: str) -> dict[str, Any]:
         "segments": [
             {
                 "segment": name,
-                "compliance": _nonzero(chain.compliance[i]),
+                "compliance": ComplianceTable.of(chain.compliance[i]),
                 "mass_kg": round(float(chain.mass[i]), 3),
             }
             for i, name in enumerate(chain.names)
@@ -170,7 +169,10 @@ def check_cell(path: str) -> dict[str, Any]:
         "mass_kg": round(float(chain.mass.sum()), 2),
         "force_law": {"law": type(law).__name__, "source": law.source, "status": law.status},
         "tools": [{"diameter_mm": tool.diameter_m / MM, "flutes": tool.flutes} for tool in tools],
-        "stock_mm": {"low": _round(np.array(low) / MM, 3), "high": _round(np.array(high) / MM, 3)},
+        "stock_mm": {
+            "low": _round(np.array([x[0], y[0], stock.bottom_m]) / MM, 3),
+            "high": _round(np.array([x[-1], y[-1], top]) / MM, 3),
+        },
         "at_corner": {"xyz_mm": _round(corners[0] / MM, 3), "joints_deg": _round(centre / DEG, 3)},
         "softness": worst,
         "sag_at_corners_um": [_round(row / UM, 1) for row in sag],
@@ -211,12 +213,6 @@ def _twist(d: Float) -> dict[str, Any]:
         "length_um": round(float(np.linalg.norm(d[:3]) / UM), 3),
         "rx_ry_rz_urad": _round(d[3:] / URAD, 3),
     }
-
-
-def _nonzero(values: Float) -> dict[str, float]:
-    from counterflex.files.schema import ComplianceTable
-
-    return ComplianceTable.of(values)
 
 
 def _round(values: Float, digits: int) -> list[float]:

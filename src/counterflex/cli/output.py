@@ -59,6 +59,6 @@ def progress_bar(what: str, *, quiet: bool = False) -> Iterator[Progress]:
         task = bar.add_task(what, total=1.0)
 
         def report(fraction: float, what: str = "") -> None:
-            bar.update(task, completed=fraction, **({"description": what} if what else {}))
+            bar.update(task, completed=fraction, description=what or None)
 
         yield report

@@ -134,11 +134,7 @@ def _robot(tables: CellTables, path: Path) -> Robot:
     from counterflex.robot import urdf  # heavy, optional dependency
 
     file = path.parent / str(table.urdf)
-    if table.urdf_tip is None:
-        raise FileFormatError(
-            "a URDF robot needs the name of its flange link", where=f"{path}: robot", hint='Add urdf_tip = "tool0"'
-        )
-    return urdf.load(file, tip=table.urdf_tip)
+    return urdf.load_urdf(file, tip_link=table.urdf_tip)
 
 
 def _own_robot(table: OpwTable, name: str) -> Robot:

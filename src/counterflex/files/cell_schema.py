@@ -12,6 +12,7 @@ Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 Vector = tuple[float, float, float]
 Share = Annotated[float, Field(ge=0.0, le=5.0)]
+SignedShare = Annotated[float, Field(ge=-5.0, le=5.0)]
 
 
 class OpwTable(Table):
@@ -87,7 +88,7 @@ class MaterialTable(Table):
     mc: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
     kr_over_kc: Share | None = None
     mr: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
-    ka_over_kc: Share | None = None
+    ka_over_kc: SignedShare | None = None
     ma: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
     ktc_n_mm2: NonNegative | None = None
     krc_n_mm2: NonNegative | None = None

@@ -27,7 +27,7 @@ from counterflex.plan.plan import Plan, across
 from counterflex.plan.smoothing import moving_average
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
 from counterflex.robot import compliance, gravity
-from counterflex.robot.chain import ElasticChain
+from counterflex.robot.chain import ElasticChain, forward
 from counterflex.robot.inverse import PathSolution, inverse_path
 
 EXTRAPOLATED_SHARE = 0.02
@@ -57,7 +57,8 @@ class Setting:
     """All that planning stands on.
 
     Attributes:
-        chain: Robot and end effector.
+        chain: Robot and end effector as they are known to be (elastic, perhaps with calibrated geometry).
+        controller_chain: Robot and end effector as the controller has them; its joint angles are what is commanded.
         T_base_part: (4, 4) part frame as the controller knows it.
         datum_points_part: (k, 3) m where the robot touched the part to measure that frame, or None when it was
             measured from outside.
@@ -74,6 +75,7 @@ class Setting:
     """
 
     chain: ElasticChain
+    controller_chain: ElasticChain
     T_base_part: Float
     datum_points_part: Float | None
     branch: str
@@ -203,7 +205,7 @@ def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:
     Rs_part_tcp = tool_orientation(path.axis_part, setting.rotation_about_tool_rad)
     Ts_base_tcp = tool_poses(setting.T_base_part, path.p_part_tcp, Rs_part_tcp)
     try:
-        joints = inverse_path(setting.chain, Ts_base_tcp, setting.branch)
+        joints = inverse_path(setting.controller_chain, Ts_base_tcp, setting.branch)
     except ReachError as fault:
         row = int(fault.data.get("point", 0))
         raise ReachError(
@@ -237,16 +239,29 @@ def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:
 
 
 def residual_sag(p_part: Float, q: Float, setting: Setting) -> Float:
-    """(n, 3) m, deviation that own weight leaves along the path, see :mod:`counterflex.plan.part_frame`."""
-    sag = gravity.sag(setting.chain, q)[:, :3]
+    """(n, 3) m, deviation of the unloaded tool along the path, see :mod:`counterflex.plan.part_frame`.
+
+    What the robot does at its commanded joint angles with nothing but its own weight on it: sag, and the difference
+    between its geometry and the one the controller has.
+    """
+    off = _unloaded_offset(setting, q)
     if setting.datum_points_part is None:
-        return sag_deviation(setting.T_base_part, setting.T_base_part, p_part, sag)
+        return sag_deviation(setting.T_base_part, setting.T_base_part, p_part, off)
     datum = setting.datum_points_part
     axes = np.tile([0.0, 0.0, 1.0], (len(datum), 1))
     Rs_part_tcp = tool_orientation(axes, setting.rotation_about_tool_rad)
-    q_datum = inverse_path(setting.chain, tool_poses(setting.T_base_part, datum, Rs_part_tcp), setting.branch).q
-    T_base_true = true_part_frame(setting.T_base_part, datum, gravity.sag(setting.chain, q_datum)[:, :3])
-    return sag_deviation(setting.T_base_part, T_base_true, p_part, sag)
+    Ts_base_tcp = tool_poses(setting.T_base_part, datum, Rs_part_tcp)
+    q_datum = inverse_path(setting.controller_chain, Ts_base_tcp, setting.branch).q
+    T_base_true = true_part_frame(setting.T_base_part, datum, _unloaded_offset(setting, q_datum))
+    return sag_deviation(setting.T_base_part, T_base_true, p_part, off)
+
+
+def _unloaded_offset(setting: Setting, q: Float) -> Float:
+    """(n, 3) m, true minus believed position of the unloaded tool tip, base axes."""
+    off: Float = gravity.sag(setting.chain, q)[..., :3]
+    if setting.controller_chain is not setting.chain:
+        off += forward(setting.chain, q)[..., :3, 3] - forward(setting.controller_chain, q)[..., :3, 3]
+    return off
 
 
 def part_compliance(setting: Setting, q: Float) -> Float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from counterflex.core.arrays import Float, Int, as_float
-from counterflex.core.errors import InputError, ProgramError
+from counterflex.core.errors import InputError, ModelError, ProgramError
 from counterflex.core.progress import Progress, silent
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
@@ -94,7 +94,7 @@ def cut(
 
     Raises:
         ProgramError: Material is cut in feed motion with the spindle stopped.
-        ModelError: The tool is tilted.
+        ModelError: The tool is tilted, or the spindle turns backwards (M4).
         InputError: Shapes differ, or compliance without mode.
     """
     n = len(path)
@@ -168,6 +168,15 @@ def cut(
             where=f"motion {int(path.motion[row])}, at {np.round(path.p_part_tcp[row] * 1e3, 3).tolist()} mm",
             hint="Start the spindle (M3 S...) before the first cut",
             row=row,
+        )
+    backward = (kind == FEED) & (volume > 1e-12) & (path.spindle_rad_s < 0.0)
+    if np.any(backward):
+        row = int(np.argmax(backward))
+        raise ModelError(
+            "the force model is that of a spindle turning clockwise (M3)",
+            where=f"motion {int(path.motion[row])}",
+            value="M4",
+            hint="Cut with M3",
         )
     return Cut(w, x, volume, axial, entry, exit_, feed_tooth, chip)
 

@@ -1,0 +1,55 @@
+"""What a cell file states and assumes, as lines for a report: value and source of each."""
+
+from __future__ import annotations
+
+from counterflex.core.units import MM, N_PER_MM2
+from counterflex.cutting.coefficients import KienzleLaw
+from counterflex.files.cell import Cell
+from counterflex.report.data import Fact
+from counterflex.robot import catalog
+
+
+def assumptions(cell: Cell) -> tuple[Fact, ...]:
+    """Every assumption behind a plan for this cell."""
+    tables, law = cell.tables, cell.force_law
+    facts = []
+    if tables.robot.catalog is not None:
+        entry = catalog.entry(tables.robot.catalog)
+        for group, source in entry.sources.items():
+            facts.append(Fact(f"Robot: {group.replace('_', ' ')}", source.status, source.source))
+    facts += [
+        Fact(f"End effector: {body.name}", f"{body.mass_kg:g} kg", body.source or "cell file")
+        for body in tables.end_effector
+    ]
+    if isinstance(law, KienzleLaw):
+        kc, kr, ka = (value / N_PER_MM2 for value in law.k11_pa())
+        value = f"kc1.1 {kc:.0f}, kr1.1 {kr:.0f}, ka1.1 {ka:.0f} N/mm2; m {law.mc:g}, {law.mr:g}, {law.ma:g}"
+    else:
+        value = f"ktc {law.ktc_pa / N_PER_MM2:.0f}, krc {law.krc_pa / N_PER_MM2:.0f} N/mm2"
+    facts.append(Fact(f"Cutting constants: {tables.material.name or tables.material.catalog}", value, law.source))
+    facts.append(
+        Fact(
+            "Mean chip thickness allowed", f"{law.h_min_m / MM:g} to {law.h_max_m / MM:g} mm", "range of the constants"
+        )
+    )
+    for tool in tables.tools:
+        shape = f"D{tool.diameter_mm:g} r{tool.corner_radius_mm:g}, {tool.flutes} flutes"
+        facts.append(Fact(f"Tool T{tool.number}", shape, tool.name or "cell file"))
+    part = tables.part
+    how = "touched with the robot" if part.measured_with == "robot" else "measured from outside"
+    facts.append(Fact("Part frame", how, f"{len(part.datum_points_mm)} datum points"))
+    facts.append(
+        Fact(
+            "Lowest mode",
+            f"{tables.dynamics.mode_hz:g} Hz, damping {tables.dynamics.damping_ratio:g}",
+            "cell file; used for the prediction only",
+        )
+    )
+    facts.append(
+        Fact(
+            "Posture",
+            f"{tables.posture.branch}, turned {tables.posture.rotation_about_tool_deg:g} deg about the tool",
+            "cell file",
+        )
+    )
+    return tuple(facts)

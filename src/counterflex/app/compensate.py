@@ -1,0 +1,235 @@
+"""The main job: a program in, the same program compensated out, with the plan and a summary beside it."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.inputs import Job, read_job, setting_of
+from counterflex.app.prediction import figures, prediction
+from counterflex.core import atomic
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import DEG, MM, MS, UM
+from counterflex.files.cell import Cell, read_cell
+from counterflex.files.plan_file import write_plan
+from counterflex.files.summary_file import write_summary
+from counterflex.geometry import pose
+from counterflex.path.toolpath import FEED
+from counterflex.plan.compensate import plan as make_plan
+from counterflex.plan.plan import Plan
+from counterflex.plan.tool_frame import tool_orientation
+from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.gcode_writer import write_gcode
+from counterflex.programs.krl_writer import KrlSettings, write_krl
+from counterflex.programs.rapid_writer import RapidSettings, write_rapid
+
+Language = Literal["gcode", "krl", "rapid"]
+LANGUAGES: tuple[Language, ...] = ("gcode", "krl", "rapid")
+
+
+@dataclass(frozen=True, eq=False)
+class Compensated:
+    """Result of the job.
+
+    Attributes:
+        plan: Everything predicted and decided.
+        files: Program files by name, text.
+        written: What the writer says about them, plain values.
+        summary: What ``summary.json`` holds.
+    """
+
+    plan: Plan
+    files: dict[str, str]
+    written: dict[str, Any]
+    summary: dict[str, Any]
+
+
+def compensate(
+    program: str | Path,
+    cell: Cell,
+    *,
+    language: Language = "gcode",
+    dialect: str = "linuxcnc",
+    tolerance_m: float = 5.0 * UM,
+    normal_only: bool = False,
+    predict: bool = True,
+    progress: Progress = silent,
+) -> Compensated:
+    """Plan and write a compensated program.
+
+    Args:
+        program: G-code file.
+        cell: The cell.
+        language: Of the output.
+        dialect: Of the input.
+        tolerance_m: Largest distance between the written path and the planned one.
+        normal_only: Correct square to the feed only.
+        predict: Predict what the uncompensated program does and what remains after compensation.
+        progress: Told the fraction done.
+
+    Raises:
+        CounterflexError: The program, the cell or the reach does not allow it; one line says what and where.
+    """
+    if language not in LANGUAGES:
+        raise InputError("unknown output language", value=language, limit=", ".join(LANGUAGES))
+    begin = time.perf_counter()
+    job = read_job(program, cell, dialect=dialect)
+    setting = setting_of(cell, normal_only=normal_only, orientation=language != "gcode")
+    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, predict=predict, progress=progress)
+    files, written = write(job, plan, cell, language, tolerance_m)
+    about = {
+        "job": "compensate",
+        "program": Path(program).name,
+        "cell": cell.name,
+        "robot": cell.chain.name,
+        "language": language,
+        "files": list(files),
+        "written": written,
+        "prediction": figures(plan),
+        "seconds": round(time.perf_counter() - begin, 3),
+        "counterflex": __version__,
+    }
+    return Compensated(plan, files, written, about)
+
+
+def run(
+    program: str | Path,
+    cell_file: str | Path,
+    out: str | Path,
+    *,
+    report: bool = True,
+    progress: Progress = silent,
+    **options: Any,
+) -> dict[str, Any]:
+    """Do the job on files: program files, ``plan.parquet``, ``summary.json`` and ``report.html`` in ``out``.
+
+    Either all files are written or none.
+
+    Args:
+        program: G-code file.
+        cell_file: Cell file.
+        out: Folder; made when missing.
+        report: Write the HTML page.
+        progress: Told the fraction done.
+        options: As for :func:`compensate`.
+
+    Returns:
+        The summary.
+    """
+    cell = read_cell(cell_file)
+    result = compensate(program, cell, progress=progress, **options)
+    about = {key: result.summary[key] for key in ("program", "cell", "robot", "counterflex")}
+    with atomic.atomic_folder(out) as staging:
+        for name, text in result.files.items():
+            atomic.write_text(staging / name, text, newline="")
+        write_plan(staging / "plan.parquet", result.plan, about)
+        write_summary(staging / "summary.json", result.summary)
+        if report:
+            from counterflex.report.page import prediction_page, write_page
+
+            write_page(prediction_page(prediction(result.plan, cell, result.summary)), staging / "report.html")
+    return result.summary
+
+
+def write(
+    job: Job, plan: Plan, cell: Cell, language: Language, tolerance_m: float = 5.0 * UM
+) -> tuple[dict[str, str], dict[str, Any]]:
+    """Write a plan in a program language.
+
+    Returns:
+        Program files by name, and what the writer says about them.
+    """
+    commanded = CompensatedPath.from_correction(plan.path, plan.correction_part, plan.rotvec_part)
+    if language == "gcode":
+        text = write_gcode(job.program, commanded, tolerance_m=tolerance_m, cell=cell.name)
+        said = {key: value for key, value in dataclasses.asdict(text).items() if key != "text"}
+        return {Path(job.program.name).name: text.text}, _shop(said)
+    Rs_part_nominal = tool_orientation(plan.path.axis_part, cell.tables.posture.rotation_about_tool_deg * DEG)
+    Ts_part_tcp = commanded.poses(Rs_part_nominal)
+    controller = cell.tables.controller
+    name = _routine_name(Path(job.program.name).stem)
+    if language == "krl":
+        robot_text = write_krl(
+            job.program,
+            plan.path,
+            Ts_part_tcp,
+            KrlSettings(
+                name=name,
+                start_axes_rad=[float(angle) for angle in plan.q[0]],
+                tool=controller.tool_number,
+                base=controller.base_number,
+                rapid_m_s=controller.rapid_mm_s * MM,
+                acc_m_s2=controller.acceleration_mm_s2 * MM,
+                blend_m=controller.blending_mm * MM,
+                cycle_s=controller.cycle_ms * MS,
+                cell=cell.name,
+            ),
+            tolerance_m=tolerance_m,
+        )
+    else:
+        mass, com = _payload(cell)
+        robot_text = write_rapid(
+            job.program,
+            plan.path,
+            Ts_part_tcp,
+            RapidSettings(
+                name=name,
+                start_axes_rad=[float(angle) for angle in plan.q[0]],
+                T_flange_tcp=cell.chain.T_flange_tcp,
+                T_base_part=cell.T_base_part,
+                tool_mass_kg=mass,
+                p_flange_cog=com,
+                rapid_m_s=controller.rapid_mm_s * MM,
+                cycle_s=controller.cycle_ms * MS,
+                cell=cell.name,
+            ),
+            tolerance_m=tolerance_m,
+        )
+    said = {key: value for key, value in dataclasses.asdict(robot_text).items() if key != "files"}
+    return robot_text.files, _shop(said)
+
+
+def _routine_name(stem: str) -> str:
+    """A file name as a routine name: letters, digits and underscores, 20 at most, a letter first."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", stem)[:20]
+    return name if name[:1].isalpha() else f"p_{name}"[:20]
+
+
+def _payload(cell: Cell) -> tuple[float, list[float]]:
+    """Mass and centre of gravity of the end effector in the flange frame."""
+    T_flange_body, total, moment = np.eye(4), 0.0, np.zeros(3)
+    for body in cell.end_effector.segments:
+        T_flange_body = T_flange_body @ body.T_prev_seg
+        total += body.mass_kg
+        moment = moment + body.mass_kg * pose.transform(T_flange_body, body.p_seg_com)
+    if total == 0.0:
+        return 1.0, [0.0, 0.0, 0.001]
+    return total, [float(value) for value in moment / total]
+
+
+def _shop(said: dict[str, Any]) -> dict[str, Any]:
+    """Writer's figures with shop units in their names."""
+    out: dict[str, Any] = {}
+    for key, value in said.items():
+        if key.endswith("_m"):
+            out[key[:-2] + "_um"] = round(float(value) / UM, 3)
+        elif key.endswith("_rad"):
+            out[key[:-4] + "_deg"] = round(float(value) / DEG, 5)
+        else:
+            out[key] = list(value) if isinstance(value, tuple) else value
+    return out
+
+
+def largest_correction_um(plan: Plan) -> float:
+    """Largest correction of a plan, um."""
+    feed: Float = np.linalg.norm(plan.correction_part[plan.path.kind == FEED], axis=1)
+    return float(np.max(feed, initial=0.0) / UM)

@@ -1,0 +1,93 @@
+"""What every job starts from: the program read and sampled, and the setting the plan needs, from a cell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from counterflex.core.arrays import Int
+from counterflex.core.errors import ProgramError
+from counterflex.core.units import DEG, MM, MS
+from counterflex.cutting.coefficients import ForceLaw
+from counterflex.files.cell import Cell
+from counterflex.path.sampling import point_spacing
+from counterflex.path.toolpath import ToolPath
+from counterflex.plan.compensate import Limits, Setting
+from counterflex.plan.cut import Mode
+from counterflex.programs.gcode_reader import read_gcode_file
+from counterflex.programs.program import Program
+from counterflex.programs.to_path import tool_path
+from counterflex.robot.chain import ElasticChain
+
+STEP_M = 0.5 * MM
+"""Longest step of a sampled path: a fraction of the distance over which the engagement changes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A program, ready for work.
+
+    Attributes:
+        program: As read.
+        path: As sampled.
+        line_of_motion: (motions,) source line of each motion.
+    """
+
+    program: Program
+    path: ToolPath
+    line_of_motion: Int
+
+
+def read_job(file: str | Path, cell: Cell, *, dialect: str = "linuxcnc", step_m: float = STEP_M) -> Job:
+    """Read a program and sample its path with the cell's rapid speed.
+
+    Raises:
+        ProgramError: The program cannot be read exactly, or makes no motion.
+    """
+    program = read_gcode_file(file, dialect=dialect)
+    if len(program.motions) == 0:
+        raise ProgramError("the program moves nothing", where=str(file))
+    path = tool_path(program, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_mm_s * MM)
+    lines = np.array([program.blocks[motion.block].line for motion in program.motions], dtype=np.int64)
+    return Job(program, path, lines)
+
+
+def setting_of(
+    cell: Cell,
+    *,
+    normal_only: bool = False,
+    orientation: bool = False,
+    smoothing_m: float = 2.0 * MM,
+    chain: ElasticChain | None = None,
+    law: ForceLaw | None = None,
+) -> Setting:
+    """The plan's setting for a cell; ``chain`` and ``law`` replace what the cell file says about robot and force."""
+    tables = cell.tables
+    return Setting(
+        chain=cell.chain if chain is None else chain,
+        controller_chain=cell.chain,
+        T_base_part=cell.T_base_part,
+        datum_points_part=cell.datum_points_part if tables.part.measured_with == "robot" else None,
+        branch=tables.posture.branch,
+        rotation_about_tool_rad=tables.posture.rotation_about_tool_deg * DEG,
+        law=cell.force_law if law is None else law,
+        cutter_of=cell.cutter,
+        mode=Mode(2.0 * np.pi * tables.dynamics.mode_hz, tables.dynamics.damping_ratio),
+        limits=Limits(
+            correction_m=tables.limits.correction_mm * MM,
+            rotation_rad=tables.limits.correction_deg * DEG,
+            joint_margin_rad=tables.limits.joint_margin_deg * DEG,
+            wrist_rad=tables.limits.wrist_singularity_deg * DEG,
+        ),
+        normal_only=normal_only,
+        orientation=orientation,
+        smoothing_m=smoothing_m,
+        allow_extrapolation=tables.material.allow_extrapolation,
+    )
+
+
+def spacing_of(cell: Cell, feed_m_s: float) -> float:
+    """Shortest useful distance of points at a feed (Berger2013 eq. 5), m."""
+    return point_spacing(feed_m_s, cell.tables.controller.cycle_ms * MS)

@@ -1,0 +1,117 @@
+"""Figures and report data of a plan: what is predicted, before any chip is cut."""
+
+from __future__ import annotations
+
+import datetime
+import platform
+from typing import Any
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.assumptions import assumptions
+from counterflex.core.arrays import Float
+from counterflex.core.units import DEG, MM, UM
+from counterflex.files.cell import Cell
+from counterflex.path.toolpath import RAPID
+from counterflex.plan.plan import Plan, across
+from counterflex.report.data import Fact, PredictionData
+
+
+def figures(plan: Plan) -> dict[str, Any]:
+    """Peak force, deflection, correction, where they occur, and the predicted path error before and after."""
+    force = np.linalg.norm(plan.w_tcp_part[:, :3], axis=1)
+    deflection = np.linalg.norm(plan.deflection_part[:, :3], axis=1)
+    correction = np.linalg.norm(plan.correction_part, axis=1)
+    cutting = plan.cutting
+    out: dict[str, Any] = {
+        "points": len(plan.path),
+        "cutting_points": int(np.count_nonzero(cutting)),
+        "duration_s": round(float(plan.path.time_s[-1]), 3),
+        "removed_mm3": round(float(plan.volume_m3.sum() / MM**3), 3),
+        "peak_force_n": _peak(force, plan, 1.0, 1),
+        "peak_deflection_um": _peak(deflection, plan, UM, 1),
+        "peak_correction_um": _peak(correction, plan, UM, 1),
+        "peak_axial_depth_mm": _peak(plan.axial_depth_m, plan, MM, 3),
+        "collisions": [
+            {"line": int(plan.line[row]), "volume_mm3": round(float(plan.volume_m3[row] / MM**3), 4)}
+            for row in np.flatnonzero((plan.path.kind == RAPID) & (plan.volume_m3 > 1e-12))
+        ],
+    }
+    for name, deviation in (
+        ("nominal", plan.deviation_nominal_part),
+        ("compensated", plan.deviation_compensated_part),
+    ):
+        if np.all(np.isnan(deviation)):
+            continue
+        size = np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)[cutting]
+        out[f"predicted_{name}"] = path_error(size, _weights(plan)[cutting])
+    return out
+
+
+def path_error(size_m: Float, weight_m: Float) -> dict[str, float]:
+    """Largest, 99.7 % and rms of an error, weighted by path length, mm."""
+    if len(size_m) == 0:
+        return {"max_mm": 0.0, "p997_mm": 0.0, "rms_mm": 0.0}
+    order = np.argsort(size_m)
+    share = np.cumsum(weight_m[order]) / weight_m.sum()
+    p997 = size_m[order][min(int(np.searchsorted(share, 0.997)), len(order) - 1)]
+    rms = np.sqrt(np.sum(size_m**2 * weight_m) / weight_m.sum())
+    values = {"max_mm": size_m.max(), "p997_mm": p997, "rms_mm": rms}
+    return {key: round(float(value / MM), 4) for key, value in values.items()}
+
+
+def _weights(plan: Plan) -> Float:
+    step = np.linalg.norm(np.diff(plan.path.p_part_tcp, axis=0, prepend=plan.path.p_part_tcp[:1]), axis=1)
+    out: Float = np.maximum(step, 1e-12)
+    return out
+
+
+def _peak(values: Float, plan: Plan, unit: float, digits: int) -> dict[str, Any]:
+    row = int(np.argmax(values))
+    return {
+        "value": round(float(values[row] / unit), digits),
+        "line": int(plan.line[row]),
+        "at_mm": [round(float(v / MM), 3) for v in plan.path.p_part_tcp[row]],
+        "joints_deg": [round(float(v / DEG), 3) for v in plan.q[row]],
+    }
+
+
+def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionData:
+    """The page of a plan."""
+    found = summary["prediction"]
+    worst = found["peak_deflection_um"]
+    facts = [
+        Fact("Program", str(summary["program"])),
+        Fact("Robot", cell.chain.name),
+        Fact("Cell", cell.name),
+        Fact("Peak force", f"{found['peak_force_n']['value']:.0f} N", f"line {found['peak_force_n']['line']}"),
+        Fact("Peak deflection", f"{worst['value'] / 1000:.2f} mm", f"line {worst['line']}"),
+        Fact("Material removed", f"{found['removed_mm3'] / 1000:.1f} cm3"),
+        Fact("Programmed time", f"{found['duration_s']:.0f} s"),
+    ]
+    for name, what in (("nominal", "before"), ("compensated", "after")):
+        if f"predicted_{name}" in found:
+            error = found[f"predicted_{name}"]
+            facts.append(
+                Fact(
+                    f"Predicted path error {what}", f"{error['p997_mm']:.3f} mm", "99.7 % of the path length in the cut"
+                )
+            )
+    notes = ["Nothing was machined: the page shows what the model of the cell predicts."]
+    notes += [f"Rapid in line {c['line']} removes {c['volume_mm3']:.1f} mm3 of material." for c in found["collisions"]]
+    return PredictionData(
+        title=str(summary["program"]),
+        subtitle=f"predicted on {cell.name}",
+        created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        time_s=plan.path.time_s,
+        p_part_tcp=plan.path.p_part_tcp,
+        deflection_m=plan.deflection_part[:, :3],
+        correction_m=plan.correction_part,
+        force_n=np.linalg.norm(plan.w_tcp_part[:, :3], axis=1),
+        facts=tuple(facts),
+        assumptions=assumptions(cell),
+        timing=(Fact("Planning", f"{summary['seconds']:.1f} s"),),
+        versions={"counterflex": __version__, "Python": platform.python_version(), "NumPy": np.__version__},
+        notes=tuple(notes),
+    )

@@ -1,0 +1,122 @@
+"""Fill the report page from what the jobs found."""
+
+from __future__ import annotations
+
+import datetime
+import importlib.metadata
+import platform
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.assumptions import assumptions
+from counterflex.app.evaluate import Judged, features
+from counterflex.app.prove import FIRST_SEED, Proof
+from counterflex.app.truth import truth_of
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM
+from counterflex.evaluate.error_budget import BudgetLine, error_budget
+from counterflex.evaluate.path_deviation import PathDeviation
+from counterflex.files.cell import Cell
+from counterflex.geometry import wrench
+from counterflex.plan.plan import Plan
+from counterflex.report.data import Curve, Difference, Fact, ReportData, VariantData
+from counterflex.report.page import report_page
+from counterflex.robot import compliance
+from counterflex.twin.perturb import differences
+
+_LIBRARIES = ("numpy", "scipy", "numba", "mujoco", "polars", "plotly")
+
+
+def proof_page(proof: Proof) -> str:
+    """The page of a proven compensation, as HTML."""
+    cell = proof.reference.cell
+    before, after = proof.judged[FIRST_SEED, "nominal"], proof.judged[FIRST_SEED, "compensated"]
+    truth = proof.truths[FIRST_SEED]
+    found = proof.summary["prediction"]
+    tool = cell.tables.tools[0]
+    facts = (
+        Fact("Part", str(proof.summary["program"]), "", f"{found['removed_mm3'] / 1000:.1f} cm3 removed"),
+        Fact("Robot", cell.chain.name),
+        Fact("Cell", cell.name),
+        Fact("Tool", tool.name or f"D{tool.diameter_mm:g}", "", f"{tool.flutes} flutes"),
+        Fact("Material", cell.tables.material.name or str(cell.tables.material.catalog)),
+        Fact(
+            "Peak force",
+            f"{found['peak_force_n']['value']:.0f} N predicted",
+            "",
+            f"line {found['peak_force_n']['line']}, depth {found['peak_axial_depth_mm']['value']:.1f} mm",
+        ),
+        Fact(
+            "Peak deflection",
+            f"{found['peak_deflection_um']['value'] / 1000:.2f} mm predicted",
+            "",
+            f"at joints {', '.join(f'{v:.0f}' for v in found['peak_deflection_um']['joints_deg'])} deg",
+        ),
+        Fact("Simulated cell", truth.name, "", f"truth seed {truth.seed}"),
+    )
+    created = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return report_page(
+        ReportData(
+            title=str(proof.summary["program"]),
+            subtitle=f"machined before and after compensation on a simulated {cell.chain.name}",
+            created=created,
+            summary=proof.summary,
+            nominal=_variant(before),
+            compensated=_variant(after),
+            facts=facts,
+            nominal_surface=proof.reference.surface,
+            engagement_label="axial depth, mm",
+            engagement_scale=1.0 / MM,
+            features=features(proof.reference, {"nominal": before, "compensated": after}),
+            budget=budget(proof.plan, before.deviation, cell),
+            assumptions=assumptions(cell),
+            differences=tuple(
+                Difference(
+                    f"{row.group}: {row.name}",
+                    f"{row.known:.4g} {row.unit}",
+                    f"{row.true:.4g} {row.unit}",
+                    f"{row.true - row.known:+.3g}",
+                )
+                for row in differences(truth_of(cell, None), truth)
+            ),
+            timing=tuple(Fact(name, f"{value:.1f} s") for name, value in proof.timing.items()),
+            versions={
+                "counterflex": __version__,
+                "Python": platform.python_version(),
+                **{name: importlib.metadata.version(name) for name in _LIBRARIES},
+            },
+            notes=(
+                "The part was machined on a simulated cell with friction, play, drives, gravity and its own cutting "
+                "process. The planner knew the cell file only; how the simulated cell differs from it is listed below.",
+            ),
+        )
+    )
+
+
+def _variant(item: Judged) -> VariantData:
+    force: Float = np.linalg.norm(item.run.force_part, axis=1)
+    return VariantData(item.deviation, item.surface, Curve(item.run.time_s, force))
+
+
+def budget(plan: Plan, deviation: PathDeviation, cell: Cell) -> tuple[BudgetLine, ...]:
+    """What the model says causes the deviation that was met: each elastic segment, own weight, and the rest."""
+    cutting = deviation.cutting
+    place = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(plan.path.p_part_tcp, axis=0), axis=1))])
+    at = deviation.length_m[cutting]
+    direction = deviation.feed_direction[cutting]
+    R_base_part = cell.T_base_part[:3, :3]
+    parts = compliance.shares(cell.chain, plan.q, wrench.rotate(R_base_part, plan.w_tcp_part))
+
+    def met(values: Float) -> Float:
+        there = np.stack([np.interp(at, place, values[:, k]) for k in range(3)], axis=1)
+        out: Float = there - np.sum(there * direction, axis=1, keepdims=True) * direction
+        return out
+
+    contributions = {
+        name: met(parts[:, i, :3] @ R_base_part)
+        for i, name in enumerate(cell.chain.names)
+        if np.any(parts[:, i] != 0.0)
+    }
+    contributions["own weight"] = met(plan.sag_part)
+    return error_budget(deviation.across[cutting], contributions)

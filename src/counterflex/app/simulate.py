@@ -1,0 +1,160 @@
+"""Machine a program on the simulated cell and keep everything that evaluation needs in one folder."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.inputs import Job, read_job
+from counterflex.core import atomic
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import DEG, MM
+from counterflex.cutting.removal import remove_tool_path
+from counterflex.cutting.stock import HeightMap
+from counterflex.files.cell import Cell, read_cell
+from counterflex.files.run_file import write_run
+from counterflex.files.summary_file import write_summary
+from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.twin.controller import Controller, controller_of
+from counterflex.twin.record import Record
+from counterflex.twin.simulate import simulate
+from counterflex.twin.truth import Truth
+from counterflex.twin.truth_file import read_truth, write_truth
+
+PROGRAM, ORIGINAL, CELL, TRUTH = "program.ngc", "original.ngc", "cell.toml", "truth.toml"
+RUN, SURFACE, SUMMARY = "run.parquet", "surface.npz", "summary.json"
+
+
+def controller(cell: Cell) -> Controller:
+    """The robot controller as a cell file describes it: nominal geometry, part frame, speeds."""
+    tables = cell.tables
+    return controller_of(
+        cell.robot,
+        cell.end_effector,
+        cell.T_base_part,
+        branch=tables.posture.branch,
+        rotation_about_tool_rad=tables.posture.rotation_about_tool_deg * DEG,
+        blending_m=tables.controller.blending_mm * MM,
+        acceleration_m_s2=tables.controller.acceleration_mm_s2 * MM,
+        rapid_m_s=tables.controller.rapid_mm_s * MM,
+    )
+
+
+def machine(job: Job, cell: Cell, truth: Truth, *, progress: Progress = silent) -> Record:
+    """Machine a program on the twin of a cell.
+
+    Raises:
+        InputError: The program cuts with several tools.
+        SimulationError: The simulated cell left its physical range.
+    """
+    return simulate(
+        job.path,
+        truth=truth,
+        controller=controller(cell),
+        stock=cell.stock(),
+        cutter=cell.cutter(tool_of(job.path)),
+        datum_points_part=cell.datum_points_part if cell.tables.part.measured_with == "robot" else None,
+        progress=progress,
+    )
+
+
+def undisturbed(job: Job, cell: Cell, *, threads: int = 1) -> HeightMap:
+    """The part that a program would give if nothing bent: the nominal surface of every comparison."""
+    stock = cell.stock()
+    remove_tool_path(stock, job.path, cell.cutter(tool_of(job.path)), engagement=False, threads=threads)
+    return stock
+
+
+def run(
+    program: str | Path,
+    cell_file: str | Path,
+    truth_file: str | Path,
+    out: str | Path,
+    *,
+    original: str | Path | None = None,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Do the job on files.
+
+    Writes ``run.parquet`` (path, forces), ``surface.npz`` (as-machined height map), the program, the original program
+    it stands for, cell and truth as they were, and ``summary.json``; all of them or none.
+
+    Args:
+        program: G-code to machine.
+        cell_file: Cell file: what the controller believes.
+        truth_file: Truth file: how the cell really is.
+        out: Folder.
+        original: The uncompensated program, when ``program`` is a compensated one: accuracy is always judged against
+            the original. None: the program itself.
+        progress: Told the fraction done.
+
+    Returns:
+        The summary.
+    """
+    begin = time.perf_counter()
+    cell, truth = read_cell(cell_file), read_truth(truth_file)
+    job = read_job(program, cell)
+    reference = Path(program if original is None else original)
+    if original is not None:
+        read_job(reference, cell)
+    record = machine(job, cell, truth, progress=progress)
+    summary = {
+        "job": "simulate",
+        "program": Path(program).name,
+        "original": reference.name,
+        "cell": cell.name,
+        "truth": truth.name,
+        "seed": truth.seed,
+        "machining": figures(record),
+        "seconds": round(time.perf_counter() - begin, 3),
+        "counterflex": __version__,
+    }
+    with atomic.atomic_folder(out) as staging:
+        atomic.write_text(staging / PROGRAM, _source(program))
+        atomic.write_text(staging / ORIGINAL, _source(reference))
+        atomic.write_text(staging / CELL, _source(cell_file))
+        write_truth(staging / TRUTH, truth)
+        write_run(staging / RUN, record, {key: summary[key] for key in ("program", "cell", "seed", "counterflex")})
+        record.stock.save(staging / SURFACE)
+        write_summary(staging / SUMMARY, summary)
+    return summary
+
+
+def figures(record: Record) -> dict[str, Any]:
+    """Peak force, time, distance of the tool from its command."""
+    force: Float = np.linalg.norm(record.force_part, axis=1)
+    off: Float = np.linalg.norm(record.p_part_tcp - record.p_part_command, axis=1)
+    engaged = record.engaged & (record.kind == FEED)
+    return {
+        "duration_s": round(float(record.time_s[-1]), 3),
+        "cutting_s": round(float(np.count_nonzero(engaged)) * float(np.median(np.diff(record.time_s))), 3),
+        "peak_force_n": round(float(np.max(force, initial=0.0)), 2),
+        "largest_offset_mm": round(float(np.max(off[engaged], initial=0.0) / MM), 4),
+    }
+
+
+def tool_of(path: ToolPath) -> int:
+    """Number of the one tool that a path cuts with; InputError when there are several."""
+    tools = np.unique(path.tool[path.kind == FEED])
+    if len(tools) == 0:
+        return int(path.tool[-1])
+    if len(tools) > 1:
+        raise InputError(
+            "the simulation runs one tool at a time",
+            value=", ".join(f"T{number}" for number in tools),
+            hint="Split the program at the tool change and give the first result to the second cell as stock",
+        )
+    return int(tools[0])
+
+
+def _source(path: str | Path) -> str:
+    try:
+        return Path(path).read_text(encoding="utf-8", errors="replace")
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault

@@ -1,0 +1,70 @@
+"""Truth files: the simulated cell, made from a cell file and put off by seeded, documented amounts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from counterflex.core.errors import ModelError
+from counterflex.cutting.coefficients import H_KIENZLE_M, ForceLaw, KienzleLaw
+from counterflex.files.cell import Cell
+from counterflex.robot.chain import ElasticChain
+from counterflex.robot.description import EndEffector, Robot
+from counterflex.twin.described import described
+from counterflex.twin.nominal import nominal_truth
+from counterflex.twin.perturb import perturbed
+from counterflex.twin.truth import CuttingTruth, Truth
+from counterflex.twin.truth_file import write_truth
+
+
+def cutting_truth(law: ForceLaw) -> CuttingTruth:
+    """Force constants of a truth that agrees with a law.
+
+    Raises:
+        ModelError: The linear-edge law has no counterpart in the twin.
+    """
+    if not isinstance(law, KienzleLaw):
+        raise ModelError("the simulated cell cuts by Kienzle's law", value=type(law).__name__, limit="law = kienzle")
+    return CuttingTruth(k_pa=law.k11_pa(), exponent=(law.mc, law.mr, law.ma), h_ref_m=H_KIENZLE_M)
+
+
+def truth_of(cell: Cell, seed: int | None) -> Truth:
+    """The truth of a cell: nominal for None, otherwise put off by the seed."""
+    truth = nominal_truth(cell.robot, cell.end_effector, cutting_truth(cell.force_law), name=cell.name)
+    return truth if seed is None else perturbed(truth, seed)
+
+
+def make_truth(cell: Cell, seed: int | None, out: str | Path) -> Truth:
+    """Write the truth of a cell to a file."""
+    truth = truth_of(cell, seed)
+    write_truth(out, truth)
+    return truth
+
+
+def knowing(cell: Cell, truth: Truth) -> tuple[ElasticChain, ForceLaw]:
+    """What a planner would have that was told the truth's constants: elastic chain and force law.
+
+    Friction, play, drives, ploughing and runout have no place in a cell file and stay unknown.
+    """
+    robot, end_effector = _told(cell, truth)
+    law = cell.force_law
+    if not isinstance(law, KienzleLaw):
+        return ElasticChain.build(robot, end_effector), law
+    kc, kr, ka = truth.cutting.k_pa
+    at_reference = KienzleLaw(
+        kc_ref_pa=kc,
+        mc=truth.cutting.exponent[0],
+        kr_ref_pa=kr,
+        mr=truth.cutting.exponent[1],
+        ka_ref_pa=ka,
+        ma=truth.cutting.exponent[2],
+        h_ref_m=truth.cutting.h_ref_m,
+        h_min_m=law.h_min_m,
+        h_max_m=law.h_max_m,
+        source="truth file",
+        status="truth",
+    )
+    return ElasticChain.build(robot, end_effector), at_reference
+
+
+def _told(cell: Cell, truth: Truth) -> tuple[Robot, EndEffector]:
+    return described(truth, cell.robot, cell.end_effector)

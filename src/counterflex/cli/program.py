@@ -1,0 +1,121 @@
+"""Commands that work on a milling program: path, compensate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli.output import print_json, print_table, progress_bar
+from counterflex.core.errors import InputError
+
+Program = Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM")]
+CellFile = Annotated[Path, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL")]
+Out = Annotated[Path, typer.Option("--out", help="Folder for the results; made when missing.", metavar="DIR")]
+Dialect = Annotated[str, typer.Option("--dialect", help="Dialect of the program: linuxcnc.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    app.command()(path)
+    app.command()(compensate)
+
+
+def path(
+    program: Program,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", help="Write the table to this file instead of printing it.", metavar="FILE")
+    ] = None,
+    dialect: Dialect = "linuxcnc",
+) -> None:
+    """Show what was read: every motion with its line, end point, feed and arc.
+
+    Example: `counterflex path part.ngc --csv path.csv`
+    """
+    from counterflex.programs.gcode_reader import read_gcode_file
+    from counterflex.programs.listing import listing, write_listing
+
+    found = read_gcode_file(program, dialect=dialect)
+    if csv is None:
+        typer.echo(listing(found).write_csv(), nl=False)
+    else:
+        typer.echo(f"wrote {csv}: {write_listing(found, csv)} motions")
+
+
+def compensate(
+    program: Program,
+    cell: CellFile,
+    out: Out,
+    language: Annotated[str, typer.Option("--as", help="Language of the output: gcode, krl or rapid.")] = "gcode",
+    dialect: Dialect = "linuxcnc",
+    tolerance_um: Annotated[
+        float,
+        typer.Option("--tolerance-um", help="Largest distance of the written path from the planned one.", min=0.1),
+    ] = 5.0,
+    normal_only: Annotated[
+        bool, typer.Option("--normal-only", help="Correct square to the feed only, not along it.")
+    ] = False,
+    predict: Annotated[
+        bool, typer.Option("--predict/--no-predict", help="Predict the path error before and after.")
+    ] = True,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Compensate a program: predict force and deflection at each point and write the program moved against them.
+
+    Writes into DIR: the program under its own name (or .src/.dat, .mod), plan.parquet (every point: time, pose,
+    joints, force, deflection, correction, engagement), summary.json and report.html. Either all of them or none.
+
+    Example: `counterflex compensate part.ngc --cell cell.toml --out out --as krl`
+    """
+    from counterflex.app import compensate as job
+
+    if language not in job.LANGUAGES:
+        raise InputError("unknown language", where="--as", value=language, limit=", ".join(job.LANGUAGES))
+    if program.resolve().parent == out.resolve():
+        raise InputError(
+            "the output would replace the program itself", where=str(program), hint="Choose another --out folder"
+        )
+    with progress_bar(f"compensating {program.name}") as progress:
+        summary = job.run(
+            program,
+            cell,
+            out,
+            report=report,
+            progress=progress,
+            language=language,
+            dialect=dialect,
+            tolerance_m=tolerance_um * 1e-6,
+            normal_only=normal_only,
+            predict=predict,
+        )
+    if as_json:
+        print_json(summary)
+    else:
+        _show(summary, out)
+
+
+def _show(summary: dict[str, Any], out: Path) -> None:
+    found = summary["prediction"]
+    rows = [
+        [what, f"{found[key]['value']:g} {unit}", f"line {found[key]['line']}"]
+        for what, key, unit in (
+            ("peak force", "peak_force_n", "N"),
+            ("peak deflection", "peak_deflection_um", "um"),
+            ("peak correction", "peak_correction_um", "um"),
+            ("peak axial depth", "peak_axial_depth_mm", "mm"),
+        )
+    ]
+    for name, what in (("nominal", "before"), ("compensated", "after")):
+        if f"predicted_{name}" in found:
+            error = found[f"predicted_{name}"]
+            text = f"{error['p997_mm']:.3f} mm (max {error['max_mm']:.3f} mm)"
+            rows.append([f"predicted path error {what}, 99.7 %", text, ""])
+    print_table(f"{summary['program']} on {summary['cell']}", ["", "value", "where"], rows)
+    for collision in found["collisions"]:
+        typer.echo(f"warning: rapid in line {collision['line']} cuts {collision['volume_mm3']:.1f} mm3 of material")
+    for warning in summary["written"].get("warnings", []):
+        typer.echo(f"warning: {warning}")
+    names = ", ".join([*summary["files"], "plan.parquet", "summary.json"])
+    typer.echo(f"wrote {out}: {names} ({summary['seconds']:.1f} s)")

@@ -1,0 +1,107 @@
+"""Tables as Parquet files: a format name and a version in the metadata, a unit in every column name."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from counterflex.core import atomic
+from counterflex.core.errors import FileFormatError
+
+_KEY = "counterflex"
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a file and where its values live in memory.
+
+    Attributes:
+        name: In the file, with unit suffix.
+        field: Attribute of the object, dotted for a part of it.
+        index: Component of that attribute, or None.
+        unit: SI value of one file unit.
+        whole: Whole numbers.
+    """
+
+    name: str
+    field: str
+    index: int | None = None
+    unit: float = 1.0
+    whole: bool = False
+
+
+def columns(names: str, field: str, unit: float = 1.0) -> tuple[Column, ...]:
+    """Columns for the components of one attribute, names separated by spaces."""
+    return tuple(Column(name, field, i, unit) for i, name in enumerate(names.split()))
+
+
+def write(path: Path, kind: str, version: int, layout: tuple[Column, ...], data: Any, about: Mapping[str, Any]) -> None:
+    """Write the attributes of ``data`` as a table, whole or not at all.
+
+    Args:
+        path: Target.
+        kind: Format name.
+        version: Format version.
+        layout: Columns.
+        data: Object that holds the attributes.
+        about: Further metadata, plain JSON values.
+    """
+    frame = pl.DataFrame({column.name: _values(data, column) for column in layout})
+    meta = json.dumps({"format": kind, "version": version, **about}, allow_nan=False)
+    with atomic.atomic_path(path) as part:
+        frame.write_parquet(part, compression="zstd", metadata={_KEY: meta})
+
+
+def _values(data: Any, column: Column) -> Any:
+    values = data
+    for name in column.field.split("."):
+        values = getattr(values, name)
+    if column.index is not None:
+        values = values[:, column.index]
+    return np.asarray(values, dtype=np.int64) if column.whole else np.asarray(values, dtype=np.float64) / column.unit
+
+
+def read(path: Path, kind: str, version: int, layout: tuple[Column, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Read a table back as attributes.
+
+    Returns:
+        Arrays by attribute name (components joined along the last axis), SI; and the metadata.
+
+    Raises:
+        FileFormatError: Missing or damaged file, another format, newer version, missing or unknown columns.
+    """
+    if not path.is_file():
+        raise FileFormatError("no such file", where=str(path))
+    try:
+        meta = json.loads(pl.read_parquet_metadata(path).get(_KEY, "{}"))
+        frame = pl.read_parquet(path)
+    except (pl.exceptions.PolarsError, OSError, json.JSONDecodeError) as fault:
+        raise FileFormatError("not a readable Parquet file", where=str(path), value=str(fault)[:80]) from fault
+    if meta.get("format") != kind:
+        raise FileFormatError(f"not a {kind} file", where=str(path), value=meta.get("format"), limit=kind)
+    if not isinstance(meta.get("version"), int) or meta["version"] > version:
+        raise FileFormatError(
+            "the file is newer than this counterflex reads",
+            where=str(path),
+            value=meta.get("version"),
+            limit=f"at most {version}",
+            hint="Update counterflex",
+        )
+    names = [column.name for column in layout]
+    wrong = sorted(set(names) ^ set(frame.columns))
+    if wrong:
+        raise FileFormatError("columns are missing or unknown", where=str(path), value=", ".join(wrong[:5]))
+    parts: dict[str, list[Any]] = {}
+    for column in layout:
+        values = frame[column.name].to_numpy()
+        parts.setdefault(column.field, []).append(
+            np.asarray(values, dtype=np.int64) if column.whole else np.asarray(values, dtype=np.float64) * column.unit
+        )
+    single = {column.field for column in layout if column.index is None}
+    return {name: (p[0] if name in single else np.stack(p, axis=-1)) for name, p in parts.items()}, meta

@@ -1,0 +1,66 @@
+"""The plan file (``counterflex-plan``, version 1): one row per path point, Parquet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM, UM, URAD
+from counterflex.files.columns import Column, columns, read, write
+from counterflex.path.toolpath import ToolPath
+from counterflex.plan.plan import Plan
+
+KIND = "counterflex-plan"
+VERSION = 1
+
+LAYOUT = (
+    Column("time_s", "path.time_s"),
+    Column("line", "line", whole=True),
+    Column("motion", "path.motion", whole=True),
+    Column("kind", "path.kind", whole=True),
+    Column("tool", "path.tool", whole=True),
+    *columns("x_mm y_mm z_mm", "path.p_part_tcp", MM),
+    *columns("axis_x axis_y axis_z", "path.axis_part"),
+    Column("feed_mm_min", "path.feed_m_s", unit=MM_PER_MIN),
+    Column("spindle_rpm", "path.spindle_rad_s", unit=RPM),
+    *columns("q1_deg q2_deg q3_deg q4_deg q5_deg q6_deg", "q", DEG),
+    *columns("fx_n fy_n fz_n mx_nm my_nm mz_nm", "w_tcp_part"),
+    *(
+        Column(f"deflection_{name}", "deflection_part", i, unit)
+        for i, (name, unit) in enumerate(
+            [("x_um", UM), ("y_um", UM), ("z_um", UM), ("rx_urad", URAD), ("ry_urad", URAD), ("rz_urad", URAD)]
+        )
+    ),
+    *columns("sag_x_um sag_y_um sag_z_um", "sag_part", UM),
+    *columns("correction_x_um correction_y_um correction_z_um", "correction_part", UM),
+    *columns("correction_rx_urad correction_ry_urad correction_rz_urad", "rotvec_part", URAD),
+    Column("volume_mm3", "volume_m3", unit=MM**3),
+    Column("axial_depth_mm", "axial_depth_m", unit=MM),
+    Column("entry_deg", "entry_rad", unit=DEG),
+    Column("exit_deg", "exit_rad", unit=DEG),
+    Column("feed_per_tooth_mm", "feed_per_tooth_m", unit=MM),
+    *columns("nominal_deviation_x_um nominal_deviation_y_um nominal_deviation_z_um", "deviation_nominal_part", UM),
+    *columns(
+        "compensated_deviation_x_um compensated_deviation_y_um compensated_deviation_z_um",
+        "deviation_compensated_part",
+        UM,
+    ),
+    *columns("nominal_fx_n nominal_fy_n nominal_fz_n nominal_mx_nm nominal_my_nm nominal_mz_nm", "w_nominal_part"),
+)
+
+
+def write_plan(path: Path, plan: Plan, about: Mapping[str, Any]) -> None:
+    """Write a plan; ``about`` says which program, cell and version made it."""
+    write(path, KIND, VERSION, LAYOUT, plan, about)
+
+
+def read_plan(path: Path) -> tuple[Plan, dict[str, Any]]:
+    """Read a plan and its metadata.
+
+    Raises:
+        FileFormatError: See :func:`counterflex.files.columns.read`.
+    """
+    data, about = read(path, KIND, VERSION, LAYOUT)
+    tool_path = ToolPath(**{name.removeprefix("path."): data.pop(name) for name in list(data) if "." in name})
+    return Plan(path=tool_path, **data), about

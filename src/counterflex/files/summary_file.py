@@ -1,0 +1,49 @@
+"""``summary.json``: what a job did, in numbers, for people and programs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from counterflex.core import atomic
+from counterflex.core.errors import FileFormatError
+from counterflex.evaluate.summary import FORMAT, VERSION
+
+
+def write_summary(path: Path, data: Mapping[str, Any]) -> None:
+    """Write a summary; format and version are put first, numbers that are not finite become null."""
+    atomic.write_text(path, json.dumps({"format": FORMAT, "version": VERSION, **_plain(data)}, indent=2) + "\n")
+
+
+def read_summary(path: Path) -> dict[str, Any]:
+    """Read a summary.
+
+    Raises:
+        FileFormatError: Missing, not JSON, another format, or newer than this program.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(path)) from fault
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as fault:
+        raise FileFormatError("not readable as JSON", where=str(path), value=str(fault)[:80]) from fault
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise FileFormatError(f"not a {FORMAT} file", where=str(path))
+    if not isinstance(data.get("version"), int) or data["version"] > VERSION:
+        raise FileFormatError(
+            "the file is newer than this counterflex reads", where=str(path), value=data.get("version"), limit=VERSION
+        )
+    return data
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
