@@ -106,7 +106,7 @@ class Emitter(WrittenMachine):
         else:
             self.check_words(block, motion)
             shift = rows.shift[last] if last >= 0 else np.array(self.off)
-            inner = np.flatnonzero(rows.vertex[first:last]) + first if motion.kind == "feed" else ()
+            inner = np.flatnonzero(rows.vertex[first:last]) + first if motion.kind == "feed" and last > first else ()
             if len(inner):
                 self._split(block, line, index, motion, [int(row) for row in inner])
                 return

@@ -58,7 +58,7 @@ class WrittenMachine:
 
     def stand(self, p: Float) -> None:
         """Set the nominal position; the offset stays."""
-        self.nominal = [float(p[0]), float(p[1]), float(p[2])]
+        self.nominal = p.tolist()
 
     def begin(self, index: int, motion: Motion) -> None:
         """A motion starts; where the source jumps to its start (another tool length), the offset goes along."""
@@ -77,11 +77,14 @@ class WrittenMachine:
 
     def inherits(self, modal: Modal) -> bool:
         """Whether the written position differs from the source's by more than rounding."""
+        x, y, z = self.off
+        if x == 0.0 and y == 0.0 and z == 0.0:
+            return False
         half = 0.5 * modal.unit_m * 10.0 ** -self.digits(modal)
-        return any(abs(off) > half for off in self.off)
+        return abs(x) > half or abs(y) > half or abs(z) > half
 
     def arrive(self, index: int, motion: Motion) -> None:
-        """The motion's end is reached; ``_off`` is already that at the end."""
+        """The motion's end is reached; ``off`` is already that at the end."""
         self.stand(motion.p_end)
         last = self.rows.last[index]
         if last >= 0:
@@ -102,12 +105,11 @@ class WrittenMachine:
     def check_words(self, block: Block, motion: Motion) -> None:
         """Corrected blocks must lead to their target by their own words, else an edit would go elsewhere."""
         modal = block.modal
+        ends = motion.p_end.tolist()
+        bases = modal.p_part_origin if modal.absolute else motion.p_start.tolist()
         for word in block.words:
             axis = AXES.find(word.letter)
-            if axis < 0:
-                continue
-            base = modal.p_part_origin[axis] if modal.absolute else float(motion.p_start[axis])
-            if abs(base + word.value * modal.unit_m - float(motion.p_end[axis])) > 1e-7:
+            if axis >= 0 and abs(bases[axis] + word.value * modal.unit_m - ends[axis]) > 1e-7:
                 raise ProgramError(
                     "a corrected block does not lead to its target by its own words",
                     where=f"{self.program.name}:{block.line}:{word.start + 1}",
@@ -131,9 +133,10 @@ class WrittenMachine:
     def set_end(self, line: WrittenLine, block: Block, motion: Motion, shift: Float) -> None:
         """Edit the axis words of a line so that it leads to the end of a motion plus ``shift``."""
         modal = block.modal
+        ends, moves = motion.p_end.tolist(), shift.tolist()
         for axis in range(3):
             word = line.find(AXES[axis])
-            end, move = float(motion.p_end[axis]), float(shift[axis])
+            end, move = ends[axis], moves[axis]
             if word is not None and move == 0.0 and (modal.absolute or self.off[axis] == 0.0):
                 reached = end
             elif word is None and not self.changes(modal, axis, end + move):
