@@ -1,7 +1,7 @@
 """Cutting force of the tool where it really is, from the chip it really takes, one kernel.
 
 The edges are sampled at fixed angles about the tool axis and, on rounded corners and the end face, at slices of the
-outline. Each sample looks up the stock there: what stands above it is engaged. Its chip thickness is the tool's true
+outline. Each sample looks up the stock there: what stands above it is engaged. The chip thickness is the tool's true
 displacement over one tooth period projected on the outline's normal, ``h = (p(t) - p(t - T)) . n``; so feed,
 vibration and the wave left by the previous tooth enter together. The force per edge length follows
 :class:`~counterflex.twin.truth.CuttingTruth`; its mean over a revolution is returned, which is what a robot with modes
@@ -21,9 +21,9 @@ from counterflex.core.jit import kernel
 
 ANGLES = 96
 HISTORY = 4096  # steps of remembered tool positions
-CORNER_SLICES = 10
-END_SLICES = 4
-_SOFT_M = 1.0e-6  # a slice of no height engages over this much
+CORNER_SLICES = 12
+END_RINGS = 4
+_SOFT_M = 1.0e-6  # material that stands less above the outline is what the tool has just left
 
 OK, SHANK, STILL = 0, 1, 2  # what the kernel found: fine; cut above the flutes; cut with the spindle off
 
@@ -80,6 +80,32 @@ def edge_load(h: float, sin_kappa: float, radii: Float, law: Float, out: Float) 
 
 
 @kernel()
+def _add(
+    out: Float,
+    load: Float,
+    weight: float,
+    nx: float,
+    ny: float,
+    sk: float,
+    ck: float,
+    r: float,
+    up: float,
+    turning: float,
+) -> None:
+    """Add the force of one edge element and its moment about the tip; normal (sk nx, sk ny, -ck), at radius r."""
+    inward = weight * (load[1] * sk + load[2] * ck)
+    fx = -weight * load[0] * turning * ny - inward * nx
+    fy = weight * load[0] * turning * nx - inward * ny
+    fz = weight * (load[1] * ck - load[2] * sk)
+    out[0] += fx
+    out[1] += fy
+    out[2] += fz
+    out[3] += r * ny * fz - up * fy
+    out[4] += up * fx - r * nx * fz
+    out[5] += r * (nx * fy - ny * fx)
+
+
+@kernel()
 def cutting_wrench(
     z: Float32,
     grid: Float,
@@ -89,7 +115,9 @@ def cutting_wrench(
     delay_steps: float,
     turning: float,
     shape: Float,
-    slices: Float,
+    rings: Float,
+    rims: Float,
+    faces: Float,
     circle: Float,
     radii: Float,
     law: Float,
@@ -107,7 +135,9 @@ def cutting_wrench(
         delay_steps: Tooth period in steps.
         turning: +1 clockwise seen from the spindle, -1 counter-clockwise, 0 standing still.
         shape: (3,) tool radius, corner radius, flute length, m.
-        slices: (n, 6) radius, height, edge length, sin kappa, cos kappa, half height of the outline's slices.
+        rings: (n, 2) radius and edge length of the rings of the end face, m.
+        rims: (K + 1, 2) radius and height of the rims between the slices of the corner, m; (1, 2) without corner.
+        faces: (K, 5) radius, height, edge length, sin kappa, cos kappa of the slices.
         circle: (ANGLES, 2) cosine and sine of the sampled angles.
         radii: (teeth,) m.
         law: (10,) see :func:`edge_load`.
@@ -130,59 +160,50 @@ def cutting_wrench(
     dy = p_part[1] - ((1.0 - part) * history[a, 1] + part * history[b, 1])
     dz = p_part[2] - ((1.0 - part) * history[a, 2] + part * history[b, 2])
     radius, corner, flute = shape[0], shape[1], shape[2]
+    x0, y0, cell, bottom = grid[0], grid[1], grid[2], grid[3]
+    px, py, pz = p_part[0], p_part[1], p_part[2]
     status = OK
     share = 1.0 / circle.shape[0]
     for i in range(circle.shape[0]):
         nx, ny = circle[i, 0], circle[i, 1]
         level = dx * nx + dy * ny
         if level > 0.0:
-            top = stock_height(z, grid[0], grid[1], grid[2], grid[3], p_part[0] + radius * nx, p_part[1] + radius * ny)
-            depth = top - p_part[2]
+            depth = stock_height(z, x0, y0, cell, bottom, px + radius * nx, py + radius * ny) - pz
             if depth > 0.0:
                 out[6] = max(out[6], depth)
                 if depth > flute:
                     status = SHANK
-                if turning == 0.0:
-                    status = STILL
             wide = min(depth, flute) - corner
             if wide > 0.0:
                 edge_load(level, 1.0, radii, law, load)
-                weight = share * wide
-                fx = -weight * (load[0] * turning * ny + load[1] * nx)
-                fy = weight * (load[0] * turning * nx - load[1] * ny)
-                fz = -weight * load[2]
-                arm = corner + 0.5 * wide
-                out[0] += fx
-                out[1] += fy
-                out[2] += fz
-                out[3] += radius * ny * fz - arm * fy
-                out[4] += arm * fx - radius * nx * fz
-                out[5] += radius * (nx * fy - ny * fx)
-        for s in range(slices.shape[0]):
-            sk, ck = slices[s, 3], slices[s, 4]
-            h = level * sk - dz * ck
-            if h <= 0.0:
-                continue
-            r, up = slices[s, 0], slices[s, 1]
-            top = stock_height(z, grid[0], grid[1], grid[2], grid[3], p_part[0] + r * nx, p_part[1] + r * ny)
-            above = top - p_part[2] - up + slices[s, 5]
-            if above <= 0.0:
-                continue
-            out[6] = max(out[6], top - p_part[2])
-            if turning == 0.0:
-                status = STILL
-            edge_load(h, sk, radii, law, load)
-            weight = share * slices[s, 2] * min(above / (2.0 * slices[s, 5]), 1.0)
-            inward = weight * (load[1] * sk + load[2] * ck)
-            fx = -weight * load[0] * turning * ny - inward * nx
-            fy = weight * load[0] * turning * nx - inward * ny
-            fz = weight * (load[1] * ck - load[2] * sk)
-            out[0] += fx
-            out[1] += fy
-            out[2] += fz
-            out[3] += r * ny * fz - up * fy
-            out[4] += up * fx - r * nx * fz
-            out[5] += r * (nx * fy - ny * fx)
+                _add(out, load, share * wide, nx, ny, 1.0, 0.0, radius, corner + 0.5 * wide, turning)
+        if faces.shape[0] > 0 and level > min(0.0, dz):
+            below = stock_height(z, x0, y0, cell, bottom, px + rims[0, 0] * nx, py + rims[0, 0] * ny)
+            below -= pz + rims[0, 1] + _SOFT_M
+            for s in range(faces.shape[0]):
+                r = rims[s + 1, 0]
+                above = stock_height(z, x0, y0, cell, bottom, px + r * nx, py + r * ny) - pz - rims[s + 1, 1] - _SOFT_M
+                sk, ck = faces[s, 3], faces[s, 4]
+                h = level * sk - dz * ck
+                if h > 0.0 and (below > 0.0 or above > 0.0):
+                    engaged = 1.0
+                    if below <= 0.0 or above <= 0.0:
+                        engaged = max(below, above) / (max(below, above) - min(below, above))
+                    out[6] = max(out[6], max(below + rims[s, 1], above + rims[s + 1, 1]))
+                    edge_load(h, sk, radii, law, load)
+                    _add(out, load, share * engaged * faces[s, 2], nx, ny, sk, ck, faces[s, 0], faces[s, 1], turning)
+                below = above
+        if dz < 0.0:
+            for s in range(rings.shape[0]):
+                r = rings[s, 0]
+                standing = stock_height(z, x0, y0, cell, bottom, px + r * nx, py + r * ny) - pz
+                if standing > 0.0:
+                    out[6] = max(out[6], standing)
+                    edge_load(-dz, 0.0, radii, law, load)
+                    weight = share * rings[s, 1] * min(standing / _SOFT_M, 1.0)
+                    _add(out, load, weight, nx, ny, 0.0, 1.0, r, 0.0, turning)
+    if turning == 0.0 and (out[0] != 0.0 or out[1] != 0.0 or out[2] != 0.0):
+        status = STILL
     return status
 
 
@@ -259,7 +280,9 @@ def coupled_wrench(
     delay_steps: float,
     turning: float,
     shape: Float,
-    slices: Float,
+    rings: Float,
+    rims: Float,
+    faces: Float,
     circle: Float,
     radii: Float,
     law: Float,
@@ -281,7 +304,9 @@ def coupled_wrench(
         delay_steps: See there.
         turning: See there.
         shape: See there.
-        slices: See there.
+        rings: See there.
+        rims: See there.
+        faces: See there.
         circle: See there.
         radii: See there.
         law: See there.
@@ -299,7 +324,7 @@ def coupled_wrench(
         for j in range(3):
             p_part[i] += T_base_part[j, i] * (p_base_tcp[j] - T_base_part[j, 3])
     status = cutting_wrench(
-        z, grid, p_part, history, count, delay_steps, turning, shape, slices, circle, radii, law, load, out
+        z, grid, p_part, history, count, delay_steps, turning, shape, rings, rims, faces, circle, radii, law, load, out
     )
     for i in range(3):
         f, m = 0.0, 0.0

@@ -1,4 +1,4 @@
-"""The truth as a MuJoCo model: one body per segment, one joint per coordinate, no meshes.
+"""The truth as a MuJoCo model: one body per segment, one hinge or slide per coordinate, no meshes.
 
 A driven body carries the motor hinge and then its elastic joints, which MuJoCo applies in that order; so
 ``Rz(sign q + offset) E(delta)`` is reproduced exactly. Linear springs and dampers are MuJoCo's own; play, friction,
@@ -76,13 +76,19 @@ def _numbers(values: Float | tuple[float, ...] | list[float]) -> str:
     return " ".join(repr(float(v)) for v in values)
 
 
-def _joints(truth: Truth, body: Body) -> list[str]:
+_BODY_JOINTS = 6  # MuJoCo allows no more joints in one body
+_CARRIER = '<inertial pos="0 0 0" mass="1e-6" diaginertia="1e-9 1e-9 1e-9"/>'
+
+
+def _motor(truth: Truth, body: Body) -> list[str]:
+    if body.joint is None:
+        return []
+    rotor = truth.drives[body.joint].rotor_inertia_kg_m2
+    return [f'<joint name="motor{body.joint + 1}" type="hinge" axis="0 0 {body.sign:g}" armature="{rotor!r}"/>']
+
+
+def _elastic(body: Body) -> list[str]:
     lines = []
-    if body.joint is not None:
-        rotor = truth.drives[body.joint].rotor_inertia_kg_m2
-        lines.append(
-            f'<joint name="motor{body.joint + 1}" type="hinge" axis="0 0 {body.sign:g}" armature="{rotor!r}"/>'
-        )
     for kind in _ORDER:
         if body.compliance[kind] == 0.0:
             continue
@@ -112,12 +118,18 @@ def model_xml(truth: Truth, step_s: float) -> str:
         f'<flag contact="disable" autoreset="disable" constraint="disable"/></option><worldbody>'
     )
     text = [head]
+    ends = 0
     for index, body in enumerate(truth.bodies):
         T = body.T_prev_seg @ pose.make(rotation.about_z(body.offset_rad))
         text.append(
             f'<body name="b{index}" pos="{_numbers(T[:3, 3])}" quat="{_numbers(rotation.quat_wxyz(T[:3, :3]))}">'
         )
-        text.extend(_joints(truth, body))
+        motor, elastic = _motor(truth, body), _elastic(body)
+        text.extend(motor)
+        if len(motor) + len(elastic) > _BODY_JOINTS:  # the rotor gets a carrier of its own
+            text.append(f'{_CARRIER}<body name="b{index}e">')
+            ends += 1
+        text.extend(elastic)
         if body.mass_kg > 0.0:
             text.append(
                 f'<inertial pos="{_numbers(body.p_seg_com)}" mass="{body.mass_kg!r}" '
@@ -125,6 +137,6 @@ def model_xml(truth: Truth, step_s: float) -> str:
             )
     T = truth.T_last_tcp
     text.append(f'<site name="tcp" pos="{_numbers(T[:3, 3])}" quat="{_numbers(rotation.quat_wxyz(T[:3, :3]))}"/>')
-    text.append("</body>" * len(truth.bodies))
+    text.append("</body>" * (len(truth.bodies) + ends))
     text.append("</worldbody></mujoco>")
     return "".join(text)

@@ -4,11 +4,13 @@ What is filled in, and from where. Reference values are those of a KR 300 R2500 
 friction and play per axis, chosen so that static lost motion and the first modes are those reported for that robot);
 for another robot they scale with its size: inertia with mass times reach squared, friction with mass times reach,
 play as an angle stays. The inertia of a body is that of a cylinder towards the next frame; the last body, the spindle,
-is one along the tool axis with the density and slenderness of a motor spindle (75 kg: 0.55 m long, 0.16 m thick).
+is one along the tool axis with the density and slenderness of a motor spindle (75 kg: 0.65 m long, 0.15 m thick).
 None of this is known to a planner.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -29,11 +31,12 @@ _MOTOR_FRICTION_NM = (60.0, 60.0, 60.0, 12.0, 12.0, 12.0)
 _HALF_PLAY_RAD = (20.0 * URAD, 20.0 * URAD, 20.0 * URAD, 50.0 * URAD, 50.0 * URAD, 50.0 * URAD)
 _SHARES = (0.25, 0.35, 0.40)
 _SLIP_RAD = (10.0 * URAD, 25.0 * URAD, 60.0 * URAD)
-_REACH_M, _MASS_KG = 2.496, 820.0  # of the reference: wrist reach, moving bodies up to the flange
+_REACH_M = 0.35 + 1.15 + math.hypot(0.041, 1.0)  # of the reference robot, to the wrist
+_MASS_KG = 820.0  # of its moving bodies up to the flange
 _LINK_MASS_KG = (320.0, 200.0, 190.0, 60.0, 36.0, 14.0)  # where a description gives no mass at all
 _THICKNESS_M_PER_KG13 = 0.04  # radius of an arm's equivalent cylinder per cube root of mass
-_SPINDLE_M_PER_KG13 = 0.13  # length of a spindle per cube root of mass
-_SPINDLE_KG_M3 = 6800.0
+_SPINDLE_M_PER_KG13 = 0.155  # length of a motor spindle per cube root of mass
+_SPINDLE_KG_M3 = 6500.0
 
 
 def nominal_truth(

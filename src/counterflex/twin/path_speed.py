@@ -15,7 +15,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.path.toolpath import RAPID, ToolPath
 
 _SMOOTH_RAD = math.radians(3.0)  # corners below this are run through at full speed
-_ROUNDING_POINTS = 6
+_ROUNDING_STEP_RAD = 0.12  # angle between the chords of a rounding
 _TURN_LEVER_M = 0.3  # a pure change of orientation by 1 rad counts as this much path
 
 
@@ -85,7 +85,7 @@ def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, accelera
             following += 1
         stop = following >= n or dwell[following] > 0.0 or turning[i] or turning[following]
         corner = 0.0
-        distance = 0.0
+        distance = angle = 0.0
         if not stop:
             angle = math.acos(min(1.0, max(-1.0, float(unit[i] @ unit[following]))))
             if angle < _SMOOTH_RAD:
@@ -104,8 +104,9 @@ def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, accelera
         begin, begin_axis = target, end_axis
         if distance > 0.0:
             exit_point = end + distance * unit[following]
-            for k in range(1, _ROUNDING_POINTS + 1):
-                t = k / _ROUNDING_POINTS
+            chords = max(4, math.ceil(angle / _ROUNDING_STEP_RAD))
+            for k in range(1, chords + 1):
+                t = k / chords
                 p = (1.0 - t) ** 2 * target + 2.0 * t * (1.0 - t) * end + t * t * exit_point
                 source = i if t <= 0.5 else following
                 rows.append((p, end_axis, float(np.linalg.norm(p - begin)), corner, corner, 0.0, source))

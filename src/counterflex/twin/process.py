@@ -18,7 +18,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.twin.chip import (
     ANGLES,
     CORNER_SLICES,
-    END_SLICES,
+    END_RINGS,
     HISTORY,
     OK,
     SHANK,
@@ -31,23 +31,30 @@ LAG_CELLS = 4.0
 _PENDING = 1 << 12
 
 
-def outline_slices(cutter: Cutter) -> Float:
-    """Slices of the corner and the end face: (n, 6) radius, height, edge length, sin, cos of kappa, half height, m."""
-    rows = []
+def end_rings(cutter: Cutter) -> Float:
+    """Rings of the end face, which reaches the centre: (n, 2) radius and edge length, m."""
+    inner = cutter.radius_m - cutter.corner_radius_m
+    if inner < 1e-9:
+        return np.zeros((0, 2))
+    step = inner / END_RINGS
+    return np.array([((k + 0.5) * step, step) for k in range(END_RINGS)])
+
+
+def corner_slices(cutter: Cutter) -> tuple[Float, Float]:
+    """Slices of the rounded corner, equal steps of kappa.
+
+    Returns:
+        Rims (K + 1, 2): radius and height, m; slices (K, 5): radius, height, edge length, m, sin and cos of kappa.
+    """
     corner, inner = cutter.corner_radius_m, cutter.radius_m - cutter.corner_radius_m
-    if inner > 1e-9:
-        step = inner / END_SLICES
-        rows += [((k + 0.5) * step, 0.0, step, 0.0, 1.0, 1.0e-6) for k in range(END_SLICES)]
-    if corner > 0.0:
-        step = 0.5 * math.pi / CORNER_SLICES
-        for k in range(CORNER_SLICES):
-            kappa = (k + 0.5) * step
-            half = max(0.5 * corner * step * math.sin(kappa), 1.0e-6)
-            height = corner * (1.0 - math.cos(kappa))
-            rows.append(
-                (inner + corner * math.sin(kappa), height, corner * step, math.sin(kappa), math.cos(kappa), half)
-            )
-    return np.array(rows, dtype=np.float64).reshape(-1, 6)
+    if corner == 0.0:
+        return np.array([[cutter.radius_m, 0.0]]), np.zeros((0, 5))
+    rim = np.linspace(0.0, 0.5 * np.pi, CORNER_SLICES + 1)
+    mid = 0.5 * (rim[1:] + rim[:-1])
+    rims = np.stack([inner + corner * np.sin(rim), corner * (1.0 - np.cos(rim))], axis=1)
+    length = np.full_like(mid, corner * (rim[1] - rim[0]))
+    faces = [inner + corner * np.sin(mid), corner * (1.0 - np.cos(mid)), length, np.sin(mid), np.cos(mid)]
+    return np.ascontiguousarray(rims), np.ascontiguousarray(np.stack(faces, axis=1))
 
 
 def force_law(cutting: CuttingTruth) -> Float:
@@ -85,7 +92,8 @@ class Process:
         self._grid: Float = np.array([stock.x0_m, stock.y0_m, stock.cell_m, stock.bottom_m])
         flute = min(cutter.flute_length_m, 1.0)
         self._shape: Float = np.array([cutter.radius_m, cutter.corner_radius_m, flute])
-        self._slices = outline_slices(cutter)
+        self._rings = end_rings(cutter)
+        self._rims, self._faces = corner_slices(cutter)
         angle = (np.arange(ANGLES) + 0.5) * (2.0 * np.pi / ANGLES)
         self._circle: Float = np.ascontiguousarray(np.stack([np.cos(angle), np.sin(angle)], axis=1))
         self._teeth = int(cutter.flutes)
@@ -145,8 +153,8 @@ class Process:
         """
         status = coupled_wrench(
             self.stock.z, self._grid, p_base_tcp, self.T_base_part, self._history, self._count, self._delay,
-            self._turning, self._shape, self._slices, self._circle, self._radii, self._law, self._load, self.p_part,
-            self.wrench_part, self._wrench_base, self.sums,
+            self._turning, self._shape, self._rings, self._rims, self._faces, self._circle, self._radii, self._law,
+            self._load, self.p_part, self.wrench_part, self._wrench_base, self.sums,
         )  # fmt: skip
         self._count += 1
         if status != OK:
