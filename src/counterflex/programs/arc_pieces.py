@@ -58,8 +58,8 @@ def nominal_share(points: Float, centre: Float, turn_rad: float) -> Float:
 def arc_pieces(points: Float, share: Float, turn_rad: float, tolerance_m: float) -> list[ArcPiece]:
     """Cover commanded points of an arc with arcs, and with straight pieces where no arc fits.
 
-    The whole is tried first; what does not fit is halved. Where the halves come out as numerous as the straight
-    pieces would be, straight pieces are taken.
+    The whole is tried first; what does not fit is halved, and neighbours that fit one arc are joined again. Where the
+    arcs come out as numerous as the straight pieces would be, straight pieces are taken.
 
     Args:
         points: (n, 3) m, in plane coordinates, n >= 2; the start as it will be commanded, then the samples.
@@ -73,6 +73,7 @@ def arc_pieces(points: Float, share: Float, turn_rad: float, tolerance_m: float)
     pieces = _halved(points, share, 0, len(points) - 1, turn_rad, tolerance_m, whole=True)
     if len(pieces) == 1 and pieces[0].centre is not None:
         return pieces
+    pieces = _joined(points, share, pieces, turn_rad, tolerance_m)
     straight = straight_pieces(points, share, 0, len(points) - 1, tolerance_m)
     return straight if len(straight) <= len(pieces) else pieces
 
@@ -97,13 +98,9 @@ def straight_pieces(points: Float, share: Float, first: int, last: int, toleranc
 def _halved(
     points: Float, share: Float, a: int, b: int, turn_rad: float, tolerance_m: float, *, whole: bool
 ) -> list[ArcPiece]:
-    part = points[a : b + 1]
-    span = float(share[b] - share[a])
-    turn = turn_rad * span
-    if span > 0.0 and (whole or b - a >= 3) and (whole or abs(turn) <= _LARGEST_PIECE_RAD):
-        centre = fit_centre(part, turn)
-        if _error(part, (share[a : b + 1] - share[a]) / span, centre, turn) <= tolerance_m:
-            return [ArcPiece(a, b, centre, turn)]
+    piece = _fitted(points, share, a, b, turn_rad, tolerance_m, whole=whole)
+    if piece is not None:
+        return [piece]
     if b - a < 6:
         return straight_pieces(points, share, a, b, tolerance_m)
     middle = (a + b) // 2
@@ -111,6 +108,32 @@ def _halved(
         *_halved(points, share, a, middle, turn_rad, tolerance_m, whole=False),
         *_halved(points, share, middle, b, turn_rad, tolerance_m, whole=False),
     ]
+
+
+def _fitted(
+    points: Float, share: Float, a: int, b: int, turn_rad: float, tolerance_m: float, *, whole: bool
+) -> ArcPiece | None:
+    """One arc from point a to point b, or None where it does not hold the tolerance."""
+    span = float(share[b] - share[a])
+    turn = turn_rad * span
+    if span <= 0.0 or not (whole or (b - a >= 3 and abs(turn) <= _LARGEST_PIECE_RAD)):
+        return None
+    part = points[a : b + 1]
+    centre = fit_centre(part, turn)
+    error = _error(part, (share[a : b + 1] - share[a]) / span, centre, turn)
+    return ArcPiece(a, b, centre, turn) if error <= tolerance_m else None
+
+
+def _joined(points: Float, share: Float, pieces: list[ArcPiece], turn_rad: float, tolerance_m: float) -> list[ArcPiece]:
+    """Join neighbours that one arc can cover: halving cuts at the middle, not where the path bends."""
+    out = pieces[:1]
+    for piece in pieces[1:]:
+        union = _fitted(points, share, out[-1].first, piece.last, turn_rad, tolerance_m, whole=False)
+        if union is None:
+            out.append(piece)
+        else:
+            out[-1] = union
+    return out
 
 
 def _error(points: Float, share: Float, centre: tuple[float, float], turn_rad: float) -> float:
