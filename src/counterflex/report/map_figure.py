@@ -188,32 +188,46 @@ def figure_3d(surface: NominalSurface, found: SurfaceDeviation, limit_mm: float)
     ny, nx = picture.value_mm.shape
     height = part.z[k // 2 :: k, k // 2 :: k][:ny, :nx].astype(np.float64) / MM
     shape = (min(ny, height.shape[0]), min(nx, height.shape[1]))
-    colour = np.nan_to_num(picture.value_mm[: shape[0], : shape[1]], nan=0.0)
+    colour = picture.value_mm[: shape[0], : shape[1]]
+    height = height[: shape[0], : shape[1]]
+    x, y = picture.x_mm[: shape[1]], picture.y_mm[: shape[0]]
+    rise = float(np.ptp(height))
+    place = {"type": "surface", "x": block(x), "y": block(y)}
     axis = {"backgroundcolor": "#f4f6f8", "gridcolor": "#ffffff", "showbackground": True}
     return {
         "data": [
             {
-                "type": "surface",
-                "x": block(picture.x_mm[: shape[1]]),
-                "y": block(picture.y_mm[: shape[0]]),
-                "z": block(height[: shape[0], : shape[1]]),
-                "surfacecolor": block(colour),
+                **place,
+                "z": block(np.where(np.isnan(colour), np.nan, height)),
+                "surfacecolor": block(np.nan_to_num(colour, nan=0.0)),
                 "cmin": -limit_mm,
                 "cmax": limit_mm,
                 "colorscale": stepped(METROLOGY),
-                "colorbar": {"title": {"text": "mm, + = material left"}, "tickvals": edges_mm(limit_mm)},
+                "colorbar": {"tickvals": edges_mm(limit_mm), "tickformat": "+.3~f", "thickness": 12, "len": 0.8},
                 "hovertemplate": "%{x:.1f}, %{y:.1f} mm<br>%{surfacecolor:+.3f} mm<extra></extra>",
-            }
+            },
+            {
+                **place,
+                "z": block(height - 0.01 * rise),  # what was not machined, just below
+                "colorscale": [[0.0, "#b9c1c9"], [1.0, "#b9c1c9"]],
+                "showscale": False,
+                "hoverinfo": "skip",
+            },
         ],
         "layout": {
-            "height": 520,
+            "height": 430,
             "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
             "scene": {
-                "aspectmode": "data",
+                "aspectmode": "manual",
+                "aspectratio": {
+                    "x": 1.5,
+                    "y": round(1.5 * float(np.ptp(y)) / float(np.ptp(x)), 4),
+                    "z": round(4.5 * rise / float(np.ptp(x)), 4),
+                },
                 "xaxis": {**axis, "title": {"text": "x, mm"}},
                 "yaxis": {**axis, "title": {"text": "y, mm"}},
-                "zaxis": {**axis, "title": {"text": "z, mm"}},
-                "camera": {"eye": {"x": -0.4, "y": -1.1, "z": 0.9}},
+                "zaxis": {**axis, "title": {"text": "z, mm (x 3)"}, "nticks": 4},
+                "camera": {"eye": {"x": -0.45, "y": -1.5, "z": 1.2}, "center": {"x": 0.0, "y": 0.0, "z": -0.1}},
             },
         },
     }
