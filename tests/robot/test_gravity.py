@@ -12,10 +12,10 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
-from counterflex.robot import catalog
+from counterflex.robot import catalog, equations
 from counterflex.robot.chain import ElasticChain, forward, forward_elastic
 from counterflex.robot.compliance import cartesian_compliance, deflection, element_loads
-from counterflex.robot.description import EndEffector, Robot, Segment
+from counterflex.robot.description import Counterbalance, EndEffector, Robot, Segment
 from counterflex.robot.gravity import counterbalance_torque, sag, weight_loads
 
 
@@ -92,6 +92,25 @@ def test_counterbalance_relieves_axis_2_alone(haehn: ElasticChain, poses: Float)
     np.testing.assert_array_equal(difference, 0.0)
     forward_leaning = poses[:, 1] > haehn.counterbalance.q_min_force_rad + 0.1
     assert np.all(np.abs(with_it[forward_leaning, axis2, 5]) < np.abs(without[forward_leaning, axis2, 5]))
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_kernels_carry_the_same_loads(joint: int, crooked: ElasticChain, poses: Float, wrenches: Float) -> None:
+    """Weight, wrench and a counterbalance on axes of either sign, put into the composition of the specification."""
+    balance = Counterbalance(joint, 0.8, 0.2, 0.3, 2e-3, 1.5e4, 1e-3)
+    chain = replace(crooked, counterbalance=balance)
+    for q, w in zip(poses[:5], wrenches[:5], strict=True):
+        delta = chain.compliance * (weight_loads(chain, q) + element_loads(chain, q, w))
+        Rs, ps = equations.walk(chain, q, delta, equations.DOUBLE)
+        T = forward_elastic(chain, q, w, gravity=True)
+        np.testing.assert_allclose(T[:3, 3], ps[-1].astype(float), atol=1e-14)
+        np.testing.assert_allclose(T[:3, :3], Rs[-1].astype(float), atol=1e-14)
+    stiff = replace(chain, compliance=chain.compliance * 1e-4)
+    np.testing.assert_allclose(
+        sag(stiff, poses, equilibrium=True), sag(stiff, poses, equilibrium=False), rtol=1e-2, atol=1e-10
+    )
+    without = sag(replace(stiff, counterbalance=None), poses)
+    assert np.max(np.abs(without - sag(stiff, poses))) > 1e-9
 
 
 def test_sag_of_a_horizontal_arm_in_closed_form() -> None:
