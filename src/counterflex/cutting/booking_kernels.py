@@ -91,7 +91,7 @@ def _book_column(
         if corner == radius:
             t_new = s - math.sqrt(max(0.0, radius * radius - w * w)) * slope / math.sqrt(1.0 + slope * slope)
         elif levels > 0:
-            x = min(aside * NODES / radius, NODES - 0.001)
+            x = NODES * (1.0 - math.sqrt(max(1.0 - aside / radius, 1.0e-9)))
             i = int(x)
             t_new = s + minimiser[i] + (x - i) * (minimiser[i + 1] - minimiser[i])
         else:

@@ -40,9 +40,11 @@ OUT: Final = 80
 SIDE: Final = 32
 """Place of the lanes' steps in w behind those in s."""
 NODES: Final = 256
-"""Intervals of the table of the minimiser of a bull nose over w in [0, R]."""
+"""Intervals of the table of a bull nose's minimiser; even in ``1 - sqrt(1 - |w|/R)``, as u ends in a square root."""
 
 _ZERO = np.float32(0.0)
+_ONE = np.float32(1.0)
+_TINY = np.float32(1.0e-9)
 
 
 @kernel()
@@ -125,13 +127,14 @@ def row_bull(
     """Lower 16 cells under a bull nose; minimiser is the table of u over |w| (ignored on the level)."""
     inner = radius - corner
     r2 = corner * corner
-    per = np.float32(NODES) / radius
+    per = _ONE / radius
+    nodes = np.float32(NODES)
     for k in range(LANES):
         s = s0 + lane[k]
         w = w0 + lane[SIDE + k]
         u = _ZERO
         if slope != _ZERO:
-            x = min(abs(w) * per, np.float32(NODES - 0.001))
+            x = nodes * (_ONE - math.sqrt(max(_ONE - abs(w) * per, _TINY)))
             i = np.int32(x)
             u = minimiser[i] + (x - np.float32(i)) * (minimiser[i + 1] - minimiser[i])
         t = min(max(s + u, _ZERO), length)
@@ -183,7 +186,7 @@ def fill_minimiser(table: Float32, radius: Real, corner: Real, slope: Real) -> N
     steep = abs(slope)
     sign = -1.0 if slope > 0.0 else 1.0
     for i in range(NODES + 1):
-        w = radius * i / NODES
+        w = radius * (1.0 - (1.0 - i / NODES) ** 2)
         low = math.asin(min(1.0, max(0.0, (w - inner) / corner)))
         high = 0.5 * math.pi
         for _ in range(40):
