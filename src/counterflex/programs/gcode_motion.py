@@ -255,12 +255,12 @@ class MotionMaker:
         sticky = state.cycle
         if third in axes:
             sticky["Z"] = axes.pop(third)
-        for letter in "RQP":
+        needed = "ZR" + {730: "Q", 830: "Q", 820: "P", 860: "P", 890: "P"}.get(code, "")
+        for letter in needed[1:]:
             value = block.take(letter)
             if value is not None:
                 sticky[letter] = value
         count = block.whole("L", 1, 10_000) or 1
-        needed = "ZR" + {730: "Q", 830: "Q", 820: "P", 860: "P", 890: "P"}.get(code, "")
         for letter in needed:
             if letter not in sticky:
                 shown = "XYZ"[third] if letter == "Z" else letter
@@ -273,7 +273,6 @@ class MotionMaker:
         if "P" in needed and not 0.0 <= dwell_s <= _LONGEST_DWELL_S:
             raise block.fault(f"the dwell P of {name} is out of range", "P", f"P{dwell_s:g}")
         here = state.position[third]
-        opens = state.cycle_initial is None
         if state.cycle_initial is None:
             state.cycle_initial = here
         old = state.cycle_initial
@@ -289,7 +288,7 @@ class MotionMaker:
             )
         if "Q" in needed and (r - bottom) / peck > MOST_PECKS:
             raise block.fault(f"the peck Q of {name} makes too many pecks", "Q", f"Q{sticky['Q']:g}")
-        if opens and here < r:
+        if old < r and here != r:
             self._along(block, third, r, rapid=True)
         clear = max(r, old) if state.retract_initial else r
         for _ in range(count):
