@@ -60,6 +60,8 @@ def hole(code: int, r: float, bottom: float, clear: float, peck: float, dwell_s:
     if code in (820, 860, 890):
         yield Step("dwell", bottom, dwell_s)
     if code in (850, 890):
-        yield Step("feed", clear)
+        yield Step("feed", r)
+        if clear > r:
+            yield Step("rapid", clear)
     else:
         yield Step("rapid", clear, spindle=code != 860)
