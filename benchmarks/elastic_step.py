@@ -24,7 +24,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.robot import catalog, equations, load_cases
 from counterflex.robot.chain import ElasticChain
-from counterflex.robot.compact import DRIVE, POSITION, ROTATES, SLIDES, TURN
+from counterflex.robot.kernels import DRIVE, POSITION, ROTATES, SLIDES, TURN
 from counterflex.robot.kernels_batch import ON_RIGID, compliance_threads, deflection_threads, step_threads
 from counterflex.robot.kernels_lanes import deflection_lanes
 from counterflex.robot.kernels_lanes_step import step_lanes

@@ -1,42 +1,39 @@
 """The chain as the kernels read it: rigid segments merged, constants sorted so that zeros cost nothing.
 
 A *station* is a segment that is driven or elastic; what lies between is merged into fixed poses, and the masses of
-merged bodies go to the station before them. A model is two arrays, described by the index constants below.
+merged bodies go to the station before them. A model is two arrays,
+described by the index constants of :mod:`counterflex.robot.kernels`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
+from counterflex.robot.kernels import (
+    BALANCE,
+    BALANCED,
+    CARRIED,
+    COM,
+    COMPLIANCE,
+    DRIVE,
+    GRAVITY,
+    KINDS,
+    MASS,
+    POSITION,
+    ROTATES,
+    ROTATION,
+    SIGN,
+    SLIDES,
+    TURN,
+    WIDTH,
+)
 
 if TYPE_CHECKING:
     from counterflex.robot.chain import ElasticChain
-
-# Columns of ``real`` (one row per station, then one row for the TCP, then one row for the surroundings).
-ROTATION: Final = 0  # 9 entries, row by row: fixed rotation, the drive's offset included
-POSITION: Final = 9  # 3 entries, m
-SIGN: Final = 12  # of the drive
-COMPLIANCE: Final = 13  # 6 entries
-MASS: Final = 19  # kg, of the bodies that ride on this station
-COM: Final = 20  # 3 entries, m, of those bodies in the station's frame
-CARRIED: Final = 23  # kg, this station and all beyond
-WIDTH: Final = 24
-
-# Entries of the row for the surroundings.
-GRAVITY: Final = 0  # 3 entries, m/s2
-BALANCE: Final = 3  # D, k, q_min_force, A, Z R T m, V_max
-
-# Columns of ``kind``.
-TURN: Final = 0  # fixed rotation: 0 none, 1 about x, 2 about y, 3 about z, 4 general
-DRIVE: Final = 1  # joint 0..5 or -1
-ROTATES: Final = 2  # 1 where the element has rotational compliance
-SLIDES: Final = 3  # 1 where it has translational compliance
-BALANCED: Final = 4  # 1 where the counterbalance acts on this drive
-KINDS: Final = 5
 
 _SNAP = 1e-15  # entries of a rotation this close to 0 or +-1 are rounding of a right angle
 

@@ -16,9 +16,9 @@ from counterflex.robot.kernels import (
     loads,
     pose_difference,
     rigid_jacobian,
-    settle,
     tcp_compliance,
 )
+from counterflex.robot.kernels_equilibrium import settle
 from counterflex.robot.kernels_step import OUT_D, OUT_Q, OUT_RESIDUAL, OUT_SIGMA, OUT_SIZE, SCRATCH, step
 
 CHUNK = 256  # points that one thread takes at a time

@@ -15,8 +15,20 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel, prange
-from counterflex.robot.compact import COMPLIANCE, DRIVE, POSITION, ROTATES, ROTATION, SIGN, SLIDES, TURN
-from counterflex.robot.kernels import SMALL, small_asin_ratio, small_cos, small_sin
+from counterflex.robot.kernels import (
+    COMPLIANCE,
+    DRIVE,
+    POSITION,
+    ROTATES,
+    ROTATION,
+    SIGN,
+    SLIDES,
+    SMALL,
+    TURN,
+    small_asin_ratio,
+    small_cos,
+    small_sin,
+)
 from counterflex.robot.kernels_batch import ON_RIGID, deflection_range
 
 LANES: Final = 16

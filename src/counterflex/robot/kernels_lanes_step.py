@@ -9,8 +9,13 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel, prange
-from counterflex.robot.compact import DRIVE, SIGN
-from counterflex.robot.kernels import SMALL, small_cos, small_sin
+from counterflex.robot.kernels import (
+    DRIVE,
+    SIGN,
+    SMALL,
+    small_cos,
+    small_sin,
+)
 from counterflex.robot.kernels_batch import step_range
 from counterflex.robot.kernels_lanes import BLOCKS, L, gather, lane_difference, lane_pass, lane_trig
 from counterflex.robot.kernels_step import DAMPING_BELOW, STEP_LIMIT
