@@ -41,8 +41,10 @@ def _feeds(points: Float) -> Int:
     return np.full(len(points) - 1, FEED, dtype=np.int64)
 
 
-def _cut(stock: HeightMap, points: Float, cutter: Cutter, **options: int) -> RemovalResult:
-    return remove_path(stock, points, _feeds(points), cutter, **options)
+def _cut(
+    stock: HeightMap, points: Float, cutter: Cutter, *, engagement: bool = True, threads: int = 1
+) -> RemovalResult:
+    return remove_path(stock, points, _feeds(points), cutter, engagement=engagement, threads=threads)
 
 
 def _wander(seed: int, n: int, reach: float = 0.02, depth: float = 0.006) -> Float:
@@ -245,7 +247,8 @@ def test_one_segment_at_a_time_equals_the_whole_path(cutter: Cutter) -> None:
     depth, extra = np.empty((cutter.n_levels, 64)), np.empty(2)
     assert result.engagement is not None
     for i in range(59):
-        volume = stamp_segment(grid_of(step), shape, *points[i], *points[i + 1], i > 0, workspace, depth, extra)
+        (ax, ay, az), (bx, by, bz) = points[i], points[i + 1]
+        volume = stamp_segment(grid_of(step), shape, ax, ay, az, bx, by, bz, i > 0, workspace, depth, extra)
         assert volume == pytest.approx(result.volume_m3[i], rel=1e-12, abs=1e-18)
         assert extra[0] == pytest.approx(result.bottom_volume_m3[i], rel=1e-12, abs=1e-18)
         assert extra[1] == pytest.approx(result.bottom_area_m2[i], rel=1e-12, abs=1e-18)
@@ -270,6 +273,7 @@ class _Told:
         self.fractions = fractions
 
     def __call__(self, fraction: float, what: str = "") -> None:
+        assert what == "removing material"
         self.fractions.append(fraction)
 
 
@@ -343,7 +347,7 @@ def _tool_path(points: Float) -> ToolPath:
         np.full(n, FEED),
         np.full(n, 0.025),
         np.full(n, 1000.0),
-        np.arange(n) * 0.1,
+        np.linspace(0.0, 2.0, n),
         np.arange(n),
         np.ones(n, dtype=np.int64),
     )
