@@ -199,9 +199,8 @@ def cutting_wrench(
                 standing = stock_height(z, x0, y0, cell, bottom, px + r * nx, py + r * ny) - pz
                 if standing > 0.0:
                     out[6] = max(out[6], standing)
-                    edge_load(-dz, 0.0, radii, law, load)
-                    weight = share * rings[s, 1] * min(standing / _SOFT_M, 1.0)
-                    _add(out, load, weight, nx, ny, 0.0, 1.0, r, 0.0, turning)
+                    edge_load(min(-dz, standing), 0.0, radii, law, load)  # at first contact no more than stands there
+                    _add(out, load, share * rings[s, 1], nx, ny, 0.0, 1.0, r, 0.0, turning)
     if turning == 0.0 and (out[0] != 0.0 or out[1] != 0.0 or out[2] != 0.0):
         status = STILL
     return status
