@@ -59,9 +59,11 @@ def hole(code: int, r: float, bottom: float, clear: float, peck: float, dwell_s:
     yield Step("feed", bottom)
     if code in (820, 860, 890):
         yield Step("dwell", bottom, dwell_s)
-    if code in (850, 890):
+    if code == 850:
         yield Step("feed", r)
         if clear > r:
             yield Step("rapid", clear)
+    elif code == 890:
+        yield Step("feed", clear)
     else:
         yield Step("rapid", clear, spindle=code != 860)

@@ -3,48 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Final
 
-from counterflex.core.errors import ProgramError
 from counterflex.core.units import MINUTE, RPM
 from counterflex.programs.gcode_block import BlockWords
 from counterflex.programs.gcode_codes import TAKES_AXES, code_name
-from counterflex.programs.gcode_expression import Expression, NamedParameter
-from counterflex.programs.gcode_flow import LOOPS, Construct, Source, split_lines
+from counterflex.programs.gcode_expression import NamedParameter
+from counterflex.programs.gcode_flow import Source
+from counterflex.programs.gcode_jumps import MOST_REPEATS, FlowRunner, Place
 from counterflex.programs.gcode_modes import apply_modes, apply_offsets, apply_rates
 from counterflex.programs.gcode_motion import FARTHEST_M, MotionMaker, point, radians
-from counterflex.programs.gcode_parameters import Parameters
-from counterflex.programs.gcode_scanner import FlowWord, ScannedLine, error_at, scan_plain
+from counterflex.programs.gcode_scanner import ScannedLine, scan_plain
 from counterflex.programs.gcode_state import State
 from counterflex.programs.program import Block, Modal, Motion, Word
 
-DEEPEST_CALL: Final = 10
 _ZERO_ABC: Final = (0.0, 0.0, 0.0)
-_MOST_REPEATS: Final = 1_000_000_000
 
 
-@dataclass
-class _Frame:
-    """A running subroutine: where to go back to, and what an M98 still has to repeat."""
-
-    source: Source
-    back: int
-    entry: int
-    modern: bool
-    repeats: int = 1
-    counters: dict[int, int] = field(default_factory=dict)
-
-
-@dataclass
-class _Place:
-    """Line about to be executed."""
-
-    source: Source
-    index: int
-
-
-class Interpreter:
+class Interpreter(FlowRunner):
     """One run of one program.
 
     Args:
@@ -71,19 +48,13 @@ class Interpreter:
         complete: bool = False,
         plain: bool = True,
     ) -> None:
-        self._main = source
-        self._place = _Place(source, 0)
+        super().__init__(source, state, parameters, includes)
         self._state = state
-        self._parameters = Parameters(parameters, state, self._fault)
         self._tool_lengths = tool_lengths
-        self._includes = includes
-        self._included: dict[str, Source | None] = {}
         self._step_limit = step_limit
         self._block_delete = block_delete
         self._complete = complete
         self._plain = plain
-        self._frames: list[_Frame] = []
-        self._counters: dict[int, int] = {}
         self._maker = MotionMaker(state, self._parameters)
         self._modals: dict[Modal, Modal] = {}
         self._modal = state.modal()
@@ -97,9 +68,6 @@ class Interpreter:
     def motions(self) -> list[Motion]:
         """Motions made so far."""
         return self._maker.motions
-
-    def _fault(self, what: str, column: int, value: object = None, hint: str | None = None) -> ProgramError:
-        return error_at(self._place.source.name, self._place.index + 1, what, column, value, hint)
 
     # The run --------------------------------------------------------------------------------------------------------
 
@@ -133,8 +101,8 @@ class Interpreter:
         return self._mark_repeated()
 
     def _line(self, source: Source, index: int) -> None:
-        self._place = _Place(source, index + 1)
-        here = _Place(source, index)
+        self._place = Place(source, index + 1)
+        here = Place(source, index)
         text = source.lines[index]
         words = scan_plain(text) if self._plain else None
         if words is not None and not self._frames and self._straight(text, index, words):
@@ -258,7 +226,7 @@ class Interpreter:
 
     def _execute(
         self, source: Source, index: int, text: str, scanned: ScannedLine | None, literal: tuple[Word, ...]
-    ) -> _Place | None:
+    ) -> Place | None:
         """Execute a line; the place to go on at where that is not the next line."""
         first = len(self._maker.motions)
         if scanned is None:
@@ -309,10 +277,7 @@ class Interpreter:
                 self._parameters.set_numbered(target.index.evaluate(self._parameters), value, assignment.column)
         return words
 
-    def _value(self, expression: Expression | None) -> float:
-        return 0.0 if expression is None else expression.evaluate(self._parameters)
-
-    def _words(self, source: Source, block: BlockWords) -> tuple[Modal, bool, Callable[[], _Place | None] | None]:
+    def _words(self, source: Source, block: BlockWords) -> tuple[Modal, bool, Callable[[], Place | None] | None]:
         """Execute a block's words in LinuxCNC's order."""
         state, maker = self._state, self._maker
         special = block.g.get("non-modal")
@@ -365,12 +330,12 @@ class Interpreter:
 
     # Jumps ----------------------------------------------------------------------------------------------------------
 
-    def _stop(self, source: Source, block: BlockWords, stop: int | None) -> Callable[[], _Place | None] | None:
+    def _stop(self, source: Source, block: BlockWords, stop: int | None) -> Callable[[], Place | None] | None:
         if stop == 980:
             number = block.whole("P", 1, 99_999_999)
             if number is None:
                 raise block.fault("M98 needs the number P of the subprogram", "M980", "M98")
-            repeats = block.whole("L", 1, _MOST_REPEATS) or 1
+            repeats = block.whole("L", 1, MOST_REPEATS) or 1
             index = self._place.index
             return lambda: self._call(source, index, str(number), [], repeats, False, 0)
         if stop == 990:
@@ -380,133 +345,3 @@ class Interpreter:
                 )
             return lambda: self._return(None)
         return None
-
-    def _jump(self, source: Source, index: int, flow: FlowWord) -> _Place | None:
-        """Execute an O word."""
-        keyword = flow.keyword
-        if keyword == "call":
-            arguments = [self._value(argument) for argument in flow.arguments]
-            return self._call(source, index, self._label(flow), arguments, 1, True, flow.column)
-        if keyword in ("return", "endsub"):
-            value = self._value(flow.arguments[0]) if flow.arguments else None
-            if not self._frames or not self._frames[-1].modern:
-                raise self._fault(f"O... {keyword} outside a subroutine that was called", flow.column)
-            return self._return(value, explicit=True)
-        if keyword in ("break", "continue"):
-            loop = source.loop_around(index, self._label(flow))
-            if loop is None:
-                raise self._fault(f"{keyword} stands in no loop of its label", flow.column, f"O{self._label(flow)}")
-            if keyword == "break":
-                self._loop_counters().pop(loop.start, None)
-                return _Place(source, loop.end + 1)
-            return _Place(source, loop.start if loop.keyword == "while" else loop.end)
-        construct = source.at.get(index)
-        if construct is None:
-            return None
-        if keyword == "sub":
-            return _Place(source, construct.end + 1)
-        if keyword in ("if", "elseif", "else"):
-            return self._condition(source, index, keyword, construct)
-        if construct.keyword in LOOPS:
-            return self._loop(source, index, flow, construct)
-        return None
-
-    def _condition(self, source: Source, index: int, keyword: str, construct: Construct) -> _Place | None:
-        """Go to the branch whose condition holds; a branch that is reached from above has run and leaves."""
-        if keyword != "if":
-            return _Place(source, construct.end)
-        here = self._place
-        for branch in (index, *construct.branches):
-            flow = source.scan(branch).flow
-            if flow is None or flow.keyword in ("else", "endif"):
-                self._place = here
-                return _Place(source, branch + 1)
-            self._place = _Place(source, branch)
-            if self._value(flow.arguments[0]) != 0.0:
-                self._place = here
-                return _Place(source, branch + 1)
-        return None
-
-    def _loop_counters(self) -> dict[int, int]:
-        return self._frames[-1].counters if self._frames else self._counters
-
-    def _loop(self, source: Source, index: int, flow: FlowWord, loop: Construct) -> _Place | None:
-        if loop.keyword == "repeat":
-            counters = self._loop_counters()
-            if index == loop.start:
-                count = self._value(flow.arguments[0])
-                if not abs(count) <= _MOST_REPEATS:
-                    raise self._fault("the number of repetitions is out of range", flow.column, f"{count:g}")
-                counters[index] = round(count)
-                if counters[index] < 1:
-                    return _Place(source, loop.end + 1)
-                return None
-            counters[loop.start] = counters.get(loop.start, 1) - 1
-            return _Place(source, loop.start + 1) if counters[loop.start] > 0 else None
-        if loop.keyword == "while":
-            if index == loop.end:
-                return _Place(source, loop.start)
-            return None if self._value(flow.arguments[0]) != 0.0 else _Place(source, loop.end + 1)
-        if index == loop.end and self._value(flow.arguments[0]) != 0.0:
-            return _Place(source, loop.start + 1)
-        return None
-
-    def _label(self, flow: FlowWord) -> str:
-        if isinstance(flow.label, str):
-            return flow.label
-        value = flow.label.evaluate(self._parameters)
-        if value != round(value) or value < 0.0:
-            raise self._fault("an O number is not whole", flow.column, f"{value:g}")
-        return f"{value:g}"
-
-    def _call(
-        self, source: Source, index: int, label: str, arguments: list[float], repeats: int, modern: bool, column: int
-    ) -> _Place:
-        if len(self._frames) >= DEEPEST_CALL:
-            raise self._fault(
-                "subroutines call each other too deeply", column, f"more than {DEEPEST_CALL} levels",
-                "Look for a subroutine that calls itself",
-            )  # fmt: skip
-        target, entry = self._find(source, label, modern, column)
-        self._frames.append(_Frame(source, index + 1, entry, modern, repeats))
-        if modern:
-            self._parameters.enter(arguments)
-        return _Place(target, entry)
-
-    def _find(self, source: Source, label: str, modern: bool, column: int) -> tuple[Source, int]:
-        """Find a subroutine here, in the main program, or in a file of its name."""
-        included = None
-        for place in (source, self._main):
-            entry = self._entry(place, label, modern)
-            if entry is not None:
-                return place, entry
-        if self._includes is not None:
-            if label not in self._included:
-                text = self._includes(label)
-                self._included[label] = None if text is None else Source(f"{label}.ngc", split_lines(text))
-            included = self._included[label]
-            if included is not None:
-                entry = self._entry(included, label, modern)
-                if entry is not None:
-                    return included, entry
-        raise self._fault("the subroutine is not defined", column, f"O{label}")
-
-    @staticmethod
-    def _entry(source: Source, label: str, modern: bool) -> int | None:
-        if modern:
-            sub = source.subs.get(label)
-            return None if sub is None else sub.start + 1
-        start = source.labels.get(label)
-        return None if start is None else start + 1
-
-    def _return(self, value: float | None, explicit: bool = False) -> _Place:
-        frame = self._frames[-1]
-        if explicit:
-            self._parameters.leave()
-            self._parameters.returned(value)
-        elif frame.repeats > 1:
-            frame.repeats -= 1
-            frame.counters.clear()
-            return _Place(self._place.source, frame.entry)
-        self._frames.pop()
-        return _Place(frame.source, frame.back)
