@@ -191,6 +191,45 @@ def test_skipped_air_moves_are_found_again_on_the_right_level() -> None:
     assert set(np.round(found.p_part_nominal[:, 2], 12).tolist()) == {-0.001, -0.002}
 
 
+def test_a_link_move_above_a_later_cut_is_not_taken_for_it() -> None:
+    cuts = [np.array([[0.0, y, -0.001], [0.06, y, -0.001]]) for y in (0.0, 0.01, 0.02, 0.03)]
+    safe = np.array([0.0, 0.0, 0.012])
+    nominal = np.vstack([np.vstack([c[0] + safe, c, c[1] + safe]) for c in cuts])
+    kinds: Float = np.array([RAPID, FEED, FEED, RAPID] * 4)
+    samples, contact = [], []
+    for k, c in enumerate(cuts):
+        _, cut = travel(c)
+        # the machine links on its own way: low above the last cut, sampled coarsely
+        link = np.linspace(cuts[3][1] + [0, 0, 0.006], cuts[3][0] + [0, 0, 0.006], 61) if k < 3 else cut[-1:]
+        samples += [cut + np.array([0.0, 8e-4, 0.0]), link]
+        contact += [np.ones(len(cut)), np.zeros(len(link))]
+    actual = np.vstack(samples)
+    found = path_deviation(
+        tool_path(nominal, kinds), np.linspace(0.0, 1.0, len(actual)), actual, np.concatenate(contact), RADIUS
+    )
+    figures = path_figures(found)
+    assert figures.path.max_m == pytest.approx(8e-4, abs=1e-9)
+    assert figures.path.extent == pytest.approx(4 * 0.06, rel=0.01)
+    assert set(np.round(found.p_part_nominal[found.cutting][:, 1], 9).tolist()) == {0.0, 0.01, 0.02, 0.03}
+
+
+def test_retract_while_still_touching_is_not_taken_for_the_cut() -> None:
+    nominal = np.array([[0.0, 0, 0], [0.05, 0, 0], [0.05, 0, 0.02], [0.05, 0.05, 0.02]])
+    kinds: Float = np.array([RAPID, FEED, RAPID, RAPID])
+    _, p = travel(nominal)
+    lift = np.interp(np.arange(len(p)), [0, len(p)], [3e-4, 3e-4])
+    found = path_deviation(
+        tool_path(nominal, kinds),
+        np.linspace(0.0, 1.0, len(p)),
+        p + np.stack([0 * lift, 0 * lift, lift], axis=1),
+        p[:, 2] < 0.01,  # the cutter still scrapes half way up
+        RADIUS,
+    )
+    figures = path_figures(found)
+    assert figures.path.max_m == pytest.approx(3e-4, abs=1e-9)
+    assert figures.path.extent == pytest.approx(0.05, abs=1e-3)
+
+
 def test_entry_and_exit_are_part_of_the_whole_and_at_least_a_radius_long() -> None:
     time, p = travel(LINE)
     contact = (p[:, 0] > 0.02) & (p[:, 0] < 0.08)

@@ -40,7 +40,7 @@ class PathDeviation:
         cutting: (k,) True in feed motion while material is removed.
         entry: (k,) True from first contact until the plateau; subset of ``cutting``.
         exit: (k,) True from the end of the plateau to the end of contact; subset of ``cutting``.
-        air: (k,) True in feed motion without contact.
+        air: (k,) True in feed motion without contact, where the place on the program is known.
         broken: (k,) True where the station does not continue the one before.
     """
 
@@ -109,7 +109,7 @@ def path_deviation(
 
     The measured samples are walked in chords of ``spacing_m``, so that slow and fast stretches weigh alike and a
     stop weighs nothing. Each station gets the nearest nominal point within reach ahead of the last one. Where the
-    samples jump by more than ``gap_m`` (air moves left out), the place is searched among all later passes.
+    samples jump (air moves left out), the place is searched among all later passes.
 
     ``along`` compares progress at equal times: that of the actual tool minus that of the set-point. Without
     set-points the program's own clock (``nominal.time_s``) takes their place; it is right only where the machine
@@ -125,7 +125,7 @@ def path_deviation(
         cutter_radius_m: Shortest length of an entry or exit.
         command_part_tcp: (n, 3) m, set-points sent to the drives at the same instants, or None.
         spacing_m: Station spacing.
-        gap_m: Samples further apart are not joined.
+        gap_m: A longer step that is more than four times its neighbours is a hole in the samples.
         capture_m: See :func:`counterflex.evaluate.path_matching.match`.
         lost_m: See there.
 
@@ -157,7 +157,7 @@ def path_deviation(
     where = np.arange(n, dtype=np.float64)
     engaged_at: Float = contact[np.ceil(place).astype(np.int64)]
     touching: Bool = engaged_at > 0.0
-    u, seg = path_matching.match(q, broken, rows, S, spacing_m, capture_m, lost_m)
+    u, seg = path_matching.match(q, broken, touching, rows, S, spacing_m, capture_m, lost_m)
     axis = np.ascontiguousarray(nominal.axis_part, dtype=np.float64)
     dev, tangent, left, near = path_matching.split(q, axis, u, seg, rows, S, feed)
     across: Float = dev - np.sum(dev * tangent, axis=1)[:, None] * tangent
@@ -167,7 +167,8 @@ def path_deviation(
     else:
         command = as_float("command_part_tcp", command_part_tcp, (n, 3))
         qc, placec, brokenc = path_matching.even_stations(command, spacing_m, gap_m)
-        uc, _ = path_matching.match(qc, brokenc, rows, S, spacing_m, capture_m, lost_m)
+        touchc: Bool = contact[np.ceil(placec).astype(np.int64)] > 0.0
+        uc, _ = path_matching.match(qc, brokenc, touchc, rows, S, spacing_m, capture_m, lost_m)
         due = np.interp(place, placec, uc)
     cutting: Bool = touching & feed[seg]
     runs = contact_runs(cutting, broken, spacing_m)
@@ -188,7 +189,7 @@ def path_deviation(
         cutting=cutting,
         entry=entry & cutting,
         exit=exit_ & cutting,
-        air=feed[seg] & ~touching,
+        air=feed[seg] & ~touching & (np.linalg.norm(dev, axis=1) <= lost_m),
         broken=broken,
     )
 

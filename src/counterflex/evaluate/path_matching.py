@@ -29,7 +29,7 @@ def even_stations(p: Float, spacing: float, gap: float) -> tuple[Float, Float, B
     Args:
         p: (n, 3) m, n >= 1, joined by straight lines.
         spacing: Chord between stations, m.
-        gap: Two samples further apart than this are not joined, m.
+        gap: A step longer than this, and four times longer than the steps before and behind it, is a hole, m.
 
     Returns:
         Stations (k, 3) m; their place in the samples (k,) as index plus fraction; (k,) True where a hole in the path
@@ -37,8 +37,10 @@ def even_stations(p: Float, spacing: float, gap: float) -> tuple[Float, Float, B
     """
     n = p.shape[0]
     length = 0.0
+    step = np.zeros(n + 1)
     for i in range(1, n):
-        length += math.sqrt((p[i, 0] - p[i - 1, 0]) ** 2 + (p[i, 1] - p[i - 1, 1]) ** 2 + (p[i, 2] - p[i - 1, 2]) ** 2)
+        step[i] = math.sqrt((p[i, 0] - p[i - 1, 0]) ** 2 + (p[i, 1] - p[i - 1, 1]) ** 2 + (p[i, 2] - p[i - 1, 2]) ** 2)
+        length += step[i]
     out = np.empty((int(length / spacing) + n + 2, 3))
     place = np.empty(out.shape[0])
     broken = np.zeros(out.shape[0], dtype=np.bool_)
@@ -49,7 +51,7 @@ def even_stations(p: Float, spacing: float, gap: float) -> tuple[Float, Float, B
     for i in range(1, n):
         ux, uy, uz = p[i, 0] - p[i - 1, 0], p[i, 1] - p[i - 1, 1], p[i, 2] - p[i - 1, 2]
         uu = ux * ux + uy * uy + uz * uz
-        if uu > gap * gap:
+        if step[i] > gap and step[i] > 4.0 * max(step[i - 1], step[i + 1]):
             out[k] = p[i]
             place[k] = float(i)
             broken[k] = True
@@ -146,11 +148,15 @@ def _follow(q: Float, way: Float, i: int, stop: int, P: Float, S: Float, j: int,
 @kernel()
 def _search(
     q: Float, way: Float, i: int, stop: int, P: Float, S: Float, j0: int, u0: float, capture: float
-) -> tuple[float, int, float]:
-    """Place on the nominal path from u0 on that station i and those ahead of it follow; the earliest of equals."""
+) -> tuple[float, int, float, float]:
+    """Place on the nominal path from u0 on that station i and those ahead of it follow; the earliest of equals.
+
+    Returns squared distance, segment, length, and the rms distance of the stations ahead when they follow it.
+    """
     least, least_j, least_u = _step(q[i], way[i], P, S, j0, u0, math.inf)
     if least_j < 0:
-        return least, least_j, least_u
+        return least, least_j, least_u, math.inf
+    turn = _SAME_WAY if way[i, 0] ** 2 + way[i, 1] ** 2 + way[i, 2] ** 2 > 0.0 else _ANY_WAY
     limit = (math.sqrt(least) + capture) ** 2
     candidates = np.empty((256, 3))
     count = 0
@@ -158,7 +164,7 @@ def _search(
     for j in range(j0, P.shape[0]):
         if S[j] <= S[j - 1]:
             continue
-        d2, jn, un = _nearest(q[i], way[i], _SAME_WAY, P, S, j, max(u0, S[j - 1]), S[j])
+        d2, jn, un = _nearest(q[i], way[i], turn, P, S, j, max(u0, S[j - 1]), S[j])
         if jn != j or d2 > limit:
             continue
         if un > open_until and group_j >= 0 and count < 255:
@@ -169,7 +175,7 @@ def _search(
             group, group_j, group_u = d2, j, un
         open_until = un + 0.5 * capture
     if group_j < 0:
-        return least, least_j, least_u
+        return least, least_j, least_u, math.sqrt(_follow(q, way, i, stop, P, S, least_j, least_u))
     candidates[count, 0], candidates[count, 1], candidates[count, 2] = group, group_j, group_u
     count += 1
     score = np.empty(count)
@@ -177,17 +183,23 @@ def _search(
         score[c] = math.sqrt(_follow(q, way, i, stop, P, S, int(candidates[c, 1]), candidates[c, 2]))
     for c in range(count):
         if score[c] <= score.min() + capture:
-            return candidates[c, 0], int(candidates[c, 1]), candidates[c, 2]
-    return least, least_j, least_u
+            return candidates[c, 0], int(candidates[c, 1]), candidates[c, 2], score[c]
+    return least, least_j, least_u, math.inf
 
 
 @kernel()
-def match(q: Float, broken: Bool, P: Float, S: Float, spacing: float, capture: float, lost: float) -> tuple[Float, Int]:
+def match(
+    q: Float, broken: Bool, touching: Bool, P: Float, S: Float, spacing: float, capture: float, lost: float
+) -> tuple[Float, Int]:
     """Place of every station on the nominal path, never running backwards.
+
+    In the air a new place is only taken where the path ahead follows it closely; else the last place is held until
+    the cutter touches. A link move above a later cut must not be taken for that cut.
 
     Args:
         q: (k, 3) m stations of the measured path.
         broken: (k,) True where a hole in the measured path lies before the station.
+        touching: (k,) True while material is removed.
         P: (n, 3) m nominal points.
         S: (n,) m length along them.
         spacing: Chord between stations, m.
@@ -215,9 +227,12 @@ def match(q: Float, broken: Bool, P: Float, S: Float, spacing: float, capture: f
             stop = i + 1
             while stop < m and stop < i + 10 * _AHEAD_STATIONS and not broken[stop]:
                 stop += 1
-            f2, jf, uf = _search(q, way, i, stop, P, S, j, u, capture)
-            if jf >= 0 and (jn < 0 or f2 < 0.25 * d2):
+            f2, jf, uf, score = _search(q, way, i, stop, P, S, j, u, capture)
+            sure = i == 0 or touching[i] or score <= 2.0 * capture
+            if jf >= 0 and sure and (jn < 0 or f2 < 0.25 * d2):
                 d2, jn, un = f2, jf, uf
+        if jn < 0:
+            d2, jn, un = _nearest(q[i], way[i], _ANY_WAY, P, S, j, u, u)
         if jn >= 0:
             j, u, d = jn, un, math.sqrt(d2)
         u_out[i] = u
