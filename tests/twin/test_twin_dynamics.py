@@ -10,9 +10,12 @@ import scipy.linalg
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
+from counterflex.robot import catalog
+from counterflex.robot.description import EndEffector, Segment
 from counterflex.twin.drives import first_order_lag, gains
+from counterflex.twin.nominal import nominal_truth
 from counterflex.twin.plant import Plant
-from counterflex.twin.truth import Truth
+from counterflex.twin.truth import CuttingTruth, Truth
 
 
 def locked_modes_hz(truth: Truth, q: Float) -> Float:
@@ -208,3 +211,23 @@ def test_same_start_same_motion(truth: Truth) -> None:
             plant.step(q, rest, np.array([0.0, 300.0 * np.sin(0.1 * k), 0, 0, 0, 0]))
         ends.append(np.concatenate(plant.state()))
     np.testing.assert_array_equal(ends[0], ends[1])
+
+
+def test_every_robot_of_the_catalogue_holds_still_under_a_load() -> None:
+    """Masses and friction filled in where a description has none must not make any of them unstable."""
+    tip = np.array([[0.0, 0, 1, 0.15], [0, 1, 0, 0], [-1, 0, 0, 0.10], [0, 0, 0, 1]])
+    rest = np.zeros(6)
+    for name in catalog.names():
+        robot, payload = catalog.load(name), catalog.entry(name).payload_kg or 3.0
+        load = np.array([0.0, 2.0 * payload, 0.0, 0.0, 0.0, 0.0])
+        spindle = Segment(
+            "spindle", np.eye(4), compliance=np.array([0, 0, 0, 5e-6, 5e-6, 5e-6]), mass_kg=0.3 * payload,
+            p_seg_com=np.array([0.05, 0.0, 0.10]),
+        )  # fmt: skip
+        plant = Plant(nominal_truth(robot, EndEffector((spindle,), tip), CuttingTruth((1.0, 1, 1), (0, 0, 0))))
+        q = 0.3 * robot.joint_limits_rad.mean(axis=1)
+        start = plant.equilibrium(q)[:3, 3]
+        for _ in range(100):
+            plant.step(q, rest, load)
+        plant.check()
+        assert np.linalg.norm(plant.p_base_tcp - start) < 5e-3, name

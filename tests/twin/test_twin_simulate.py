@@ -199,3 +199,16 @@ def test_bad_programs_are_refused(truth: Truth, controller: Controller) -> None:
         simulate(path, truth=truth, controller=controller, stock=blank(), cutter=TOOL, step_s=3e-3)
     with pytest.raises(SimulationError, match="spindle off"):
         simulate(groove(spindle=0.0), truth=truth, controller=controller, stock=blank(), cutter=TOOL)
+
+
+def test_half_the_step_gives_the_same_part(truth: Truth, controller: Controller) -> None:
+    short, stock = groove(length=0.012), blank(0.012)
+    coarse, fine = (
+        simulate(short, truth=truth, controller=controller, stock=stock, cutter=TOOL, step_s=step)
+        for step in (0.5e-3, 0.25e-3)
+    )
+    largest = np.linalg.norm(
+        fine.p_part_tcp - fine.p_part_tcp[0] - fine.p_part_command + fine.p_part_command[0], axis=1
+    )
+    gap = np.linalg.norm(coarse.p_part_tcp - fine.p_part_tcp, axis=1)
+    assert gap[fine.engaged].max() < 0.02 * largest[fine.engaged].max()
