@@ -210,9 +210,10 @@ def test_splitting_a_segment_changes_nothing(cutter: Cutter, x: float, y: float,
     one = _cut(whole, np.stack([a, b]), cutter)
     share = np.array([0.0, *sorted(cuts), 1.0])[:, None]
     many = _cut(pieces, a + share * (b - a), cutter)
-    # at the rim, where the outline is vertical, rounding of 1 nm in plan is 2 um in height
+    # at the rim, where the outline is vertical, rounding of 1 nm in plan is 2 um in height, and a
+    # cell on the rim may be in or out: three cells of the full depth are allowed
     assert np.mean(np.abs(whole.z - pieces.z) > 4e-7) < 1e-3
-    assert many.volume_m3.sum() == pytest.approx(one.volume_m3.sum(), rel=2e-4, abs=1e-12)
+    assert many.volume_m3.sum() == pytest.approx(one.volume_m3.sum(), abs=3 * 4e-4**2 * 0.008)
 
 
 @KINDS

@@ -129,8 +129,9 @@ class RemovalResult:
 def _compress(
     booked: Int, length: Float, unit: float, radii: Float, unit_width: Float, cell: UInt16, depth: Float32, offsets: Int
 ) -> int:
-    """Sum the workers' books, turn them into depths and append the non-zero ones; returns the number of entries."""
-    workers, n, levels, bins = booked.shape
+    """Sum the workers' books into depths, append the non-zero ones, clear the books; returns the number of entries."""
+    workers, _, levels, bins = booked.shape
+    n = len(length)
     at = 0
     for i in range(n):
         for level in range(levels):
@@ -138,7 +139,11 @@ def _compress(
                 total = 0
                 for worker in range(workers):
                     total += booked[worker, i, level, j]
-                if total > 0 and length[i] > 0.0:
+                if total == 0:
+                    continue
+                for worker in range(workers):
+                    booked[worker, i, level, j] = 0
+                if length[i] > 0.0:
                     cell[at] = level * bins + j
                     depth[at] = total * unit / (length[i] * radii[level] * unit_width[j])
                     at += 1
@@ -203,6 +208,10 @@ def remove_segments(
     unit = QUANTUM_M * stock.cell_m**2
     grid = grid_of(stock)
     radii, widths = cutter.level_radii(), unit_widths()
+    room = per_chunk + int(runs[:, 1].max())
+    booked = np.zeros((threads, room, levels if engagement else 0, BINS), np.int64)
+    cell = np.empty(room * levels * BINS if engagement else 0, np.uint16)
+    depth = np.empty(len(cell), np.float32)
     at = 0
     while at < len(runs):
         first = int(runs[at, 0])
@@ -211,14 +220,11 @@ def remove_segments(
         last = int(runs[stop - 1].sum())
         count = last - first
         chunk = runs[at:stop] - np.array([first, 0])
-        booked = np.zeros((threads, count, levels, BINS) if engagement else (threads, count, 0, BINS), np.int64)
         totals = np.zeros((threads, count, 4), np.int64)
         stamp_bands(grid, path[first : last + 1], chunk, shape, first > 0, book[first:last], booked, totals, threads)
         sums = totals.sum(axis=0)
         booked_engagement = None
         if engagement:
-            entries = count * levels * BINS
-            cell, depth = np.empty(entries, np.uint16), np.empty(entries, np.float32)
             offsets = np.zeros(count + 1, np.int64)
             used = _compress(booked, length[first:last], unit, radii, widths, cell, depth, offsets)
             booked_engagement = Engagement(levels, offsets, cell[:used].copy(), depth[:used].copy())
