@@ -142,23 +142,21 @@ def minimum_rate() -> float:
 
 
 def lowered(case: Case, cell: float) -> int:
-    """Number of times that a cell was lowered: the work that cannot be avoided."""
+    """Number of times that a cell was lowered, the work that cannot be avoided; from 400 segments drawn at random."""
     stock = HeightMap.from_box(case.low, case.high, cell)
-    before = stock.z.copy()
-    total = 0
-    chunk = max(1, len(case.kind) // 400)
-    for first in range(0, len(case.kind), chunk):
-        # a sample: one segment in each chunk is cut alone and its cells counted
-        remove_path(stock, case.points[first : first + 2], case.kind[first : first + 1], case.cutter, engagement=False)
-        changed = int(np.count_nonzero(stock.z != before)) if first else 0
-        last = min(first + chunk, len(case.kind))
-        total += changed * (last - first)
-        if last - first > 1:
-            remove_path(
-                stock, case.points[first + 1 : last + 1], case.kind[first + 1 : last], case.cutter, engagement=False
-            )
-        before[:] = stock.z
-    return total
+    n = len(case.kind)
+    length = np.linalg.norm(np.diff(case.points, axis=0), axis=1)
+    usual = np.flatnonzero(length <= 3.0 * np.median(length))  # not the few long links, which would dominate a sample
+    draw = np.unique(np.random.default_rng(1).choice(usual[usual > 0], 400))
+    counts, done = [], 0
+    for i in draw:
+        if i > done:
+            remove_path(stock, case.points[done : i + 1], case.kind[done:i], case.cutter, engagement=False)
+        before = stock.z.copy()
+        remove_path(stock, case.points[i : i + 2], case.kind[i : i + 1], case.cutter, engagement=False)
+        counts.append(np.count_nonzero(stock.z != before))
+        done = int(i) + 1
+    return round(float(np.mean(counts)) * n)
 
 
 def measure(case: Case, cell: float, engagement: bool, threads: int, repeats: int) -> dict[str, float]:
