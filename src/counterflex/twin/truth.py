@@ -133,7 +133,8 @@ class CuttingTruth:
     """Forces per length of edge: ``K h_ref^m h^(1-m) + edge (1 - exp(-h / edge_onset))`` for c, r and a.
 
     c is tangential against the cutting motion, r radial away from the edge into the tool, a axial towards the tool
-    tip (what a right-handed helix on a clockwise tool feels).
+    tip (what a right-handed helix on a clockwise tool feels). The linear-edge law is the case ``exponent = (0, 0, 0)``
+    with its edge coefficients in ``edge_n_m``.
 
     Attributes:
         k_pa: (3,) specific forces c, r, a at the reference thickness.
