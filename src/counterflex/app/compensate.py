@@ -148,7 +148,7 @@ def write(
     Returns:
         Program files by name, and what the writer says about them.
     """
-    commanded = CompensatedPath.from_correction(plan.path, plan.correction_part, plan.rotvec_part)
+    commanded = CompensatedPath.from_correction(job.sampled, plan.correction_part, plan.rotvec_part)
     if language == "gcode":
         text = write_gcode(job.program, commanded, tolerance_m=tolerance_m, cell=cell.name)
         said = {key: value for key, value in dataclasses.asdict(text).items() if key != "text"}
@@ -160,7 +160,7 @@ def write(
     if language == "krl":
         robot_text = write_krl(
             job.program,
-            plan.path,
+            job.sampled,
             Ts_part_tcp,
             KrlSettings(
                 name=name,
@@ -179,7 +179,7 @@ def write(
         mass, com = _payload(cell)
         robot_text = write_rapid(
             job.program,
-            plan.path,
+            job.sampled,
             Ts_part_tcp,
             RapidSettings(
                 name=name,

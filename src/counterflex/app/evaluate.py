@@ -157,9 +157,7 @@ def compare(folders: list[str | Path], *, truth_level: TruthLevel = "seeded") ->
     for name, folder in zip(("nominal", "compensated"), folders, strict=False):
         reference, judged, seed = read_folder(folder)
         variants[name] = judged.variant
-        texts.append(
-            tuple((Path(folder) / file).read_text() for file in (simulate.ORIGINAL, simulate.CELL, simulate.TRUTH))
-        )
+        texts.append(tuple((Path(folder) / file).read_text(encoding="utf-8") for file in same))
         program = reference.job.program.name
     if len(set(texts)) > 1:
         raise InputError(

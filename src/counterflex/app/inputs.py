@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from counterflex.files.cell import Cell
 from counterflex.path.sampling import point_spacing
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import Limits, Setting
-from counterflex.plan.cut import Mode
+from counterflex.plan.response import Mode
 from counterflex.programs.gcode_reader import read_gcode_file
 from counterflex.programs.program import Program
 from counterflex.programs.to_path import tool_path
@@ -31,12 +31,15 @@ class Job:
 
     Attributes:
         program: As read.
-        path: As sampled.
+        path: As sampled, with the start made known: an axis that the program has not named yet stands where it is
+            first sent to (a program begins wherever the machine is; without this it would begin at zero, in the stock).
+        sampled: As sampled, axes that were not named yet at zero; for writing the program back.
         line_of_motion: (motions,) source line of each motion.
     """
 
     program: Program
     path: ToolPath
+    sampled: ToolPath
     line_of_motion: Int
 
 
@@ -51,7 +54,19 @@ def read_job(file: str | Path, cell: Cell, *, dialect: str = "linuxcnc", step_m:
         raise ProgramError("the program moves nothing", where=str(file))
     path = tool_path(program, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_mm_s * MM)
     lines = np.array([program.blocks[motion.block].line for motion in program.motions], dtype=np.int64)
-    return Job(program, path, lines)
+    return Job(program, _start_known(program, path), path, lines)
+
+
+def _start_known(program: Program, path: ToolPath) -> ToolPath:
+    p = path.p_part_tcp.copy()
+    for axis, letter in enumerate("XYZ"):
+        for block in program.blocks:
+            if block.motion_count and any(word.letter == letter for word in block.words):
+                before = path.motion < block.first_motion
+                before[0] = True
+                p[before, axis] = program.motions[block.first_motion].p_end[axis]
+                break
+    return replace(path, p_part_tcp=p)
 
 
 def setting_of(

@@ -14,7 +14,7 @@ from counterflex.cli.program import CellFile, Out, Program
 Seeds = Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)]
 Workers = Annotated[
     int | None,
-    typer.Option("--workers", help="Processes that machine at the same time; one per core by default.", min=1),
+    typer.Option("--workers", help="Processes that machine at a time; by default one per core.", min=1),
 ]
 
 
@@ -31,7 +31,7 @@ def truth(
     out: Annotated[Path, typer.Option("--out", help="Truth file to write.", metavar="FILE")],
     seed: Annotated[
         int | None,
-        typer.Option("--seed", help="Put the truth off by this seed; without it truth and cell agree.", min=0),
+        typer.Option("--seed", help="Put the truth off by this seed; left out, truth and cell agree.", min=0),
     ] = None,
 ) -> None:
     """Make the simulated cell that a program is proven on: a truth file, off from the cell file as a real cell is.
@@ -82,9 +82,7 @@ def simulate(
 
 
 def evaluate(
-    folders: Annotated[
-        list[Path], typer.Argument(help="Folders written by simulate: before [after].", metavar="DIR...")
-    ],
+    folders: Annotated[list[Path], typer.Argument(help="Folders of simulate: before [after].", metavar="DIR...")],
     out: Annotated[
         Path | None, typer.Option("--out", help="Write summary.json and report.html here.", metavar="DIR")
     ] = None,

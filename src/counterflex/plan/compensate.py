@@ -21,9 +21,10 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import wrench
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.cut import Cut, Mode, cut
+from counterflex.plan.cut import Cut, cut
 from counterflex.plan.part_frame import sag_deviation, true_part_frame
 from counterflex.plan.plan import Plan, across
+from counterflex.plan.response import Mode, arm_of, respond
 from counterflex.plan.smoothing import moving_average
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
 from counterflex.robot import compliance, gravity
@@ -135,12 +136,9 @@ def plan(
     )
     contact = (path.kind == FEED) & (undisturbed.volume_m3 > _CONTACT_M3)
     _check_chips(undisturbed, contact, path, line, setting)
-    w = at_points(smoothed(undisturbed.w_tcp_part, path, contact, setting.smoothing_m), contact)
-    R_base_part = setting.T_base_part[:3, :3]
-    deflection = wrench.rotate(
-        R_base_part.T, compliance.deflection(setting.chain, joints.q, wrench.rotate(R_base_part, w))
-    )
-    deflection[~contact] = 0.0
+    w_segment = smoothed(undisturbed.w_tcp_part, path, contact, setting.smoothing_m)
+    w = at_points(w_segment, contact)
+    deflection = np.where(contact[:, None], _deflection(w_segment, w, path.time_s, joints.q, setting), 0.0)
     sag = residual_sag(path.p_part_tcp, joints.q, setting)
     correction = np.where(contact[:, None], -(deflection[:, :3] + sag), 0.0)
     if setting.normal_only:
@@ -264,13 +262,23 @@ def _unloaded_offset(setting: Setting, q: Float) -> Float:
     return off
 
 
-def part_compliance(setting: Setting, q: Float) -> Float:
-    """(n, 6, 6) compliance at the tool tip in part axes."""
+def _deflection(w_segment: Float, w: Float, time_s: Float, q: Float, setting: Setting) -> Float:
+    """(n, 6) displacement under the predicted force: the arm through its mode, the end effector at once."""
+    R_base_part = setting.T_base_part[:3, :3]
+    C_arm = part_compliance(setting, q, arm_of(setting.chain))
+    static = wrench.rotate(R_base_part.T, compliance.deflection(setting.chain, q, wrench.rotate(R_base_part, w)))
+    swing = respond((C_arm @ w_segment[..., None])[..., 0], time_s, setting.mode)
+    out: Float = static - (C_arm @ w[..., None])[..., 0] + swing
+    return out
+
+
+def part_compliance(setting: Setting, q: Float, chain: ElasticChain | None = None) -> Float:
+    """(n, 6, 6) compliance of a chain (the setting's) at the tool tip in part axes."""
     R_part_base = setting.T_base_part[:3, :3].T
     turn = np.zeros((6, 6))
     turn[:3, :3] = turn[3:, 3:] = R_part_base
-    out: Float = turn @ compliance.cartesian_compliance(setting.chain, q) @ turn.T
-    return np.ascontiguousarray(out)
+    C_base = compliance.cartesian_compliance(setting.chain if chain is None else chain, q)
+    return np.ascontiguousarray(turn @ C_base @ turn.T)
 
 
 def smoothed(w: Float, path: ToolPath, contact: Bool, window_m: float) -> Float:

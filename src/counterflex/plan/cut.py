@@ -18,21 +18,9 @@ from counterflex.cutting.removal import bin_edges_rad, grid_of, stamp_workspace
 from counterflex.cutting.stock import HeightMap, require_vertical
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.cut_kernel import STATE, cut_rows
+from counterflex.plan.response import Mode
 
 ROWS_PER_CALL = 2000
-
-
-@dataclass(frozen=True)
-class Mode:
-    """The lowest structural mode, through which force becomes displacement.
-
-    Attributes:
-        omega_rad_s: Undamped angular frequency, > 0.
-        damping_ratio: > 0.
-    """
-
-    omega_rad_s: float
-    damping_ratio: float
 
 
 @dataclass(frozen=True, eq=False)
