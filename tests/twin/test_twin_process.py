@@ -241,3 +241,30 @@ def test_a_spindle_that_hardly_turns_is_refused() -> None:
     process = slot(LAW, start=-0.0005)[2]
     with pytest.raises(InputError, match="too slowly"):
         process.spindle(0.1)
+
+
+def test_opening_a_hole_engages_more_than_a_straight_cut() -> None:
+    """Hole of radius 20 mm opened to 24 mm by an 8 mm tool: 71.79 deg of engagement, where ae = 4 mm gives 60 deg."""
+    stock = HeightMap.from_box((-0.03, -0.03, -0.01), (0.03, 0.03, 0.0), 1e-4)
+    X, Y = np.meshgrid(stock.x_m(), stock.y_m())
+    stock.z[np.hypot(X, Y) < 20e-3] = stock.bottom_m
+    stock.refresh()
+    process = Process(stock, Cutter(2.0 * RADIUS, flutes=TEETH), LAW, STEP, np.eye(4))
+    process.spindle(2.0 * math.pi * SPEED)
+    circle = 16e-3
+    angles = np.arange(0.0, 2.2, FEED * STEP / circle)
+    force = np.empty((len(angles), 3))
+    for k, a in enumerate(angles):
+        p = np.array([circle * math.cos(a), circle * math.sin(a), -DEPTH])
+        if k == 0:
+            process.restart(p)
+        w = process.wrench(p)
+        feed, left = np.array([-math.sin(a), math.cos(a)]), np.array([-math.cos(a), -math.sin(a)])
+        force[k] = w[:2] @ feed, w[:2] @ left, w[2]
+        if k % 8 == 0:
+            process.advance(p)
+    engaged = math.acos((20e-3**2 - circle**2 - RADIUS**2) / (2.0 * circle * RADIUS))
+    assert math.degrees(engaged) == pytest.approx(71.79, abs=0.01)
+    expected = closed_form(LAW, math.pi - engaged, math.pi, DEPTH)
+    found = force[angles > 1.4].mean(axis=0)
+    assert np.linalg.norm(found - expected) < 0.03 * np.linalg.norm(expected)
