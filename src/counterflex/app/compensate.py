@@ -126,9 +126,9 @@ def run(
         The summary.
     """
     cell = read_cell(cell_file)
-    result = compensate(program, cell, progress=progress, **options)
-    about = {key: result.summary[key] for key in ("program", "cell", "robot", "counterflex")}
     with atomic.atomic_folder(out) as staging:
+        result = compensate(program, cell, progress=progress, **options)
+        about = {key: result.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         for name, text in result.files.items():
             atomic.write_text(staging / name, text, newline="")
         write_plan(staging / "plan.parquet", result.plan, about)

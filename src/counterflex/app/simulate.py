@@ -103,19 +103,19 @@ def run(
     reference = Path(program if original is None else original)
     if original is not None:
         read_job(reference, cell)
-    record = machine(job, cell, truth, progress=progress)
-    summary = {
-        "job": "simulate",
-        "program": Path(program).name,
-        "original": reference.name,
-        "cell": cell.name,
-        "truth": truth.name,
-        "seed": truth.seed,
-        "machining": figures(record),
-        "seconds": round(time.perf_counter() - begin, 3),
-        "counterflex": __version__,
-    }
     with atomic.atomic_folder(out) as staging:
+        record = machine(job, cell, truth, progress=progress)
+        summary = {
+            "job": "simulate",
+            "program": Path(program).name,
+            "original": reference.name,
+            "cell": cell.name,
+            "truth": truth.name,
+            "seed": truth.seed,
+            "machining": figures(record),
+            "seconds": round(time.perf_counter() - begin, 3),
+            "counterflex": __version__,
+        }
         atomic.write_text(staging / PROGRAM, _source(program))
         atomic.write_text(staging / ORIGINAL, _source(reference))
         atomic.write_text(staging / CELL, _source(cell_file))

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
 import sys
-from typing import Annotated
+import threading
+from collections.abc import Iterator
+from typing import Annotated, Any, Final, NoReturn
 
 import typer
 
 from counterflex import __version__
 from counterflex.cli import demo, program, prove, question
 from counterflex.core.errors import CounterflexError
+
+_INTERRUPTED: Final = 130
+"""Status that the command parser gives an interrupted command."""
+_CommandLineFault: Final[type[Exception]] = next(
+    kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
+)
 
 app = typer.Typer(
     name="counterflex",
@@ -47,18 +57,52 @@ def _main(
 
 
 def run() -> None:
-    """Run the command line; faults of the user's making end in one line on standard error and exit status 2."""
+    """Run the command line; faults of the user's making end in one line on standard error and exit status 2.
+
+    A fault of the program itself is not hidden: it shows its traceback and ends with status 1.
+    """
+    with _terminated_as_interrupted():
+        try:
+            status = app(standalone_mode=False)
+        except CounterflexError as fault:
+            _end(str(fault))
+        except _CommandLineFault as fault:
+            _end_usage(fault)
+        except KeyboardInterrupt:
+            status = _INTERRUPTED
+        except BrokenPipeError:
+            sys.stderr.close()
+            sys.exit(0)
+    if status == _INTERRUPTED:
+        _end("interrupted; nothing was written")
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+@contextlib.contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """A request to terminate cleans up as Ctrl-C does."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        app()
-    except CounterflexError as fault:
-        _end(f"error: {fault}")
-    except KeyboardInterrupt:
-        _end("interrupted: nothing was written")
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(0)
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
-def _end(line: str) -> None:
-    print(line, file=sys.stderr)
+def _end_usage(fault: Any) -> NoReturn:
+    """End with a fault of the command line: unknown command or option, missing or malformed argument."""
+    context = getattr(fault, "ctx", None)
+    command = context.command_path if context is not None else "counterflex"
+    message = " ".join(fault.format_message().split())
+    if type(fault).__name__ == "NoArgsIsHelpError":
+        print(fault.format_message())
+        sys.exit(2)
+    stop = "" if message.endswith((".", "?", "!")) else "."
+    _end(f"{message}{stop} {command} --help shows how it is used")
+
+
+def _end(line: str) -> NoReturn:
+    print(f"error: {' '.join(line.split())}", file=sys.stderr)
     sys.exit(2)
