@@ -15,13 +15,13 @@ from counterflex.files.cell import Cell
 from counterflex.path.sampling import point_spacing
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import Limits, Setting
-from counterflex.plan.response import Mode
+from counterflex.plan.response import Mode, Shaping
 from counterflex.programs.gcode_reader import read_gcode_file
 from counterflex.programs.program import Program
 from counterflex.programs.to_path import tool_path
 from counterflex.robot.chain import ElasticChain
 
-STEP_M = 0.5 * MM
+STEP_M = 0.25 * MM
 """Longest step of a sampled path: a fraction of the distance over which the engagement changes."""
 
 
@@ -74,7 +74,6 @@ def setting_of(
     *,
     normal_only: bool = False,
     orientation: bool = False,
-    smoothing_m: float = 2.0 * MM,
     chain: ElasticChain | None = None,
     law: ForceLaw | None = None,
 ) -> Setting:
@@ -90,6 +89,9 @@ def setting_of(
         law=cell.force_law if law is None else law,
         cutter_of=cell.cutter,
         mode=Mode(2.0 * np.pi * tables.dynamics.mode_hz, tables.dynamics.damping_ratio),
+        shaping=Shaping(
+            smoothing_s=tables.dynamics.correction_smoothing_ms * MS, lead_s=tables.dynamics.correction_lead_ms * MS
+        ),
         limits=Limits(
             correction_m=tables.limits.correction_mm * MM,
             rotation_rad=tables.limits.correction_deg * DEG,
@@ -98,7 +100,6 @@ def setting_of(
         ),
         normal_only=normal_only,
         orientation=orientation,
-        smoothing_m=smoothing_m,
         allow_extrapolation=tables.material.allow_extrapolation,
     )
 

@@ -183,10 +183,12 @@ class ControllerTable(Table):
 
 
 class DynamicsTable(Table):
-    """The lowest structural mode, for the coupling of force and displacement in time."""
+    """How the robot answers in time: its lowest mode, and how a correction must be shaped to act like the force."""
 
     mode_hz: Positive = 8.0
     damping_ratio: Annotated[float, Field(gt=0.0, lt=2.0)] = 0.1
+    correction_smoothing_ms: NonNegative = 20.0
+    correction_lead_ms: NonNegative = 20.0
 
 
 class LimitsTable(Table):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
+import json
 import math
 import re
 import tomllib
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, Final, Self, TypeVar
 
 import numpy as np
 import tomli_w
@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
+from counterflex.core.similar import close_to, missing_file
 from counterflex.core.units import DEG, MM, UM_PER_KN, URAD_PER_KNM
 from counterflex.geometry import pose
 
@@ -91,11 +92,20 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     """
     file = Path(path)
     try:
-        text = file.read_text(encoding="utf-8")
+        data = file.read_bytes()
     except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=_nearby(file)) from fault
-    except (OSError, UnicodeDecodeError) as fault:
-        raise FileFormatError(f"cannot be read as text: {fault}", where=str(file)) from fault
+        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as fault:
+        raise FileFormatError(
+            "not a text file in UTF-8",
+            where=str(file),
+            value=f"byte 0x{data[fault.start]:02x} in line {data.count(b'\n', 0, fault.start) + 1}",
+            hint="Save it as UTF-8 text",
+        ) from fault
     if not text.strip():
         raise FileFormatError("the file is empty", where=str(file))
     try:
@@ -104,26 +114,23 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise FileFormatError(f"not valid TOML: {fault}", where=str(file)) from fault
 
 
-def _nearby(file: Path) -> str:
-    if not file.parent.is_dir():
-        return f"The folder {file.parent} does not exist"
-    close = difflib.get_close_matches(file.name, [item.name for item in file.parent.iterdir()], n=1)
-    return f"Did you mean {close[0]}?" if close else "Check the path"
-
-
 def check_header(data: dict[str, Any], *, kind: str, version: int, where: str) -> None:
     """Check ``format`` and ``version`` of a file.
 
     Raises:
         FileFormatError: Another format, or a version newer than this program knows.
     """
-    if data.get("format") != kind:
+    if "format" not in data:
+        raise FileFormatError("the key 'format' is missing", where=where, limit=f'format = "{kind}"')
+    if data["format"] != kind:
+        raise FileFormatError(f"not a {kind} file", where=where, value=repr(data["format"]), limit=f'format = "{kind}"')
+    if "version" not in data:
+        raise FileFormatError("the key 'version' is missing", where=where, limit=f"version = {version}")
+    found = data["version"]
+    if isinstance(found, bool) or not isinstance(found, int) or found < 1:
         raise FileFormatError(
-            f"not a {kind} file", where=where, value=repr(data.get("format")), limit=f'format = "{kind}"'
+            "the version is not a whole number", where=where, value=repr(found), limit=f"version = {version}"
         )
-    found = data.get("version")
-    if not isinstance(found, int) or found < 1:
-        raise FileFormatError("the file has no version", where=where, value=repr(found), limit=f"version = {version}")
     if found > version:
         raise FileFormatError(
             "the file is newer than this counterflex reads",
@@ -141,36 +148,75 @@ def parse(model: type[Model], data: dict[str, Any], *, where: str) -> Model:
         FileFormatError: One line for the first fault (place, value, expectation, hint), and how many more there are.
     """
     try:
-        return model.model_validate(data)
+        # Through JSON, because only there a strict model takes a list for a tuple but no text for a number.
+        return model.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as fault:
         raise _explain(fault, model, where) from fault
 
 
+_TELLING: Final = ("extra_forbidden", "missing")
+
+
 def _explain(fault: ValidationError, model: type[Table], where: str) -> FileFormatError:
     faults = fault.errors(include_url=False)
-    first = faults[0]
-    place = ".".join(f"[{part + 1}]" if isinstance(part, int) else str(part) for part in first["loc"]).replace(
-        ".[", "["
-    )
-    more = f" ({len(faults) - 1} more fault{'s' if len(faults) > 2 else ''} in this file)" if len(faults) > 1 else ""
-    kind = first["type"]
-    key = str(first["loc"][-1]) if first["loc"] else ""
-    hint, limit, value = None, None, first.get("input")
-    if kind == "extra_forbidden":
-        what = f"unknown key '{key}'"
-        hint = _unknown_key_hint(key, value, model)
+    # An unknown key is most often a misspelt one and then says more than the key that is missing for it.
+    first = min(faults, key=lambda item: _TELLING.index(item["type"]) if item["type"] in _TELLING else len(_TELLING))
+    loc = list(first["loc"])
+    keys = [str(part) for part in loc if not isinstance(part, int)]
+    place = ".".join(f"[{part + 1}]" if isinstance(part, int) else str(part) for part in loc).replace(".[", "[")
+    key = keys[-1] if keys else ""
+    value = first.get("input")
+    if isinstance(value, dict | list) or first["type"] in _TELLING or (isinstance(value, str) and len(value) > 60):
         value = None
-    elif kind == "missing":
-        what, value = f"the key '{key}' is missing", None
-    elif kind == "finite_number":
-        what, limit = f"'{key}' is not a finite number", "a finite number"
+    hint = limit = None
+    if first["type"] == "extra_forbidden":
+        what, hint = f"unknown key '{key}'", _unknown_key_hint(key, first.get("input"), model)
+    elif first["type"] == "missing" and loc and isinstance(loc[-1], int):
+        what, place = f"'{key}' has too few numbers", place[: place.rindex("[")]
+        limit = f"at least {loc[-1] + 1}"
+    elif first["type"] == "missing":
+        what = f"the key '{key}' is missing"
+    elif first["type"] == "value_error":
+        what = str(first["ctx"]["error"])
     else:
-        what, limit = f"'{key}' is not acceptable", first["msg"][:1].lower() + first["msg"][1:]
-        if isinstance(value, dict | list):
-            value = None
+        what, limit = f"'{key}' cannot be used", _expected(str(first["type"]), first.get("ctx", {}), first["msg"])
+    if len(faults) > 1:
+        what += f" ({len(faults) - 1} more fault{'s' if len(faults) > 2 else ''} in this file)"
     return FileFormatError(
-        what + more, where=f"{where}: {place}", value=None if value is None else repr(value), limit=limit, hint=hint
+        what,
+        where=f"{where}: {place}" if place else where,
+        value=None if value is None else repr(value),
+        limit=limit,
+        hint=hint,
     )
+
+
+_EXPECTED: Final = {
+    "greater_than": "a number above {gt:g}",
+    "greater_than_equal": "a number from {ge:g} up",
+    "less_than": "a number below {lt:g}",
+    "less_than_equal": "a number of {le:g} at most",
+    "finite_number": "a finite number",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "a text in quotes",
+    "bool_type": "true or false",
+    "literal_error": "{expected}",
+    "too_short": "{min_length} entries or more",
+    "too_long": "{max_length} entries at most",
+    "string_too_short": "a text that is not empty",
+    "list_type": "a list (for tables: double brackets, [[name]])",
+    "tuple_type": "a list (for tables: double brackets, [[name]])",
+    "model_type": "one table (single brackets, [name])",
+}
+"""What a value should have been, by the kind of fault."""
+
+
+def _expected(kind: str, context: dict[str, Any], message: str) -> str:
+    if kind in _EXPECTED:
+        return _EXPECTED[kind].format(**context)
+    return message[:1].lower() + message[1:]
 
 
 def _known_keys(model: type[BaseModel]) -> set[str]:
@@ -200,7 +246,7 @@ def _unknown_key_hint(key: str, value: object, model: type[BaseModel]) -> str:
             )
         return hint
     known = _known_keys(model)
-    close = difflib.get_close_matches(key, sorted(known), n=1)
+    close = close_to(key, sorted(known), 1)
     with_unit = sorted(name for name in known if name.startswith(key + "_"))
     if with_unit:
         return f"Write the unit into the key: {with_unit[0]}"

@@ -24,8 +24,7 @@ from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, cut
 from counterflex.plan.part_frame import sag_deviation, true_part_frame
 from counterflex.plan.plan import Plan, across
-from counterflex.plan.response import Mode, arm_of, respond
-from counterflex.plan.smoothing import moving_average
+from counterflex.plan.response import Mode, Shaping, shaped
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
 from counterflex.robot import compliance, gravity
 from counterflex.robot.chain import ElasticChain, forward
@@ -67,11 +66,11 @@ class Setting:
         rotation_about_tool_rad: Free rotation, see :func:`counterflex.plan.tool_frame.tool_orientation`.
         law: Force law.
         cutter_of: Gives the cutter of a tool number.
-        mode: Lowest structural mode.
+        mode: Lowest structural mode, for the prediction.
+        shaping: How corrections are shaped in time.
         limits: Bounds.
         normal_only: Correct square to the feed only (Haehn2020 eq. 10).
         orientation: Correct the orientation too.
-        smoothing_m: Window over which predicted force is averaged along the path.
         allow_extrapolation: Accept force from chips outside the law's range.
     """
 
@@ -84,10 +83,10 @@ class Setting:
     law: ForceLaw
     cutter_of: Callable[[int], Cutter]
     mode: Mode
-    limits: Limits = Limits()
+    shaping: Shaping
+    limits: Limits
     normal_only: bool = False
     orientation: bool = False
-    smoothing_m: float = 2.0 * MM
     allow_extrapolation: bool = False
 
 
@@ -136,21 +135,25 @@ def plan(
     )
     contact = (path.kind == FEED) & (undisturbed.volume_m3 > _CONTACT_M3)
     _check_chips(undisturbed, contact, path, line, setting)
-    w_segment = smoothed(undisturbed.w_tcp_part, path, contact, setting.smoothing_m)
-    w = at_points(w_segment, contact)
-    deflection = np.where(contact[:, None], _deflection(w_segment, w, path.time_s, joints.q, setting), 0.0)
+    w = at_points(undisturbed.w_tcp_part, contact)
+    R_base_part = setting.T_base_part[:3, :3]
+    deflection = wrench.rotate(
+        R_base_part.T, compliance.deflection(setting.chain, joints.q, wrench.rotate(R_base_part, w))
+    )
     sag = residual_sag(path.p_part_tcp, joints.q, setting)
-    correction = np.where(contact[:, None], -(deflection[:, :3] + sag), 0.0)
+    against = np.concatenate([deflection[:, :3] + sag, deflection[:, 3:]], axis=1)
+    feed_run = np.cumsum(np.diff(path.kind, prepend=path.kind[:1]) != 0)
+    against = shaped(np.where(contact[:, None], against, 0.0), path.time_s, feed_run, setting.shaping)
+    correction = 0.0 - against[:, :3]
     if setting.normal_only:
         correction = across(correction, path.p_part_tcp)
-    turn = np.where(contact[:, None], -deflection[:, 3:], 0.0) if setting.orientation else np.zeros_like(correction)
+    turn = 0.0 - against[:, 3:] if setting.orientation else np.zeros_like(correction)
     _check_corrections(correction, turn, line, setting.limits)
     nominal = np.full((len(path), 3), np.nan)
     compensated = nominal.copy()
     w_nominal = np.full((len(path), 6), np.nan)
     if predict:
         C_part = part_compliance(setting, joints.q)
-        command = path.p_part_tcp + correction
         bent = cut(
             path,
             path.p_part_tcp,
@@ -164,15 +167,16 @@ def plan(
         nominal, w_nominal = bent.displacement_part[:, :3] + sag, bent.w_tcp_part
         rest = cut(
             path,
-            command,
+            path.p_part_tcp,
             stock.copy(),
             setting.cutter_of,
             setting.law,
             compliance_part=C_part,
             mode=setting.mode,
+            correction_part=correction,
             progress=part_of(0.7, 0.3, "compensated program"),
         )
-        compensated = rest.displacement_part[:, :3] + sag + correction
+        compensated = rest.displacement_part[:, :3] + sag
     progress(1.0)
     return Plan(
         path=path,
@@ -262,32 +266,12 @@ def _unloaded_offset(setting: Setting, q: Float) -> Float:
     return off
 
 
-def _deflection(w_segment: Float, w: Float, time_s: Float, q: Float, setting: Setting) -> Float:
-    """(n, 6) displacement under the predicted force: the arm through its mode, the end effector at once."""
-    R_base_part = setting.T_base_part[:3, :3]
-    C_arm = part_compliance(setting, q, arm_of(setting.chain))
-    static = wrench.rotate(R_base_part.T, compliance.deflection(setting.chain, q, wrench.rotate(R_base_part, w)))
-    swing = respond((C_arm @ w_segment[..., None])[..., 0], time_s, setting.mode)
-    out: Float = static - (C_arm @ w[..., None])[..., 0] + swing
-    return out
-
-
-def part_compliance(setting: Setting, q: Float, chain: ElasticChain | None = None) -> Float:
-    """(n, 6, 6) compliance of a chain (the setting's) at the tool tip in part axes."""
+def part_compliance(setting: Setting, q: Float) -> Float:
+    """(n, 6, 6) compliance at the tool tip in part axes."""
     R_part_base = setting.T_base_part[:3, :3].T
     turn = np.zeros((6, 6))
     turn[:3, :3] = turn[3:, 3:] = R_part_base
-    C_base = compliance.cartesian_compliance(setting.chain if chain is None else chain, q)
-    return np.ascontiguousarray(turn @ C_base @ turn.T)
-
-
-def smoothed(w: Float, path: ToolPath, contact: Bool, window_m: float) -> Float:
-    """Force averaged along the path within each stretch of contact (the height map's grid makes it noisy)."""
-    station = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p_part_tcp, axis=0), axis=1))])
-    stretch = np.cumsum(np.diff(contact.astype(np.int64), prepend=0) != 0)
-    out = moving_average(w, station, window_m, stretch)
-    out[~contact] = 0.0
-    return out
+    return np.ascontiguousarray(turn @ compliance.cartesian_compliance(setting.chain, q) @ turn.T)
 
 
 def at_points(w: Float, contact: Bool) -> Float:
@@ -295,7 +279,7 @@ def at_points(w: Float, contact: Bool) -> Float:
 
     At the last point of a stretch that ends inside the material (the tool then lifts) the last segment's force stands.
     """
-    out = w.copy()
+    out = np.where(contact[:, None], w, 0.0)
     both = contact[:-1] & contact[1:]
     out[:-1][both] = 0.5 * (w[:-1][both] + w[1:][both])
     return out

@@ -62,6 +62,7 @@ def cut(
     *,
     compliance_part: Float | None = None,
     mode: Mode | None = None,
+    correction_part: Float | None = None,
     progress: Progress = silent,
 ) -> Cut:
     """Cut the stock along a commanded path.
@@ -75,6 +76,7 @@ def cut(
         compliance_part: (n, 6, 6) compliance at the tool tip in part axes, to let the tool bend; None keeps it where
             it is commanded.
         mode: The mode through which it bends; needed with ``compliance_part``.
+        correction_part: (n, 3) m added to the command; it reaches the tool through the mode, as the force does.
         progress: Told the fraction of rows done; may raise to interrupt.
 
     Returns:
@@ -91,6 +93,9 @@ def cut(
     if (compliance_part is None) != (mode is None):
         raise InputError("bending needs both a compliance and a mode")
     C = np.zeros((n, 6, 6)) if compliance_part is None else as_float("compliance_part", compliance_part, (n, 6, 6))
+    offset = np.zeros((n, 3)) if correction_part is None else as_float("correction_part", correction_part, (n, 3))
+    if correction_part is not None and mode is None:
+        raise InputError("a correction acts through a mode", hint="Give compliance_part and mode")
     omega, zeta = (0.0, 1.0) if mode is None else (mode.omega_rad_s, mode.damping_ratio)
     w, x = np.zeros((n, 6)), np.zeros((n, 6))
     volume, axial, feed_tooth, chip = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
@@ -123,6 +128,7 @@ def cut(
                 path.time_s,
                 path.spindle_rad_s,
                 C,
+                offset,
                 omega,
                 zeta,
                 float(cutter.flutes),

@@ -30,6 +30,8 @@ GAIN = 0.2
 the tool's own velocity, so a displacement rate u turns the force by u / v; over a step that displaces the tool by
 ``(F C / v) u (omega dt)^2 / (2 dt)`` more, and force and displacement chase each other when that gain nears one."""
 
+_ANGLES = 24
+_RINGS = 6
 _TWO_PI = 2.0 * math.pi
 _THRESHOLD = 0.02  # of the largest bin: below it a bin counts as grazed by grid noise, not as engaged
 
@@ -70,6 +72,7 @@ def cut_rows(  # type: ignore[no-untyped-def]
     time,
     spindle,
     compliance,
+    offset,
     omega,
     zeta,
     flutes,
@@ -99,6 +102,7 @@ def cut_rows(  # type: ignore[no-untyped-def]
     ``omega == 0`` cuts the undisturbed path: the displacement stays zero.
     """
     coupled = omega > 0.0
+    flat = shape[0] - shape[1]
     pull = 0.0  # of the last contact: |F| times the compliance along it, m
     for i in range(first, last):
         for k in range(6):
@@ -126,6 +130,9 @@ def cut_rows(  # type: ignore[no-untyped-def]
             for k in range(6):
                 force[k] = 0.0
             if plane > 0.0 or za != zb:
+                lean_x, lean_y = 0.0, 0.0
+                if cutting and za > zb and flat > 0.0:
+                    lean_x, lean_y = _end_face_lean(grid, xb, yb, zb, za - zb, flat)
                 removed = stamp_segment(grid, shape, xa, ya, za, xb, yb, zb, state[15] > 0.0, workspace, depth, extra)
                 volume[i] += removed
                 state[15] = 1.0
@@ -138,6 +145,10 @@ def cut_rows(  # type: ignore[no-untyped-def]
                         force[k] = ux * wrench_feed[k] - uy * wrench_feed[k + 1]
                         force[k + 1] = uy * wrench_feed[k] + ux * wrench_feed[k + 1]
                         force[k + 2] = wrench_feed[k + 2]
+                    for t in range(terms.shape[0] if za > zb else 0):
+                        push = terms[t, 1] * ((za - zb) / teeth) ** terms[t, 0]
+                        force[0] -= push * lean_y
+                        force[1] += push * lean_x
                     feed_tooth[i] = math.hypot(plane, zb - za) / teeth
                     deepest, low, high, mean_sine = _engaged(depth, edges)
                     axial[i] = max(axial[i], deepest)
@@ -150,7 +161,7 @@ def cut_rows(  # type: ignore[no-untyped-def]
             if coupled and dt > 0.0:
                 a, b, c, d = oscillator(dt, omega, zeta)
                 for k in range(6):
-                    target = 0.0
+                    target = offset[i - 1, k] + share * (offset[i, k] - offset[i - 1, k]) if k < 3 else 0.0
                     for j in range(6):
                         target += compliance[i, k, j] * force[j]
                     x, v = state[k] - target, state[6 + k]
@@ -164,6 +175,29 @@ def cut_rows(  # type: ignore[no-untyped-def]
             pull = max(pull, abs(bend))
         for k in range(6):
             displacement[i, k] = state[k]
+
+
+@kernel()
+def _end_face_lean(grid, x, y, z, drop, radius):  # type: ignore[no-untyped-def]
+    """``integral of r_hat d_rho d_phi`` over the part of a descending end face that stands on material, m.
+
+    Zero where all of the face is engaged; where only part of it is (a ramp that runs out of the part), the cutting
+    forces of the end edges no longer cancel and push the tool along ``z x`` this vector.
+    """
+    sum_x, sum_y = 0.0, 0.0
+    ny, nx = grid.z.shape
+    for a in range(_ANGLES):
+        angle = _TWO_PI * (a + 0.5) / _ANGLES
+        c, s = math.cos(angle), math.sin(angle)
+        for r in range(_RINGS):
+            rho = radius * (r + 0.5) / _RINGS
+            i = round((x + rho * c - grid.x0) / grid.cell)
+            j = round((y + rho * s - grid.y0) / grid.cell)
+            if 0 <= i < nx and 0 <= j < ny and grid.z[j, i] > z + 0.5 * drop and z >= grid.floor:
+                sum_x += c
+                sum_y += s
+    area = radius / _RINGS * _TWO_PI / _ANGLES
+    return sum_x * area, sum_y * area
 
 
 @kernel()

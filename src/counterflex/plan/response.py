@@ -1,21 +1,19 @@
-"""How the robot answers a force that changes: its arm swings, its end effector follows at once.
+"""How a correction has to be shaped so that the robot can follow it.
 
-The arm (everything up to the flange, drives included) has its lowest mode at 5 to 15 Hz, within reach of the force at
-entries, exits and corners; sensor, holder and spindle resonate several times higher and follow statically. The
-displacement that has to be corrected is therefore the arm's compliance times the force, passed through the arm's mode,
-plus the static deflection of the rest.
+A cutting force sets in within a few hundredths of a second; a correction that did the same would bend the path so
+sharply that the controller slows down and the arm rings. The correction is therefore averaged over a short time, half
+of it before and half of it after, and may be sent earlier by what the robot answers a command later than a force.
+Planning knows the future, so the average costs no delay; it makes corrections begin shortly before contact.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from counterflex.core.arrays import Float, as_float, as_positive, frozen
-from counterflex.core.jit import kernel
-from counterflex.plan.cut_kernel import oscillator
-from counterflex.robot.chain import ElasticChain
+from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
+from counterflex.plan.smoothing import moving_average
 
 
 @dataclass(frozen=True)
@@ -36,42 +34,73 @@ class Mode:
         as_positive("mode damping ratio", self.damping_ratio)
 
 
-def arm_of(chain: ElasticChain) -> ElasticChain:
-    """The chain with everything beyond the flange rigid."""
-    beyond = np.arange(chain.n) > chain.flange_segment
-    return replace(chain, compliance=frozen(np.where(beyond[:, None], 0.0, chain.compliance)))
+@dataclass(frozen=True)
+class Shaping:
+    """How a correction is shaped in time.
+
+    Attributes:
+        smoothing_s: Width of each of the two centred moving averages it passes, >= 0.
+        lead_s: How much earlier it is sent, >= 0.
+    """
+
+    smoothing_s: float
+    lead_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        as_positive("smoothing of the correction", self.smoothing_s, zero=True)
+        as_positive("lead of the correction", self.lead_s, zero=True)
 
 
-@kernel("void(float64[:,::1], float64[::1], float64, float64, float64[:,::1])")
-def _respond(target: Float, time: Float, omega: float, zeta: float, out: Float) -> None:
-    x, v = np.zeros(6), np.zeros(6)
-    for i in range(1, target.shape[0]):
-        dt = time[i] - time[i - 1]
-        if dt > 0.0:
-            a, b, c, d = oscillator(dt, omega, zeta)
-            for k in range(target.shape[1]):
-                rest = x[k] - target[i, k]
-                x[k] = target[i, k] + a * rest + b * v[k]
-                v[k] = c * rest + d * v[k]
-        for k in range(target.shape[1]):
-            out[i, k] = x[k]
+def shaped(correction: Float, time_s: Float, group: Int, shaping: Shaping) -> Float:
+    """A correction that the robot can follow.
 
-
-def respond(static: Float, time_s: Float, mode: Mode) -> Float:
-    """Displacement of a structure of one mode under a force that changes.
-
-    ``x'' + 2 zeta w x' + w^2 x = w^2 x_static(t)``, started at rest, with the static displacement held over each row
-    (row i: from time i - 1 to i); exact for that.
+    Two centred moving averages of the same width (a triangular window), then the lead. Nothing passes from one group
+    to the next, the ends of a group are kept, and rows farther than the window and the lead from any correction stay
+    exactly zero.
 
     Args:
-        static: (n, 6) displacement that the force of each row would cause if it stayed, m and rad.
+        correction: (n, k), zero where nothing is to be corrected.
         time_s: (n,) non-decreasing.
-        mode: The mode.
+        group: (n,) rows that follow each other without interruption have one number.
+        shaping: Window and lead.
 
     Returns:
-        (n, 6) displacement at the end of each row.
+        (n, k).
     """
-    target = np.array(as_float("static", static, (None, 6)))
-    out = np.zeros_like(target)
-    _respond(target, np.array(as_float("time_s", time_s, (len(target),))), mode.omega_rad_s, mode.damping_ratio, out)
+    values = as_float("correction", correction, (None, None))
+    time = as_float("time_s", time_s, (len(values),))
+    out = values
+    for _ in range(2):
+        out = moving_average(out, time, shaping.smoothing_s, group)
+    reach = _within(np.any(values != 0.0, axis=1), time, group, shaping.smoothing_s + shaping.lead_s)
+    if shaping.lead_s > 0.0:
+        out = _sent_earlier(out, time, group, shaping.lead_s)
+    result: Float = np.where(reach[:, None], out, 0.0)
+    return result
+
+
+def _sent_earlier(values: Float, time: Float, group: Int, lead: float) -> Float:
+    out = values.copy()
+    for rows in _slices(group):
+        for k in range(values.shape[1]):
+            out[rows, k] = np.interp(time[rows] + lead, time[rows], values[rows, k])
     return out
+
+
+def _within(active: Bool, time: Float, group: Int, reach_s: float) -> Bool:
+    """Rows within a time of an active row of their group."""
+    out = active.copy()
+    for rows in _slices(group):
+        t, on = time[rows], time[rows][active[rows]]
+        if len(on):
+            at = np.searchsorted(on, t)
+            before = np.abs(t - on[np.maximum(at - 1, 0)])
+            behind = np.abs(t - on[np.minimum(at, len(on) - 1)])
+            out[rows] = np.minimum(before, behind) <= reach_s
+    return out
+
+
+def _slices(group: Int) -> list[slice]:
+    edges = np.flatnonzero(np.diff(group)) + 1
+    return [slice(int(a), int(b)) for a, b in zip([0, *edges], [*edges, len(group)], strict=True)]
