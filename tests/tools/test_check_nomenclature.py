@@ -1,0 +1,84 @@
+"""The nomenclature check finds what it should and leaves alone what is explained."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+ROOT = Path(__file__).parents[2]
+
+PAGE = """
+## Unit suffixes
+
+| suffix | unit |
+|---|---|
+| `_m` | m |
+| `_m_s` | m/s |
+
+## Frame names
+
+| name | meaning |
+|---|---|
+| `T_a_b` | pose |
+
+## Names
+
+| name | unit |
+|---|---|
+| `phi`, `q` | rad |
+"""
+
+
+def _load() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("check_nomenclature", ROOT / "tools" / "check_nomenclature.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["check_nomenclature"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def _names(source: str) -> list[str]:
+    return [item.name for item in _load().quantities(source, "module.py")]
+
+
+def test_numbers_of_public_functions_methods_and_classes_are_collected() -> None:
+    source = (
+        "def f(a: float, b: int, c: Float | None, d: str, *, e: tuple[float, ...]) -> float: ...\n"
+        "class K:\n    g: Float\n    h: int\n    def m(self, i: float) -> None: ...\n"
+    )
+    assert _names(source) == ["a", "c", "e", "g", "i"]
+
+
+def test_private_names_kernels_and_callables_are_left_out() -> None:
+    source = (
+        "def _f(a: float) -> None: ...\n"
+        "@kernel('void(float64)')\ndef k(b: float) -> None: ...\n"
+        "def g(c: Callable[[float], float]) -> None: ...\n"
+        "class _C:\n    d: float\n"
+        "class D:\n    _e: float\n"
+        "local: float = 0.0\n"
+    )
+    assert _names(source) == []
+
+
+def test_suffixes_frames_and_listed_names_are_explained_and_nothing_else() -> None:
+    page = _load().read_page(PAGE)
+    for name in ("depth_m", "feed_m_s", "T_base_tcp", "phi", "q"):
+        assert page.explains(name), name
+    for name in ("depth", "_m", "R_base_tcp", "depth_mm", "T"):
+        assert not page.explains(name), name
+    assert page.suffix("feed_m_s") == "_m_s"
+
+
+def test_what_the_page_lists_in_vain_is_reported() -> None:
+    assert _load().read_page(PAGE).unused({"depth_m", "phi"}) == ["T_", "_m_s", "q"]
+
+
+def test_cell_keys_are_collected_through_lists_and_optional_tables() -> None:
+    tool = _load()
+    assert {"robot", "rx_urad_per_knm", "a1_mm", "flutes", "box_min_mm", "wrist_singularity_deg"} <= tool.cell_keys()
+    assert tool.missing_keys("| key | |\n| `a`, `b` | `c` |\n", {"a", "b", "c"}) == ["c"]

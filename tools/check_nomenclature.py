@@ -1,0 +1,180 @@
+"""Check that docs/nomenclature.md explains every public physical quantity, and docs/cell-file.md every key.
+
+A public name is a parameter of a public function or method, or an annotated attribute of a public class, that holds
+floating-point numbers (``float``, ``Float``, ``Float32``, tuples and sequences of ``float``). It passes when
+
+- it is a frame name (``T_a_b``, ``R_a_b``, ``Ts_a_b``, ``Rs_a_b``, ``p_a_b``, ``w_x`` ...), whose first part stands in
+  the page's table of frame names;
+- or it ends with a unit suffix of the page's table of suffixes;
+- or it stands in one of the page's tables of names itself.
+
+Left out are compiled kernels, whose arguments are those of the functions that call them, and the inside of the G-code
+interpreter, whose values are words of a program. What the page lists and the package does not use is a fault too, so
+that the page cannot go stale; the aliases of pydantic's ``Annotated`` numbers of the cell file count as floats.
+
+    python tools/check_nomenclature.py
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from counterflex.files.cell_schema import CellTables
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "nomenclature.md"
+CELL_PAGE = ROOT / "docs" / "cell-file.md"
+SOURCES = ROOT / "src" / "counterflex"
+
+_INNER = re.compile(r"kernel|gcode_(?!reader|writer)")
+_NUMERIC = re.compile(r"\b(?:float|Float|Float32|Positive|NonNegative|Vector|Share|SignedShare)\b")
+_OTHER = re.compile(r"\b(?:str|dict|Mapping|Callable|Iterator|Arithmetic)\b")
+_FRAME = re.compile(r"^(Ts|Rs|T|R|ps|p|w|C|J)_[a-z][a-z0-9]*(?:_[a-z0-9_]+)?$")
+_CODE = re.compile(r"`([^`]+)`")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A public name that holds floating-point numbers, and where it stands."""
+
+    name: str
+    where: str
+
+
+@dataclass
+class Page:
+    """What the nomenclature page lists: unit suffixes, frame names, other names."""
+
+    suffixes: set[str] = field(default_factory=set)
+    frames: set[str] = field(default_factory=set)
+    names: set[str] = field(default_factory=set)
+
+    def explains(self, name: str) -> bool:
+        """Whether the page says unit and sign of a name."""
+        return name in self.names or self._frame(name) is not None or self.suffix(name) is not None
+
+    def _frame(self, name: str) -> str | None:
+        match = _FRAME.match(name)
+        return match[1] if match and match[1] in self.frames else None
+
+    def suffix(self, name: str) -> str | None:
+        """Longest suffix of the page that a name ends with."""
+        found = [suffix for suffix in self.suffixes if name.endswith(suffix) and len(name) > len(suffix)]
+        return max(found, key=len, default=None)
+
+    def unused(self, names: set[str]) -> list[str]:
+        """What the page lists and no public name uses."""
+        suffixes = {self.suffix(name) for name in names}
+        frames = {self._frame(name) for name in names}
+        left = self.names - names
+        left |= {suffix for suffix in self.suffixes if suffix not in suffixes}
+        left |= {f"{frame}_" for frame in self.frames if frame not in frames}
+        return sorted(left)
+
+
+def read_page(text: str) -> Page:
+    """Read the tables of the page: first column, code marks; one heading per kind of table."""
+    page = Page()
+    target: set[str] | None = None
+    for line in text.splitlines():
+        if line.startswith("## "):
+            title = line.lower()
+            target = page.suffixes if "suffix" in title else page.frames if "frame" in title else page.names
+        elif line.startswith("|") and target is not None:
+            for entry in _CODE.findall(line.split("|")[1]):
+                target.add(entry.split("_")[0] if target is page.frames else entry)
+    return page
+
+
+def quantities(source: str, file: str) -> Iterator[Quantity]:
+    """Public quantities of one module."""
+    yield from _of(ast.parse(source, file).body, file)
+
+
+def _of(body: list[ast.stmt], file: str, owner: str = "") -> Iterator[Quantity]:
+    for node in body:
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            yield from _of(node.body, file, f"{node.name}.")
+        elif isinstance(node, ast.FunctionDef) and _is_public(node):
+            arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+            for argument in arguments:
+                if argument.annotation is not None and _numeric(argument.annotation):
+                    yield Quantity(argument.arg, f"{file}:{node.lineno} {owner}{node.name}")
+        elif (
+            isinstance(node, ast.AnnAssign)
+            and owner
+            and isinstance(node.target, ast.Name)
+            and not node.target.id.startswith("_")
+            and _numeric(node.annotation)
+        ):
+            yield Quantity(node.target.id, f"{file}:{node.lineno} {owner.rstrip('.')}")
+
+
+def _is_public(node: ast.FunctionDef) -> bool:
+    kernel = any("kernel" in ast.unparse(decorator) for decorator in node.decorator_list)
+    return not node.name.startswith("_") and not kernel
+
+
+def _numeric(annotation: ast.expr) -> bool:
+    text = ast.unparse(annotation)
+    return bool(_NUMERIC.search(text)) and not _OTHER.search(text)
+
+
+def all_quantities() -> list[Quantity]:
+    """Public quantities of the whole package."""
+    found: list[Quantity] = []
+    for path in sorted(SOURCES.rglob("*.py")):
+        if not path.name.startswith("_") and not _INNER.search(path.stem):
+            found += quantities(path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix())
+    return found
+
+
+def cell_keys(model: type[BaseModel] = CellTables) -> set[str]:
+    """Every key of the cell file, as the tables that read it have them."""
+    keys: set[str] = set()
+    todo: list[object] = [model]
+    while todo:
+        item = todo.pop()
+        if isinstance(item, type) and issubclass(item, BaseModel):
+            keys |= set(item.model_fields)
+            todo += [info.annotation for info in item.model_fields.values()]
+        else:
+            todo += getattr(item, "__args__", ())
+    return keys
+
+
+def missing_keys(text: str, keys: set[str]) -> list[str]:
+    """Keys that a page does not name in the first column of a table."""
+    rows = "\n".join(line.split("|")[1] for line in text.splitlines() if line.startswith("|"))
+    return sorted(keys - set(_CODE.findall(rows)))
+
+
+def main() -> int:
+    """Check both pages; print faults; 1 when there are any."""
+    page = read_page(PAGE.read_text(encoding="utf-8"))
+    found = all_quantities()
+    faults = [
+        f"{item.where}: '{item.name}' is not on docs/nomenclature.md" for item in found if not page.explains(item.name)
+    ]
+    faults += [f"docs/nomenclature.md: `{name}` is used nowhere" for name in page.unused({item.name for item in found})]
+    keys = cell_keys()
+    faults += [
+        f"docs/cell-file.md: key `{key}` is missing"
+        for key in missing_keys(CELL_PAGE.read_text(encoding="utf-8"), keys)
+    ]
+    for fault in faults:
+        print(fault)
+    names = len({item.name for item in found})
+    print(f"nomenclature: {names} names at {len(found)} places, {len(keys)} cell-file keys, {len(faults)} faults")
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
