@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -79,15 +81,21 @@ class Cell:
                     runout_m=tool.runout_um * UM,
                 )
         raise FileFormatError(
-            f"the program uses tool T{number}, which the cell does not have",
+            "the program cuts with a tool that the cell does not have",
             where=str(self.path),
-            value=f"tools {', '.join(f'T{tool.number}' for tool in self.tables.tools)}",
-            hint=f"Add a [[tools]] table with number = {number}",
+            value=f"T{number}",
+            limit=", ".join(f"T{tool.number}" for tool in self.tables.tools),
+            hint=f"Add a [[tools]] table with number = {number}" if number else "Select a tool in the program: M6 T...",
         )
 
     def stock(self) -> HeightMap:
-        """A fresh blank in the part frame."""
-        return _stock(self.tables.part.stock, self.path.parent)
+        """A fresh blank in the part frame.
+
+        Raises:
+            FileFormatError: The mesh or the earlier result cannot be used.
+        """
+        with _said_of(f"{self.path}: part.stock"):
+            return _stock(self.tables.part.stock, self.path.parent)
 
 
 def read_cell(path: str | Path) -> Cell:
@@ -104,7 +112,17 @@ def read_cell(path: str | Path) -> Cell:
 
 def resolve(tables: CellTables, path: Path) -> Cell:
     """Build the objects of a cell from its tables. Raises as :func:`read_cell`."""
-    robot = _with_elastic(_robot(tables, path), tables, str(path))
+    where = str(path)
+    robot = _with_elastic(_robot(tables, path), tables, where)
+    taken = {segment.name for segment in robot.segments}
+    for body in tables.end_effector:
+        if body.name in taken:
+            raise FileFormatError(
+                "a body of the end effector has the name of a segment of the robot",
+                where=f"{where}: end_effector",
+                value=body.name,
+                hint="Give it another name",
+            )
     bodies = tuple(
         Segment(
             name=body.name,
@@ -115,26 +133,43 @@ def resolve(tables: CellTables, path: Path) -> Cell:
         )
         for body in tables.end_effector
     )
-    for body, table in zip(bodies, tables.end_effector, strict=True):
-        if np.any(body.compliance < 0.0):
-            raise FileFormatError("a compliance is negative", where=f"{path}: end_effector {table.name}", limit=">= 0")
     end_effector = EndEffector(bodies, tables.tcp.matrix())
-    return Cell(tables, path, robot, end_effector, ElasticChain.build(robot, end_effector))
+    with _said_of(where):
+        cell = Cell(tables, path, robot, end_effector, ElasticChain.build(robot, end_effector))
+    with _said_of(f"{where}: material"):
+        _ = cell.force_law
+    for tool in tables.tools:
+        with _said_of(f"{where}: tool T{tool.number}"):
+            cell.cutter(tool.number)
+    return cell
+
+
+@contextlib.contextmanager
+def _said_of(where: str) -> Iterator[None]:
+    """Put the file and the key in front of the place of a fault that was found deeper down."""
+    try:
+        yield
+    except CounterflexError as fault:
+        if fault.where is not None and fault.where.startswith(where):
+            raise
+        place = where if fault.where is None else f"{where}: {fault.where}"
+        raise FileFormatError(
+            fault.what, where=place, value=fault.value, limit=fault.limit, hint=fault.hint, **fault.data
+        ) from fault
 
 
 def _robot(tables: CellTables, path: Path) -> Robot:
     table = tables.robot
     if table.catalog is not None:
-        try:
+        with _said_of(f"{path}: robot.catalog"):
             return catalog.load(table.catalog)
-        except ValueError as fault:
-            raise FileFormatError(str(fault), where=f"{path}: robot.catalog") from fault
     if table.geometry is not None:
-        return _own_robot(table.geometry, tables.name)
+        with _said_of(f"{path}: robot.geometry"):
+            return _own_robot(table.geometry, tables.name)
     from counterflex.robot import urdf  # heavy, optional dependency
 
-    file = path.parent / str(table.urdf)
-    return urdf.load_urdf(file, tip_link=table.urdf_tip)
+    with _said_of(f"{path}: robot.urdf"):
+        return urdf.load_urdf(path.parent / str(table.urdf), tip_link=table.urdf_tip)
 
 
 def _own_robot(table: OpwTable, name: str) -> Robot:
@@ -163,10 +198,6 @@ def _with_elastic(robot: Robot, tables: CellTables, where: str) -> Robot:
             )
         old = segments[row.segment]
         compliance = row.over(old.compliance)
-        if np.any(compliance < 0.0):
-            raise FileFormatError(
-                "a compliance is negative", where=f"{where}: robot.elastic {row.segment}", limit=">= 0"
-            )
         mass = old.mass_kg if row.mass_kg is None else row.mass_kg
         segments[row.segment] = replace(old, compliance=compliance, mass_kg=mass)
     return replace(robot, segments=tuple(segments[segment.name] for segment in robot.segments))
@@ -174,10 +205,8 @@ def _with_elastic(robot: Robot, tables: CellTables, where: str) -> Robot:
 
 def _force_law(table: MaterialTable, where: str) -> ForceLaw:
     if table.catalog is not None:
-        try:
+        with _said_of(f"{where}: material.catalog"):
             return material.load(table.catalog).with_ratios(kr_over_kc=table.kr_over_kc, ka_over_kc=table.ka_over_kc)
-        except CounterflexError as fault:
-            raise FileFormatError(fault.what, where=f"{where}: material", limit=fault.limit, hint=fault.hint) from fault
     h_min, h_max = table.chip_min_um * UM, table.chip_max_um * UM
     if h_min >= h_max:
         raise FileFormatError(
@@ -199,7 +228,7 @@ def _force_law(table: MaterialTable, where: str) -> ForceLaw:
             status="cell file",
         )
     kc11, mc = table.kc11_n_mm2 or 0.0, table.mc or 0.0
-    return KienzleLaw.from_k11(
+    law = KienzleLaw.from_k11(
         kc11 * N_PER_MM2,
         mc,
         kr11_pa=(table.kr_over_kc or 0.0) * kc11 * N_PER_MM2,
@@ -211,6 +240,8 @@ def _force_law(table: MaterialTable, where: str) -> ForceLaw:
         source=table.source,
         status="cell file",
     )
+    edge = (table.edge_c_n_mm * N_PER_MM, table.edge_r_n_mm * N_PER_MM, table.edge_a_n_mm * N_PER_MM)
+    return replace(law, edge_n_m=edge)
 
 
 def _stock(table: StockTable, folder: Path) -> HeightMap:

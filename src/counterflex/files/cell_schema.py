@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import math
+from typing import Annotated, Final, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from counterflex.files.schema import ComplianceTable, PoseTable, Table, Versioned
@@ -12,6 +14,11 @@ Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 Vector = tuple[float, float, float]
 Share = Annotated[float, Field(ge=0.0, le=5.0)]
+Mass = Annotated[float, Field(ge=0.0, le=5000.0)]
+Pressure = Annotated[float, Field(ge=0.0, le=20000.0)]
+EdgeForce = Annotated[float, Field(ge=0.0, le=1000.0)]
+MIN_CELLS: Final = 16
+MAX_CELLS: Final = 200_000_000
 SignedShare = Annotated[float, Field(ge=-5.0, le=5.0)]
 
 
@@ -34,7 +41,7 @@ class ElasticTable(ComplianceTable):
     """Replaces entries of the compliance (and the mass) of one segment of the robot."""
 
     segment: str
-    mass_kg: NonNegative | None = None
+    mass_kg: Mass | None = None
     source: str = ""
 
 
@@ -49,8 +56,10 @@ class RobotTable(Table):
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotTable:
-        if sum(item is not None for item in (self.catalog, self.geometry, self.urdf)) != 1:
-            raise ValueError("exactly one of catalog, geometry and urdf")
+        given = [key for key in ("catalog", "geometry", "urdf") if getattr(self, key) is not None]
+        if len(given) != 1:
+            found = " and ".join(given) or "none of them"
+            raise ValueError(f"a robot comes from exactly one of catalog, geometry and urdf; got {found}")
         return self
 
 
@@ -58,7 +67,7 @@ class BodyTable(PoseTable, ComplianceTable):
     """One body of the end effector; its pose is given in the previous body (the flange for the first)."""
 
     name: str
-    mass_kg: NonNegative = 0.0
+    mass_kg: Mass = 0.0
     com_x_mm: float = 0.0
     com_y_mm: float = 0.0
     com_z_mm: float = 0.0
@@ -77,6 +86,22 @@ class ToolTable(Table):
     flute_length_mm: Positive
     runout_um: NonNegative = 0.0
 
+    @model_validator(mode="after")
+    def _shape(self) -> ToolTable:
+        radius_mm = 0.5 * self.diameter_mm
+        if self.corner_radius_mm > radius_mm:
+            raise ValueError(
+                f"corner_radius_mm = {self.corner_radius_mm:g} does not fit diameter_mm = {self.diameter_mm:g}; "
+                f"expected at most {radius_mm:g}"
+            )
+        if self.runout_um > 100.0 * radius_mm:
+            raise ValueError(
+                f"runout_um = {self.runout_um:g} is implausibly large; expected at most {100.0 * radius_mm:g}"
+            )
+        if self.corner_radius_mm > self.flute_length_mm:
+            raise ValueError(f"the flutes end within the corner radius: flute_length_mm = {self.flute_length_mm:g}")
+        return self
+
 
 class MaterialTable(Table):
     """Workpiece material and the cutting law used for it."""
@@ -84,18 +109,21 @@ class MaterialTable(Table):
     catalog: str | None = None
     name: str = ""
     law: Literal["kienzle", "linear_edge"] = "kienzle"
-    kc11_n_mm2: Positive | None = None
+    kc11_n_mm2: Annotated[float, Field(gt=0.0, le=20000.0)] | None = None
     mc: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
     kr_over_kc: Share | None = None
     mr: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
     ka_over_kc: SignedShare | None = None
     ma: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
-    ktc_n_mm2: NonNegative | None = None
-    krc_n_mm2: NonNegative | None = None
-    kac_n_mm2: NonNegative | None = None
-    kte_n_mm: NonNegative | None = None
-    kre_n_mm: NonNegative | None = None
-    kae_n_mm: NonNegative | None = None
+    edge_c_n_mm: NonNegative = 0.0
+    edge_r_n_mm: NonNegative = 0.0
+    edge_a_n_mm: NonNegative = 0.0
+    ktc_n_mm2: Pressure | None = None
+    krc_n_mm2: Pressure | None = None
+    kac_n_mm2: Pressure | None = None
+    kte_n_mm: EdgeForce | None = None
+    kre_n_mm: EdgeForce | None = None
+    kae_n_mm: EdgeForce | None = None
     chip_min_um: Positive = 1.0
     chip_max_um: Positive = 1000.0
     allow_extrapolation: bool = False
@@ -139,8 +167,24 @@ class StockTable(Table):
         if box and any(low >= high for low, high in zip(self.box_min_mm or [], self.box_max_mm or [], strict=True)):
             raise ValueError("box_min_mm must lie below box_max_mm in x, y and z")
         if sum((box, self.stl is not None, self.result is not None)) != 1:
-            raise ValueError("exactly one of box_min_mm with box_max_mm, stl and result")
+            raise ValueError("the blank is exactly one of box_min_mm with box_max_mm, stl and result")
+        if box:
+            self._check_cells()
         return self
+
+    def _check_cells(self) -> None:
+        low, high = self.box_min_mm or (), self.box_max_mm or ()
+        counts = [math.ceil((b - a) / self.cell_mm) for a, b in list(zip(low, high, strict=True))[:2]]
+        if min(counts) < MIN_CELLS:
+            raise ValueError(
+                f"cell_mm = {self.cell_mm:g} is too coarse for this box: {counts[0]} x {counts[1]} cells; "
+                f"expected at least {MIN_CELLS} each way"
+            )
+        if counts[0] * counts[1] > MAX_CELLS:
+            raise ValueError(
+                f"cell_mm = {self.cell_mm:g} is too fine for this box: {counts[0]} x {counts[1]} cells; "
+                f"expected at most {MAX_CELLS:.0e} in all. Choose a larger cell_mm, or check the unit of the box"
+            )
 
 
 class PartTable(PoseTable):
@@ -154,7 +198,15 @@ class PartTable(PoseTable):
     def _datum(self) -> PartTable:
         if self.measured_with == "robot" and len(self.datum_points_mm) < 3:
             raise ValueError('measured_with = "robot" needs at least three datum_points_mm (where the robot touched)')
+        if self.measured_with == "robot" and _on_one_line(self.datum_points_mm):
+            raise ValueError("the datum_points_mm lie on one line and fix no frame; touch a point beside it")
         return self
+
+
+def _on_one_line(points: tuple[Vector, ...]) -> bool:
+    """Whether all points lie within 1 mm of one line."""
+    spread = np.array(points) - np.mean(points, axis=0)
+    return bool(np.linalg.svd(spread, compute_uv=False)[1] < 1.0)
 
 
 class PostureTable(Table):
@@ -203,7 +255,7 @@ class LimitsTable(Table):
 class CellTables(Versioned):
     """A whole cell file."""
 
-    name: str
+    name: Annotated[str, Field(min_length=1)]
     robot: RobotTable
     end_effector: tuple[BodyTable, ...] = ()
     tcp: PoseTable
@@ -219,8 +271,10 @@ class CellTables(Versioned):
     def _unique(self) -> CellTables:
         numbers = [tool.number for tool in self.tools]
         if len(set(numbers)) != len(numbers):
-            raise ValueError(f"tool numbers must differ: {numbers}")
+            twice = next(number for number in numbers if numbers.count(number) > 1)
+            raise ValueError(f"two tools have the number {twice}; tool numbers must differ")
         names = [body.name for body in self.end_effector]
         if len(set(names)) != len(names):
-            raise ValueError(f"end effector bodies must have different names: {names}")
+            twice_named = next(name for name in names if names.count(name) > 1)
+            raise ValueError(f"two bodies of the end effector are named '{twice_named}'; names must differ")
         return self

@@ -6,12 +6,13 @@ import json
 import math
 import re
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, Self, TypeVar
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
@@ -23,6 +24,14 @@ from counterflex.geometry import pose
 Model = TypeVar("Model", bound="Table")
 
 _STIFFNESS = re.compile(r"stiff|^k_|^k[abc]$|_per_rad$|_n_per_", re.IGNORECASE)
+
+
+SOFTEST_UM_PER_KN: Final = 1e5
+"""Softest element that a file may hold, translation: 1e4 N/m."""
+SOFTEST_URAD_PER_KNM: Final = 1e6
+"""Softest element that a file may hold, rotation: 1000 N m/rad; the joints of milling robots have 1e5 to 1e7."""
+STIFFEST: Final = 1e-3
+"""Stiffest element that is not rigid, um/kN and urad/kNm: 1e12 N/m and 1e12 N m/rad."""
 
 
 class Table(BaseModel):
@@ -61,6 +70,26 @@ class ComplianceTable(Table):
     rx_urad_per_knm: float | None = None
     ry_urad_per_knm: float | None = None
     rz_urad_per_knm: float | None = None
+
+    @model_validator(mode="after")
+    def _plausible(self) -> Self:
+        for key, value in self._given():
+            if value < 0.0:
+                raise ValueError(f"{key} is negative: {value:g}; a compliance is at least 0")
+            softest = SOFTEST_UM_PER_KN if key.startswith("t") else SOFTEST_URAD_PER_KNM
+            if value > softest:
+                is_stiffness = "" if key.startswith("t") else f". Is it a stiffness{_as_compliance(value)}"
+                raise ValueError(f"{key} is implausibly large: {value:g}; expected at most {softest:g}{is_stiffness}")
+            if 0.0 < value < STIFFEST:
+                raise ValueError(
+                    f"{key} is implausibly small: {value:g}; expected 0 (rigid) or at least {STIFFEST:g}. "
+                    "Values in m/N or rad/(N m) are multiplied by 1e9"
+                )
+        return self
+
+    def _given(self) -> list[tuple[str, float]]:
+        keys = [f"t{a}_um_per_kn" for a in "xyz"] + [f"r{a}_urad_per_knm" for a in "xyz"]
+        return [(key, value) for key in keys if (value := getattr(self, key)) is not None]
 
     def over(self, base: Float) -> Float:
         """SI compliance (6,) with the given entries replacing those of ``base``."""
@@ -103,7 +132,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise FileFormatError(
             "not a text file in UTF-8",
             where=str(file),
-            value=f"byte 0x{data[fault.start]:02x} in line {data.count(b'\n', 0, fault.start) + 1}",
+            value=f"byte 0x{data[fault.start]:02x} in line {len(data[: fault.start].splitlines()) or 1}",
             hint="Save it as UTF-8 text",
         ) from fault
     if not text.strip():
@@ -170,14 +199,14 @@ def _explain(fault: ValidationError, model: type[Table], where: str) -> FileForm
         value = None
     hint = limit = None
     if first["type"] == "extra_forbidden":
-        what, hint = f"unknown key '{key}'", _unknown_key_hint(key, first.get("input"), model)
+        what, hint = f"unknown key '{key}'", _unknown_key_hint(loc, first.get("input"), model)
     elif first["type"] == "missing" and loc and isinstance(loc[-1], int):
         what, place = f"'{key}' has too few numbers", place[: place.rindex("[")]
         limit = f"at least {loc[-1] + 1}"
     elif first["type"] == "missing":
         what = f"the key '{key}' is missing"
     elif first["type"] == "value_error":
-        what = str(first["ctx"]["error"])
+        what, value = str(first["ctx"]["error"]), None
     else:
         what, limit = f"'{key}' cannot be used", _expected(str(first["type"]), first.get("ctx", {}), first["msg"])
     if len(faults) > 1:
@@ -219,38 +248,41 @@ def _expected(kind: str, context: dict[str, Any], message: str) -> str:
     return message[:1].lower() + message[1:]
 
 
-def _known_keys(model: type[BaseModel]) -> set[str]:
-    keys: set[str] = set()
-    todo: list[Any] = [model]
-    seen: set[Any] = set()
-    while todo:
-        item = todo.pop()
-        if item in seen:
-            continue
-        seen.add(item)
-        if isinstance(item, type) and issubclass(item, BaseModel):
-            for name, info in item.model_fields.items():
-                keys.add(name)
-                todo.append(info.annotation)
-        else:
+def _table_at(model: type[BaseModel], loc: Sequence[int | str]) -> type[BaseModel]:
+    """The model of the table at a place."""
+    table = model
+    for part in loc:
+        info = table.model_fields.get(str(part))
+        todo: list[Any] = [] if info is None else [info.annotation]
+        while todo:
+            item = todo.pop()
+            if isinstance(item, type) and issubclass(item, BaseModel):
+                table = item
+                break
             todo.extend(getattr(item, "__args__", ()))
-    return keys
+    return table
 
 
-def _unknown_key_hint(key: str, value: object, model: type[BaseModel]) -> str:
-    if _STIFFNESS.search(key):
+def _unknown_key_hint(loc: Sequence[int | str], value: object, model: type[BaseModel]) -> str:
+    key, table = str(loc[-1]), _table_at(model, loc[:-1])
+    if _STIFFNESS.search(key) and issubclass(table, ComplianceTable):
         hint = "Elastic elements hold compliance, never stiffness: rx_urad_per_knm = 1e12 / (stiffness in N mm/rad)"
-        if isinstance(value, int | float) and value > 0 and math.isfinite(value):
-            hint += (
-                f"; {value:g} N mm/rad is {1e12 / value:.4g} urad/kNm, {value:g} N m/rad is {1e9 / value:.4g} urad/kNm"
-            )
-        return hint
-    known = _known_keys(model)
-    close = close_to(key, sorted(known), 1)
-    with_unit = sorted(name for name in known if name.startswith(key + "_"))
-    if with_unit:
-        return f"Write the unit into the key: {with_unit[0]}"
-    return f"Did you mean '{close[0]}'?" if close else "Remove it; docs/cell-file.md lists the keys"
+        return hint + _as_compliance(value)
+    known = sorted(table.model_fields)
+    stem = key.rsplit("_", 1)[0]
+    for name in known:
+        if name.startswith(key + "_"):
+            return f"Write the unit into the key: {name}"
+        if "_" in key and "_" in name and name.rsplit("_", 1)[0] == stem:
+            return f"Its unit is another: {name}"
+    close = close_to(key, known, 1)
+    return f"Did you mean '{close[0]}'?" if close else f"The keys of this table: {', '.join(known)}"
+
+
+def _as_compliance(value: object) -> str:
+    if not isinstance(value, int | float) or not 0.0 < value < math.inf:
+        return ""
+    return f"; {value:g} N mm/rad is {1e12 / value:.4g} urad/kNm, {value:g} N m/rad is {1e9 / value:.4g} urad/kNm"
 
 
 def write_toml(path: str | Path, data: dict[str, Any], *, comment: str = "") -> None:
