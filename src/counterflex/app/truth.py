@@ -24,7 +24,9 @@ def cutting_truth(law: ForceLaw) -> CuttingTruth:
     """
     if not isinstance(law, KienzleLaw):
         raise ModelError("the simulated cell cuts by Kienzle's law", value=type(law).__name__, limit="law = kienzle")
-    return CuttingTruth(k_pa=law.k11_pa(), exponent=(law.mc, law.mr, law.ma), h_ref_m=H_KIENZLE_M)
+    return CuttingTruth(
+        k_pa=law.k11_pa(), exponent=(law.mc, law.mr, law.ma), edge_n_m=law.edge_n_m, h_ref_m=H_KIENZLE_M
+    )
 
 
 def truth_of(cell: Cell, seed: int | None) -> Truth:
@@ -43,7 +45,7 @@ def make_truth(cell: Cell, seed: int | None, out: str | Path) -> Truth:
 def knowing(cell: Cell, truth: Truth) -> tuple[ElasticChain, ForceLaw]:
     """What a planner would have that was told the truth's constants: elastic chain and force law.
 
-    Friction, play, drives, ploughing and runout have no place in a cell file and stay unknown.
+    Friction, play, drives and runout have no place in a cell file and stay unknown.
     """
     robot, end_effector = _told(cell, truth)
     law = cell.force_law
@@ -62,6 +64,7 @@ def knowing(cell: Cell, truth: Truth) -> tuple[ElasticChain, ForceLaw]:
         h_max_m=law.h_max_m,
         source="truth file",
         status="truth",
+        edge_n_m=truth.cutting.edge_n_m,
     )
     return ElasticChain.build(robot, end_effector), at_reference
 

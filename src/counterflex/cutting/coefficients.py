@@ -48,7 +48,8 @@ def _check_cutting(name: str, value_pa: float) -> None:
 class KienzleLaw:
     """Kienzle's law with an exponent of its own for each direction.
 
-    ``F'_i(h) = k_i,ref h (h / h_ref)^-m_i`` in N per m of edge, i = c, r, a. The coefficients are stored at a
+    ``F'_i(h) = k_i,ref h (h / h_ref)^-m_i + e_i`` in N per m of edge, i = c, r, a, with an optional edge force e that
+    does not depend on h (ploughing; 0 in Kienzle's own form). The coefficients are stored at a
     reference thickness inside the range of the data: k_1.1 is an extrapolation to 1 mm, 10 to 50 times outside
     what milling tests see, and its standard error there is 20 % where that of k at h_ref is 2 %.
 
@@ -64,6 +65,7 @@ class KienzleLaw:
         h_max_m: Largest one, in m.
         source: Where the numbers come from.
         status: ``measured``, ``catalogue``, ``derived``, ``assumed``, or several joined by `` + ``.
+        edge_n_m: (3,) edge forces e of c, r, a in N/m.
 
     Raises:
         InputError: A number is outside what the law allows.
@@ -82,9 +84,11 @@ class KienzleLaw:
     h_max_m: float
     source: str
     status: str
+    edge_n_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         _check_cutting("kc_ref_pa", self.kc_ref_pa)
+        as_float("edge_n_m", self.edge_n_m, (3,))
         _finite("kr_ref_pa", self.kr_ref_pa)
         _finite("ka_ref_pa", self.ka_ref_pa)
         for name, exponent in (("mc", self.mc), ("mr", self.mr), ("ma", self.ma)):
@@ -219,6 +223,7 @@ class KienzleLaw:
             kc_ref_pa=self.kc_ref_pa * factor,
             kr_ref_pa=self.kr_ref_pa * factor,
             ka_ref_pa=self.ka_ref_pa * factor,
+            edge_n_m=(self.edge_n_m[0] * factor, self.edge_n_m[1] * factor, self.edge_n_m[2] * factor),
             status=self.status if status is None else status,
         )
 
@@ -232,6 +237,8 @@ class KienzleLaw:
             ((self.kc_ref_pa, self.mc), (self.kr_ref_pa, self.mr), (self.ka_ref_pa, self.ma))
         ):
             rows.setdefault(1.0 - m, [0.0, 0.0, 0.0])[column] += k_ref * self.h_ref_m**m
+        if any(self.edge_n_m):
+            rows[0.0] = list(self.edge_n_m)
         return np.array([[p, *k] for p, k in rows.items()], dtype=np.float64)
 
     def edge_force(self, h_m: float | Float) -> Float:

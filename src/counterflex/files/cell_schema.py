@@ -239,8 +239,8 @@ class DynamicsTable(Table):
 
     mode_hz: Positive = 8.0
     damping_ratio: Annotated[float, Field(gt=0.0, lt=2.0)] = 0.1
-    correction_smoothing_ms: NonNegative = 20.0
-    correction_lead_ms: NonNegative = 20.0
+    correction_smoothing_ms: NonNegative = 30.0
+    correction_lead_ms: NonNegative = 0.0
 
 
 class LimitsTable(Table):

@@ -78,7 +78,7 @@ class ComplianceTable(Table):
                 raise ValueError(f"{key} is negative: {value:g}; a compliance is at least 0")
             softest = SOFTEST_UM_PER_KN if key.startswith("t") else SOFTEST_URAD_PER_KNM
             if value > softest:
-                is_stiffness = "" if key.startswith("t") else f". Is it a stiffness{_as_compliance(value)}"
+                is_stiffness = "" if key.startswith("t") else f". Is it a stiffness?{_as_compliance(value)[1:]}"
                 raise ValueError(f"{key} is implausibly large: {value:g}; expected at most {softest:g}{is_stiffness}")
             if 0.0 < value < STIFFEST:
                 raise ValueError(
