@@ -31,7 +31,7 @@ def main() -> None:
     for i in range(len(seen.first)):
         row = seen.last[i]
         x, y, _ = job.path.p_part_tcp[row] / MM
-        if job.line_of_motion[job.path.motion[row]] in LINES and 24.0 < x and y < 36.0 and seen.volume_m3[i] > 0.0:
+        if job.line_of_motion[job.path.motion[row]] in LINES and x > 24.0 and y < 36.0 and seen.volume_m3[i] > 0.0:
             print(
                 f"{x:6.1f} {y:6.1f} {seen.entry_rad[i] / DEG:10.1f} {seen.exit_rad[i] / DEG:9.1f} "
                 f"{seen.axial_depth_m[i] / MM:9.2f} {seen.radial_width_m[i] / MM:9.2f} "

@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-_FENCE = re.compile(r"^```console\n(.*?)^```", re.MULTILINE | re.DOTALL)
+_FENCE = re.compile(r"^[ \t]*```console\n(.*?)^[ \t]*```", re.MULTILINE | re.DOTALL)
 _EXIT = re.compile(r"\s+# exit (\d+)\s*$")
 
 
@@ -29,7 +29,7 @@ def commands(page: Path) -> list[tuple[str, int]]:
     found = []
     for block in _FENCE.findall(page.read_text(encoding="utf-8")):
         joined = block.replace("\\\n", " ")
-        for line in joined.splitlines():
+        for line in map(str.strip, joined.splitlines()):
             if line.startswith("$ "):
                 wanted = _EXIT.search(line)
                 found.append((_EXIT.sub("", line[2:]).strip(), int(wanted.group(1)) if wanted else 0))
