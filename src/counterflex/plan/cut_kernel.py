@@ -18,17 +18,22 @@ from counterflex.cutting.mean_force import mean_wrench
 from counterflex.cutting.sweep_kernels import stamp_segment
 from counterflex.path.toolpath import FEED
 
-STATE = 16
-"""Carried from row to row: displacement (6), its rate (6), last tip (3), whether the last segment was stamped (1)."""
+STATE = 17
+"""Carried from row to row: displacement (6), its rate (6), last tip (3), whether the last segment was stamped (1), and
+how far the force of the last contact bends the tool (1)."""
 
-SHORTEST_STEP = 0.25
-"""A bending tool in the cut is advanced in steps of at most this over omega (1/25 of the mode's period) ..."""
+AIR_STEP = 0.25
+"""Longest step of a tool that may meet material, over omega (1/25 of the mode's period)."""
 LONGEST_STEP = 1.0
-"""... unless the force is so light that longer ones, up to this over omega, cannot excite it."""
+"""Longest step in the cut, over omega, where the force is so light that it cannot excite the mode."""
+SHORTEST_STEP = 0.04
+"""Shortest step, over omega."""
 GAIN = 0.2
 """Bound on how much of a step's displacement the force of the next step may answer. The direction of the chip follows
 the tool's own velocity, so a displacement rate u turns the force by u / v; over a step that displaces the tool by
-``(F C / v) u (omega dt)^2 / (2 dt)`` more, and force and displacement chase each other when that gain nears one."""
+``(F C / v) u (omega dt)^2 / (2 dt)`` more, and force and displacement chase each other when that gain nears one.
+The thrust on an end face that descends slowly answers harder, ``dF/du = p F / v_z`` with chip exponent p; it is a
+damper, and the step takes it implicitly: that much is added to the mode's damping along the axis."""
 
 _ANGLES = 24
 _RINGS = 6
@@ -103,7 +108,6 @@ def cut_rows(  # type: ignore[no-untyped-def]
     """
     coupled = omega > 0.0
     flat = shape[0] - shape[1]
-    pull = 0.0  # of the last contact: |F| times the compliance along it, m
     for i in range(first, last):
         for k in range(6):
             wrench[i, k] = 0.0
@@ -115,18 +119,23 @@ def cut_rows(  # type: ignore[no-untyped-def]
         chip[i] = 0.0
         rate = abs(spindle[i]) / _TWO_PI * flutes
         cutting = kind[i] == FEED
-        dt = time[i] - time[i - 1]
-        steps = 1
-        if coupled and cutting and dt > 0.0:
-            steps = _steps(dt, omega, pull, p_command, i)
-            dt /= steps
-        for step in range(1, steps + 1):
-            share = step / steps
+        row_time = time[i] - time[i - 1]
+        left = row_time
+        share = 0.0
+        while share < 1.0:
+            dt = left
+            share = 1.0
+            if coupled and cutting and row_time > 0.0:
+                dt = _step(left, row_time, omega, state[16], p_command, i)
+                left -= dt
+                if dt < left + dt:
+                    share = 1.0 - left / row_time
             xa, ya, za = state[12], state[13], state[14]
             xb = p_command[i - 1, 0] + share * (p_command[i, 0] - p_command[i - 1, 0]) + state[0]
             yb = p_command[i - 1, 1] + share * (p_command[i, 1] - p_command[i - 1, 1]) + state[1]
             zb = p_command[i - 1, 2] + share * (p_command[i, 2] - p_command[i - 1, 2]) + state[2]
             plane = math.hypot(xb - xa, yb - ya)
+            damping = 0.0
             for k in range(6):
                 force[k] = 0.0
             if plane > 0.0 or za != zb:
@@ -149,32 +158,49 @@ def cut_rows(  # type: ignore[no-untyped-def]
                         push = terms[t, 1] * ((za - zb) / teeth) ** terms[t, 0]
                         force[0] -= push * lean_y
                         force[1] += push * lean_x
+                    if za > zb and force[2] > 0.0:
+                        exponent = _thrust_exponent((za - zb) / teeth, terms)
+                        damping = exponent * force[2] * dt / (za - zb)
                     feed_tooth[i] = math.hypot(plane, zb - za) / teeth
-                    deepest, low, high, mean_sine = _engaged(depth, edges)
+                    deepest, low, high, mean_sine = _engaged(depth, edges, shape[0], grid.cell)
                     axial[i] = max(axial[i], deepest)
                     if deepest > 0.0:
                         entry[i], exit_[i] = low, high
-                        chip[i] = feed_tooth[i] * mean_sine
+                    side = feed_tooth[i] * mean_sine * (removed - extra[0])
+                    chip[i] = (side + max(0.0, (za - zb) / teeth) * extra[0]) / removed
             state[12], state[13], state[14] = xb, yb, zb
-            for k in range(6):
-                wrench[i, k] += force[k] / steps
-            if coupled and dt > 0.0:
-                a, b, c, d = oscillator(dt, omega, zeta)
+            if row_time > 0.0:
                 for k in range(6):
-                    target = offset[i - 1, k] + share * (offset[i, k] - offset[i - 1, k]) if k < 3 else 0.0
+                    wrench[i, k] += force[k] * (dt / row_time)
+            if coupled and dt > 0.0:
+                bend = 0.0
+                for k in range(6):
+                    target = 0.0
                     for j in range(6):
                         target += compliance[i, k, j] * force[j]
+                    if k < 3:
+                        bend = max(bend, abs(target))
+                        target += offset[i - 1, k] + share * (offset[i, k] - offset[i - 1, k])
+                    extra_zeta = 0.5 * omega * compliance[i, 2, 2] * damping if k == 2 else 0.0
+                    target += 2.0 * extra_zeta / omega * state[6 + k]
+                    a, b, c, d = oscillator(dt, omega, zeta + extra_zeta)
                     x, v = state[k] - target, state[6 + k]
                     state[k] = target + a * x + b * v
                     state[6 + k] = c * x + d * v
-        pull = 0.0
-        for k in range(3):
-            bend = 0.0
-            for j in range(6):
-                bend += compliance[i, k, j] * wrench[i, j]
-            pull = max(pull, abs(bend))
+                state[16] = max(bend, state[16] * math.exp(-omega * dt))
         for k in range(6):
             displacement[i, k] = state[k]
+
+
+@kernel()
+def _thrust_exponent(drop, terms):  # type: ignore[no-untyped-def]
+    """``d ln F / d ln h`` of the thrust on an end face that descends by ``drop`` per tooth."""
+    total, slope = 0.0, 0.0
+    for t in range(terms.shape[0]):
+        part = terms[t, 2] * drop ** terms[t, 0]
+        total += part
+        slope += terms[t, 0] * part
+    return slope / total if total > 0.0 else 0.0
 
 
 @kernel()
@@ -201,40 +227,72 @@ def _end_face_lean(grid, x, y, z, drop, radius):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _steps(dt, omega, pull, p_command, i):  # type: ignore[no-untyped-def]
-    """Number of steps a row of a bending tool is cut into, see :data:`GAIN`."""
-    dx = p_command[i, 0] - p_command[i - 1, 0]
-    dy = p_command[i, 1] - p_command[i - 1, 1]
-    dz = p_command[i, 2] - p_command[i - 1, 2]
-    speed = math.sqrt(dx * dx + dy * dy + dz * dz) / dt
-    limit = LONGEST_STEP / omega
-    if pull > 0.0:
-        limit = min(limit, max(SHORTEST_STEP / omega, 2.0 * GAIN * speed / (pull * omega * omega)))
-    return max(1, math.ceil(dt / limit))
+def _step(left, row_time, omega, bend, p_command, i):  # type: ignore[no-untyped-def]
+    """Length of the next step within a row of a bending tool, s, see :data:`GAIN`."""
+    limit = AIR_STEP / omega
+    if bend > 0.0:
+        dx = p_command[i, 0] - p_command[i - 1, 0]
+        dy = p_command[i, 1] - p_command[i - 1, 1]
+        dz = p_command[i, 2] - p_command[i - 1, 2]
+        speed = math.sqrt(dx * dx + dy * dy + dz * dz) / row_time
+        limit = 2.0 * GAIN * speed / (bend * omega * omega)
+        limit = min(max(limit, SHORTEST_STEP / omega), LONGEST_STEP / omega)
+    return left / max(1, math.ceil(left / limit))
 
 
 @kernel()
-def _engaged(depth, edges):  # type: ignore[no-untyped-def]
-    """Largest axial depth, first and last engaged angle, and the mean of sin(phi) over the engaged edge."""
+def _engaged(depth, edges, radius, cell):  # type: ignore[no-untyped-def]
+    """Largest axial depth, first and last engaged angle, and the mean of sin(phi) over the engaged edge.
+
+    A bin near 0 or 180 deg is narrower than a cell of the stock, so its depth is noise: the largest depth is that of
+    the mean over neighbouring engaged bins, together as wide as two cells and an eighth of the radius.
+    """
     bins = depth.shape[1]
-    deepest = 0.0
+    highest = 0.0
     total = 0.0
     sine = 0.0
     for b in range(bins):
         column = 0.0
         for level in range(depth.shape[0]):
             column += depth[level, b]
-        deepest = max(deepest, column)
+        highest = max(highest, column)
         total += column
         sine += column * math.sin(0.5 * (edges[b] + edges[b + 1]))
     if total <= 0.0:
         return 0.0, math.nan, math.nan, 0.0
+    wanted = max(2.0 * cell, 0.125 * radius)
     first, last = bins, -1
+    deepest, area, width = 0.0, 0.0, 0.0
     for b in range(bins):
         column = 0.0
         for level in range(depth.shape[0]):
             column += depth[level, b]
-        if column > _THRESHOLD * deepest:
-            first = min(first, b)
-            last = b
+        if column <= _THRESHOLD * highest:
+            area, width = 0.0, 0.0
+            continue
+        first = min(first, b)
+        last = b
+        strip = radius * (math.cos(edges[b]) - math.cos(edges[b + 1]))
+        area += column * strip
+        width += strip
+        if width >= wanted:
+            deepest = max(deepest, area / width)
+            area, width = 0.0, 0.0
+    if deepest == 0.0:
+        deepest = _mean_depth(depth, edges)
     return deepest, edges[first], edges[last + 1], sine / total
+
+
+@kernel()
+def _mean_depth(depth, edges):  # type: ignore[no-untyped-def]
+    """Mean axial depth over the engaged width."""
+    area, width = 0.0, 0.0
+    for b in range(depth.shape[1]):
+        column = 0.0
+        for level in range(depth.shape[0]):
+            column += depth[level, b]
+        if column > 0.0:
+            strip = math.cos(edges[b]) - math.cos(edges[b + 1])
+            area += column * strip
+            width += strip
+    return area / width if width > 0.0 else 0.0
