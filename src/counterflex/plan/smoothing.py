@@ -31,19 +31,15 @@ def moving_average(values: Float, station: Float, window: float, group: Int) -> 
     centre = station - 0.5 * ds
     total = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values * ds[:, None], axis=0)])
     knots = np.concatenate([[station[0]], station])
-    out = values.copy()
     starts = np.flatnonzero(np.diff(group, prepend=group[0] - 1))
-    for first, last in zip(starts, [*starts[1:], len(group)], strict=True):
-        rows = slice(first, last)
-        low, high = station[first] - ds[first], station[last - 1]
-        half = np.minimum(0.5 * window, np.minimum(centre[rows] - low, high - centre[rows]))
-        wide = half > 0.5 * ds[rows]
-        if not np.any(wide):
-            continue
-        a, b = centre[rows] - half, centre[rows] + half
-        for column in range(values.shape[1]):
-            integral = np.interp(b, knots, total[:, column]) - np.interp(a, knots, total[:, column])
-            with np.errstate(invalid="ignore", divide="ignore"):
-                mean = integral / (2.0 * half)
-            out[rows, column] = np.where(wide, mean, values[rows, column])
+    ends = np.append(starts[1:], len(group))
+    low = np.repeat(station[starts] - ds[starts], ends - starts)
+    high = np.repeat(station[ends - 1], ends - starts)
+    half = np.minimum(0.5 * window, np.minimum(centre - low, high - centre))
+    wide = np.flatnonzero(half > 0.5 * ds)
+    out = values.copy()
+    a, b, span = centre[wide] - half[wide], centre[wide] + half[wide], 2.0 * half[wide]
+    for column in range(values.shape[1]):
+        integral = np.interp(b, knots, total[:, column]) - np.interp(a, knots, total[:, column])
+        out[wide, column] = integral / span
     return out
