@@ -76,7 +76,7 @@ def test_unknown_and_missing_keys_are_refused_everywhere(truth: Truth) -> None:
     for index in range(count):
         data = copy.deepcopy(to_dict(truth))
         _walk(data)[index]["stiffness"] = 1.0
-        with pytest.raises(FileFormatError, match="unknown keys"):
+        with pytest.raises(FileFormatError, match="unknown key"):
             from_dict(data)
         data = copy.deepcopy(to_dict(truth))
         table = _walk(data)[index]
@@ -123,7 +123,7 @@ def test_broken_files_are_refused(tmp_path: Path, text: str) -> None:
     path.write_text(text)
     with pytest.raises(FileFormatError):
         read_truth(path)
-    with pytest.raises(FileFormatError, match="cannot read"):
+    with pytest.raises(FileFormatError, match="no such file"):
         read_truth(tmp_path / "missing.toml")
 
 

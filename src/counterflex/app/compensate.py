@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.inputs import Job, read_job, setting_of
+from counterflex.app.inputs import Job, faults_in, read_job, setting_of
 from counterflex.app.prediction import figures, prediction
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
@@ -33,6 +33,8 @@ from counterflex.programs.krl_writer import KrlSettings, write_krl
 from counterflex.programs.rapid_writer import RapidSettings, write_rapid
 
 Language = Literal["gcode", "krl", "rapid"]
+TOLERANCE_M = (0.1 * UM, 1000.0 * UM)
+"""Smallest and largest tolerance of the written path."""
 LANGUAGES: tuple[Language, ...] = ("gcode", "krl", "rapid")
 
 
@@ -81,10 +83,18 @@ def compensate(
     """
     if language not in LANGUAGES:
         raise InputError("unknown output language", value=language, limit=", ".join(LANGUAGES))
+    if not TOLERANCE_M[0] <= tolerance_m <= TOLERANCE_M[1]:
+        raise InputError(
+            "the tolerance of the written path is out of range",
+            where="--tolerance-um",
+            value=f"{tolerance_m / UM:g}",
+            limit=f"{TOLERANCE_M[0] / UM:g} to {TOLERANCE_M[1] / UM:g}",
+        )
     begin = time.perf_counter()
     job = read_job(program, cell, dialect=dialect)
     setting = setting_of(cell, normal_only=normal_only, orientation=language != "gcode")
-    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, predict=predict, progress=progress)
+    with faults_in(job):
+        plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, predict=predict, progress=progress)
     files, written = write(job, plan, cell, language, tolerance_m)
     about = {
         "job": "compensate",

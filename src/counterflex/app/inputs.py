@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from counterflex.core.arrays import Int
-from counterflex.core.errors import ProgramError
+from counterflex.core.errors import CounterflexError, ProgramError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell import Cell
@@ -53,8 +55,43 @@ def read_job(file: str | Path, cell: Cell, *, dialect: str = "linuxcnc", step_m:
     if len(program.motions) == 0:
         raise ProgramError("the program moves nothing", where=str(file))
     path = tool_path(program, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_mm_s * MM)
+    _check_tools(program, cell)
     lines = np.array([program.blocks[motion.block].line for motion in program.motions], dtype=np.int64)
     return Job(program, _start_known(program, path), path, lines)
+
+
+def _check_tools(program: Program, cell: Cell) -> None:
+    known = {tool.number for tool in cell.tables.tools}
+    for motion in program.motions:
+        if motion.kind in ("feed", "arc") and motion.tool not in known:
+            raise ProgramError(
+                "the program cuts with a tool that the cell does not have" if motion.tool else "no tool is selected",
+                where=f"{program.name}:{program.blocks[motion.block].line}",
+                value=f"T{motion.tool}",
+                limit=", ".join(f"T{number}" for number in sorted(known)),
+                hint=f"Add a [[tools]] table with number = {motion.tool} to {cell.path}"
+                if motion.tool
+                else "Select a tool before the first cut: M6 T...",
+            )
+
+
+@contextlib.contextmanager
+def faults_in(job: Job) -> Iterator[None]:
+    """Say of faults that name a motion or a line which line of which program it is."""
+    try:
+        yield
+    except CounterflexError as fault:
+        place, name = fault.where or "", Path(job.program.name).name
+        if "motion" in fault.data:
+            motion = int(fault.data["motion"])
+            place = f"{name}:{int(job.line_of_motion[motion])}{place.removeprefix(f'motion {motion}')}"
+        elif place.startswith("line "):
+            place = f"{name}:{place.removeprefix('line ')}"
+        else:
+            raise
+        raise type(fault)(
+            fault.what, where=place, value=fault.value, limit=fault.limit, hint=fault.hint, **fault.data
+        ) from fault
 
 
 def _start_known(program: Program, path: ToolPath) -> ToolPath:

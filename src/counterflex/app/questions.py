@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from counterflex.core.arrays import Float, as_float
-from counterflex.core.errors import InputError
+from counterflex.core.errors import InputError, ReachError
 from counterflex.core.units import DEG, MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.schema import ComplianceTable
@@ -40,7 +40,7 @@ def robots() -> list[dict[str, Any]]:
 
 def load_chain(robot_or_cell: str) -> tuple[ElasticChain, Cell | None]:
     """The elastic chain of a cell file, or of a bare catalogue robot whose TCP is its flange."""
-    if Path(robot_or_cell).suffix == ".toml" or Path(robot_or_cell).exists():
+    if Path(robot_or_cell).suffix == ".toml" or Path(robot_or_cell).is_file():
         cell = read_cell(robot_or_cell)
         return cell.chain, cell
     return ElasticChain.build(catalog.load(robot_or_cell)), None
@@ -129,7 +129,18 @@ def check_cell(path: str) -> dict[str, Any]:
     axes = np.tile([0.0, 0.0, 1.0], (len(corners), 1))
     Rs_part_tcp = tool_orientation(axes, cell.tables.posture.rotation_about_tool_deg * DEG)
     Ts_base_tcp = tool_poses(cell.T_base_part, corners, Rs_part_tcp)
-    q = inverse.inverse_path(chain, Ts_base_tcp, cell.tables.posture.branch).q
+    try:
+        q = inverse.inverse_path(chain, Ts_base_tcp, cell.tables.posture.branch).q
+    except ReachError as fault:
+        corner = ", ".join(f"{value / MM:g}" for value in corners[int(fault.data.get("point", 0))])
+        raise ReachError(
+            f"the stock's corner at ({corner}) mm: {fault.what}",
+            where=f"{path}: part",
+            value=fault.value,
+            limit=fault.limit,
+            hint=f"{fault.hint}. Lengths are in mm" if fault.hint else None,
+            **fault.data,
+        ) from fault
     margins = [_margins(chain, row) for row in q]
     centre = q[0]
     worst = []
@@ -190,6 +201,7 @@ def _joints(chain: ElasticChain, joints_deg: list[float]) -> Float:
         low, high = chain.joint_limits_rad[axis] / DEG
         raise InputError(
             f"axis {axis + 1} of {chain.name} cannot be there",
+            where="--joints-deg",
             value=f"{joints_deg[axis]:g} deg",
             limit=f"{low:g} to {high:g} deg",
         )

@@ -10,6 +10,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.inputs import Job, read_job
+from counterflex.app.truth import truth_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
@@ -29,6 +30,10 @@ from counterflex.twin.truth_file import read_truth, write_truth
 
 PROGRAM, ORIGINAL, CELL, TRUTH = "program.ngc", "original.ngc", "cell.toml", "truth.toml"
 RUN, SURFACE, SUMMARY = "run.parquet", "surface.npz", "summary.json"
+
+
+OTHER_CELL_M = 20.0 * MM
+"""Distance of a body from where the cell has it, beyond which a truth is taken for another cell's."""
 
 
 def controller(cell: Cell) -> Controller:
@@ -99,6 +104,7 @@ def run(
     """
     begin = time.perf_counter()
     cell, truth = read_cell(cell_file), read_truth(truth_file)
+    check_same_cell(cell, truth, str(truth_file))
     job = read_job(program, cell)
     reference = Path(program if original is None else original)
     if original is not None:
@@ -124,6 +130,41 @@ def run(
         record.stock.save(staging / SURFACE)
         write_summary(staging / SUMMARY, summary)
     return summary
+
+
+def check_same_cell(cell: Cell, truth: Truth, where: str) -> None:
+    """Check that a truth is one of this cell: the same bodies, in about the same places.
+
+    Raises:
+        FileFormatError: It is another cell's.
+    """
+    nominal = truth_of(cell, None)
+    hint = "Make one from this cell: counterflex truth CELL --out FILE"
+    names, expected = [body.name for body in truth.bodies], [body.name for body in nominal.bodies]
+    if names != expected:
+        raise FileFormatError(
+            "the truth belongs to another cell: its bodies are not those of the cell",
+            where=where,
+            value=", ".join(names),
+            limit=", ".join(expected),
+            hint=hint,
+        )
+    places = zip(
+        [*expected, "tcp"],
+        [*(body.T_prev_seg for body in truth.bodies), truth.T_last_tcp],
+        [*(body.T_prev_seg for body in nominal.bodies), nominal.T_last_tcp],
+        strict=True,
+    )
+    for name, T_true, T_nominal in places:
+        off = float(np.linalg.norm(T_true[:3, 3] - T_nominal[:3, 3]))
+        if off > OTHER_CELL_M:
+            raise FileFormatError(
+                f"the truth belongs to another cell: '{name}' is elsewhere",
+                where=where,
+                value=f"{off / MM:.1f} mm off",
+                limit=f"at most {OTHER_CELL_M / MM:g} mm",
+                hint=hint,
+            )
 
 
 def figures(record: Record) -> dict[str, Any]:

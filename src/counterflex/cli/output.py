@@ -6,14 +6,37 @@ import contextlib
 import json
 import sys
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
+from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress
 
 
 def print_json(data: Any) -> None:
     """Print data as JSON on standard output."""
     print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def keep_inputs(out: Path, *inputs: Path, option: str = "--out") -> None:
+    """Refuse an output that would replace an input: the same file, or the folder that the input lies in.
+
+    Args:
+        out: File or folder to be written.
+        inputs: Files that are read.
+        option: Name of the option that says ``out``.
+
+    Raises:
+        InputError: It would.
+    """
+    for path in inputs:
+        if out.resolve() == path.resolve():
+            what = f"the output would replace {path.name}"
+        elif out.resolve() == path.resolve().parent:
+            what = f"{path.name} lies in this folder and could be replaced"
+        else:
+            continue
+        raise InputError(what, where=f"{option} {out}", hint=f"Choose another {option}")
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, note: str = "") -> None:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli.output import print_json, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.errors import InputError
 
 Program = Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM")]
@@ -36,6 +36,8 @@ def path(
     from counterflex.programs.gcode_reader import read_gcode_file
     from counterflex.programs.listing import listing, write_listing
 
+    if csv is not None:
+        keep_inputs(csv, program, option="--csv")
     found = read_gcode_file(program, dialect=dialect)
     if csv is None:
         typer.echo(listing(found).write_csv(), nl=False)
@@ -51,7 +53,7 @@ def compensate(
     dialect: Dialect = "linuxcnc",
     tolerance_um: Annotated[
         float,
-        typer.Option("--tolerance-um", help="Largest distance of the written path from the planned one.", min=0.1),
+        typer.Option("--tolerance-um", help="Largest distance of the written path from the planned one, 0.1 to 1000."),
     ] = 5.0,
     normal_only: Annotated[
         bool, typer.Option("--normal-only", help="Correct square to the feed only, not along it.")
@@ -73,10 +75,7 @@ def compensate(
 
     if language not in job.LANGUAGES:
         raise InputError("unknown language", where="--as", value=language, limit=", ".join(job.LANGUAGES))
-    if program.resolve().parent == out.resolve():
-        raise InputError(
-            "the output would replace the program itself", where=str(program), hint="Choose another --out folder"
-        )
+    keep_inputs(out, program)
     with progress_bar(f"compensating {program.name}") as progress:
         summary = job.run(
             program,

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli.output import print_json, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.cli.program import CellFile, Out, Program
 
 Seeds = Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)]
@@ -44,6 +44,7 @@ def truth(
     from counterflex.app.truth import make_truth
     from counterflex.files.cell import read_cell
 
+    keep_inputs(out, cell)
     made = make_truth(read_cell(cell), seed, out)
     typer.echo(f"wrote {out}: {len(made.bodies)} bodies, seed {'none' if seed is None else seed}")
 
@@ -67,6 +68,7 @@ def simulate(
     """
     from counterflex.app import simulate as job
 
+    keep_inputs(out, program, cell, truth, *([] if original is None else [original]))
     with progress_bar(f"machining {program.name}") as progress:
         summary = job.run(program, cell, truth, out, original=original, progress=progress)
     if as_json:
@@ -123,6 +125,7 @@ def prove(
     """
     from counterflex.app import prove as job
 
+    keep_inputs(out, program, cell)
     with progress_bar(f"proving {program.name}") as progress:
         summary = job.run(program, cell, out, seeds=seeds, told=told, workers=workers, progress=progress)
     if as_json:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -34,10 +35,14 @@ def numbers(text: str | None, name: str, count: int) -> list[float] | None:
         values = [float(part) for part in text.replace(" ", ",").split(",") if part]
     except ValueError as fault:
         raise InputError(
-            f"{name} is not a list of numbers", value=repr(text), limit=f"{count} numbers, 1,2,3"
+            f"{name} is not a list of numbers", value=repr(text), limit=f"{count} numbers, separated by commas"
         ) from fault
+    if not all(math.isfinite(value) for value in values):
+        raise InputError(f"{name} holds a number that is not finite", value=repr(text), limit="finite numbers")
     if len(values) != count:
-        raise InputError(f"{name} has {len(values)} numbers", value=repr(text), limit=f"{count}, separated by commas")
+        raise InputError(
+            f"{name} has {len(values)} numbers", value=repr(text), limit=f"{count} numbers, separated by commas"
+        )
     return values
 
 
@@ -113,7 +118,12 @@ def pose(
 
     joints, xyz = numbers(joints_deg, "--joints-deg", 6), numbers(xyz_mm, "--xyz-mm", 3)
     if (joints is None) == (xyz is None):
-        raise InputError("say either --joints-deg or --xyz-mm", hint="--joints-deg gives the pose, --xyz-mm the joints")
+        given = "both" if joints is not None else "neither"
+        raise InputError(
+            "say either --joints-deg or --xyz-mm",
+            value=given,
+            hint="--joints-deg gives the pose, --xyz-mm the joint angles",
+        )
     chain, _ = questions.load_chain(target)
     if joints is not None:
         answer = questions.pose_of_joints(chain, joints)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 import os
+import zipfile
+import zlib
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -12,6 +15,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Float32
 from counterflex.core.atomic import atomic_path
 from counterflex.core.errors import FileFormatError, InputError, ModelError
+from counterflex.core.similar import missing_file
 from counterflex.cutting.stock_mesh import STL_UNIT_M, heights_from_stl
 
 BLOCK_ROWS: Final = 8
@@ -180,10 +184,16 @@ class HeightMap:
                 return cls(x0, y0, float(data["cell_m"]), np.asarray(data["z_m"], np.float32), bottom)
         except FileFormatError:
             raise
+        except FileNotFoundError as fault:
+            raise FileFormatError(
+                "cannot read stock: no such file", where=where, hint=missing_file(Path(path))
+            ) from fault
         except OSError as fault:
             raise FileFormatError(f"cannot read stock: {fault.strerror or fault}", where=where) from fault
-        except (ValueError, KeyError, TypeError) as fault:
-            raise FileFormatError("stock file is damaged", where=where, value=str(fault)[:80]) from fault
+        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as fault:
+            raise FileFormatError(
+                "stock file is damaged, or none", where=where, limit=f"a file of {STOCK_FORMAT}"
+            ) from fault
 
 
 def require_vertical(axis_part: Float, tolerance_rad: float = 1e-6) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Float32, Int
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.jit import kernel
+from counterflex.core.similar import missing_file
 
 if TYPE_CHECKING:
     from counterflex.cutting.stock import HeightMap
@@ -94,7 +95,7 @@ def read_stl(path: str | os.PathLike[str], unit_m: float = STL_UNIT_M) -> tuple[
 
     where = str(path)
     if not Path(path).is_file():
-        raise FileFormatError("cannot read stock: no such file", where=where)
+        raise FileFormatError("cannot read stock: no such file", where=where, hint=missing_file(Path(path)))
     try:
         mesh: Any = trimesh.load_mesh(Path(path), file_type="stl")
         vertices: Float = np.array(mesh.vertices, dtype=np.float64)

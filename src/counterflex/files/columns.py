@@ -13,6 +13,7 @@ import polars as pl
 
 from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError
+from counterflex.core.similar import missing_file
 
 _KEY = "counterflex"
 
@@ -77,7 +78,7 @@ def read(path: Path, kind: str, version: int, layout: tuple[Column, ...]) -> tup
         FileFormatError: Missing or damaged file, another format, newer version, missing or unknown columns.
     """
     if not path.is_file():
-        raise FileFormatError("no such file", where=str(path))
+        raise FileFormatError("no such file", where=str(path), hint=missing_file(path))
     try:
         meta = json.loads(pl.read_parquet_metadata(path).get(_KEY, "{}"))
         frame = pl.read_parquet(path)

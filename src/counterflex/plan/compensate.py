@@ -296,7 +296,7 @@ def _check_chips(result: Cut, contact: Bool, path: ToolPath, line: Int, setting:
         raise ModelError(
             "force would come from chips outside the range of the cutting constants",
             where=_place(path, line, row),
-            value=f"mean chip {result.chip_m[row] / MM:.4f} mm, {100 * share:.0f} % of the force",
+            value=f"mean chip {result.chip_m[row] / MM:.3g} mm, {100 * share:.0f} % of the force",
             limit=f"{law.h_min_m / MM:g} to {law.h_max_m / MM:g} mm, at most {100 * EXTRAPOLATED_SHARE:g} %",
             hint="Use constants measured at this feed, or set material.allow_extrapolation = true",
             share=share,

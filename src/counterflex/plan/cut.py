@@ -162,6 +162,7 @@ def cut(
             where=f"motion {int(path.motion[row])}, at {np.round(path.p_part_tcp[row] * 1e3, 3).tolist()} mm",
             hint="Start the spindle (M3 S...) before the first cut",
             row=row,
+            motion=int(path.motion[row]),
         )
     backward = (kind == FEED) & (volume > 1e-12) & (path.spindle_rad_s < 0.0)
     if np.any(backward):
@@ -171,6 +172,7 @@ def cut(
             where=f"motion {int(path.motion[row])}",
             value="M4",
             hint="Cut with M3",
+            motion=int(path.motion[row]),
         )
     return Cut(w, x, volume, axial, entry, exit_, feed_tooth, chip)
 

@@ -95,7 +95,7 @@ class Interpreter(FlowRunner):
             if steps > self._step_limit:
                 raise self._fault(
                     "the program does not end within the step limit", 0, f"{self._step_limit} lines executed",
-                    "Look for an endless loop, or raise step_limit",
+                    "Look for an endless loop",
                 )  # fmt: skip
             self._line(place.source, place.index)
         return self._mark_repeated()

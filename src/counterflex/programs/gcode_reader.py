@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import InputError, ProgramError
+from counterflex.core.similar import missing_file
 from counterflex.programs.gcode_flow import Source, split_lines
 from counterflex.programs.gcode_interpreter import Interpreter
 from counterflex.programs.gcode_state import State, work_offset_table
@@ -144,6 +145,8 @@ def _text(file: Path) -> str:
         if file.is_file() and file.stat().st_size > _LARGEST_FILE:
             raise ProgramError("the file is too large", where=str(file), value=file.stat().st_size, limit=_LARGEST_FILE)
         data = file.read_bytes()
+    except FileNotFoundError as fault:
+        raise ProgramError("cannot read the program: no such file", where=str(file), hint=missing_file(file)) from fault
     except OSError as fault:
         raise ProgramError(f"cannot read the program: {fault.strerror or fault}", where=str(file)) from fault
     if b"\0" in data:

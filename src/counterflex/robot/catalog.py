@@ -178,6 +178,11 @@ class EndEffectorElement:
     frame: Provenance
 
 
+def _letters(name: str) -> str:
+    """Letters and digits of a name, lower case: what is left when spelling habits are taken away."""
+    return "".join(letter for letter in name.lower() if letter.isalnum())
+
+
 def names() -> list[str]:
     """Names of all robots in the catalogue, sorted."""
     return sorted(item.name[:-5] for item in _folder().iterdir() if item.name.endswith(".toml"))
@@ -195,10 +200,12 @@ def entry(name: str) -> CatalogEntry:
         FileFormatError: The file breaks the format.
     """
     if name not in names():
-        near = difflib.get_close_matches(name, names(), n=3, cutoff=0.4)
+        plain = _letters(name)
+        near = [known for known in names() if plain and plain in _letters(known)][:5]
+        near = near or difflib.get_close_matches(name.lower(), names(), n=3, cutoff=0.4)
         raise InputError(
             f"no robot {name!r} in the catalogue",
-            limit="one of " + ", ".join(near or names()),
+            limit="one of " + ", ".join(near) if near else None,
             hint="'counterflex robots' lists all; an own robot goes into the cell file by its geometry",
             nearest=near,
         )

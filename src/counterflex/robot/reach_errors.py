@@ -104,15 +104,6 @@ def path_fault(
             point=point,
             axis=axis,
         )
-    if code == inverse_kernel.SINGULAR:
-        return ReachError(
-            "the path runs too close to a singularity",
-            where=where,
-            value=f"sigma_min {fault[0]:.2g}",
-            limit=f">= {floor:g}",
-            hint="Axis 5 near zero or the arm stretched: tilt or move the part, or turn the tool about its axis",
-            point=point,
-        )
     gap = beyond(chain, T_base_tcp)
     if gap is not None:
         return ReachError(
@@ -120,6 +111,15 @@ def path_fault(
             where=where,
             value=f"wrist centre {gap / MM:.1f} mm beyond the arm",
             hint=_MOVE,
+            point=point,
+        )
+    if code == inverse_kernel.SINGULAR:
+        return ReachError(
+            "the path runs too close to a singularity",
+            where=where,
+            value=f"sigma_min {fault[0]:.2g}",
+            limit=f">= {floor:g}",
+            hint="Axis 5 near zero or the arm stretched: tilt or move the part, or turn the tool about its axis",
             point=point,
         )
     return ReachError(

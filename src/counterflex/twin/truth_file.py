@@ -15,6 +15,7 @@ import tomli_w
 from counterflex.core.arrays import Float
 from counterflex.core.atomic import write_text
 from counterflex.core.errors import CounterflexError, FileFormatError
+from counterflex.core.similar import missing_file
 from counterflex.core.units import DEG, MM, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.geometry import pose, rotation
 from counterflex.robot.description import Counterbalance
@@ -110,7 +111,7 @@ class _Table:
 
     def raw(self, key: str) -> Any:
         if key not in self._left:
-            raise FileFormatError("a key is missing", where=self.where, limit=key)
+            raise FileFormatError(f"the key '{key}' is missing", where=self.where)
         return self._left.pop(key)
 
     def number(self, key: str, unit: float = 1.0) -> float:
@@ -138,7 +139,7 @@ class _Table:
         value = self.raw(key)
         if not isinstance(value, list):
             raise FileFormatError("not a list of tables", where=f"{self.where}: {key}")
-        return [_Table(row, f"{self.where}: {key}[{i}]") for i, row in enumerate(value)]
+        return [_Table(row, f"{self.where}: {key}[{i + 1}]") for i, row in enumerate(value)]
 
     def pose(self) -> Float:
         return pose.from_xyz_zyx(
@@ -147,7 +148,8 @@ class _Table:
 
     def close(self) -> None:
         if self._left:
-            raise FileFormatError("unknown keys", where=self.where, value=", ".join(sorted(map(str, self._left))))
+            keys = ", ".join(f"'{key}'" for key in sorted(map(str, self._left)))
+            raise FileFormatError(f"unknown key {keys}", where=self.where, hint="Remove it")
 
     def _number(self, key: str, value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
@@ -167,10 +169,18 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
     """
     top = _Table(data, where)
     if top.text("format") != FORMAT:
-        raise FileFormatError("not a truth file", where=where, limit=FORMAT)
+        raise FileFormatError("not a truth file", where=where, value=repr(data["format"]), limit=FORMAT)
     version = top.integer("version")
+    if version > VERSION:
+        raise FileFormatError(
+            "the file is newer than this counterflex reads",
+            where=where,
+            value=f"version {version}",
+            limit=f"at most {VERSION}",
+            hint="Update counterflex",
+        )
     if version != VERSION:
-        raise FileFormatError("version of the truth file", where=where, value=version, limit=VERSION)
+        raise FileFormatError("no such version of the truth file", where=where, value=version, limit=VERSION)
     try:
         cutting = _Table(top.raw("cutting"), f"{where}: cutting")
         drives = top.rows("drives")
@@ -281,8 +291,12 @@ def read_truth(path: str | os.PathLike[str]) -> Truth:
     """
     try:
         data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(path), hint=missing_file(Path(path))) from fault
     except OSError as fault:
-        raise FileFormatError(f"cannot read: {fault.strerror or fault}", where=str(path)) from fault
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
-        raise FileFormatError(f"not TOML: {fault}", where=str(path)) from fault
+        raise FileFormatError(f"not valid TOML: {fault}", where=str(path)) from fault
+    if not data:
+        raise FileFormatError("the file is empty", where=str(path))
     return from_dict(data, str(path))
