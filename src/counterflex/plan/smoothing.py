@@ -7,6 +7,9 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 
+_FINEST = 1e-9
+"""Windows narrower than this share of the whole path return the value: their integral would be rounding."""
+
 
 def moving_average(values: Float, station: Float, window: float, group: Int) -> Float:
     """Centred moving average over path length or time.
@@ -36,7 +39,7 @@ def moving_average(values: Float, station: Float, window: float, group: Int) -> 
     low = np.repeat(station[starts] - ds[starts], ends - starts)
     high = np.repeat(station[ends - 1], ends - starts)
     half = np.minimum(0.5 * window, np.minimum(centre - low, high - centre))
-    wide = np.flatnonzero(half > 0.5 * ds)
+    wide = np.flatnonzero(half > 0.5 * ds + _FINEST * (station[-1] - station[0]))
     out = values.copy()
     a, b, span = centre[wide] - half[wide], centre[wide] + half[wide], 2.0 * half[wide]
     for column in range(values.shape[1]):
