@@ -100,6 +100,7 @@ def judge(reference: Reference, run: Run, actual: HeightMap) -> Judged:
         feed_engagement,
         reference.radius_m,
         command_part_tcp=run.p_part_command,
+        progress=run.progress,
     )
     surface = surface_deviation(reference.surface, actual, deviation.p_part_actual, ~deviation.broken)
     return Judged(run, actual, deviation, surface)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -15,6 +16,10 @@ from counterflex.evaluate.figures import Figures, weighted_figures
 from counterflex.path import FEED, ToolPath
 
 SPACING_M = 0.1 * MM
+
+
+WINDOW_M: Final = 50.0 * MM
+"""How far a place on the nominal path may be from where the machine's progress says."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +105,7 @@ def path_deviation(
     cutter_radius_m: float,
     *,
     command_part_tcp: Float | None = None,
+    progress: Float | None = None,
     spacing_m: float = SPACING_M,
     gap_m: float = 2.0 * MM,
     capture_m: float = 1.0 * MM,
@@ -124,6 +130,9 @@ def path_deviation(
             to sample i.
         cutter_radius_m: Shortest length of an entry or exit.
         command_part_tcp: (n, 3) m, set-points sent to the drives at the same instants, or None.
+        progress: (n,) share 0..1 of the program's path length that the machine has run, or None. Where it is known, a
+            place on the nominal path is only looked for near it (:data:`WINDOW_M`), so that a program which comes back
+            to the same spot is not taken for a later pass.
         spacing_m: Station spacing.
         gap_m: A longer step that is more than four times its neighbours is a hole in the samples.
         capture_m: See :func:`counterflex.evaluate.path_matching.match`.
@@ -157,7 +166,9 @@ def path_deviation(
     where = np.arange(n, dtype=np.float64)
     engaged_at: Float = contact[np.ceil(place).astype(np.int64)]
     touching: Bool = engaged_at > 0.0
-    u, seg = path_matching.match(q, broken, touching, rows, S, spacing_m, capture_m, lost_m)
+    hint = np.full(n, np.nan) if progress is None else as_float("progress", progress, (n,)) * S[-1]
+    near_hint: Float = np.interp(place, where, hint)
+    u, seg = path_matching.match(q, broken, touching, rows, S, spacing_m, capture_m, lost_m, near_hint, WINDOW_M)
     axis = np.ascontiguousarray(nominal.axis_part, dtype=np.float64)
     dev, tangent, left, near = path_matching.split(q, axis, u, seg, rows, S, feed)
     across: Float = dev - np.sum(dev * tangent, axis=1)[:, None] * tangent
@@ -168,7 +179,8 @@ def path_deviation(
         command = as_float("command_part_tcp", command_part_tcp, (n, 3))
         qc, placec, brokenc = path_matching.even_stations(command, spacing_m, gap_m)
         touchc: Bool = contact[np.ceil(placec).astype(np.int64)] > 0.0
-        uc, _ = path_matching.match(qc, brokenc, touchc, rows, S, spacing_m, capture_m, lost_m)
+        hintc: Float = np.interp(placec, where, hint)
+        uc, _ = path_matching.match(qc, brokenc, touchc, rows, S, spacing_m, capture_m, lost_m, hintc, WINDOW_M)
         due = np.interp(place, placec, uc)
     cutting: Bool = touching & feed[seg]
     runs = contact_runs(cutting, broken, spacing_m)

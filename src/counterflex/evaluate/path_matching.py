@@ -147,13 +147,13 @@ def _follow(q: Float, way: Float, i: int, stop: int, P: Float, S: Float, j: int,
 
 @kernel()
 def _search(
-    q: Float, way: Float, i: int, stop: int, P: Float, S: Float, j0: int, u0: float, capture: float
+    q: Float, way: Float, i: int, stop: int, P: Float, S: Float, j0: int, u0: float, u1: float, capture: float
 ) -> tuple[float, int, float, float]:
-    """Place on the nominal path from u0 on that station i and those ahead of it follow; the earliest of equals.
+    """Place on the nominal path between u0 and u1 that station i and those ahead of it follow; the earliest of equals.
 
     Returns squared distance, segment, length, and the rms distance of the stations ahead when they follow it.
     """
-    least, least_j, least_u = _step(q[i], way[i], P, S, j0, u0, math.inf)
+    least, least_j, least_u = _step(q[i], way[i], P, S, j0, u0, u1 - u0)
     if least_j < 0:
         return least, least_j, least_u, math.inf
     turn = _SAME_WAY if way[i, 0] ** 2 + way[i, 1] ** 2 + way[i, 2] ** 2 > 0.0 else _ANY_WAY
@@ -162,9 +162,11 @@ def _search(
     count = 0
     group, group_j, group_u, open_until = math.inf, -1, 0.0, -1.0
     for j in range(j0, P.shape[0]):
-        if S[j] <= S[j - 1]:
+        if S[j - 1] > u1:
+            break
+        if S[j] <= S[j - 1] or S[j] < u0:
             continue
-        d2, jn, un = _nearest(q[i], way[i], turn, P, S, j, max(u0, S[j - 1]), S[j])
+        d2, jn, un = _nearest(q[i], way[i], turn, P, S, j, max(u0, S[j - 1]), min(u1, S[j]))
         if jn != j or d2 > limit:
             continue
         if un > open_until and group_j >= 0 and count < 255:
@@ -189,7 +191,16 @@ def _search(
 
 @kernel()
 def match(
-    q: Float, broken: Bool, touching: Bool, P: Float, S: Float, spacing: float, capture: float, lost: float
+    q: Float,
+    broken: Bool,
+    touching: Bool,
+    P: Float,
+    S: Float,
+    spacing: float,
+    capture: float,
+    lost: float,
+    hint: Float,
+    window: float,
 ) -> tuple[Float, Int]:
     """Place of every station on the nominal path, never running backwards.
 
@@ -206,6 +217,8 @@ def match(
         capture: m. After a hole, passes that the path ahead follows worse than the best by less than this count
             as equal, and the earliest is taken.
         lost: m. Beyond this distance the place is searched anew ahead.
+        hint: (k,) m, about where on the nominal path each station is; ignored where not finite.
+        window: m. How far the place may be from the hint.
 
     Returns:
         Length along the nominal path (k,) m, and the index of the row that ends the segment (k,).
@@ -219,15 +232,18 @@ def match(
     for i in range(m):
         d2 = math.inf
         jn, un = -1, u
-        if not broken[i]:
-            d2, jn, un = _step(q[i], way[i], P, S, j, u, 1e-4 + 2.0 * spacing + 2.2 * d)
+        low, high = u, math.inf
+        if math.isfinite(hint[i]):
+            low, high = max(u, hint[i] - window), hint[i] + window
+        if not broken[i] and low == u:
+            d2, jn, un = _step(q[i], way[i], P, S, j, u, min(1e-4 + 2.0 * spacing + 2.2 * d, high - u))
         wait -= 1
         if jn < 0 or (d2 > lost * lost and wait <= 0):
             wait = 10
             stop = i + 1
             while stop < m and stop < i + 10 * _AHEAD_STATIONS and not broken[stop]:
                 stop += 1
-            f2, jf, uf, score = _search(q, way, i, stop, P, S, j, u, capture)
+            f2, jf, uf, score = _search(q, way, i, stop, P, S, j, low, high, capture)
             sure = i == 0 or touching[i] or score <= 2.0 * capture
             if jf >= 0 and sure and (jn < 0 or f2 < 0.25 * d2):
                 d2, jn, un = f2, jf, uf

@@ -18,6 +18,7 @@ LAYOUT = (
     Column("time_s", "time_s"),
     Column("motion", "motion", whole=True),
     Column("kind", "kind", whole=True),
+    Column("progress", "progress"),
     *columns("command_x_mm command_y_mm command_z_mm", "p_part_command", MM),
     *columns("x_mm y_mm z_mm", "p_part_tcp", MM),
     *columns("tilt_rx_urad tilt_ry_urad tilt_rz_urad", "tilt_part", URAD),
@@ -37,6 +38,7 @@ class Run:
         time_s: (n,) controller time; stretches of air may be left out.
         motion: (n,) program motion.
         kind: (n,) RAPID or FEED.
+        progress: (n,) share 0..1 of the program's path length that is done.
         p_part_command: (n, 3) m, interpolated set-point.
         p_part_tcp: (n, 3) m, where the tool tip was.
         tilt_part: (n, 3) rad, from the commanded to the true orientation.
@@ -50,6 +52,7 @@ class Run:
     time_s: Float
     motion: Int
     kind: Int
+    progress: Float
     p_part_command: Float
     p_part_tcp: Float
     tilt_part: Float
