@@ -82,10 +82,15 @@ def test_no_window_returns_the_values_and_a_negative_one_is_refused() -> None:
             moving_average(values, station, bad, group)
 
 
+def as_int(values: Float) -> Int:
+    out: Int = values.astype(np.int64)
+    return out
+
+
 def step_in_time(n: int = 400) -> tuple[Float, Float, Int]:
-    time = 0.005 * np.arange(n)
-    values = np.where((time > 0.5) & (time < 1.5), 1.0, 0.0)[:, None]
-    return values, time, np.zeros(n, dtype=np.int64)
+    time: Float = np.arange(n, dtype=np.float64) * 0.005
+    values: Float = np.where((time > 0.5) & (time < 1.5), 1.0, 0.0)[:, None]
+    return values, time, as_int(np.zeros(n))
 
 
 def test_shaping_turns_a_jump_into_a_slope_of_the_stated_width() -> None:

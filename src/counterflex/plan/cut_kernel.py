@@ -15,6 +15,7 @@ import math
 
 from counterflex.core.jit import kernel
 from counterflex.cutting.mean_force import mean_wrench
+from counterflex.cutting.stock import BLOCK_COLUMNS, BLOCK_ROWS
 from counterflex.cutting.sweep_kernels import stamp_segment
 from counterflex.path.toolpath import FEED
 
@@ -142,6 +143,7 @@ def cut_rows(  # type: ignore[no-untyped-def]
                 lean_x, lean_y = 0.0, 0.0
                 if cutting and za > zb and flat > 0.0:
                     lean_x, lean_y = _end_face_lean(grid, xb, yb, zb, za - zb, flat)
+                room = _room(grid, xa, ya, xb, yb, shape[0]) - min(za, zb) if cutting else 0.0
                 removed = stamp_segment(grid, shape, xa, ya, za, xb, yb, zb, state[15] > 0.0, workspace, depth, extra)
                 volume[i] += removed
                 state[15] = 1.0
@@ -163,7 +165,7 @@ def cut_rows(  # type: ignore[no-untyped-def]
                         damping = exponent * force[2] * dt / (za - zb)
                     feed_tooth[i] = math.hypot(plane, zb - za) / teeth
                     deepest, low, high, mean_sine = _engaged(depth, edges, shape[0], grid.cell)
-                    axial[i] = max(axial[i], deepest)
+                    axial[i] = max(axial[i], min(deepest, room))
                     if deepest > 0.0:
                         entry[i], exit_[i] = low, high
                     side = feed_tooth[i] * mean_sine * (removed - extra[0])
@@ -190,6 +192,22 @@ def cut_rows(  # type: ignore[no-untyped-def]
                 state[16] = max(bend, state[16] * math.exp(-omega * dt))
         for k in range(6):
             displacement[i, k] = state[k]
+
+
+@kernel()
+def _room(grid, xa, ya, xb, yb, radius):  # type: ignore[no-untyped-def]
+    """Height of the material, from its block maxima, over the rectangle that a tool sweeps: no cut reaches above it."""
+    rows, columns = grid.tops.shape
+    tall, wide = BLOCK_ROWS * grid.cell, BLOCK_COLUMNS * grid.cell
+    first_row = max(0, math.floor((min(ya, yb) - radius - grid.y0) / tall))
+    last_row = min(rows - 1, math.floor((max(ya, yb) + radius - grid.y0) / tall))
+    first = min(columns - 1, max(0, math.floor((min(xa, xb) - radius - grid.x0) / wide)))
+    last = min(columns - 1, max(0, math.floor((max(xa, xb) + radius - grid.x0) / wide + 1.0)))
+    highest = grid.floor
+    for j in range(first_row, last_row + 1):
+        for i in range(first, last + 1):
+            highest = max(highest, grid.tops[j, i])
+    return highest
 
 
 @kernel()

@@ -12,6 +12,9 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, registration
 
+_ROUNDING_M = 1e-12
+"""Deviations below this are what the transforms round: a robot without sag deviates by exactly nothing."""
+
 
 def true_part_frame(T_base_part: Float, datum_points_part: Float, sag_base_datum: Float) -> Float:
     """Where the part is when its frame was measured by touching points with a sagging robot.
@@ -45,4 +48,5 @@ def sag_deviation(T_base_part: Float, T_base_true: Float, p_part: Float, sag_bas
     """
     p_base = pose.transform(T_base_part, p_part) + sag_base
     out: Float = pose.transform(pose.inverse(T_base_true), p_base) - np.asarray(p_part, dtype=np.float64)
+    out[np.abs(out) < _ROUNDING_M] = 0.0
     return out

@@ -1,0 +1,301 @@
+"""The whole plan: corrections put the loaded tool where the program wants it, and nothing else moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from counterflex.app.inputs import setting_of
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import CounterflexError, ModelError, ReachError
+from counterflex.core.units import DEG, MM, UM
+from counterflex.files.cell import Cell
+from counterflex.geometry import pose, registration, wrench
+from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.plan.compensate import Limits, Setting, plan
+from counterflex.plan.plan import Plan, across
+from counterflex.plan.response import Shaping
+from counterflex.plan.tool_frame import tool_orientation, tool_poses
+from counterflex.robot.chain import ElasticChain, forward_elastic
+from counterflex.robot.inverse import inverse_path
+
+PathOf = Callable[..., ToolPath]
+CellOf = Callable[..., Cell]
+GROOVE = "G0 Z60\nG0 X-12 Y15\nG0 Z36\nG1 X52 F1500\nG0 Z60"
+AT_ONCE = Shaping(0.0, 0.0)
+
+
+def planned(path: ToolPath, cell: Cell, setting: Setting, *, predict: bool = False) -> Plan:
+    lines = np.arange(1, int(path.motion.max()) + 2)
+    return plan(path, lines, cell.stock(), setting, predict=predict)
+
+
+def rigid(chain: ElasticChain) -> ElasticChain:
+    return replace(chain, compliance=np.zeros_like(chain.compliance))
+
+
+def off_geometry(cell: Cell) -> ElasticChain:
+    """The robot as it really is: every segment a few tenths of a millimetre elsewhere."""
+    segments = []
+    for i, segment in enumerate(cell.robot.segments):
+        T = segment.T_prev_seg.copy()
+        T[:3, 3] += np.array([0.2, -0.15, 0.1]) * MM * np.cos(i + np.arange(3))
+        segments.append(replace(segment, T_prev_seg=T))
+    return ElasticChain.build(replace(cell.robot, segments=tuple(segments)), cell.end_effector)
+
+
+def landed(found: Plan, setting: Setting, rows: Int, T_base_true: Float) -> Float:
+    """Where the loaded tool ends up when the corrected points are commanded, in the frame of the part as it lies."""
+    command = found.path.p_part_tcp[rows] + found.correction_part[rows]
+    Rs = tool_orientation(found.path.axis_part[rows], setting.rotation_about_tool_rad)
+    q = inverse_path(setting.controller_chain, tool_poses(setting.T_base_part, command, Rs), setting.branch).q
+    w_base = wrench.rotate(setting.T_base_part[:3, :3], found.w_tcp_part[rows])
+    Ts = forward_elastic(setting.chain, q, w_base, gravity=True, equilibrium=True)
+    return pose.transform(pose.inverse(T_base_true), Ts[:, :3, 3])
+
+
+@pytest.fixture(scope="module")
+def cell(cell_of: CellOf) -> Cell:
+    return cell_of()
+
+
+@pytest.fixture(scope="module")
+def groove(path_of: PathOf) -> ToolPath:
+    return path_of(GROOVE, step_mm=0.25)
+
+
+@pytest.fixture(scope="module")
+def setting(cell: Cell) -> Setting:
+    return setting_of(cell)
+
+
+@pytest.fixture(scope="module")
+def compensated(groove: ToolPath, cell: Cell, setting: Setting) -> Plan:
+    return planned(groove, cell, setting, predict=True)
+
+
+@pytest.mark.parametrize("told", [False, True])
+@pytest.mark.parametrize("measured", ["external", "robot"])
+def test_the_loaded_tool_lands_on_the_programmed_point(
+    cell: Cell, groove: ToolPath, setting: Setting, told: bool, measured: str
+) -> None:
+    """Independent truth: joint angles of the corrected points, then the equilibrium of the loaded, heavy chain."""
+    chain = off_geometry(cell) if told else cell.chain
+    exact = replace(setting, chain=chain, shaping=AT_ONCE)
+    T_base_true = exact.T_base_part
+    if measured == "external":
+        exact = replace(exact, datum_points_part=None)
+    else:
+        datum = cell.datum_points_part
+        Rs = tool_orientation(np.tile([0.0, 0, 1], (len(datum), 1)), exact.rotation_about_tool_rad)
+        q = inverse_path(exact.controller_chain, tool_poses(exact.T_base_part, datum, Rs), exact.branch).q
+        touched = forward_elastic(chain, q, None, gravity=True, equilibrium=True)[:, :3, 3]
+        T_base_true, _ = registration.register(touched, datum)
+    found = planned(groove, cell, exact)
+    rows: Int = np.flatnonzero(found.cutting)[::10].astype(np.int64)
+    nominal = found.path.p_part_tcp[rows]
+    error = np.linalg.norm(landed(found, exact, rows, T_base_true) - nominal, axis=1)
+    moved = np.linalg.norm(found.correction_part[rows], axis=1)
+    assert moved.max() > 300 * UM
+    assert error.max() < 0.01 * moved.max() + 4 * UM  # second order of several mm of sag and of the deflection
+
+
+def test_correction_opposes_deflection(compensated: Plan) -> None:
+    cutting = compensated.cutting
+    along = np.sum(compensated.correction_part[cutting] * compensated.deflection_part[cutting, :3], axis=1)
+    size = np.linalg.norm(compensated.deflection_part[cutting, :3], axis=1)
+    assert np.all(along <= 0.0)
+    steady = size > 0.8 * size.max()
+    assert np.count_nonzero(steady) > 100
+    assert -along[steady] / size[steady] ** 2 == pytest.approx(1.0, abs=0.15)
+
+
+def test_feed_force_of_a_slot_pushes_the_tool_back_and_to_the_left(compensated: Plan) -> None:
+    """Sign chain from the chip to the correction: slot along +x, M3."""
+    mid = (compensated.path.p_part_tcp[:, 0] > 15 * MM) & (compensated.path.p_part_tcp[:, 0] < 25 * MM)
+    mid &= compensated.cutting
+    force, bend = compensated.w_tcp_part[mid, :3].mean(axis=0), compensated.deflection_part[mid, :3].mean(axis=0)
+    assert force[0] < 0.0 < force[1]
+    assert bend[1] > 0.0
+    assert compensated.correction_part[mid, 1].mean() < 0.0
+    assert float(force @ bend) > 0.0  # the force does work on the deflection
+
+
+def test_nothing_is_corrected_where_no_force_acts(compensated: Plan, setting: Setting) -> None:
+    time, cutting = compensated.path.time_s, compensated.cutting
+    first, last = time[cutting].min(), time[cutting].max()
+    reach = setting.shaping.smoothing_s + setting.shaping.lead_s
+    step = np.diff(time, prepend=time[0])
+    far = (time < first - step - reach) | (time > last + step + reach) | (compensated.path.kind != FEED)
+    assert np.count_nonzero(far) > 20
+    assert np.all(compensated.correction_part[far] == 0.0)
+    assert np.all(compensated.w_tcp_part[~cutting] == 0.0)
+    assert np.all(compensated.rotvec_part == 0.0)
+
+
+def test_predicted_error_is_worse_without_and_better_with_compensation(compensated: Plan) -> None:
+    cutting, p = compensated.cutting, compensated.path.p_part_tcp
+    size = {
+        name: np.linalg.norm(across(deviation, p)[cutting], axis=1)
+        for name, deviation in (
+            ("before", compensated.deviation_nominal_part),
+            ("after", compensated.deviation_compensated_part),
+        )
+    }
+    rms = {name: float(np.sqrt(np.mean(values**2))) for name, values in size.items()}
+    assert rms["before"] > 300 * UM
+    assert rms["after"] < 0.3 * rms["before"]
+    middle = (p[cutting, 0] > 15 * MM) & (p[cutting, 0] < 25 * MM)
+    assert size["after"][middle].mean() < 0.05 * size["before"][middle].mean()
+
+
+def test_predicted_deviation_without_compensation_is_the_deflection(compensated: Plan) -> None:
+    """In the steady part the coupled prediction of the uncompensated program is deflection plus sag."""
+    p = compensated.path.p_part_tcp
+    mid = compensated.cutting & (p[:, 0] > 25 * MM) & (p[:, 0] < 31 * MM)
+    expected = (compensated.deflection_part[:, :3] + compensated.sag_part)[mid].mean(axis=0)
+    met = compensated.deviation_nominal_part[mid].mean(axis=0)
+    assert np.linalg.norm(met - expected) < 0.04 * np.linalg.norm(expected)
+
+
+def test_a_rigid_robot_needs_no_correction_and_shows_no_error(cell: Cell, groove: ToolPath, setting: Setting) -> None:
+    stiff = rigid(cell.chain)
+    found = planned(groove, cell, replace(setting, chain=stiff, controller_chain=stiff), predict=True)
+    assert found.cutting.any()
+    for values in (
+        found.correction_part,
+        found.deflection_part,
+        found.sag_part,
+        found.deviation_nominal_part,
+        found.deviation_compensated_part,
+    ):
+        assert np.abs(values).max() < 1e-12
+    assert np.all(found.correction_part == 0.0)
+
+
+def test_normal_only_leaves_the_position_along_the_feed(
+    cell: Cell, groove: ToolPath, setting: Setting, compensated: Plan
+) -> None:
+    found = planned(groove, cell, replace(setting, normal_only=True))
+    rows = found.cutting
+    assert np.abs(found.correction_part[rows, 0]).max() < 1e-15
+    assert found.correction_part[rows, 1:] == pytest.approx(compensated.correction_part[rows, 1:], abs=1e-12)
+    assert np.abs(compensated.correction_part[rows, 0]).max() > 50 * UM
+
+
+def test_orientation_is_corrected_when_the_language_has_one(cell: Cell, groove: ToolPath, setting: Setting) -> None:
+    found = planned(groove, cell, replace(setting, orientation=True, shaping=AT_ONCE))
+    rows = found.cutting
+    assert found.rotvec_part[rows] == pytest.approx(-found.deflection_part[rows, 3:], abs=1e-15)
+    assert np.abs(found.rotvec_part[rows]).max() > 1e-5
+
+
+def test_sag_is_corrected_in_the_cut_only(cell_of: CellOf, groove: ToolPath) -> None:
+    """No force, but own weight: a frame measured from outside keeps the whole sag, and the correction takes it."""
+    cell = cell_of(part={"measured_with": "external"}, material={"kc11_n_mm2": 1e-6})
+    found = planned(groove, cell, replace(setting_of(cell), shaping=AT_ONCE))
+    rows = found.cutting
+    assert np.linalg.norm(found.sag_part[rows], axis=1).min() > 0.5 * MM
+    assert found.correction_part[rows] == pytest.approx(-found.sag_part[rows], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("limits", "error", "what"),
+    [
+        (Limits(correction_m=0.1 * MM), ModelError, "correction_mm"),
+        (Limits(joint_margin_rad=200 * DEG), ReachError, "joint_margin_deg"),
+        (Limits(wrist_rad=89 * DEG), ReachError, "wrist_singularity_deg"),
+    ],
+)
+def test_limits_are_refused_never_clipped(
+    cell: Cell, groove: ToolPath, setting: Setting, limits: Limits, error: type[CounterflexError], what: str
+) -> None:
+    with pytest.raises(error, match=what) as caught:
+        planned(groove, cell, replace(setting, limits=limits))
+    assert "line" in str(caught.value)
+    assert caught.value.value is not None
+
+
+def test_orientation_limit(cell: Cell, groove: ToolPath, setting: Setting) -> None:
+    with pytest.raises(ModelError, match="correction_deg"):
+        planned(groove, cell, replace(setting, orientation=True, limits=Limits(rotation_rad=1e-6)))
+
+
+def test_a_part_out_of_reach_names_the_line(cell_of: CellOf, groove: ToolPath) -> None:
+    cell = cell_of(part={"x_mm": 4000.0})
+    with pytest.raises(ReachError, match="line"):
+        planned(groove, cell, setting_of(cell))
+
+
+def test_chips_outside_the_range_of_the_constants_are_refused(cell: Cell, path_of: PathOf, setting: Setting) -> None:
+    slow = path_of("G0 Z60\nG0 X-12 Y15\nG0 Z39\nG1 X0 F10\nG0 Z60", step_mm=1.0)
+    with pytest.raises(ModelError, match="allow_extrapolation"):
+        planned(slow, cell, setting)
+    found = planned(slow, cell, replace(setting, allow_extrapolation=True))
+    assert found.cutting.any()
+
+
+def test_the_blank_is_left_as_it_is_and_the_plan_is_repeatable(
+    cell: Cell, groove: ToolPath, setting: Setting, compensated: Plan
+) -> None:
+    blank = cell.stock()
+    before = blank.z.copy()
+    lines = np.arange(1, int(groove.motion.max()) + 2)
+    again = plan(groove, lines, blank, setting)
+    assert np.array_equal(blank.z, before)
+    for name in Plan.__dataclass_fields__:
+        if name != "path":
+            assert np.array_equal(getattr(again, name), getattr(compensated, name), equal_nan=True), name
+
+
+def test_progress_rises_to_one_and_may_interrupt(cell: Cell, groove: ToolPath, setting: Setting) -> None:
+    seen: list[float] = []
+    lines = np.arange(1, int(groove.motion.max()) + 2)
+    plan(groove, lines, cell.stock(), setting, progress=lambda fraction, _="": seen.append(fraction))
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+
+    def stop(fraction: float, what: str = "") -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        plan(groove, lines, cell.stock(), setting, progress=stop)
+
+
+def test_a_slot_is_as_deep_as_it_is(compensated: Plan) -> None:
+    depth = compensated.axial_depth_m[compensated.cutting]
+    assert depth.max() < 4.1 * MM
+    assert np.median(depth) == pytest.approx(4 * MM, rel=0.01)
+
+
+words = st.sampled_from(["G0", "G1", "G1", "G1", "G2", "G3", "G4"])
+place = st.tuples(st.floats(-15, 55), st.floats(-10, 40), st.floats(32, 45))
+
+
+@given(st.lists(st.tuples(words, place, st.floats(20, 6000)), min_size=1, max_size=6), st.booleans())
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_small_path_ends_in_a_plan_or_in_one_clear_line(
+    cell: Cell, setting: Setting, path_of: PathOf, moves: list[tuple[str, tuple[float, ...], float]], loose: bool
+) -> None:
+    lines = ["G0 Z60", "G0 X-12 Y15"]
+    for word, (x, y, z), feed in moves:
+        if word == "G4":
+            lines.append("G4 P0.2")
+        elif word in ("G2", "G3"):
+            lines.append(f"{word} I{abs(x) / 4 + 1:.3f} J0 F{feed:.1f}")
+        else:
+            lines.append(f"{word} X{x:.3f} Y{y:.3f} Z{z:.3f}" + (f" F{feed:.1f}" if word == "G1" else ""))
+    path = path_of("\n".join(lines))
+    try:
+        found = planned(path, cell, replace(setting, allow_extrapolation=loose), predict=True)
+    except CounterflexError:
+        return
+    for name in Plan.__dataclass_fields__:
+        if name not in ("path", "entry_rad", "exit_rad"):
+            assert np.all(np.isfinite(getattr(found, name))), name
+    assert np.abs(found.deviation_nominal_part).max() < 20 * MM
