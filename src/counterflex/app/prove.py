@@ -11,8 +11,9 @@ import concurrent.futures
 import contextlib
 import multiprocessing
 import os
+import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -212,7 +213,8 @@ def _machine_all(
             records[key] = _machine_one(path, Path(cell_file), truths[key[0]])
         return records
     with _pool(count) as pool:
-        waiting = {pool.submit(_machine_one, path, Path(cell_file), truths[key[0]]): key for key, path in tasks}
+        with _interrupts_held():
+            waiting = {pool.submit(_machine_one, path, Path(cell_file), truths[key[0]]): key for key, path in tasks}
         for done in concurrent.futures.as_completed(waiting):
             records[waiting[done]] = done.result()
             progress(len(records) / len(tasks), f"machined {len(records)} of {len(tasks)}")
@@ -220,15 +222,37 @@ def _machine_all(
 
 
 @contextlib.contextmanager
-def _pool(count: int) -> Any:
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back while workers are started: they are born deaf to it, and the job hears it a moment later.
+
+    A terminal sends it to every process of the job; only the job itself is to answer, in one line.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _ignore_interrupts() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextlib.contextmanager
+def _pool(count: int) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
     """Worker processes that are ended at once when the job is interrupted."""
-    pool = concurrent.futures.ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"))
+    pool = concurrent.futures.ProcessPoolExecutor(
+        count, mp_context=multiprocessing.get_context("spawn"), initializer=_ignore_interrupts
+    )
     try:
         yield pool
     except BaseException:
         for process in list((pool._processes or {}).values()):
             process.terminate()
-        pool.shutdown(wait=False, cancel_futures=True)
+        pool.shutdown(wait=True, cancel_futures=True)
         raise
     pool.shutdown()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import contextlib
 import signal
 import sys
@@ -61,7 +62,7 @@ def run() -> None:
 
     A fault of the program itself is not hidden: it shows its traceback and ends with status 1.
     """
-    with _terminated_as_interrupted():
+    with _interruptible():
         try:
             status = app(standalone_mode=False)
         except CounterflexError as fault:
@@ -79,16 +80,32 @@ def run() -> None:
 
 
 @contextlib.contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """A request to terminate cleans up as Ctrl-C does."""
+def _interruptible() -> Iterator[None]:
+    """Ctrl-C is never lost, and a request to terminate cleans up as Ctrl-C does.
+
+    An exception that is raised while foreign code calls back (the compiler of the kernels does) is not passed on by
+    Python; an interrupt lost there is sent again a moment later.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    terminate, report = signal.getsignal(signal.SIGTERM), sys.unraisablehook
+
+    def again(lost: Any) -> None:
+        if issubclass(lost.exc_type, KeyboardInterrupt):
+            timer = threading.Timer(0.05, _thread.interrupt_main)
+            timer.daemon = True
+            timer.start()
+        else:
+            report(lost)
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    sys.unraisablehook = again
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        sys.unraisablehook = report
+        signal.signal(signal.SIGTERM, terminate)
 
 
 def _end_usage(fault: Any) -> NoReturn:

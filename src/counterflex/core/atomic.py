@@ -100,24 +100,23 @@ def atomic_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
     path = Path(target)
     if path.exists() and not path.is_dir():
         raise OutputError("cannot write: a file has the name of the folder", where=str(path), hint=_OTHER)
-    staging: Path | None = None
     try:
         with _parents_of(path):
             inside = path if path.exists() else path.parent
             staging = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=inside))
-            yield staging
-            if path.exists():
-                _move_into(path, staging)
-            else:
-                _usual_mode(staging, 0o777)
-                staging.replace(path)
+            try:
+                yield staging
+                if path.exists():
+                    _move_into(path, staging)
+                else:
+                    _usual_mode(staging, 0o777)
+                    staging.replace(path)
+            finally:
+                shutil.rmtree(staging, ignore_errors=True)
     except OutputError:
         raise
     except OSError as fault:
         raise _refuse(path, fault) from fault
-    finally:
-        if staging is not None:
-            shutil.rmtree(staging, ignore_errors=True)
 
 
 def _move_into(path: Path, staging: Path) -> None:

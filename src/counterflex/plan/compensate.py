@@ -22,6 +22,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import wrench
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, cut
+from counterflex.plan.flute_length import check_flutes
 from counterflex.plan.part_frame import sag_deviation, true_part_frame
 from counterflex.plan.plan import Plan, across
 from counterflex.plan.response import Mode, Shaping, shaped
@@ -114,7 +115,8 @@ def plan(
 
     Raises:
         ReachError: A point cannot be reached within limits; names the source line.
-        ModelError: A correction is beyond its bound, or force comes from chips outside the law's range.
+        ModelError: A correction is beyond its bound, force comes from chips outside the law's range, or a cut is deeper
+            than the flutes are long.
         ProgramError: Material is cut with the spindle stopped.
     """
     line: Int = line_of_motion[path.motion]
@@ -134,6 +136,7 @@ def plan(
         progress=part_of(0.1, share, "undisturbed cut"),
     )
     contact = (path.kind == FEED) & (undisturbed.volume_m3 > _CONTACT_M3)
+    check_flutes(path, undisturbed.volume_m3, setting.cutter_of, lambda row: _place(path, line, row))
     _check_chips(undisturbed, contact, path, line, setting)
     w = at_points(undisturbed.w_tcp_part, contact)
     R_base_part = setting.T_base_part[:3, :3]
