@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo test check docs bench-smoke clean
+.PHONY: demo test check docs docs-html bench-smoke clean
 
 demo: $(VENV)/.installed-run  ## Install, run the main job on embedded data, print a table, write an HTML report.
 	$(BIN)/counterflex demo --out out/demo
@@ -22,6 +22,10 @@ check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contra
 docs: $(VENV)/.installed-dev  ## Run every example and every command printed in the docs.
 	$(BIN)/python tools/run_docs.py
 
+docs-html: $(VENV)-docs/.installed  ## Build the documentation as HTML in docs/_build/html.
+	$(VENV)-docs/bin/sphinx-build -q -W --keep-going -b html docs docs/_build/html
+	@echo docs/_build/html/index.html
+
 bench-smoke: $(VENV)/.installed-dev  ## Run every benchmark briefly.
 	for bench in benchmarks/*.py; do echo "== $$bench"; $(BIN)/python $$bench --quick || exit 1; done
 
@@ -38,5 +42,10 @@ $(VENV)/.installed-dev: requirements/dev.txt pyproject.toml | $(BIN)/python
 	$(PIP) install --no-build-isolation --no-deps -e .
 	touch $@ $(VENV)/.installed-run
 
+$(VENV)-docs/.installed: requirements/docs.txt
+	$(PYTHON) -m venv $(VENV)-docs
+	$(VENV)-docs/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/docs.txt
+	touch $@
+
 clean:
-	rm -rf $(VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .benchmarks
+	rm -rf $(VENV) $(VENV)-docs out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .benchmarks
