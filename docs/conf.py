@@ -5,7 +5,6 @@ from __future__ import annotations
 project = "counterflex"
 author = "the counterflex authors"
 extensions = ["myst_parser"]
-myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 html_theme = "furo"
 html_title = "counterflex"
