@@ -18,8 +18,8 @@ from counterflex.path import FEED, ToolPath
 SPACING_M = 0.1 * MM
 
 
-WINDOW_M: Final = 50.0 * MM
-"""How far a place on the nominal path may be from where the machine's progress says."""
+WINDOW_M: Final = 2.0 * MM
+"""How far ahead of where the machine's progress says a place on the nominal path may be."""
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ _AHEAD_STATIONS = 20  # looked ahead when the place on the path is searched
 _TIE = 1e-15  # m2; equal distances go to the earlier pass
 _SAME_WAY = 0.2  # least cosine between the tool's travel and a nominal move that it is taken to follow
 _ANY_WAY = -2.0
+_SETTLE = 0.02  # share per station by which the offset from the hint is corrected
+_WIDE = 10.0  # times the window: where a place that is lost is searched
 
 
 @kernel()
@@ -218,7 +220,7 @@ def match(
             as equal, and the earliest is taken.
         lost: m. Beyond this distance the place is searched anew ahead.
         hint: (k,) m, about where on the nominal path each station is; ignored where not finite.
-        window: m. How far the place may be from the hint.
+        window: m. How far ahead of the hint, corrected by its slow offset, the place may be.
 
     Returns:
         Length along the nominal path (k,) m, and the index of the row that ends the segment (k,).
@@ -229,14 +231,19 @@ def match(
     j_out = np.empty(m, dtype=np.int64)
     j, u, d = 1, 0.0, 0.0
     wait = 0
+    ahead = 0.0  # of the hint: the machined program is a little longer or shorter than the nominal one
     for i in range(m):
         d2 = math.inf
         jn, un = -1, u
         low, high = u, math.inf
-        if math.isfinite(hint[i]):
-            low, high = max(u, hint[i] - window), hint[i] + window
-        if not broken[i] and low == u:
-            d2, jn, un = _step(q[i], way[i], P, S, j, u, min(1e-4 + 2.0 * spacing + 2.2 * d, high - u))
+        reach = 1e-4 + 2.0 * spacing + 2.2 * d
+        known = math.isfinite(hint[i])
+        if known:
+            centre = hint[i] + ahead
+            low, high = max(u, centre - _WIDE * window), max(u, centre + _WIDE * window)
+            reach = max(0.0, min(reach, centre + window - u))
+        if not broken[i]:
+            d2, jn, un = _step(q[i], way[i], P, S, j, u, reach)
         wait -= 1
         if jn < 0 or (d2 > lost * lost and wait <= 0):
             wait = 10
@@ -251,6 +258,8 @@ def match(
             d2, jn, un = _nearest(q[i], way[i], _ANY_WAY, P, S, j, u, u)
         if jn >= 0:
             j, u, d = jn, un, math.sqrt(d2)
+        if known:
+            ahead += _SETTLE * (u - hint[i] - ahead)
         u_out[i] = u
         j_out[i] = j
     return u_out, j_out

@@ -19,7 +19,7 @@ class Record:
         time_s: (n,) s, controller time.
         row: (n,) row of the tool path being run.
         motion: (n,) program motion being run.
-        progress: (n,) share 0..1 of the path's length up to that row.
+        progress: (n,) share 0..1 of the commanded path's length that is done.
         kind: (n,) :data:`~counterflex.path.toolpath.RAPID` or ``FEED``.
         p_part_command: (n, 3) m, tool tip the controller interpolates, in its part frame.
         p_part_tcp: (n, 3) m, tool tip where it really is, in the frame of the part as it truly lies.

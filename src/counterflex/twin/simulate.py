@@ -89,13 +89,15 @@ def simulate(
     sums = run.sums[kept]
     calls = np.maximum(sums[:, 8:9], 1.0)
     source = reference.source[kept]
-    station = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p_part_tcp, axis=0), axis=1))])
+    run_length = np.cumsum(
+        np.linalg.norm(np.diff(reference.p_part_command, axis=0, prepend=path.p_part_tcp[:1]), axis=1)
+    )
     progress(1.0, "machined")
     return Record(
         time_s=reference.time_s[kept],
         row=source,
         motion=path.motion[source],
-        progress=station[source] / max(station[-1], 1e-12),
+        progress=run_length[kept] / max(run_length[-1], 1e-12),
         kind=path.kind[source],
         p_part_command=reference.p_part_command[kept],
         p_part_tcp=p_part,
