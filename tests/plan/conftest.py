@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import copy
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,13 +14,14 @@ from counterflex.core.units import MM
 from counterflex.cutting.coefficients import KienzleLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.files.cell import KIND, VERSION, Cell, resolve
+from counterflex.files.cell import Cell, resolve
 from counterflex.files.cell_schema import CellTables
 from counterflex.files.schema import parse
 from counterflex.path.toolpath import ToolPath
 from counterflex.programs.gcode_reader import read_gcode
 from counterflex.programs.to_path import tool_path
 
+CELL = Path(__file__).resolve().parents[1] / "data" / "cells" / "small.toml"
 HEAD = "G21 G17 G90 G94\nT1 M6\nM3 S13000\n"
 
 PathOf = Callable[..., ToolPath]
@@ -69,51 +70,14 @@ def path_of() -> PathOf:
     return make
 
 
-CELL: dict[str, Any] = {
-    "format": KIND,
-    "version": VERSION,
-    "name": "test cell",
-    "robot": {"catalog": "kuka_kr300_r2500_ultra"},
-    "end_effector": [
-        {
-            "name": "spindle",
-            "z_mm": 80.0,
-            "mass_kg": 75.0,
-            "com_x_mm": 120.0,
-            "com_z_mm": 70.0,
-            "rx_urad_per_knm": 5263.0,
-            "ry_urad_per_knm": 14925.0,
-            "rz_urad_per_knm": 10989.0,
-        }
-    ],
-    "tcp": {"x_mm": 240.0, "z_mm": 70.0, "b_deg": 90.0},
-    "part": {
-        "x_mm": 1350.0,
-        "y_mm": -30.0,
-        "z_mm": 1000.0,
-        "measured_with": "robot",
-        "datum_points_mm": [[0, 0, 40], [40, 0, 40], [40, 30, 40], [0, 30, 40]],
-        "stock": {"box_min_mm": [0, 0, 0], "box_max_mm": [40, 30, 40], "cell_mm": 0.25},
-    },
-    "tools": [{"number": 1, "diameter_mm": 16.0, "flutes": 3, "flute_length_mm": 35.0}],
-    "material": {
-        "kc11_n_mm2": 780.0,
-        "mc": 0.25,
-        "kr_over_kc": 0.35,
-        "ka_over_kc": 0.15,
-    },
-    "posture": {"rotation_about_tool_deg": 180.0},
-}
-
-
 @pytest.fixture(scope="session")
 def cell_of() -> CellOf:
     def make(**changes: dict[str, Any]) -> Cell:
         """The test cell, with keys of its tables replaced."""
-        data = copy.deepcopy(CELL)
+        data = tomllib.loads(CELL.read_text(encoding="utf-8"))
         for key, values in changes.items():
             data.setdefault(key, {}).update(values)
-        return resolve(parse(CellTables, data, where="test"), Path("cell.toml"))
+        return resolve(parse(CellTables, data, where="test"), CELL)
 
     return make
 
