@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from counterflex.app import compensate as job
-from counterflex.app.compensate import Compensated, compensate
+from counterflex.app.compensate import Compensated, Language, compensate
 from counterflex.app.prediction import path_error
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
@@ -74,7 +74,7 @@ def test_a_coarse_tolerance_makes_a_short_program(small: Path, program: ProgramF
 
 
 @pytest.mark.parametrize("language", ["krl", "rapid"])
-def test_robot_languages_run_through_the_planned_points(small: Path, program: ProgramFile, language: str) -> None:
+def test_robot_languages_run_through_the_planned_points(small: Path, program: ProgramFile, language: Language) -> None:
     found = compensate(program(POCKET), read_cell(small), language=language, predict=False)
     text = "\n".join(found.files.values())
     number = r"(-?[\d.]+(?:E[-+]?\d+)?)"
