@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import _thread
-import contextlib
-import signal
 import sys
-import threading
-from collections.abc import Iterator
 from typing import Annotated, Any, Final, NoReturn
 
 import typer
 
 from counterflex import __version__
 from counterflex.cli import demo, program, prove, question
+from counterflex.cli.interrupt import interruptible
 from counterflex.core.errors import CounterflexError
 
 _INTERRUPTED: Final = 130
@@ -62,7 +58,7 @@ def run() -> None:
 
     A fault of the program itself is not hidden: it shows its traceback and ends with status 1.
     """
-    with _interruptible():
+    with interruptible():
         try:
             status = app(standalone_mode=False)
         except CounterflexError as fault:
@@ -77,35 +73,6 @@ def run() -> None:
     if status == _INTERRUPTED:
         _end("interrupted; nothing was written")
     sys.exit(status if isinstance(status, int) else 0)
-
-
-@contextlib.contextmanager
-def _interruptible() -> Iterator[None]:
-    """Ctrl-C is never lost, and a request to terminate cleans up as Ctrl-C does.
-
-    An exception that is raised while foreign code calls back (the compiler of the kernels does) is not passed on by
-    Python; an interrupt lost there is sent again a moment later.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    terminate, report = signal.getsignal(signal.SIGTERM), sys.unraisablehook
-
-    def again(lost: Any) -> None:
-        if issubclass(lost.exc_type, KeyboardInterrupt):
-            timer = threading.Timer(0.05, _thread.interrupt_main)
-            timer.daemon = True
-            timer.start()
-        else:
-            report(lost)
-
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    sys.unraisablehook = again
-    try:
-        yield
-    finally:
-        sys.unraisablehook = report
-        signal.signal(signal.SIGTERM, terminate)
 
 
 def _end_usage(fault: Any) -> NoReturn:
