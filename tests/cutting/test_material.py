@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -127,7 +128,7 @@ def test_bad_coefficients_are_refused(change: dict[str, float]) -> None:
         "h_max_m": 0.1 * MM,
     } | change
     with pytest.raises(InputError):
-        KienzleLaw(**numbers, source="test", status="assumed")
+        KienzleLaw(**numbers, source="test", status="assumed", edge_n_m=(0.0, 0.0, 0.0))
 
 
 def test_unknown_material_suggests_names() -> None:
@@ -139,3 +140,16 @@ def test_edge_force_is_zero_out_of_cut() -> None:
     law = material.load("en-aw-7075-linear-190").law()
     assert np.all(law.edge_force(np.array([0.0, -1e-6])) == 0.0)
     assert law.edge_force(1e-12)[0] == pytest.approx(27.7 * N_PER_MM)
+
+
+def test_edge_force_of_kienzle_law_is_added_at_every_thickness() -> None:
+    plain = KienzleLaw.with_ratios(
+        780e6, 0.25, kr_over_kc=0.35, ka_over_kc=0.15, h_min_m=1e-6, h_max_m=1e-3, source="test"
+    )
+    dull = replace(plain, edge_n_m=(2000.0, 1500.0, 0.0))
+    h = np.array([1e-6, 2e-5, 1e-3])
+    np.testing.assert_allclose(
+        dull.edge_force(h) - plain.edge_force(h), np.tile([2000.0, 1500.0, 0.0], (3, 1)), atol=1e-9
+    )
+    np.testing.assert_allclose(dull.scaled(2.0).edge_force(h), 2.0 * dull.edge_force(h))
+    assert plain.terms().shape == (1, 4)

@@ -1,12 +1,33 @@
-"""What a cell file states and assumes, as lines for a report: value and source of each."""
+"""What a cell file states and assumes, as lines for a report, and the names that people use."""
 
 from __future__ import annotations
+
+import re
+from pathlib import Path
 
 from counterflex.core.units import MM, N_PER_MM2
 from counterflex.cutting.coefficients import KienzleLaw
 from counterflex.files.cell import Cell
+from counterflex.programs.program import Program
 from counterflex.report.data import Fact
 from counterflex.robot import catalog
+
+
+def robot_name(cell: Cell) -> str:
+    """Maker and model of a catalogue robot, otherwise the name of the chain."""
+    if cell.tables.robot.catalog is None:
+        return cell.chain.name
+    entry = catalog.entry(cell.tables.robot.catalog)
+    return f"{entry.manufacturer} {entry.model}"
+
+
+def title_of(program: Program) -> str:
+    """The first comment of a program that says something, otherwise its file name."""
+    for line in program.lines[:20]:
+        comment = re.fullmatch(r"\s*\(([^()]*[A-Za-z]{3}[^()]*)\)\s*", line)
+        if comment:
+            return comment.group(1).strip()
+    return Path(program.name).name
 
 
 def assumptions(cell: Cell) -> tuple[Fact, ...]:

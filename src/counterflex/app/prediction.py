@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.assumptions import assumptions
+from counterflex.app.assumptions import assumptions, robot_name
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell import Cell
@@ -83,7 +83,7 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionDat
     worst = found["peak_deflection_um"]
     facts = [
         Fact("Program", str(summary["program"])),
-        Fact("Robot", cell.chain.name),
+        Fact("Robot", robot_name(cell)),
         Fact("Cell", cell.name),
         Fact("Peak force", f"{found['peak_force_n']['value']:.0f} N", f"line {found['peak_force_n']['line']}"),
         Fact("Peak deflection", f"{worst['value'] / 1000:.2f} mm", f"line {worst['line']}"),

@@ -9,7 +9,7 @@ import platform
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.assumptions import assumptions
+from counterflex.app.assumptions import assumptions, robot_name, title_of
 from counterflex.app.evaluate import Judged, features
 from counterflex.app.prove import FIRST_SEED, Proof
 from counterflex.app.truth import truth_of
@@ -37,7 +37,7 @@ def proof_page(proof: Proof) -> str:
     tool = cell.tables.tools[0]
     facts = (
         Fact("Part", str(proof.summary["program"]), "", f"{found['removed_mm3'] / 1000:.1f} cm3 removed"),
-        Fact("Robot", cell.chain.name),
+        Fact("Robot", robot_name(cell)),
         Fact("Cell", cell.name),
         Fact("Tool", tool.name or f"D{tool.diameter_mm:g}", "", f"{tool.flutes} flutes"),
         Fact("Material", cell.tables.material.name or str(cell.tables.material.catalog)),
@@ -58,8 +58,8 @@ def proof_page(proof: Proof) -> str:
     created = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     return report_page(
         ReportData(
-            title=str(proof.summary["program"]),
-            subtitle=f"machined before and after compensation on a simulated {cell.chain.name}",
+            title=title_of(proof.reference.job.program),
+            subtitle=f"{proof.summary['program']}, machined before and after on a simulated {robot_name(cell)}",
             created=created,
             summary=proof.summary,
             nominal=_variant(before),
