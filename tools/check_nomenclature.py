@@ -1,4 +1,4 @@
-"""Check that docs/nomenclature.md explains every public physical quantity, and docs/cell-file.md every key.
+"""Check that docs/nomenclature.md explains every public physical quantity, and the pages on files every key and column.
 
 A public name is a parameter of a public function or method, or an annotated attribute of a public class, that holds
 floating-point numbers (``float``, ``Float``, ``Float32``, tuples and sequences of ``float``). It passes when
@@ -10,7 +10,7 @@ floating-point numbers (``float``, ``Float``, ``Float32``, tuples and sequences 
 
 Left out are compiled kernels, whose arguments are those of the functions that call them, and the inside of the G-code
 interpreter, whose values are words of a program. What the page lists and the package does not use is a fault too, so
-that the page cannot go stale; the aliases of pydantic's ``Annotated`` numbers of the cell file count as floats.
+that the page cannot go stale.
 
     python tools/check_nomenclature.py
 """
@@ -26,15 +26,19 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
+from counterflex.app.truth import truth_of
+from counterflex.files import plan_file, run_file
+from counterflex.files.cell import read_cell
 from counterflex.files.cell_schema import CellTables
+from counterflex.twin.truth_file import to_dict
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "nomenclature.md"
-CELL_PAGE = ROOT / "docs" / "cell-file.md"
+CELL = ROOT / "examples" / "cells" / "kr300_d16_small.toml"
 SOURCES = ROOT / "src" / "counterflex"
 
 _INNER = re.compile(r"kernel|gcode_(?!reader|writer)")
-_NUMERIC = re.compile(r"\b(?:float|Float|Float32|Positive|NonNegative|Vector|Share|SignedShare)\b")
+_NUMERIC = re.compile(r"\b(?:float|Float|Float32)\b")
 _OTHER = re.compile(r"\b(?:str|dict|Mapping|Callable|Iterator|Arithmetic)\b")
 _FRAME = re.compile(r"^(Ts|Rs|T|R|ps|p|w|C|J)_[a-z][a-z0-9]*(?:_[a-z0-9_]+)?$")
 _CODE = re.compile(r"`([^`]+)`")
@@ -94,25 +98,36 @@ def read_page(text: str) -> Page:
 
 
 def quantities(source: str, file: str) -> Iterator[Quantity]:
-    """Public quantities of one module."""
-    yield from _of(ast.parse(source, file).body, file)
+    """Public quantities of one module; its own names for kinds of numbers count as what they stand for."""
+    body = ast.parse(source, file).body
+    aliases = {
+        node.targets[0].id
+        for node in body
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and _is_alias(node.value)
+    }
+    yield from _of(body, file, aliases)
 
 
-def _of(body: list[ast.stmt], file: str, owner: str = "") -> Iterator[Quantity]:
+def _is_alias(value: ast.expr) -> bool:
+    """Whether a module-level value is a type such as ``Annotated[float, ...]`` or ``tuple[float, ...]``."""
+    return isinstance(value, ast.Subscript) and _numeric(value, set())
+
+
+def _of(body: list[ast.stmt], file: str, aliases: set[str], owner: str = "") -> Iterator[Quantity]:
     for node in body:
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-            yield from _of(node.body, file, f"{node.name}.")
+            yield from _of(node.body, file, aliases, f"{node.name}.")
         elif isinstance(node, ast.FunctionDef) and _is_public(node):
             arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
             for argument in arguments:
-                if argument.annotation is not None and _numeric(argument.annotation):
+                if argument.annotation is not None and _numeric(argument.annotation, aliases):
                     yield Quantity(argument.arg, f"{file}:{node.lineno} {owner}{node.name}")
         elif (
             isinstance(node, ast.AnnAssign)
             and owner
             and isinstance(node.target, ast.Name)
             and not node.target.id.startswith("_")
-            and _numeric(node.annotation)
+            and _numeric(node.annotation, aliases)
         ):
             yield Quantity(node.target.id, f"{file}:{node.lineno} {owner.rstrip('.')}")
 
@@ -122,9 +137,10 @@ def _is_public(node: ast.FunctionDef) -> bool:
     return not node.name.startswith("_") and not kernel
 
 
-def _numeric(annotation: ast.expr) -> bool:
+def _numeric(annotation: ast.expr, aliases: set[str]) -> bool:
     text = ast.unparse(annotation)
-    return bool(_NUMERIC.search(text)) and not _OTHER.search(text)
+    named = {node.id for node in ast.walk(annotation) if isinstance(node, ast.Name)}
+    return bool(_NUMERIC.search(text) or named & aliases) and not _OTHER.search(text)
 
 
 def all_quantities() -> list[Quantity]:
@@ -150,29 +166,47 @@ def cell_keys(model: type[BaseModel] = CellTables) -> set[str]:
     return keys
 
 
+def truth_keys(table: object) -> set[str]:
+    """Every key of a table and of the tables in it."""
+    if isinstance(table, dict):
+        return set(table).union(*map(truth_keys, table.values()))
+    return set().union(*map(truth_keys, table)) if isinstance(table, list) else set()
+
+
+def file_keys() -> dict[str, set[str]]:
+    """Keys and columns of every file format, by the page that explains them."""
+    return {
+        "cell-file.md": cell_keys(),
+        "plan-file.md": {column.name for column in plan_file.LAYOUT},
+        "run-file.md": {column.name for column in run_file.LAYOUT},
+        "truth-file.md": truth_keys(to_dict(truth_of(read_cell(CELL), 1))),
+    }
+
+
 def missing_keys(text: str, keys: set[str]) -> list[str]:
     """Keys that a page does not name in the first column of a table."""
     rows = "\n".join(line.split("|")[1] for line in text.splitlines() if line.startswith("|"))
-    return sorted(keys - set(_CODE.findall(rows)))
+    named = {key for entry in _CODE.findall(rows) for key in entry.split()}
+    return sorted(keys - named)
 
 
 def main() -> int:
-    """Check both pages; print faults; 1 when there are any."""
+    """Check all pages; print faults; 1 when there are any."""
     page = read_page(PAGE.read_text(encoding="utf-8"))
     found = all_quantities()
     faults = [
         f"{item.where}: '{item.name}' is not on docs/nomenclature.md" for item in found if not page.explains(item.name)
     ]
     faults += [f"docs/nomenclature.md: `{name}` is used nowhere" for name in page.unused({item.name for item in found})]
-    keys = cell_keys()
-    faults += [
-        f"docs/cell-file.md: key `{key}` is missing"
-        for key in missing_keys(CELL_PAGE.read_text(encoding="utf-8"), keys)
-    ]
+    count = 0
+    for name, keys in file_keys().items():
+        text = (ROOT / "docs" / name).read_text(encoding="utf-8")
+        faults += [f"docs/{name}: `{key}` is missing" for key in missing_keys(text, keys)]
+        count += len(keys)
     for fault in faults:
         print(fault)
     names = len({item.name for item in found})
-    print(f"nomenclature: {names} names at {len(found)} places, {len(keys)} cell-file keys, {len(faults)} faults")
+    print(f"nomenclature: {names} names at {len(found)} places, {count} keys and columns, {len(faults)} faults")
     return 1 if faults else 0
 
 

@@ -53,6 +53,14 @@ def test_numbers_of_public_functions_methods_and_classes_are_collected() -> None
     assert _names(source) == ["a", "c", "e", "g", "i"]
 
 
+def test_a_modules_own_names_for_numbers_count() -> None:
+    source = (
+        "Positive = Annotated[float, Field(gt=0.0)]\nWord = Annotated[str, 1]\n"
+        "class K:\n    a: Positive | None\n    b: Word\n"
+    )
+    assert _names(source) == ["a"]
+
+
 def test_private_names_kernels_and_callables_are_left_out() -> None:
     source = (
         "def _f(a: float) -> None: ...\n"
@@ -81,4 +89,8 @@ def test_what_the_page_lists_in_vain_is_reported() -> None:
 def test_cell_keys_are_collected_through_lists_and_optional_tables() -> None:
     tool = _load()
     assert {"robot", "rx_urad_per_knm", "a1_mm", "flutes", "box_min_mm", "wrist_singularity_deg"} <= tool.cell_keys()
-    assert tool.missing_keys("| key | |\n| `a`, `b` | `c` |\n", {"a", "b", "c"}) == ["c"]
+    assert tool.missing_keys("| key | |\n| `a`, `b` | `c` |\n| `d e` | |\n", {"a", "b", "c", "d", "e"}) == ["c"]
+
+
+def test_truth_keys_are_collected_through_tables_and_lists() -> None:
+    assert _load().truth_keys({"a": 1, "b": [{"c": [1.0]}, {"d": {"e": 2}}]}) == {"a", "b", "c", "d", "e"}
