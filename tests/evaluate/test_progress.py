@@ -14,7 +14,7 @@ def _path(p: Float) -> ToolPath:
     time = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))]) / 0.025
     whole = np.ones(n, dtype=np.int64)
     return ToolPath(
-        p, np.tile([0.0, 0.0, 1.0], (n, 1)), whole * FEED, whole * 0.025, whole * 1.0, time, whole * 0, whole
+        p, np.tile([0.0, 0.0, 1.0], (n, 1)), whole * FEED, np.full(n, 0.025), np.ones(n), time, whole * 0, whole
     )
 
 

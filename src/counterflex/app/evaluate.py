@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,9 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app import simulate
 from counterflex.app.inputs import Job, read_job
+from counterflex.core import atomic
 from counterflex.core.arrays import Bool
-from counterflex.core.errors import InputError
+from counterflex.core.errors import FileFormatError, InputError
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.feature_finding import find_features
 from counterflex.evaluate.features import FeatureRow, Machined, measure_features
@@ -22,8 +23,9 @@ from counterflex.evaluate.summary import SeedResult, TruthLevel, Variant, summar
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation, nominal_surface, surface_deviation
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.run_file import Run, read_run
-from counterflex.files.summary_file import write_summary
+from counterflex.files.summary_file import read_summary, write_summary
 from counterflex.path.toolpath import FEED
+from counterflex.twin.truth import Truth
 from counterflex.twin.truth_file import read_truth
 
 
@@ -116,63 +118,91 @@ def features(reference: Reference, judged: Mapping[str, Judged]) -> tuple[Featur
     )
 
 
-def read_folder(folder: str | Path) -> tuple[Reference, Judged, int | None]:
-    """Read a folder that ``simulate`` wrote and judge its run.
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """One or two machined programs, judged.
 
-    Returns:
-        Reference, judged run, and the seed of its truth.
-
-    Raises:
-        FileFormatError: The folder misses a file or one is damaged.
+    Attributes:
+        reference: What they are judged against.
+        judged: ``nominal`` and, when there is one, ``compensated``.
+        truth: The cell they were machined on.
+        summary: Their figures.
     """
-    path = Path(folder)
-    if not (path / simulate.RUN).is_file():
-        raise InputError(
-            "no machined program in this folder",
-            where=str(path),
-            limit=f"{simulate.RUN} and the files beside it",
-            hint="counterflex simulate PROGRAM --cell CELL --truth TRUTH --out DIR makes one",
-        )
-    cell = read_cell(path / simulate.CELL)
-    reference = reference_of(read_job(path / simulate.ORIGINAL, cell), cell)
-    run, _ = read_run(path / simulate.RUN)
-    return (
-        reference,
-        judge(reference, run, HeightMap.load(path / simulate.SURFACE)),
-        read_truth(path / simulate.TRUTH).seed,
-    )
+
+    reference: Reference
+    judged: dict[str, Judged]
+    truth: Truth
+    summary: dict[str, Any]
 
 
-def compare(folders: list[str | Path], *, truth_level: TruthLevel = "seeded") -> dict[str, Any]:
-    """Summary of one or two machined programs: the first is the uncompensated one.
+def compare(folders: Sequence[str | Path], *, truth_level: TruthLevel = "seeded") -> Comparison:
+    """Read folders that ``simulate`` wrote and judge them; the first is the uncompensated program.
 
     Raises:
-        InputError: More than two folders, or their originals, cells or truths differ.
+        InputError: More than two folders, a folder without a machined program, or originals, cells or truths differ.
+        FileFormatError: A file is missing or damaged.
     """
     if not 1 <= len(folders) <= 2:
         raise InputError("evaluate compares one or two runs", value=len(folders), limit="DIR [DIR]")
-    variants: dict[str, Variant] = {}
-    same = (simulate.ORIGINAL, simulate.CELL, simulate.TRUTH)
-    texts: list[tuple[str, ...]] = []
-    seed = None
-    for name, folder in zip(("nominal", "compensated"), folders, strict=False):
-        reference, judged, seed = read_folder(folder)
-        variants[name] = judged.variant
-        texts.append(tuple((Path(folder) / file).read_text(encoding="utf-8") for file in same))
-        program = reference.job.program.name
-    if len(set(texts)) > 1:
-        raise InputError(
-            "the runs cannot be compared: original program, cell or truth differ",
-            value=", ".join(str(folder) for folder in folders),
-            hint="Simulate both with the same --original, --cell and --truth",
-        )
-    about = {"job": "evaluate", "program": Path(program).name, "counterflex": __version__}
-    return summary([SeedResult(seed or 0, truth_level, variants)], about)
+    paths = [Path(folder) for folder in folders]
+    for path in paths:
+        if not (path / simulate.RUN).is_file():
+            raise InputError(
+                "no machined program in this folder",
+                where=str(path),
+                limit=f"{simulate.RUN} and the files beside it",
+                hint="counterflex simulate PROGRAM --cell CELL --truth TRUTH --out DIR makes one",
+            )
+    _check_same(paths)
+    cell = read_cell(paths[0] / simulate.CELL)
+    reference = reference_of(read_job(paths[0] / simulate.ORIGINAL, cell), cell)
+    truth = read_truth(paths[0] / simulate.TRUTH)
+    judged: dict[str, Judged] = {}
+    for name, path in zip(("nominal", "compensated"), paths, strict=False):
+        run_read, _ = read_run(path / simulate.RUN)
+        judged[name] = judge(reference, run_read, HeightMap.load(path / simulate.SURFACE))
+    about = {
+        "job": "evaluate",
+        "program": str(read_summary(paths[0] / simulate.SUMMARY).get("original", "")),
+        "cell": cell.name,
+        "counterflex": __version__,
+    }
+    variants = {name: item.variant for name, item in judged.items()}
+    return Comparison(reference, judged, truth, summary([SeedResult(truth.seed or 0, truth_level, variants)], about))
 
 
-def run(folders: list[str | Path], out: str | Path | None) -> dict[str, Any]:
-    """Do the job on files: ``summary.json`` in ``out``, where it is given. Returns the summary."""
+def _check_same(paths: Sequence[Path]) -> None:
+    """Refuse runs of different programs, cells or truths."""
+    for file, what in ((simulate.ORIGINAL, "original programs"), (simulate.CELL, "cells"), (simulate.TRUTH, "truths")):
+        texts = set()
+        for path in paths:
+            try:
+                texts.add((path / file).read_text(encoding="utf-8"))
+            except OSError as fault:
+                raise FileFormatError("a file of the run is missing", where=str(path / file)) from fault
+        if len(texts) > 1:
+            raise InputError(
+                f"the runs cannot be compared: their {what} differ",
+                value=", ".join(str(path) for path in paths),
+                hint="Simulate both with the same --original, --cell and --truth",
+            )
+
+
+def run(folders: Sequence[str | Path], out: str | Path | None) -> dict[str, Any]:
+    """Do the job on files.
+
+    Writes ``summary.json`` and, for two runs, ``report.html`` into ``out``, where it is given.
+
+    Returns:
+        The summary.
+    """
     found = compare(folders)
     if out is not None:
-        write_summary(Path(out) / "summary.json", found)
-    return found
+        from counterflex.app.report import comparison_page
+        from counterflex.report.page import write_page
+
+        with atomic.atomic_folder(out) as staging:
+            write_summary(staging / "summary.json", found.summary)
+            if len(found.judged) == 2:
+                write_page(comparison_page(found), staging / "report.html")
+    return found.summary

@@ -5,12 +5,16 @@ from __future__ import annotations
 import datetime
 import importlib.metadata
 import platform
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from counterflex import __version__
 from counterflex.app.assumptions import assumptions, robot_name, title_of
-from counterflex.app.evaluate import Judged, features
+from counterflex.app.evaluate import Comparison, Judged, features
+from counterflex.app.inputs import setting_of
+from counterflex.app.prediction import figures
 from counterflex.app.prove import FIRST_SEED, Proof
 from counterflex.app.truth import truth_of
 from counterflex.core.arrays import Float
@@ -19,6 +23,7 @@ from counterflex.evaluate.error_budget import BudgetLine, error_budget
 from counterflex.evaluate.path_deviation import PathDeviation
 from counterflex.files.cell import Cell
 from counterflex.geometry import wrench
+from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.plan import Plan
 from counterflex.report.data import Curve, Difference, Fact, ReportData, VariantData
 from counterflex.report.page import report_page
@@ -30,13 +35,24 @@ _LIBRARIES = ("numpy", "scipy", "numba", "mujoco", "polars", "plotly")
 
 def proof_page(proof: Proof) -> str:
     """The page of a proven compensation, as HTML."""
-    cell = proof.reference.cell
-    before, after = proof.judged[FIRST_SEED, "nominal"], proof.judged[FIRST_SEED, "compensated"]
-    truth = proof.truths[FIRST_SEED]
-    found = proof.summary["prediction"]
+    judged = {name: proof.judged[FIRST_SEED, name] for name in ("nominal", "compensated")}
+    comparison = Comparison(proof.reference, judged, proof.truths[FIRST_SEED], proof.summary)
+    return _page(comparison, proof.plan, proof.summary["prediction"], proof.timing)
+
+
+def comparison_page(comparison: Comparison) -> str:
+    """The page of two machined programs, as HTML; what the model says about the first is planned anew."""
+    job, cell = comparison.reference.job, comparison.reference.cell
+    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell), predict=False)
+    return _page(comparison, plan, figures(plan), {})
+
+
+def _page(comparison: Comparison, plan: Plan, found: Mapping[str, Any], timing: Mapping[str, float]) -> str:
+    cell, truth = comparison.reference.cell, comparison.truth
+    before, after = comparison.judged["nominal"], comparison.judged["compensated"]
     tool = cell.tables.tools[0]
     facts = (
-        Fact("Part", str(proof.summary["program"]), "", f"{found['removed_mm3'] / 1000:.1f} cm3 removed"),
+        Fact("Part", str(comparison.summary["program"]), "", f"{found['removed_mm3'] / 1000:.1f} cm3 removed"),
         Fact("Robot", robot_name(cell)),
         Fact("Cell", cell.name),
         Fact("Tool", tool.name or f"D{tool.diameter_mm:g}", "", f"{tool.flutes} flutes"),
@@ -55,21 +71,20 @@ def proof_page(proof: Proof) -> str:
         ),
         Fact("Simulated cell", truth.name, "", f"truth seed {truth.seed}"),
     )
-    created = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     return report_page(
         ReportData(
-            title=title_of(proof.reference.job.program),
-            subtitle=f"{proof.summary['program']}, machined before and after on a simulated {robot_name(cell)}",
-            created=created,
-            summary=proof.summary,
+            title=title_of(comparison.reference.job.program),
+            subtitle=f"{comparison.summary['program']}, machined before and after on a simulated {robot_name(cell)}",
+            created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+            summary=comparison.summary,
             nominal=_variant(before),
             compensated=_variant(after),
             facts=facts,
-            nominal_surface=proof.reference.surface,
+            nominal_surface=comparison.reference.surface,
             engagement_label="axial depth, mm",
             engagement_scale=1.0 / MM,
-            features=features(proof.reference, {"nominal": before, "compensated": after}),
-            budget=budget(proof.plan, before.deviation, cell),
+            features=features(comparison.reference, comparison.judged),
+            budget=budget(plan, before.deviation, cell),
             assumptions=assumptions(cell),
             differences=tuple(
                 Difference(
@@ -80,7 +95,7 @@ def proof_page(proof: Proof) -> str:
                 )
                 for row in differences(truth_of(cell, None), truth)
             ),
-            timing=tuple(Fact(name, f"{value:.1f} s") for name, value in proof.timing.items()),
+            timing=tuple(Fact(name, f"{value:.1f} s") for name, value in timing.items()),
             versions={
                 "counterflex": __version__,
                 "Python": platform.python_version(),

@@ -23,6 +23,7 @@ def register(app: typer.Typer) -> None:
     app.command()(truth)
     app.command()(simulate)
     app.command()(evaluate)
+    app.command()(report)
     app.command()(prove)
 
 
@@ -106,6 +107,22 @@ def evaluate(
     show_figures(summary)
     if out is not None:
         typer.echo(f"wrote {out}")
+
+
+def report(
+    before: Annotated[Path, typer.Argument(help="Folder of simulate: the uncompensated program.", metavar="BEFORE")],
+    after: Annotated[Path, typer.Argument(help="Folder of simulate: the compensated program.", metavar="AFTER")],
+    out: Out,
+) -> None:
+    """Write the report of two machined programs: one HTML page with maps, curves, tables and what was assumed.
+
+    Example: `counterflex report run-before run-after --out out`
+    """
+    from counterflex.app import evaluate as job
+
+    with progress_bar("writing the report"):
+        job.run([before, after], out)
+    typer.echo(f"wrote {out / 'report.html'} and summary.json")
 
 
 def prove(
