@@ -170,7 +170,7 @@ class HeightMap:
         """
         where = str(path)
         try:
-            with np.load(path, allow_pickle=False) as data:
+            with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as data:
                 if "format" not in data or str(data["format"]) != STOCK_FORMAT:
                     raise FileFormatError("not a counterflex stock file", where=where)
                 if int(data["version"]) > STOCK_VERSION:
