@@ -1,0 +1,31 @@
+"""Links and pictures of the pages lead somewhere, and source files that they name exist."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+_LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
+_SOURCE = re.compile(r"`((?:[a-z_]+/)+[a-z_0-9]+\.(?:py|toml|ngc|csv|sh|txt))`")
+_BASES = (ROOT, ROOT / "src" / "counterflex", ROOT / "docs")
+
+
+def _pages() -> list[Path]:
+    return [page for page in PAGES if "_build" not in page.parts]
+
+
+@pytest.mark.parametrize("page", _pages(), ids=lambda page: page.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in _LINK.findall(page.read_text(encoding="utf-8")):
+        if not target.startswith(("http://", "https://")):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+@pytest.mark.parametrize("page", _pages(), ids=lambda page: page.name)
+def test_named_sources_exist(page: Path) -> None:
+    for name in _SOURCE.findall(page.read_text(encoding="utf-8")):
+        assert any((base / name).exists() for base in _BASES), f"{page.name}: {name}"
