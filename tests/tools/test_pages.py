@@ -6,6 +6,9 @@ import re
 from pathlib import Path
 
 import pytest
+import typer
+
+from counterflex.cli.main import app
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -29,3 +32,18 @@ def test_links_lead_somewhere(page: Path) -> None:
 def test_named_sources_exist(page: Path) -> None:
     for name in _SOURCE.findall(page.read_text(encoding="utf-8")):
         assert any((base / name).exists() for base in _BASES), f"{page.name}: {name}"
+
+
+def _commands(group: typer.Typer, before: str = "") -> set[str]:
+    found = {f"{before}{info.name or getattr(info.callback, '__name__', '')}" for info in group.registered_commands}
+    for inner in group.registered_groups:
+        assert inner.typer_instance is not None
+        found |= _commands(inner.typer_instance, f"{before}{inner.name} ")
+    return found
+
+
+def test_every_command_has_a_row() -> None:
+    text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    commands = _commands(app)
+    assert {"compensate", "cell check"} <= commands
+    assert {name for name in commands if f"| `{name}` |" not in text} == set()
