@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import shutil
 import tempfile
@@ -129,6 +130,8 @@ def _move_into(path: Path, staging: Path) -> None:
             for number, name in enumerate(files):
                 destination, before = path / name, None
                 parents.enter_context(_parents_of(destination))
+                if destination.is_dir():
+                    raise IsADirectoryError(errno.EISDIR, f"{name} is a folder there")
                 if destination.exists():
                     before = kept / str(number)
                     done.append((destination, before))
