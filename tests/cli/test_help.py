@@ -1,0 +1,93 @@
+"""Help: every command explains itself with an example that runs, quickly and without the heavy libraries."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from counterflex.app import examples
+from counterflex.cli.main import app
+
+HEAVY = ("numpy", "numba", "scipy", "polars", "mujoco", "plotly", "pydantic", "trimesh", "jinja2")
+
+
+def _commands(command: Any, path: tuple[str, ...] = ()) -> dict[tuple[str, ...], Any]:
+    """Every command below a command, by the words that call it."""
+    below = getattr(command, "commands", {})
+    found = {} if below else {path: command}
+    for name, item in below.items():
+        found |= _commands(item, (*path, name))
+    return found
+
+
+COMMANDS = _commands(typer.main.get_command(app))
+EXAMPLES = [
+    example
+    for command in COMMANDS.values()
+    for example in re.findall(r"`counterflex ([^`]+)`", " ".join((command.help or "").split()))
+]
+
+
+def test_all_commands_are_known() -> None:
+    assert len(COMMANDS) >= 11
+    assert {("compensate",), ("cell", "check"), ("pose",), ("demo",)} <= set(COMMANDS)
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_help(counterflex: Any, words: tuple[str, ...]) -> None:
+    ended = counterflex(*words, "--help")
+    assert ended.status == 0
+    assert ended.err == ""
+    assert "Usage: counterflex " + " ".join(words) in ended.out
+    assert any(example.startswith(" ".join(words)) for example in EXAMPLES)
+
+
+def test_help_of_the_groups(counterflex: Any) -> None:
+    assert "compensate" in counterflex("--help").out
+    assert "example" in counterflex("cell", "--help").out
+    assert counterflex("--version").out.startswith("counterflex ")
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pytest.MonkeyPatch, example: str) -> None:
+    """Every example of the help, on the small cell and program, in a folder where what it reads is there."""
+    small = {"cell.toml": (folder / "cell.toml").read_text(encoding="utf-8")}
+    small["part.ngc"] = (folder / "part.ngc").read_text(encoding="utf-8")
+    monkeypatch.setattr(examples, "text", lambda name: small[name])
+    words = shlex.split(example)
+    if words[:2] == ["cell", "example"]:
+        (folder / "cell.toml").unlink()
+        (folder / "part.ngc").unlink()
+    if words[0] == "simulate":
+        assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out").status == 0
+        shutil.copy(machined.folder / "truth.toml", folder)
+    if words[0] in ("evaluate", "report"):
+        shutil.copytree(machined.folder / "run", folder / "run-before")
+        shutil.copytree(machined.folder / "run", folder / "run-after")
+    if words[0] in ("prove", "demo"):
+        words += ["--workers", "1"]
+    ended = counterflex(*words)
+    assert ended.status == 0, ended.err
+    assert ended.err == ""
+    assert ended.out
+    if "--out" in words:
+        assert (folder / words[words.index("--out") + 1]).exists()
+
+
+def test_help_loads_no_heavy_library() -> None:
+    program = (
+        "import sys; sys.argv = ['counterflex', '--help']\n"
+        "from counterflex.cli.main import run\n"
+        "try:\n    run()\nexcept SystemExit as end:\n    assert end.code == 0\n"
+        f"print('LOADED', *[name for name in {HEAVY!r} if name in sys.modules])\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert ended.stdout.splitlines()[-1].split() == ["LOADED"]
