@@ -158,7 +158,8 @@ def write(
     Returns:
         Program files by name, and what the writer says about them.
     """
-    commanded = CompensatedPath.from_correction(job.sampled, plan.correction_part, plan.rotvec_part)
+    nominal = job.sampled if language == "gcode" else job.path
+    commanded = CompensatedPath.from_correction(nominal, plan.correction_part, plan.rotvec_part)
     if language == "gcode":
         text = write_gcode(job.program, commanded, tolerance_m=tolerance_m, cell=cell.name)
         said = {key: value for key, value in dataclasses.asdict(text).items() if key != "text"}
@@ -170,7 +171,7 @@ def write(
     if language == "krl":
         robot_text = write_krl(
             job.program,
-            job.sampled,
+            job.path,
             Ts_part_tcp,
             KrlSettings(
                 name=name,
@@ -189,7 +190,7 @@ def write(
         mass, com = _payload(cell)
         robot_text = write_rapid(
             job.program,
-            job.sampled,
+            job.path,
             Ts_part_tcp,
             RapidSettings(
                 name=name,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from counterflex.core.units import DEG, MM, MS
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell import Cell
 from counterflex.path.sampling import point_spacing
-from counterflex.path.toolpath import ToolPath
+from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.compensate import Limits, Setting
 from counterflex.plan.response import Mode, Shaping
 from counterflex.programs.gcode_reader import read_gcode_file
@@ -25,6 +26,8 @@ from counterflex.robot.chain import ElasticChain
 
 STEP_M = 0.25 * MM
 """Longest step of a sampled path: a fraction of the distance over which the engagement changes."""
+SETTLING_S = 0.05
+"""Time the tool is given at the end of a cut to come back to its programmed place before it lifts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +57,30 @@ def read_job(file: str | Path, cell: Cell, *, dialect: str = "linuxcnc", step_m:
     program = read_gcode_file(file, dialect=dialect)
     if len(program.motions) == 0:
         raise ProgramError("the program moves nothing", where=str(file))
-    path = tool_path(program, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_mm_s * MM)
+    path = with_settling(tool_path(program, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_mm_s * MM))
     _check_tools(program, cell)
     lines = np.array([program.blocks[motion.block].line for motion in program.motions], dtype=np.int64)
     return Job(program, _start_known(program, path), path, lines)
+
+
+def with_settling(path: ToolPath) -> ToolPath:
+    """Give the tool a stop at the end of every feed run that is followed by a rapid.
+
+    There the feed ends and with it the force, while the tool still stands in the cut. A correction that stayed until
+    the tool has left would push the relieved tool into the wall; the stop is the row at which it is taken back.
+    """
+    last = np.flatnonzero((path.kind[:-1] == FEED) & (path.kind[1:] == RAPID))
+    if len(last) == 0:
+        return path
+    columns = {}
+    for field in dataclasses.fields(ToolPath):
+        values = getattr(path, field.name)
+        columns[field.name] = np.insert(values, last + 1, values[last], axis=0)
+    stops = last + 1 + np.arange(len(last))
+    delay = np.zeros(len(columns["time_s"]))
+    delay[stops] = SETTLING_S
+    columns["time_s"] = columns["time_s"] + np.cumsum(delay)
+    return ToolPath(**columns)
 
 
 def _check_tools(program: Program, cell: Cell) -> None:

@@ -1,8 +1,9 @@
 """From a tool path to a compensated one: predict force and deflection point by point and move the points against them.
 
 Where the compensation works, the tool runs along the nominal path; so the force that decides the correction is that of
-the *undisturbed* cut. Commanded = nominal - (deflection under that force + sag that is left). What then remains, and
-what the uncompensated program would have done, are predicted by cutting again with the tool free to bend.
+the *undisturbed* cut. Commanded = nominal - (deflection under that force + sag that is left + lost motion of the
+drives). What then remains, and what the uncompensated program would have done, are predicted by cutting again with the
+tool free to bend.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from counterflex.geometry import wrench
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, cut
 from counterflex.plan.flute_length import check_flutes
+from counterflex.plan.lost_motion import corrected_joints, play_deviation
 from counterflex.plan.part_frame import sag_deviation, true_part_frame
 from counterflex.plan.plan import Plan, across
 from counterflex.plan.response import Mode, Shaping, shaped
@@ -34,6 +36,8 @@ from counterflex.robot.inverse import PathSolution, inverse_path
 EXTRAPOLATED_SHARE = 0.02
 """Share of the force impulse that may come from chips outside the law's range before planning refuses."""
 _CONTACT_M3 = 1e-12
+_PLAY_ROUNDS = 3
+"""A correction moves the axes and so changes what they lose; the change is a few percent of the lost motion."""
 
 
 @dataclass(frozen=True)
@@ -144,13 +148,23 @@ def plan(
         R_base_part.T, compliance.deflection(setting.chain, joints.q, wrench.rotate(R_base_part, w))
     )
     sag = residual_sag(path.p_part_tcp, joints.q, setting)
-    against = np.concatenate([deflection[:, :3] + sag, deflection[:, 3:]], axis=1)
-    feed_run = np.cumsum(np.diff(path.kind, prepend=path.kind[:1]) != 0)
-    against = shaped(np.where(contact[:, None], against, 0.0), path.time_s, feed_run, setting.shaping)
-    correction = 0.0 - against[:, :3]
-    if setting.normal_only:
-        correction = across(correction, path.p_part_tcp)
-    turn = 0.0 - against[:, 3:] if setting.orientation else np.zeros_like(correction)
+    touched = touched_points(setting)
+
+    def lost(q: Float, w_part: Float) -> Float:
+        return play_deviation(setting.chain, setting.T_base_part, path.p_part_tcp, q, w_part, touched)
+
+    static = np.concatenate([deflection[:, :3] + sag, deflection[:, 3:]], axis=1)
+    feed_run = feed_runs(path)
+    q_corrected, play = joints.q, np.zeros_like(sag)
+    for _ in range(1 if setting.chain.play is None else 1 + _PLAY_ROUNDS):
+        against = static + np.pad(play, ((0, 0), (0, 3)))
+        against = shaped(np.where(contact[:, None], against, 0.0), path.time_s, feed_run, setting.shaping)
+        correction = 0.0 - against[:, :3]
+        if setting.normal_only:
+            correction = across(correction, path.p_part_tcp)
+        turn = 0.0 - against[:, 3:] if setting.orientation else np.zeros_like(correction)
+        q_corrected = corrected_joints(setting.controller_chain, setting.T_base_part, joints.q, correction, turn)
+        play = lost(q_corrected, w)
     _check_corrections(correction, turn, line, setting.limits)
     nominal = np.full((len(path), 3), np.nan)
     compensated = nominal.copy()
@@ -167,7 +181,8 @@ def plan(
             mode=setting.mode,
             progress=part_of(0.4, 0.3, "uncompensated program"),
         )
-        nominal, w_nominal = bent.displacement_part[:, :3] + sag, bent.w_tcp_part
+        w_nominal = bent.w_tcp_part
+        nominal = bent.displacement_part[:, :3] + sag + lost(joints.q, at_points(w_nominal, contact))
         rest = cut(
             path,
             path.p_part_tcp,
@@ -179,7 +194,7 @@ def plan(
             correction_part=correction,
             progress=part_of(0.7, 0.3, "compensated program"),
         )
-        compensated = rest.displacement_part[:, :3] + sag
+        compensated = rest.displacement_part[:, :3] + sag + play
     progress(1.0)
     return Plan(
         path=path,
@@ -188,6 +203,7 @@ def plan(
         w_tcp_part=w,
         deflection_part=deflection,
         sag_part=sag,
+        play_part=play,
         correction_part=correction,
         rotvec_part=turn,
         volume_m3=undisturbed.volume_m3,
@@ -250,15 +266,23 @@ def residual_sag(p_part: Float, q: Float, setting: Setting) -> Float:
     between its geometry and the one the controller has.
     """
     off = _unloaded_offset(setting, q)
-    if setting.datum_points_part is None:
+    touched = touched_points(setting)
+    if touched is None:
         return sag_deviation(setting.T_base_part, setting.T_base_part, p_part, off)
+    datum, q_datum = touched
+    T_base_true = true_part_frame(setting.T_base_part, datum, _unloaded_offset(setting, q_datum))
+    return sag_deviation(setting.T_base_part, T_base_true, p_part, off)
+
+
+def touched_points(setting: Setting) -> tuple[Float, Float] | None:
+    """Datum points (k, 3) m in the part frame and the angles (k, 6) rad at them; None for a frame from outside."""
+    if setting.datum_points_part is None:
+        return None
     datum = setting.datum_points_part
     axes = np.tile([0.0, 0.0, 1.0], (len(datum), 1))
     Rs_part_tcp = tool_orientation(axes, setting.rotation_about_tool_rad)
     Ts_base_tcp = tool_poses(setting.T_base_part, datum, Rs_part_tcp)
-    q_datum = inverse_path(setting.controller_chain, Ts_base_tcp, setting.branch).q
-    T_base_true = true_part_frame(setting.T_base_part, datum, _unloaded_offset(setting, q_datum))
-    return sag_deviation(setting.T_base_part, T_base_true, p_part, off)
+    return datum, inverse_path(setting.controller_chain, Ts_base_tcp, setting.branch).q
 
 
 def _unloaded_offset(setting: Setting, q: Float) -> Float:
@@ -275,6 +299,15 @@ def part_compliance(setting: Setting, q: Float) -> Float:
     turn = np.zeros((6, 6))
     turn[:3, :3] = turn[3:, 3:] = R_part_base
     return np.ascontiguousarray(turn @ compliance.cartesian_compliance(setting.chain, q) @ turn.T)
+
+
+def feed_runs(path: ToolPath) -> Int:
+    """Number of the uninterrupted run each row belongs to: it changes where the kind of motion does and at stops."""
+    still = np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1) == 0.0
+    still[:1] = False
+    change = (np.diff(path.kind, prepend=path.kind[:1]) != 0) | (np.diff(still.astype(np.int64), prepend=0) != 0)
+    out: Int = np.cumsum(change)
+    return out
 
 
 def at_points(w: Float, contact: Bool) -> Float:

@@ -101,7 +101,8 @@ def choose_points(
 
     Straight stretches are reduced within the tolerances at the same place of the way; then points that follow the one
     before closer than ``DS = f DT`` are merged into their neighbours (Berger2013 eq. 5). Ends of rapids, changes of
-    speed, dwells and rows before an event stay. The first row is left out: it is where the program happens to start,
+    speed, dwells and rows before an event stay; so does the point from which a correction is taken back at the end of
+    a cut, and it is approached exactly. The first row is left out: it is where the program happens to start,
     which G-code does not say, and a robot must not be sent there.
 
     Args:
@@ -141,6 +142,9 @@ def choose_points(
     exact[-1] = True
     following = np.concatenate([path.motion[1:], [-1]])
     exact |= ends & np.isin(following, np.fromiter(events, dtype=np.int64, count=len(events)))
+    relieved = np.zeros(n, dtype=np.bool_)  # the nominal path stands still while the commanded one moves back
+    relieved[:-1] = (way[1:] == way[:-1]) & moving[1:]
+    exact |= relieved
     stays = exact | (rapid & ends)
     stays[:-1] |= (speed[1:] != speed[:-1]) | (rapid[1:] != rapid[:-1])
     stays[0] = True
@@ -149,19 +153,20 @@ def choose_points(
     dwells = np.array([motion.kind == "dwell" for motion in program.motions], dtype=np.bool_)[path.motion]
     keep &= (moving | stays) & ~dwells
     keep[0] = n == 1
-    merged, close = _merge(keep, stays, way, np.where(rapid, 0.0, path.feed_m_s), cycle_s)
+    travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
+    merged, close = _merge(keep, stays, travel, np.where(rapid, 0.0, path.feed_m_s), cycle_s)
     row = np.flatnonzero(keep)
     position, angle = _errors(row, way, p, turned, ~rapid & ~dwells)
     return RobotPoints(row, T[row], speed[row], exact[row], path.motion[row], merged, close, position, angle)
 
 
-def _merge(keep: Bool, stays: Bool, way: Float, feed_m_s: Float, cycle_s: float) -> tuple[int, int]:
+def _merge(keep: Bool, stays: Bool, travel: Float, feed_m_s: Float, cycle_s: float) -> tuple[int, int]:
     """Drop kept rows that are too close to the one before; returns how many were dropped and how many stay close."""
     merged = close = 0
     before = -1
     for row in np.flatnonzero(keep):
         feed = float(feed_m_s[row])
-        if before >= 0 and feed > 0.0 and way[row] - way[before] < point_spacing(feed, cycle_s) * (1.0 - 1e-9):
+        if before >= 0 and feed > 0.0 and travel[row] - travel[before] < point_spacing(feed, cycle_s) * (1.0 - 1e-9):
             if not stays[row]:
                 keep[row] = False
                 merged += 1
@@ -169,7 +174,7 @@ def _merge(keep: Bool, stays: Bool, way: Float, feed_m_s: Float, cycle_s: float)
             if not stays[before]:
                 keep[before] = False
                 merged += 1
-            elif way[row] > way[before]:
+            elif travel[row] > travel[before]:
                 close += 1
         before = int(row)
     return merged, close
