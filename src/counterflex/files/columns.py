@@ -14,6 +14,7 @@ import polars as pl
 from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError
 from counterflex.core.similar import missing_file
+from counterflex.files.schema import check_header
 
 _KEY = "counterflex"
 
@@ -84,20 +85,16 @@ def read(path: Path, kind: str, version: int, layout: tuple[Column, ...]) -> tup
         frame = pl.read_parquet(path)
     except (pl.exceptions.PolarsError, OSError, json.JSONDecodeError) as fault:
         raise FileFormatError("not a readable Parquet file", where=str(path), value=str(fault)[:80]) from fault
-    if meta.get("format") != kind:
-        raise FileFormatError(f"not a {kind} file", where=str(path), value=meta.get("format"), limit=kind)
-    if not isinstance(meta.get("version"), int) or meta["version"] > version:
-        raise FileFormatError(
-            "the file is newer than this counterflex reads",
-            where=str(path),
-            value=meta.get("version"),
-            limit=f"at most {version}",
-            hint="Update counterflex",
-        )
+    if not isinstance(meta, dict) or "format" not in meta:
+        raise FileFormatError(f"not a {kind} file", where=str(path), hint="It was not written by counterflex")
+    check_header(meta, kind=kind, version=version, where=str(path))
     names = [column.name for column in layout]
     wrong = sorted(set(names) ^ set(frame.columns))
     if wrong:
         raise FileFormatError("columns are missing or unknown", where=str(path), value=", ".join(wrong[:5]))
+    for name, kind_of in frame.schema.items():
+        if not kind_of.is_numeric() or frame[name].null_count():
+            raise FileFormatError(f"the column {name} holds something that is no number", where=str(path))
     parts: dict[str, list[Any]] = {}
     for column in layout:
         values = frame[column.name].to_numpy()

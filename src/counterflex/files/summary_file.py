@@ -11,6 +11,7 @@ from typing import Any
 from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.summary import FORMAT, VERSION
+from counterflex.files.schema import check_header
 
 
 def write_summary(path: Path, data: Mapping[str, Any]) -> None:
@@ -32,10 +33,7 @@ def read_summary(path: Path) -> dict[str, Any]:
         raise FileFormatError("not readable as JSON", where=str(path), value=str(fault)[:80]) from fault
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise FileFormatError(f"not a {FORMAT} file", where=str(path))
-    if not isinstance(data.get("version"), int) or data["version"] > VERSION:
-        raise FileFormatError(
-            "the file is newer than this counterflex reads", where=str(path), value=data.get("version"), limit=VERSION
-        )
+    check_header(data, kind=FORMAT, version=VERSION, where=str(path))
     return data
 
 

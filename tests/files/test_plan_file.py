@@ -1,0 +1,140 @@
+"""Plan files: what is written is what is read, in the units of the column names."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from counterflex.core.errors import FileFormatError
+from counterflex.files.plan_file import KIND, LAYOUT, VERSION, read_plan, write_plan
+from counterflex.path.toolpath import ToolPath
+from counterflex.plan.plan import Plan
+
+ABOUT = {"program": "part.ngc", "cell": "a cell"}
+
+
+def a_plan(n: int, seed: int) -> Plan:
+    """A plan of n rows, every number different, with the gaps (NaN) that plans have."""
+    rng = np.random.default_rng(seed)
+    width = Counter(column.field for column in LAYOUT)
+    single = {column.field for column in LAYOUT if column.index is None}
+    fields: dict[str, Any] = {}
+    for column in LAYOUT:
+        shape = (n,) if column.field in single else (n, width[column.field])
+        fields[column.field] = rng.integers(0, 9, n) if column.whole else rng.normal(size=shape)
+    fields["path.motion"] = np.sort(fields["path.motion"])
+    fields["path.time_s"] = np.cumsum(np.abs(fields["path.time_s"]))
+    fields["entry_rad"][: n // 2] = np.nan
+    path = ToolPath(**{name[5:]: fields.pop(name) for name in list(fields) if name.startswith("path.")})
+    return Plan(path=path, **fields)
+
+
+def same(a: Any, b: Any) -> None:
+    """Whether two plans or paths hold the same numbers."""
+    for field in dataclasses.fields(a):
+        one, two = getattr(a, field.name), getattr(b, field.name)
+        if dataclasses.is_dataclass(one):
+            same(one, two)
+        else:
+            assert one.dtype == two.dtype
+            np.testing.assert_allclose(one, two, rtol=1e-14, atol=0.0)
+
+
+@given(st.integers(0, 40), st.integers(0, 10**6))
+def test_round_trip(tmp_path_factory: pytest.TempPathFactory, n: int, seed: int) -> None:
+    path = tmp_path_factory.mktemp("plan") / "plan.parquet"
+    plan = a_plan(n, seed)
+    write_plan(path, plan, ABOUT)
+    again, about = read_plan(path)
+    same(plan, again)
+    assert about == {"format": KIND, "version": VERSION, **ABOUT}
+    assert [item.name for item in path.parent.iterdir()] == ["plan.parquet"]
+
+
+def test_units_are_those_of_the_column_names(tmp_path: Path) -> None:
+    plan = a_plan(3, 1)
+    write_plan(tmp_path / "plan.parquet", plan, ABOUT)
+    table = pl.read_parquet(tmp_path / "plan.parquet")
+    for column, values in {
+        "x_mm": plan.path.p_part_tcp[:, 0] * 1e3,
+        "feed_mm_min": plan.path.feed_m_s * 6e4,
+        "spindle_rpm": plan.path.spindle_rad_s * 30.0 / np.pi,
+        "q3_deg": np.degrees(plan.q[:, 2]),
+        "fy_n": plan.w_tcp_part[:, 1],
+        "mz_nm": plan.w_tcp_part[:, 5],
+        "deflection_z_um": plan.deflection_part[:, 2] * 1e6,
+        "deflection_rx_urad": plan.deflection_part[:, 3] * 1e6,
+        "correction_y_um": plan.correction_part[:, 1] * 1e6,
+        "volume_mm3": plan.volume_m3 * 1e9,
+        "axial_depth_mm": plan.axial_depth_m * 1e3,
+        "exit_deg": np.degrees(plan.exit_rad),
+    }.items():
+        np.testing.assert_allclose(table[column].to_numpy(), values, rtol=1e-13)
+
+
+def test_every_number_of_a_plan_has_a_column() -> None:
+    names = {field.name for field in dataclasses.fields(Plan)} - {"path"}
+    names |= {f"path.{field.name}" for field in dataclasses.fields(ToolPath)}
+    assert {column.field for column in LAYOUT} == names
+    assert len({column.name for column in LAYOUT}) == len(LAYOUT)
+
+
+def _rewrite(path: Path, frame: pl.DataFrame, meta: Any) -> None:
+    frame.write_parquet(path, metadata={"counterflex": meta if isinstance(meta, str) else json.dumps(meta)})
+
+
+@pytest.mark.parametrize(
+    ("meta", "drop", "match"),
+    [
+        ({"format": KIND, "version": VERSION + 1}, None, "newer .*expected at most"),
+        ({"format": KIND, "version": "1"}, None, "newer|version"),
+        ({"format": "counterflex-run", "version": 1}, None, f"not a {KIND} file; got 'counterflex-run'"),
+        ({}, None, f"not a {KIND} file"),
+        ("[1]", None, f"not a {KIND} file"),
+        ("not json", None, "not a readable"),
+        ({"format": KIND, "version": VERSION}, "fx_n", "missing or unknown.*fx_n"),
+    ],
+)
+def test_refused(tmp_path: Path, meta: Any, drop: str | None, match: str) -> None:
+    path = tmp_path / "plan.parquet"
+    write_plan(path, a_plan(2, 1), ABOUT)
+    frame = pl.read_parquet(path)
+    _rewrite(path, frame if drop is None else frame.drop(drop), meta)
+    with pytest.raises(FileFormatError, match=match) as fault:
+        read_plan(path)
+    assert str(fault.value).startswith(str(path))
+
+
+def test_a_column_of_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "plan.parquet"
+    write_plan(path, a_plan(2, 1), ABOUT)
+    frame = pl.read_parquet(path).with_columns(pl.lit("much").alias("fx_n"))
+    _rewrite(path, frame, {"format": KIND, "version": VERSION})
+    with pytest.raises(FileFormatError, match=r"fx_n.*number"):
+        read_plan(path)
+
+
+def test_columns_that_are_not_known_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "plan.parquet"
+    write_plan(path, a_plan(2, 1), ABOUT)
+    frame = pl.read_parquet(path).with_columns(pl.lit(1.0).alias("temperature_k"))
+    _rewrite(path, frame, {"format": KIND, "version": VERSION})
+    with pytest.raises(FileFormatError, match="temperature_k"):
+        read_plan(path)
+
+
+def test_missing_and_damaged_files(tmp_path: Path) -> None:
+    (tmp_path / "plan.parquet").write_bytes(b"PAR1 and nothing else")
+    with pytest.raises(FileFormatError, match="not a readable Parquet file"):
+        read_plan(tmp_path / "plan.parquet")
+    with pytest.raises(FileFormatError, match=r"no such file. Did you mean plan.parquet\?"):
+        read_plan(tmp_path / "plans.parquet")
