@@ -134,4 +134,6 @@ def budget(plan: Plan, deviation: PathDeviation, cell: Cell) -> tuple[BudgetLine
         if np.any(parts[:, i] != 0.0)
     }
     contributions["own weight"] = met(plan.sag_part)
+    if np.any(plan.play_part != 0.0):
+        contributions["play and friction"] = met(plan.play_part)
     return error_budget(deviation.across[cutting], contributions)

@@ -17,6 +17,7 @@ Share = Annotated[float, Field(ge=0.0, le=5.0)]
 Mass = Annotated[float, Field(ge=0.0, le=5000.0)]
 Pressure = Annotated[float, Field(ge=0.0, le=20000.0)]
 EdgeForce = Annotated[float, Field(ge=0.0, le=1000.0)]
+MAX_SLIP_ELEMENTS: Final = 3
 MIN_CELLS: Final = 16
 MAX_CELLS: Final = 200_000_000
 SignedShare = Annotated[float, Field(ge=-5.0, le=5.0)]
@@ -45,6 +46,29 @@ class ElasticTable(ComplianceTable):
     source: str = ""
 
 
+class PlayTable(Table):
+    """Gear play and dry friction of one axis, as slow reversals of the unloaded axis show them."""
+
+    axis: Annotated[int, Field(ge=1, le=6)]
+    dead_band_half_urad: Annotated[float, Field(ge=0.0, le=10_000.0)] = 0.0
+    friction_nm: tuple[Annotated[float, Field(ge=0.0, le=100_000.0)], ...] = ()
+    slip_urad: tuple[Annotated[float, Field(ge=0.1, le=10_000.0)], ...] = ()
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _elements(self) -> PlayTable:
+        if len(self.friction_nm) != len(self.slip_urad):
+            raise ValueError(
+                f"friction_nm has {len(self.friction_nm)} values and slip_urad {len(self.slip_urad)}; "
+                "expected one slip angle for every friction torque"
+            )
+        if len(self.friction_nm) > MAX_SLIP_ELEMENTS:
+            raise ValueError(
+                f"friction_nm has {len(self.friction_nm)} values; expected at most {MAX_SLIP_ELEMENTS} slip elements"
+            )
+        return self
+
+
 class RobotTable(Table):
     """Which robot: by catalogue name, by own geometry, or from a URDF file."""
 
@@ -53,6 +77,15 @@ class RobotTable(Table):
     urdf: str | None = None
     urdf_tip: str | None = None
     elastic: tuple[ElasticTable, ...] = ()
+    play: tuple[PlayTable, ...] = ()
+
+    @model_validator(mode="after")
+    def _one_play_per_axis(self) -> RobotTable:
+        axes = [row.axis for row in self.play]
+        for axis in axes:
+            if axes.count(axis) > 1:
+                raise ValueError(f"play of axis {axis} is given {axes.count(axis)} times; expected once")
+        return self
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotTable:

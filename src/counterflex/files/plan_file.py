@@ -33,6 +33,7 @@ LAYOUT = (
         )
     ),
     *columns("sag_x_um sag_y_um sag_z_um", "sag_part", UM),
+    *columns("play_x_um play_y_um play_z_um", "play_part", UM),
     *columns("correction_x_um correction_y_um correction_z_um", "correction_part", UM),
     *columns("correction_rx_urad correction_ry_urad correction_rz_urad", "rotvec_part", URAD),
     Column("volume_mm3", "volume_m3", unit=MM**3),

@@ -21,6 +21,7 @@ class Plan:
         w_tcp_part: (n, 6) N, N m, mean wrench on the tool about its tip in the undisturbed cut.
         deflection_part: (n, 6) m, rad, static deflection under that wrench.
         sag_part: (n, 3) m, deviation of the unloaded tip that own weight leaves after the part frame was measured.
+        play_part: (n, 3) m, deviation by play and dry friction of the drives on the corrected path.
         correction_part: (n, 3) m, added to the programmed point.
         rotvec_part: (n, 3) rad, correction of the orientation (zero where the language has none).
         volume_m3: (n,) removed along the segment that ends here.
@@ -39,6 +40,7 @@ class Plan:
     w_tcp_part: Float
     deflection_part: Float
     sag_part: Float
+    play_part: Float
     correction_part: Float
     rotvec_part: Float
     volume_m3: Float

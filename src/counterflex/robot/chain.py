@@ -16,6 +16,7 @@ from counterflex.core.units import STANDARD_GRAVITY
 from counterflex.robot.chain_checks import (
     JOINTS,
     check_counterbalance,
+    check_play,
     fixed_pose,
     gravity_field,
     joint_limits,
@@ -23,7 +24,7 @@ from counterflex.robot.chain_checks import (
     rigid_motion,
 )
 from counterflex.robot.compact import Compact, compact
-from counterflex.robot.description import Counterbalance, EndEffector, Opw, Robot
+from counterflex.robot.description import Counterbalance, EndEffector, Opw, Play, Robot
 from counterflex.robot.kernels_batch import (
     CHUNK,
     ON_RIGID,
@@ -33,6 +34,9 @@ from counterflex.robot.kernels_batch import (
     pose_range,
     pose_threads,
 )
+
+SAME_AXIS_M = 0.1
+"""Distance from an axis within which an undriven elastic segment can be its bearing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +65,7 @@ class ElasticChain:
         opw: Closed-form geometry or None.
         counterbalance: Or None.
         gravity: (3,) m/s2 in base axes.
+        play: Play and friction of the six driven axes, None for an axis without; or None.
     """
 
     name: str
@@ -81,11 +86,33 @@ class ElasticChain:
     opw: Opw | None
     counterbalance: Counterbalance | None
     gravity: Float
+    play: tuple[Play | None, ...] | None = None
 
     @property
     def n(self) -> int:
         """Number of segments."""
         return len(self.names)
+
+    @cached_property
+    def torsion(self) -> Int:
+        """(6,) index of the segment whose rotation about z is the torsion of each axis.
+
+        The driven segment itself; where that is rigid about z, the next undriven segment of the robot that turns about
+        the same axis within :data:`SAME_AXIS_M` (a bearing beside the drive's frame).
+        """
+        out = np.flatnonzero(self.joint >= 0)
+        ends = [*out[1:], self.flange_segment + 1]
+        for axis, end in enumerate(ends):
+            T = np.eye(4)
+            for i in range(int(out[axis]), int(end)):
+                if i > out[axis]:
+                    T = T @ self.fixed[i]
+                if T[2, 2] < 1.0 - 1e-6 or np.hypot(T[0, 3], T[1, 3]) > SAME_AXIS_M:
+                    break
+                if self.compliance[i, 5] > 0.0:
+                    out[axis] = i
+                    break
+        return _frozen_int(out.tolist())
 
     @cached_property
     def compact(self) -> Compact:
@@ -139,6 +166,8 @@ class ElasticChain:
         balance = robot.counterbalance
         if balance is not None:
             check_counterbalance(balance, robot.name)
+        if robot.play is not None:
+            check_play(robot.play, robot.name)
         return cls(
             name=robot.name,
             names=tuple(s.name for s in segments),
@@ -158,6 +187,7 @@ class ElasticChain:
             opw=robot.opw,
             counterbalance=balance,
             gravity=frozen(gravity_field(gravity_base)),
+            play=robot.play,
         )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
-from counterflex.robot.description import Counterbalance, Robot, Segment
+from counterflex.robot.description import Counterbalance, Play, Robot, Segment
 
 JOINTS = 6
 _ROTATION_TOLERANCE = 1e-8  # largest deviation of R R^T from identity
@@ -15,6 +15,9 @@ _MASS_LIMIT = 2e4  # kg
 _SOFTEST_TRANSLATION = 1e-4  # m/N, a stiffness of 1e4 N/m
 _SOFTEST_ROTATION = 1e-2  # rad/(N m), a stiffness of 100 N m/rad
 _GRAVITY_LIMIT = 100.0  # m/s2
+_LARGEST_ANGLE = 1e-2  # rad of play or slip; a worn gear has a tenth of that
+_SMALLEST_SLIP = 1e-7  # rad
+_LARGEST_FRICTION = 1e5  # N m
 
 
 def finite(value: object, shape: tuple[int, ...], where: str) -> Float:
@@ -122,3 +125,28 @@ def check_counterbalance(balance: Counterbalance, where: str) -> None:
             "the stroke of the counterbalance is larger than its gas volume", where=where,
             value=stroke * balance.piston_area_m2, limit=f"< {balance.gas_volume_max_m3:g} m3",
         )  # fmt: skip
+
+
+def check_play(play: tuple[Play | None, ...], where: str) -> None:
+    """Raise a ModelError where the numbers of play and friction cannot be those of a robot."""
+    if len(play) != JOINTS:
+        raise ModelError("play and friction need one entry per driven axis", where=where, value=len(play), limit=JOINTS)
+    for axis, entry in enumerate(play, start=1):
+        if entry is None:
+            continue
+        place = f"{where}: play of axis {axis}"
+        if len(entry.friction_nm) != len(entry.slip_rad):
+            raise ModelError(
+                "every friction element has one torque and one slip angle", where=place,
+                value=(len(entry.friction_nm), len(entry.slip_rad)),
+            )  # fmt: skip
+        for name, values, least, most in (
+            ("half_band_rad", (entry.half_band_rad,), 0.0, _LARGEST_ANGLE),
+            ("friction_nm", entry.friction_nm, 0.0, _LARGEST_FRICTION),
+            ("slip_rad", entry.slip_rad, _SMALLEST_SLIP, _LARGEST_ANGLE),
+        ):
+            numbers = finite(values, (len(values),), f"{place} {name}")
+            if np.any(numbers < least) or np.any(numbers > most):
+                raise ModelError(
+                    f"{name} is out of range", where=place, value=numbers.tolist(), limit=f"{least:g}..{most:g}"
+                )

@@ -99,7 +99,9 @@ def compact(chain: ElasticChain) -> Compact:
             balance.gas_constant_j,
             balance.gas_volume_max_m3,
         )
-        kind[:m, BALANCED] = kind[:m, DRIVE] == balance.joint
+        turning = int(chain.sign[np.flatnonzero(chain.joint == balance.joint)[0]]) * (balance.joint + 1)
+        if chain.torsion[balance.joint] in keep:
+            kind[keep.index(chain.torsion[balance.joint]), BALANCED] = turning
     segment: Int = np.array(keep, dtype=np.int64)
     return Compact(real, kind, segment)
 

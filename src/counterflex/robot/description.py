@@ -74,6 +74,22 @@ class Counterbalance:
 
 
 @dataclass(frozen=True)
+class Play:
+    """Gear play and dry friction of one driven axis, as slow reversals show them; see :mod:`counterflex.robot.play`.
+
+    Attributes:
+        half_band_rad: Half width of the dead band in series with the torsion of the axis.
+        friction_nm: Dry friction on the link side, one entry per Maxwell slip element; the sum is what an axis in
+            motion feels.
+        slip_rad: Angle at which each element yields after it was relaxed; as many as in ``friction_nm``.
+    """
+
+    half_band_rad: float = 0.0
+    friction_nm: tuple[float, ...] = ()
+    slip_rad: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
 class Opw:
     """Geometry of a six-axis robot with parallel base and spherical wrist (Brandstoetter et al. 2014).
 
@@ -103,6 +119,7 @@ class Robot:
         joint_speeds_rad_s: (6,) or None.
         opw: Closed-form geometry where it fits, for the seeds of the inverse kinematics.
         counterbalance: Or None.
+        play: Play and friction of the six driven axes, None for an axis where they are not known; or None.
     """
 
     name: str
@@ -112,6 +129,7 @@ class Robot:
     joint_speeds_rad_s: Float | None = None
     opw: Opw | None = None
     counterbalance: Counterbalance | None = None
+    play: tuple[Play | None, ...] | None = None
 
 
 @dataclass(frozen=True)

@@ -62,8 +62,9 @@ def weight_loads(chain: ElasticChain, q: Float) -> Float:
     m = (R_seg_base @ moment[..., None])[..., 0]
     if chain.counterbalance is not None:
         joint = chain.counterbalance.joint
-        i = int(np.flatnonzero(chain.joint == joint)[0])
-        m[..., i, 2] += chain.sign[i] * counterbalance_torque(chain.counterbalance, q[..., joint])
+        drive = int(np.flatnonzero(chain.joint == joint)[0])
+        torque = counterbalance_torque(chain.counterbalance, q[..., joint])
+        m[..., chain.torsion[joint], 2] += chain.sign[drive] * torque
     return np.concatenate([f, m], axis=-1)
 
 

@@ -32,7 +32,7 @@ TURN: Final = 0  # fixed rotation: 0 none, 1 about x, 2 about y, 3 about z, 4 ge
 DRIVE: Final = 1  # joint 0..5 or -1
 ROTATES: Final = 2  # 1 where the element has rotational compliance
 SLIDES: Final = 3  # 1 where it has translational compliance
-BALANCED: Final = 4  # 1 where the counterbalance acts on this drive
+BALANCED: Final = 4  # sign times (joint + 1) where the counterbalance acts on this torsion, else 0
 KINDS: Final = 5
 
 SMALL: Final = 0.1  # rad; below this the series are exact to double precision
@@ -199,7 +199,8 @@ def loads(real: Float, kind: Int, m: int, frame: Float, q: Float, w: Float, grav
             my += hz * gx - hx * gz
             mz += hx * gy - hy * gx
             if kind[i, BALANCED] != 0:
-                twist = real[i, SIGN] * balance_torque(real[m + 1], q[kind[i, DRIVE]])
+                twist = balance_torque(real[m + 1], q[abs(kind[i, BALANCED]) - 1])
+                twist = twist if kind[i, BALANCED] > 0 else -twist
         if kind[i, SLIDES] != 0:
             delta[i, 0] = real[i, COMPLIANCE] * (f[0] * fx + f[3] * fy + f[6] * fz)
             delta[i, 1] = real[i, COMPLIANCE + 1] * (f[1] * fx + f[4] * fy + f[7] * fz)

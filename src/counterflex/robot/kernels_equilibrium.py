@@ -11,10 +11,8 @@ from counterflex.robot.kernels import (
     CARRIED,
     COM,
     COMPLIANCE,
-    DRIVE,
     GRAVITY,
     MASS,
-    SIGN,
     balance_torque,
     chain_pass,
     loads,
@@ -78,7 +76,8 @@ def settle(
                 my += oz * gx - ox * gz
                 mz += ox * gy - oy * gx
                 if kind[i, BALANCED] != 0:
-                    twist = real[i, SIGN] * balance_torque(real[m + 1], q[kind[i, DRIVE]])
+                    twist = balance_torque(real[m + 1], q[abs(kind[i, BALANCED]) - 1])
+                    twist = twist if kind[i, BALANCED] > 0 else -twist
             for d in range(6):
                 if d == 0:
                     load = f[0] * fx + f[3] * fy + f[6] * fz

@@ -1,7 +1,7 @@
 """A truth written as a cell description: what a planner would have to be told to know everything.
 
-Used to tell the error of the method from the error of the model. Friction, play, drives and ploughing have no place
-in a description and stay unknown.
+Used to tell the error of the method from the error of the model. Drives and the friction on the motor's side have no
+place in a description and stay unknown.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose
-from counterflex.robot.description import EndEffector, Robot, Segment
+from counterflex.robot.description import EndEffector, Play, Robot, Segment
 from counterflex.twin.truth import Body, Truth
 
 
 def described(truth: Truth, robot: Robot, end_effector: EndEffector) -> tuple[Robot, EndEffector]:
-    """Geometry, compliances, bearing positions and masses of a truth as robot and end effector.
+    """Geometry, compliances, bearings, masses, play and link-side friction of a truth as robot and end effector.
 
     An elastic element that turns about a bearing away from the drive's frame becomes a segment of its own,
     ``Rz(theta) Tr(e) E Tr(-e)``.
@@ -53,7 +53,8 @@ def described(truth: Truth, robot: Robot, end_effector: EndEffector) -> tuple[Ro
     else:
         flange = back @ robot.T_last_flange
         true_hand = EndEffector(segments=(), T_last_tcp=pose.inverse(robot.T_last_flange) @ truth.T_last_tcp)
-    return replace(robot, segments=arm, T_last_flange=flange), true_hand
+    play = tuple(Play(d.dead_band_rad, tuple(d.link_friction_nm), tuple(d.link_slip_rad)) for d in truth.drives)
+    return replace(robot, segments=arm, T_last_flange=flange, play=play), true_hand
 
 
 def _segments(bodies: tuple[Body, ...], T_last_here: Float) -> tuple[tuple[Segment, ...], Float]:

@@ -3,9 +3,9 @@
 What is filled in, and from where. Reference values are those of a KR 300 R2500 ultra (rotor inertia, servo inertia,
 friction and play per axis, chosen so that static lost motion and the first modes are those reported for that robot);
 for another robot they scale with its size: inertia with mass times reach squared, friction with mass times reach,
-play as an angle stays. The inertia of a body is that of a cylinder towards the next frame; the last body, the spindle,
-is one along the tool axis with the density and slenderness of a motor spindle (75 kg: 0.65 m long, 0.15 m thick).
-None of this is known to a planner.
+play as an angle stays. Play and friction that the description has are taken from there. The inertia of a body is that
+of a cylinder towards the next frame; the last body, the spindle, is one along the tool axis with the density and
+slenderness of a motor spindle (75 kg: 0.65 m long, 0.15 m thick). What is filled in is not known to a planner.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import URAD
-from counterflex.robot.description import EndEffector, Robot, Segment
-from counterflex.twin.truth import Body, CuttingTruth, Drive, Truth
+from counterflex.robot.description import EndEffector, Play, Robot, Segment
+from counterflex.twin.truth import SLIP_ELEMENTS, Body, CuttingTruth, Drive, Truth
 
 DAMPING_S = 1.0e-3
 SPEED_BANDWIDTH_PER_S = 150.0
@@ -60,24 +60,25 @@ def nominal_truth(
         The truth: every compliance entry above zero is an elastic coordinate, damped with beta = 1 ms.
 
     Raises:
-        ModelError: The friction factor is negative.
+        ModelError: The friction factor is negative, or the description has more slip elements than the truth.
     """
     if not 0.0 <= friction < 10.0:
         raise ModelError("friction factor", value=friction, limit="0..10")
     segments = list(_joined(robot, end_effector))
     tip = end_effector.T_last_tcp if end_effector.segments else robot.T_last_flange @ end_effector.T_last_tcp
     reach = _reach(robot)
-    known = sum(s.mass_kg for s in robot.segments)
-    mass = known if known > 0.0 else _MASS_KG * (reach / _REACH_M) ** 2.5
+    described = sum(s.mass_kg for s in robot.segments)
+    mass = described if described > 0.0 else _MASS_KG * (reach / _REACH_M) ** 2.5
     bodies = []
     for index, segment in enumerate(segments):
         last = index + 1 == len(segments)
         following = tip if last else segments[index + 1].T_prev_seg
-        fill = mass if known == 0.0 else 0.0
+        fill = mass if described == 0.0 else 0.0
         bodies.append(_body(segment, following[:3, 3], fill, tip[:3, 2] if last else None))
     inertia_scale = mass * reach**2 / (_MASS_KG * _REACH_M**2)
     torque_scale = friction * mass * reach / (_MASS_KG * _REACH_M)
-    drives = tuple(_drive(i, inertia_scale, torque_scale, friction) for i in range(6))
+    known = robot.play or (None,) * 6
+    drives = tuple(_drive(i, inertia_scale, torque_scale, friction, known[i]) for i in range(6))
     return Truth(
         name=name,
         bodies=tuple(bodies),
@@ -149,16 +150,27 @@ def _body(segment: Segment, p_seg_next: Float, fill_kg: float, spindle_axis: Flo
     )
 
 
-def _drive(axis: int, inertia_scale: float, torque_scale: float, play: float) -> Drive:
+def _drive(axis: int, inertia_scale: float, torque_scale: float, factor: float, known: Play | None) -> Drive:
+    slip: tuple[float, ...] = _SLIP_RAD
+    if known is None:
+        half_band = _HALF_PLAY_RAD[axis]
+        dry = tuple(share * _LINK_FRICTION_NM[axis] * torque_scale for share in _SHARES)
+    else:
+        half_band = known.half_band_rad
+        missing = SLIP_ELEMENTS - len(known.friction_nm)
+        if missing < 0:
+            raise ModelError("slip elements of an axis", value=len(known.friction_nm), limit=f"<= {SLIP_ELEMENTS}")
+        dry = (*(factor * torque for torque in known.friction_nm), *(0.0,) * missing)
+        slip = (*known.slip_rad, *_SLIP_RAD[len(known.slip_rad) :])
     return Drive(
         rotor_inertia_kg_m2=_ROTOR_KG_M2[axis] * inertia_scale,
         servo_inertia_kg_m2=_SERVO_KG_M2[axis] * inertia_scale,
         speed_bandwidth_per_s=SPEED_BANDWIDTH_PER_S,
         position_gain_per_s=POSITION_GAIN_PER_S,
         integral_time_s=INTEGRAL_TIME_S,
-        dead_band_rad=_HALF_PLAY_RAD[axis] * play,
+        dead_band_rad=half_band * factor,
         motor_friction_nm=_MOTOR_FRICTION_NM[axis] * torque_scale,
         motor_slip_rad=_SLIP_RAD[1],
-        link_friction_nm=tuple(share * _LINK_FRICTION_NM[axis] * torque_scale for share in _SHARES),
-        link_slip_rad=_SLIP_RAD,
+        link_friction_nm=dry,
+        link_slip_rad=slip,
     )
