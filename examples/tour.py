@@ -66,9 +66,11 @@ def main() -> None:
         if abs(share) >= 0.1:
             print(f"    {100.0 * share:5.1f} % of it in {name}")
 
-    print("6 plan/       what own weight leaves")
+    print("6 plan/       what own weight and the drives leave")
     show("sag, base axes, um", gravity.sag(cell.chain, q)[:3] / UM)
     show("left after touching the part, part axes, um", plan.sag_part[row] / UM)
+
+    show("play and friction of the axes, part axes, um", plan.play_part[row] / UM)
 
     print("7 plan/       the correction, part axes")
     show("correction, um", plan.correction_part[row] / UM)
