@@ -179,6 +179,25 @@ def test_descending_tool_stays_calm(
     assert np.max(np.abs(bent.displacement_part[late, 2] - static[late, 2])) < 0.25 * np.max(static[late, 2])
 
 
+@pytest.mark.parametrize("corner", [0.0, 1.0, 5.0])
+def test_a_plunge_that_drifts_a_little_bears_no_side_force(
+    law: KienzleLaw, path_of: PathOf, block: Block, corner: float
+) -> None:
+    """The rear of the tool cuts as the front does; only a drift worth the name tips the balance."""
+    tool = Cutter(diameter_m=0.01, corner_radius_m=corner * MM, flutes=2, helix_rad=0.5, flute_length_m=0.025)
+    sides = []
+    for drift in (0.0, 0.001, 0.1):
+        path = path_of(f"G0 Z10\nG0 X20 Y15\nG0 Z0.5\nG1 X{20 + drift} Z-2 F1500", step_mm=0.05)
+        found = cut(path, path.p_part_tcp, block((0, 0), (40, 30), 0.1), lambda _: tool, law)
+        deep = (path.kind == FEED) & (path.p_part_tcp[:, 2] < -1.5 * MM)
+        force = found.w_tcp_part[deep, :3].mean(axis=0)
+        assert force[2] > 100.0
+        sides.append(float(np.hypot(*force[:2]) / force[2]))
+    assert sides[0] < 1e-9
+    assert sides[1] < 1e-2
+    assert sides[2] < 0.05
+
+
 def test_dwell_cuts_nothing_and_lets_the_tool_swing_back(
     law: KienzleLaw, cutter: Cutter, path_of: PathOf, block: Block, stiffness: Callable[[int], Float]
 ) -> None:

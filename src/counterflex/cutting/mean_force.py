@@ -15,11 +15,14 @@ left, z up along the tool axis, out of the part) of each power term k h^p, a lev
 with k_n = k_r sin kappa + k_a cos kappa, k_z = k_r cos kappa - k_a sin kappa and d_b the engaged axial length.
 
 On a slope the chip at a corner is h = f_h sin(phi) sin(kappa) + f_d cos(kappa), f_h the feed per tooth in the plane,
-f_d the descent per tooth; on the cylinder kappa = 90 deg and the descent adds nothing. What is left of the area that
-the tool lowers by descending is cut by its end face: the flat bottom with h = f_d (radial end edges that reach the
-centre, thrust k_r, torque k_c), then the corner from the tip outwards with h = f_d cos(kappa). The side part and the
-end part add, so the force is continuous from the level cut over ramp and helix to the plunge. Where the end face is
-engaged in part, the contact is taken as spread evenly around the axis: its side force and tilting moment are zero.
+f_d the descent per tooth; on the cylinder kappa = 90 deg and the descent adds nothing. On a steep descent the rear
+half of the corner cuts too, h = f_d cos(kappa) - f_h |sin(phi)| sin(kappa) where that is positive; it is taken as the
+mirror image of the front, with which it is booked, and in the plunge the two cancel but for thrust and torque. What is
+left of the area that the tool lowers by descending is cut by its end face: the flat bottom with h = f_d (radial end
+edges that reach the centre, thrust k_r, torque k_c), then the corner from the tip outwards with h = f_d cos(kappa).
+The side part and the end part add, so the force is continuous from the level cut over ramp and helix to the plunge.
+Where the end face is engaged in part, the contact is taken as spread evenly around the axis: its side force and
+tilting moment are zero.
 
 Sources: Altintas and Lee 1998 (directions at an inclined edge), Berger2013 section 5 (mean force per path point).
 """
@@ -145,20 +148,33 @@ def _level_side(row: Float, feed: float, terms: Float, arc: Float, level: Float,
         out[5] += radius * kc * d1
 
 
-@kernel("void(float64[::1], float64, float64, float64[:,::1], float64[:,:,::1], float64[::1], float64[::1])")
-def _inclined_side(row: Float, feed: float, drop: float, terms: Float, arc: Float, level: Float, out: Float) -> None:
-    """Add the wrench of one level of a corner on a slope, chip ``feed sin(phi) sin(kappa) + drop cos(kappa)``."""
+@kernel("float64(float64[::1], float64, float64, float64[:,::1], float64[:,:,::1], float64[::1], float64[::1])")
+def _inclined_side(row: Float, feed: float, drop: float, terms: Float, arc: Float, level: Float, out: Float) -> float:
+    """Add the wrench of one level of a corner on a slope, chip ``feed sin(phi) sin(kappa) + drop cos(kappa)``.
+
+    Returns the horizontal area over which it cuts by descending.
+    """
     sin_k, cos_k, radius, z0 = level[0], level[1], level[3], level[4]
     longest = 4.0 * (level[5] - z0) / sin_k  # bounds the noise of a climbing level that just loses contact
     width = math.pi / row.size
+    area = 0.0
     for b in range(row.size):
         if row[b] <= 0.0:
             continue
+        sine = arc[0, 3, b]
+        rear = 0.0
+        if drop > 0.0:  # what the rear lowers is booked with the front
+            rear = max(0.0, drop * cos_k - feed * sine * sin_k)
+        depth = row[b] / (1.0 + rear / (feed * sine * sin_k + drop * cos_k)) if rear > 0.0 else row[b]
+        if drop > 0.0:
+            face = depth * cos_k / sin_k * radius * width
+            beyond = (row[b] - depth) * feed * sine * radius * width  # booked to the side, but lowered by the rear
+            area += face + face * rear / (drop * cos_k) - beyond / drop
         for t in range(terms.shape[0]):
             p = terms[t, 0]
             sine = arc[t, 3, b]
             chip = feed * sine * level[10 + t] + drop * cos_k
-            edge = row[b] / sin_k
+            edge = depth / sin_k
             if drop < 0.0:
                 swept = feed * sine * sin_k + drop * cos_k
                 most = feed * sine * level[8] + drop * level[9]
@@ -170,19 +186,20 @@ def _inclined_side(row: Float, feed: float, drop: float, terms: Float, arc: Floa
                 chip = min(max(chip, 0.5 * swept), most)
                 edge = min(row[b] * feed * sine / swept, longest)
             height = z0 + 0.5 * edge * sin_k
-            power = chip**p * edge
-            flat = power * arc[t, 4, b]
+            front, back = chip**p * edge, rear**p * edge if rear > 0.0 else 0.0
+            along, across = (front - back) * arc[t, 4, b], (front + back) * arc[t, 4, b]
             kc = terms[t, 1]
             kn = terms[t, 2] * sin_k + terms[t, 3] * cos_k
-            kz = (terms[t, 2] * cos_k - terms[t, 3] * sin_k) * flat
-            fx = -(kc * arc[t, 1, b] + kn * arc[t, 2, b]) * flat
-            fy = (kc * arc[t, 2, b] - kn * arc[t, 1, b]) * flat
+            kz = terms[t, 2] * cos_k - terms[t, 3] * sin_k
+            fx = -kc * arc[t, 1, b] * across - kn * arc[t, 2, b] * along
+            fy = kc * arc[t, 2, b] * along - kn * arc[t, 1, b] * across
             out[0] += fx
             out[1] += fy
-            out[2] += kz * arc[t, 0, b]
-            out[3] += radius * kz * arc[t, 1, b] - height * fy
-            out[4] += height * fx - radius * kz * arc[t, 2, b]
-            out[5] += radius * kc * power * width
+            out[2] += kz * arc[t, 0, b] * across
+            out[3] += radius * kz * arc[t, 1, b] * across - height * fy
+            out[4] += height * fx - radius * kz * arc[t, 2, b] * along
+            out[5] += radius * kc * (front + back) * width
+    return area
 
 
 @kernel("void(float64, float64, float64[:,::1], float64[:,::1], float64[::1])")
@@ -246,7 +263,7 @@ def mean_wrench(
     """
     for i in range(6):
         out[i] = 0.0
-    front = 0.0
+    lowered = 0.0
     for level in range(depth.shape[0]):
         row = depth[level]
         engaged = 0.0
@@ -257,10 +274,9 @@ def mean_wrench(
         if drop_m == 0.0 or levels[level, 1] == 0.0:
             _level_side(row, feed_m, terms, arc, levels[level], out)
         else:
-            _inclined_side(row, feed_m, drop_m, terms, arc, levels[level], out)
-            front += engaged * levels[level, 1] / levels[level, 0] * levels[level, 3] * math.pi / row.size
-    if drop_m > 0.0 and end_area_m2 > front:
-        _end_face(end_area_m2 - front, drop_m, terms, levels, out)
+            lowered += _inclined_side(row, feed_m, drop_m, terms, arc, levels[level], out)
+    if drop_m > 0.0 and end_area_m2 > lowered:
+        _end_face(end_area_m2 - lowered, drop_m, terms, levels, out)
 
 
 @kernel(
