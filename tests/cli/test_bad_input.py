@@ -105,7 +105,7 @@ OWN = "[robot]\n" + CATALOG + "\n"
 
 CELLS: dict[str, tuple[str, str, list[str]]] = {
     "not TOML": ("[robot]", "[robot", ["not valid TOML", "line 6"]),
-    "key twice": ("flutes = 3", "flutes = 3\nflutes = 4", ["not valid TOML", "line 54"]),
+    "key twice": ("flutes = 3", "flutes = 3\nflutes = 4", ["not valid TOML", "overwrite", "line"]),
     "wrong format": ("counterflex-cell", "counterflex-truth", ["got 'counterflex-truth'", '"counterflex-cell"']),
     "no format": ('format = "counterflex-cell"\n', "", ["'format' is missing", 'format = "counterflex-cell"']),
     "newer version": ("version = 1", "version = 9", ["newer", "version 9", "at most 1", "Update"]),
@@ -129,6 +129,9 @@ CELLS: dict[str, tuple[str, str, list[str]]] = {
     "negative compliance": (SENSOR, "rx_urad_per_knm = -303.0", ["end_effector[1]", "negative: -303"]),
     "negative mass": ("mass_kg = 11", "mass_kg = -11", ["end_effector[1].mass_kg", "got -11", "from 0 up"]),
     "mass in g": ("mass_kg = 11", "mass_kg = 11000", ["end_effector[1].mass_kg", "11000", "5000"]),
+    "length in um": ("x_mm = 1350", "x_mm = 1350000", ["part.x_mm", "1350000", "20000"]),
+    "datum point on the moon": (DATUM, DATUM.replace("30", "4e11"), ["part.datum_points_mm[3]", "20000"]),
+    "diameter in um": ("diameter_mm = 16", "diameter_mm = 16000", ["tools[1].diameter_mm", "16000", "1000"]),
     "NaN": ("mass_kg = 11", "mass_kg = nan", ["end_effector[1].mass_kg", "got nan", "a finite number"]),
     "infinity": ("x_mm = 1350", "x_mm = inf", ["part.x_mm", "got inf", "a finite number"]),
     "text for a number": ("mass_kg = 11", 'mass_kg = "11"', ["end_effector[1].mass_kg", "got '11'", "a number"]),
@@ -509,10 +512,10 @@ DAMAGED: dict[str, tuple[str, bytes | None, list[str]]] = {
     "surface damaged": ("surface.npz", b"damaged", ["surface.npz", "damaged"]),
     "surface cut off": ("surface.npz", b"PK\x03\x04-\x00\x00\x00\x08", ["surface.npz", "damaged"]),
     "surface empty": ("surface.npz", b"", ["surface.npz", "damaged"]),
-    "cell missing": ("cell.toml", None, ["cell.toml", "no such file"]),
+    "cell missing": ("cell.toml", None, ["run/cell.toml", "missing"]),
     "cell damaged": ("cell.toml", b"format = 3", ["cell.toml", "counterflex-cell"]),
-    "truth missing": ("truth.toml", None, ["truth.toml", "no such file"]),
-    "program missing": ("original.ngc", None, ["original.ngc", "no such file"]),
+    "truth missing": ("truth.toml", None, ["run/truth.toml", "missing"]),
+    "program missing": ("original.ngc", None, ["run/original.ngc", "missing"]),
 }
 
 

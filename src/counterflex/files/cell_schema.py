@@ -8,12 +8,13 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from counterflex.files.schema import ComplianceTable, PoseTable, Table, Versioned
+from counterflex.files.schema import Angle, ComplianceTable, Length, PoseTable, Table, Versioned
 
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
-Vector = tuple[float, float, float]
+Vector = tuple[Length, Length, Length]
 Share = Annotated[float, Field(ge=0.0, le=5.0)]
+ToolLength = Annotated[float, Field(gt=0.0, le=1000.0)]
 Mass = Annotated[float, Field(ge=0.0, le=5000.0)]
 Pressure = Annotated[float, Field(ge=0.0, le=20000.0)]
 EdgeForce = Annotated[float, Field(ge=0.0, le=1000.0)]
@@ -26,16 +27,16 @@ SignedShare = Annotated[float, Field(ge=-5.0, le=5.0)]
 class OpwTable(Table):
     """Own geometry of a six-axis arm with parallel base and spherical wrist."""
 
-    a1_mm: float
-    a2_mm: float
-    b_mm: float = 0.0
-    c1_mm: float
-    c2_mm: float
-    c3_mm: float
-    c4_mm: float
-    offsets_deg: Annotated[list[float], Field(min_length=6, max_length=6)]
+    a1_mm: Length
+    a2_mm: Length
+    b_mm: Length = 0.0
+    c1_mm: Length
+    c2_mm: Length
+    c3_mm: Length
+    c4_mm: Length
+    offsets_deg: Annotated[list[Angle], Field(min_length=6, max_length=6)]
     signs: Annotated[list[Literal[-1, 1]], Field(min_length=6, max_length=6)]
-    limits_deg: Annotated[list[tuple[float, float]], Field(min_length=6, max_length=6)]
+    limits_deg: Annotated[list[tuple[Angle, Angle]], Field(min_length=6, max_length=6)]
 
 
 class ElasticTable(ComplianceTable):
@@ -101,9 +102,9 @@ class BodyTable(PoseTable, ComplianceTable):
 
     name: str
     mass_kg: Mass = 0.0
-    com_x_mm: float = 0.0
-    com_y_mm: float = 0.0
-    com_z_mm: float = 0.0
+    com_x_mm: Length = 0.0
+    com_y_mm: Length = 0.0
+    com_z_mm: Length = 0.0
     source: str = ""
 
 
@@ -112,11 +113,11 @@ class ToolTable(Table):
 
     number: Annotated[int, Field(ge=0)]
     name: str = ""
-    diameter_mm: Positive
+    diameter_mm: ToolLength
     corner_radius_mm: NonNegative = 0.0
     flutes: Annotated[int, Field(ge=1, le=64)]
     helix_deg: Annotated[float, Field(ge=0.0, lt=80.0)] = 30.0
-    flute_length_mm: Positive
+    flute_length_mm: ToolLength
     runout_um: NonNegative = 0.0
 
     @model_validator(mode="after")
@@ -259,10 +260,10 @@ class PostureTable(Table):
 class ControllerTable(Table):
     """What the robot controller does with a program."""
 
-    cycle_ms: Positive = 12.0
-    blending_mm: NonNegative = 0.5
-    acceleration_mm_s2: Positive = 1000.0
-    rapid_mm_s: Positive = 250.0
+    cycle_ms: Annotated[float, Field(ge=0.1, le=1000.0)] = 12.0
+    blending_mm: Annotated[float, Field(ge=0.0, le=100.0)] = 0.5
+    acceleration_mm_s2: Annotated[float, Field(ge=1.0, le=1e6)] = 1000.0
+    rapid_mm_s: Annotated[float, Field(ge=0.1, le=1e5)] = 250.0
     tool_number: Annotated[int, Field(ge=1, le=32)] = 1
     base_number: Annotated[int, Field(ge=1, le=64)] = 1
 
@@ -270,17 +271,17 @@ class ControllerTable(Table):
 class DynamicsTable(Table):
     """How the robot answers in time: its lowest mode, and how a correction must be shaped to act like the force."""
 
-    mode_hz: Positive = 8.0
+    mode_hz: Annotated[float, Field(gt=0.0, le=1e4)] = 8.0
     damping_ratio: Annotated[float, Field(gt=0.0, lt=2.0)] = 0.1
-    correction_smoothing_ms: NonNegative = 30.0
-    correction_lead_ms: NonNegative = 0.0
+    correction_smoothing_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 30.0
+    correction_lead_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
 
 
 class LimitsTable(Table):
     """Bounds on what compensation may do."""
 
-    correction_mm: Positive = 3.0
-    correction_deg: Positive = 1.0
+    correction_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 3.0
+    correction_deg: Annotated[float, Field(gt=0.0, le=45.0)] = 1.0
     joint_margin_deg: NonNegative = 2.0
     wrist_singularity_deg: NonNegative = 5.0
 

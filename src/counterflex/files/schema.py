@@ -8,11 +8,11 @@ import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, Self, TypeVar
+from typing import Annotated, Any, Final, Self, TypeVar
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
@@ -34,6 +34,12 @@ STIFFEST: Final = 1e-3
 """Stiffest element that is not rigid, um/kN and urad/kNm: 1e12 N/m and 1e12 N m/rad."""
 
 
+Length = Annotated[float, Field(ge=-20000.0, le=20000.0)]
+"""A place in a cell, mm; what lies beyond is a unit mistake."""
+Angle = Annotated[float, Field(ge=-720.0, le=720.0)]
+"""An angle, deg."""
+
+
 class Table(BaseModel):
     """A table of a file: unknown keys, NaN and infinity are refused, values cannot be changed after reading."""
 
@@ -43,12 +49,12 @@ class Table(BaseModel):
 class PoseTable(Table):
     """A pose in shop units: position and intrinsic z-y'-x'' angles (KUKA X Y Z A B C)."""
 
-    x_mm: float = 0.0
-    y_mm: float = 0.0
-    z_mm: float = 0.0
-    a_deg: float = 0.0
-    b_deg: float = 0.0
-    c_deg: float = 0.0
+    x_mm: Length = 0.0
+    y_mm: Length = 0.0
+    z_mm: Length = 0.0
+    a_deg: Angle = 0.0
+    b_deg: Angle = 0.0
+    c_deg: Angle = 0.0
 
     def matrix(self) -> Float:
         """The pose as (4, 4) in m."""
