@@ -15,7 +15,6 @@ from counterflex import __version__
 from counterflex.app.inputs import Job, faults_in, read_job, setting_of
 from counterflex.app.prediction import figures, prediction
 from counterflex.core import atomic
-from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM, MS, UM
@@ -23,7 +22,6 @@ from counterflex.files.cell import Cell, read_cell
 from counterflex.files.plan_file import write_plan
 from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose
-from counterflex.path.toolpath import FEED
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.plan import Plan
 from counterflex.plan.tool_frame import tool_orientation
@@ -238,9 +236,3 @@ def _shop(said: dict[str, Any]) -> dict[str, Any]:
         else:
             out[key] = list(value) if isinstance(value, tuple) else value
     return out
-
-
-def largest_correction_um(plan: Plan) -> float:
-    """Largest correction of a plan, um."""
-    feed: Float = np.linalg.norm(plan.correction_part[plan.path.kind == FEED], axis=1)
-    return float(np.max(feed, initial=0.0) / UM)

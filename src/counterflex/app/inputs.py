@@ -15,7 +15,6 @@ from counterflex.core.errors import CounterflexError, ProgramError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell import Cell
-from counterflex.path.sampling import point_spacing
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.compensate import Limits, Setting
 from counterflex.plan.response import Mode, Shaping
@@ -162,8 +161,3 @@ def setting_of(
         orientation=orientation,
         allow_extrapolation=tables.material.allow_extrapolation,
     )
-
-
-def spacing_of(cell: Cell, feed_m_s: float) -> float:
-    """Shortest useful distance of points at a feed (Berger2013 eq. 5), m."""
-    return point_spacing(feed_m_s, cell.tables.controller.cycle_ms * MS)

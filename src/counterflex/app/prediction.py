@@ -12,6 +12,7 @@ from counterflex import __version__
 from counterflex.app.assumptions import assumptions, robot_name
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
+from counterflex.evaluate.figures import weighted_figures
 from counterflex.files.cell import Cell
 from counterflex.path.toolpath import RAPID
 from counterflex.plan.plan import Plan, across
@@ -51,14 +52,9 @@ def figures(plan: Plan) -> dict[str, Any]:
 
 def path_error(size_m: Float, weight_m: Float) -> dict[str, float]:
     """Largest, 99.7 % and rms of an error, weighted by path length, mm."""
-    if len(size_m) == 0:
-        return {"max_mm": 0.0, "p997_mm": 0.0, "rms_mm": 0.0}
-    order = np.argsort(size_m)
-    share = np.cumsum(weight_m[order]) / weight_m.sum()
-    p997 = size_m[order][min(int(np.searchsorted(share, 0.997)), len(order) - 1)]
-    rms = np.sqrt(np.sum(size_m**2 * weight_m) / weight_m.sum())
-    values = {"max_mm": size_m.max(), "p997_mm": p997, "rms_mm": rms}
-    return {key: round(float(value / MM), 4) for key, value in values.items()}
+    found = weighted_figures(size_m, weight_m)
+    values = {"max_mm": found.max_m, "p997_mm": found.p997_m, "rms_mm": found.rms_m}
+    return {key: round(value / MM, 4) for key, value in values.items()}
 
 
 def _weights(plan: Plan) -> Float:

@@ -9,6 +9,7 @@ import typer
 
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.errors import InputError
+from counterflex.core.units import UM
 
 Program = Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM")]
 CellFile = Annotated[Path, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL")]
@@ -85,7 +86,7 @@ def compensate(
             progress=progress,
             language=language,
             dialect=dialect,
-            tolerance_m=tolerance_um * 1e-6,
+            tolerance_m=tolerance_um * UM,
             normal_only=normal_only,
             predict=predict,
         )

@@ -11,6 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError, ModelError, ProgramError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.units import MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.mean_force import mean_force_weights
@@ -159,7 +160,7 @@ def cut(
         row = int(np.argmax(stopped))
         raise ProgramError(
             "the program cuts material with the spindle stopped",
-            where=f"motion {int(path.motion[row])}, at {np.round(path.p_part_tcp[row] * 1e3, 3).tolist()} mm",
+            where=f"motion {int(path.motion[row])}, at {np.round(path.p_part_tcp[row] / MM, 3).tolist()} mm",
             hint="Start the spindle (M3 S...) before the first cut",
             row=row,
             motion=int(path.motion[row]),

@@ -85,13 +85,6 @@ class CompensatedPath:
         out: Bool = np.any(self.rotvec_part_command != 0.0, axis=1)
         return out
 
-    @property
-    def axis_part_command(self) -> Float:
-        """(n, 3) unit vectors from the commanded tool tip towards the spindle, in part axes."""
-        turned = np.einsum("nij,nj->ni", rotation.exp(self.rotvec_part_command), self.path.axis_part)
-        out: Float = np.where(self.turned[:, None], turned, self.path.axis_part)
-        return out
-
     def poses(self, R_part_nominal: Float) -> Float:
         """Commanded poses of the tool frame whose nominal orientation is given.
 

@@ -138,10 +138,3 @@ class Source:
             if construct.keyword in LOOPS and construct.label == label and construct.start < index < construct.end
         ]
         return max(around, key=lambda construct: construct.start, default=None)
-
-    def sub_around(self, index: int) -> Construct | None:
-        """Return the subroutine around a line."""
-        for construct in self.subs.values():
-            if construct.start < index <= construct.end:
-                return construct
-        return None

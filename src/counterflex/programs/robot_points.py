@@ -10,6 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError
+from counterflex.core.units import MM
 from counterflex.geometry import rotation
 from counterflex.path.sampling import point_spacing
 from counterflex.path.toolpath import RAPID, ToolPath
@@ -78,8 +79,8 @@ class RobotPoints:
         if self.merged:
             out.append(
                 f"{self.merged} points closer together than feed times controller cycle were merged; the written path "
-                f"is up to {self.largest_position_error_m * 1e3:.4f} mm from the commanded points "
-                f"(tolerance {tolerance_m * 1e3:.4f} mm)"
+                f"is up to {self.largest_position_error_m / MM:.4f} mm from the commanded points "
+                f"(tolerance {tolerance_m / MM:.4f} mm)"
             )
         if self.too_close:
             out.append(f"{self.too_close} points are closer together than feed times controller cycle and had to stay")

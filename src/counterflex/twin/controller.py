@@ -13,6 +13,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError, ModelError, ReachError
+from counterflex.core.units import MM
 from counterflex.geometry import pose
 from counterflex.path.toolpath import ToolPath
 from counterflex.robot.description import EndEffector, Opw, Robot
@@ -109,7 +110,7 @@ class Controller:
         first = int(np.argmax(np.asarray(bad)))
         return ReachError(
             what,
-            where=f"sample {first}, part {np.round(p[first] * 1e3, 2).tolist()} mm",
+            where=f"sample {first}, part {np.round(p[first] / MM, 2).tolist()} mm",
             hint="Move the part, or choose another posture or rotation about the tool",
         )
 
