@@ -50,7 +50,10 @@ def assumptions(cell: Cell) -> tuple[Fact, ...]:
     facts.append(Fact(f"Cutting constants: {tables.material.name or tables.material.catalog}", value, law.source))
     facts.append(
         Fact(
-            "Mean chip thickness allowed", f"{law.h_min_m / MM:g} to {law.h_max_m / MM:g} mm", "range of the constants"
+            "Mean chip thickness allowed",
+            f"{law.h_min_m / MM:g} to {law.h_max_m / MM:g} mm"
+            + (", and beyond" if tables.material.allow_extrapolation else ""),
+            "range of the constants" + (", extrapolated" if tables.material.allow_extrapolation else ""),
         )
     )
     for tool in tables.tools:
@@ -59,10 +62,19 @@ def assumptions(cell: Cell) -> tuple[Fact, ...]:
     part = tables.part
     how = "touched with the robot" if part.measured_with == "robot" else "measured from outside"
     facts.append(Fact("Part frame", how, f"{len(part.datum_points_mm)} datum points"))
+    facts.append(Fact("Play and friction of the axes", *_play(cell)))
+    dynamics = tables.dynamics
+    facts.append(
+        Fact(
+            "Shape of the correction",
+            f"averaged over {dynamics.correction_smoothing_ms:g} ms, sent {dynamics.correction_lead_ms:g} ms earlier",
+            "cell file",
+        )
+    )
     facts.append(
         Fact(
             "Lowest mode",
-            f"{tables.dynamics.mode_hz:g} Hz, damping {tables.dynamics.damping_ratio:g}",
+            f"{dynamics.mode_hz:g} Hz, damping {dynamics.damping_ratio:g}",
             "cell file; used for the prediction only",
         )
     )
@@ -74,3 +86,12 @@ def assumptions(cell: Cell) -> tuple[Fact, ...]:
         )
     )
     return tuple(facts)
+
+
+def _play(cell: Cell) -> tuple[str, str]:
+    """Axes whose play and friction are known, and where from."""
+    rows = cell.tables.robot.play
+    if not rows:
+        return "not known, left out", "cell file"
+    axes = ", ".join(f"A{row.axis}" for row in sorted(rows, key=lambda row: row.axis))
+    return f"known for {axes}", "; ".join(dict.fromkeys(row.source or "cell file" for row in rows))

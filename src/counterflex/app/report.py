@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from counterflex import __version__
+from counterflex.app import simulate
 from counterflex.app.assumptions import assumptions, robot_name, title_of
 from counterflex.app.evaluate import Comparison, Judged, features
 from counterflex.app.inputs import setting_of
@@ -50,7 +51,8 @@ def comparison_page(comparison: Comparison) -> str:
 def _page(comparison: Comparison, plan: Plan, found: Mapping[str, Any], timing: Mapping[str, float]) -> str:
     cell, truth = comparison.reference.cell, comparison.truth
     before, after = comparison.judged["nominal"], comparison.judged["compensated"]
-    tool = cell.tables.tools[0]
+    number = simulate.tool_of(comparison.reference.job.path)
+    tool = next(table for table in cell.tables.tools if table.number == number)
     facts = (
         Fact("Part", str(comparison.summary["program"]), "", f"{found['removed_mm3'] / 1000:.1f} cm3 removed"),
         Fact("Robot", robot_name(cell)),
