@@ -464,6 +464,13 @@ def test_command_line(refused: Any, words: str, says: list[str]) -> None:
         assert part in line
 
 
+def test_prove_names_the_line_too(folder: Path, refused: Any) -> None:
+    (folder / "bad.ngc").write_text(HEAD.replace("M3 S13000\n", "") + CUT + TAIL, encoding="ascii")
+    line = refused("prove", "bad.ngc", "--cell", "cell.toml", "--out", "new/out", "--workers", "1")
+    assert "bad.ngc:7" in line
+    assert "spindle stopped" in line
+
+
 def test_law_without_a_twin(folder: Path, refused: Any) -> None:
     path = folder / "cell.toml"
     other = 'law = "linear_edge"\nktc_n_mm2 = 800\nkrc_n_mm2 = 300\n'
@@ -538,6 +545,20 @@ def test_runs_that_do_not_belong_together(folder: Path, refused: Any, machined: 
     assert "cannot be compared" in line
     assert "run, other-run" in line
     assert "--truth" in line
+
+
+@pytest.mark.parametrize("words", ["evaluate run --out run", "report run run --out ./run"])
+def test_results_never_replace_a_run(folder: Path, refused: Any, machined: Any, words: str) -> None:
+    shutil.copytree(machined.folder / "run", folder / "run")
+    line = refused(*words.split())
+    assert "would replace the summary of the run" in line
+
+
+def test_report_of_a_missing_run(folder: Path, refused: Any, machined: Any) -> None:
+    shutil.copytree(machined.folder / "run", folder / "run")
+    line = refused("report", "run", "nowhere", "--out", "new/out")
+    assert "nowhere" in line
+    assert "run.parquet" in line
 
 
 def test_evaluation_below_a_file(folder: Path, refused: Any, machined: Any) -> None:

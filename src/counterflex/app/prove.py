@@ -22,7 +22,7 @@ from counterflex import __version__
 from counterflex.app import simulate
 from counterflex.app.compensate import write
 from counterflex.app.evaluate import Judged, Reference, judge, reference_of
-from counterflex.app.inputs import Job, read_job, setting_of
+from counterflex.app.inputs import Job, faults_in, read_job, setting_of
 from counterflex.app.prediction import figures
 from counterflex.app.truth import knowing, truth_of
 from counterflex.core import atomic
@@ -96,7 +96,8 @@ def prove(
     job = read_job(program, cell)
     begin = time.perf_counter()
     progress(0.0, "planning")
-    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell))
+    with faults_in(job):
+        plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell))
     files, written = write(job, plan, cell, "gcode")
     timing = {"planning": time.perf_counter() - begin}
     truths = {seed: truth_of(cell, seed) for seed in range(FIRST_SEED, FIRST_SEED + seeds)}

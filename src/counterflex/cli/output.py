@@ -39,6 +39,19 @@ def keep_inputs(out: Path, *inputs: Path, option: str = "--out") -> None:
         raise InputError(what, where=f"{option} {out}", hint=f"Choose another {option}")
 
 
+def keep_folders(out: Path, *folders: Path) -> None:
+    """Refuse to write results into a folder that is read.
+
+    Raises:
+        InputError: ``out`` is one of them.
+    """
+    for folder in folders:
+        if out.resolve() == folder.resolve():
+            raise InputError(
+                "the results would replace the summary of the run", where=f"--out {out}", hint="Choose another --out"
+            )
+
+
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, note: str = "") -> None:
     """Print a table; numbers (columns whose header ends in a unit or a figure) are right-aligned."""
     from rich.console import Console

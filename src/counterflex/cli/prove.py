@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.cli.output import keep_folders, keep_inputs, print_json, print_table, progress_bar
 from counterflex.cli.program import CellFile, Out, Program
 
 Seeds = Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)]
@@ -99,6 +99,8 @@ def evaluate(
     """
     from counterflex.app import evaluate as job
 
+    if out is not None:
+        keep_folders(out, *folders)
     with progress_bar("judging"):
         summary = job.run(list(folders), out)
     if as_json:
@@ -120,6 +122,7 @@ def report(
     """
     from counterflex.app import evaluate as job
 
+    keep_folders(out, before, after)
     with progress_bar("writing the report"):
         job.run([before, after], out)
     typer.echo(f"wrote {out / 'report.html'} and summary.json")
