@@ -1,0 +1,43 @@
+"""What is machined is the program as written: the stop at which a correction is taken back is planning's alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from counterflex.app import simulate
+from counterflex.app.inputs import SETTLING_S, read_job
+from counterflex.files.cell import read_cell
+from counterflex.path.toolpath import FEED, RAPID, ToolPath
+
+
+def test_planning_adds_one_stop_where_feed_turns_into_rapid(program: Callable[..., Path], small: Path) -> None:
+    job = read_job(program(), read_cell(small))
+    last = int(np.flatnonzero((job.machined.kind[:-1] == FEED) & (job.machined.kind[1:] == RAPID))[0])
+    assert len(job.path) == len(job.machined) + 1
+    assert job.path.p_part_tcp[last + 1] == pytest.approx(job.machined.p_part_tcp[last], abs=0.0)
+    assert job.path.time_s[-1] - job.machined.time_s[-1] == pytest.approx(SETTLING_S, abs=1e-12)
+
+
+def test_the_simulated_cell_runs_the_program_without_that_stop(
+    program: Callable[..., Path], small: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run: list[ToolPath] = []
+
+    class Seen(Exception):
+        pass
+
+    def simulated(path: ToolPath, **_: object) -> None:
+        run.append(path)
+        raise Seen
+
+    cell = read_cell(small)
+    job = read_job(program(), cell)
+    monkeypatch.setattr(simulate, "simulate", simulated)
+    with pytest.raises(Seen):
+        simulate.machine(job, cell, simulate.truth_of(cell, 1))
+    still = np.linalg.norm(np.diff(run[0].p_part_tcp, axis=0), axis=1) == 0.0
+    assert not np.any(still & (np.diff(run[0].time_s) > 0.0))
