@@ -39,12 +39,14 @@ class Job:
             first sent to (a program begins wherever the machine is; without this it would begin at zero, in the stock).
         sampled: As sampled, axes that were not named yet at zero; for writing the program back.
         line_of_motion: (motions,) source line of each motion.
+        machined: ``path`` without the stops that planning puts in: what a machine runs.
     """
 
     program: Program
     path: ToolPath
     sampled: ToolPath
     line_of_motion: Int
+    machined: ToolPath
 
 
 def read_job(file: str | Path, cell: Cell, *, dialect: str = "linuxcnc", step_m: float = STEP_M) -> Job:
@@ -56,10 +58,11 @@ def read_job(file: str | Path, cell: Cell, *, dialect: str = "linuxcnc", step_m:
     program = read_gcode_file(file, dialect=dialect)
     if len(program.motions) == 0:
         raise ProgramError("the program moves nothing", where=str(file))
-    path = with_settling(tool_path(program, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_mm_s * MM))
+    bare = tool_path(program, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_mm_s * MM)
+    path = with_settling(bare)
     _check_tools(program, cell)
     lines = np.array([program.blocks[motion.block].line for motion in program.motions], dtype=np.int64)
-    return Job(program, _start_known(program, path), path, lines)
+    return Job(program, _start_known(program, path), path, lines, _start_known(program, bare))
 
 
 def with_settling(path: ToolPath) -> ToolPath:
@@ -67,6 +70,7 @@ def with_settling(path: ToolPath) -> ToolPath:
 
     There the feed ends and with it the force, while the tool still stands in the cut. A correction that stayed until
     the tool has left would push the relieved tool into the wall; the stop is the row at which it is taken back.
+    Only planning knows it: no stop is written, and what is machined has none.
     """
     last = np.flatnonzero((path.kind[:-1] == FEED) & (path.kind[1:] == RAPID))
     if len(last) == 0:

@@ -59,7 +59,7 @@ def machine(job: Job, cell: Cell, truth: Truth, *, progress: Progress = silent) 
         SimulationError: The simulated cell left its physical range.
     """
     return simulate(
-        job.path,
+        job.machined,
         truth=truth,
         controller=controller(cell),
         stock=cell.stock(),
