@@ -173,14 +173,22 @@ def compare(folders: Sequence[str | Path], *, truth_level: TruthLevel = "seeded"
 
 def _check_same(paths: Sequence[Path]) -> None:
     """Refuse runs of different programs, cells or truths."""
-    for file, what in ((simulate.ORIGINAL, "original programs"), (simulate.CELL, "cells"), (simulate.TRUTH, "truths")):
-        texts = set()
+    for pattern, what in (
+        (simulate.ORIGINAL, "original programs"),
+        (simulate.CELL, "cells"),
+        (simulate.TRUTH, "truths"),
+        (simulate.BLANKS, "blanks"),
+    ):
+        found = set()
         for path in paths:
+            files = sorted(path.glob(pattern))
+            if not files and pattern != simulate.BLANKS:
+                raise FileFormatError("a file of the run is missing", where=str(path / pattern))
             try:
-                texts.add((path / file).read_text(encoding="utf-8"))
+                found.add(tuple(file.read_bytes() for file in files))
             except OSError as fault:
-                raise FileFormatError("a file of the run is missing", where=str(path / file)) from fault
-        if len(texts) > 1:
+                raise FileFormatError("a file of the run cannot be read", where=str(fault.filename)) from fault
+        if len(found) > 1:
             raise InputError(
                 f"the runs cannot be compared: their {what} differ",
                 value=", ".join(str(path) for path in paths),

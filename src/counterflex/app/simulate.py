@@ -20,6 +20,7 @@ from counterflex.cutting.removal import remove_tool_path
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.run_file import write_run
+from counterflex.files.schema import write_toml
 from counterflex.files.summary_file import write_summary
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.twin.controller import Controller, controller_of
@@ -29,7 +30,7 @@ from counterflex.twin.truth import Truth
 from counterflex.twin.truth_file import read_truth, write_truth
 
 PROGRAM, ORIGINAL, CELL, TRUTH = "program.ngc", "original.ngc", "cell.toml", "truth.toml"
-RUN, SURFACE, SUMMARY = "run.parquet", "surface.npz", "summary.json"
+RUN, SURFACE, SUMMARY, BLANKS = "run.parquet", "surface.npz", "summary.json", "blank.*"
 
 
 OTHER_CELL_M = 20.0 * MM
@@ -88,7 +89,8 @@ def run(
     """Do the job on files.
 
     Writes ``run.parquet`` (path, forces), ``surface.npz`` (as-machined height map), the program, the original program
-    it stands for, cell and truth as they were, and ``summary.json``; all of them or none.
+    it stands for, cell (with the blank that it names by a file) and truth as they were, and ``summary.json``; all of
+    them or none.
 
     Args:
         program: G-code to machine.
@@ -124,12 +126,26 @@ def run(
         }
         atomic.write_text(staging / PROGRAM, _source(program))
         atomic.write_text(staging / ORIGINAL, _source(reference))
-        atomic.write_text(staging / CELL, _source(cell_file))
+        _keep_cell(cell, staging)
         write_truth(staging / TRUTH, truth)
         write_run(staging / RUN, record, {key: summary[key] for key in ("program", "cell", "seed", "counterflex")})
         record.stock.save(staging / SURFACE)
         write_summary(staging / SUMMARY, summary)
     return summary
+
+
+def _keep_cell(cell: Cell, folder: Path) -> None:
+    """Write the cell file into a folder as it was; a blank that it names by a file goes along, under a new name."""
+    stock = cell.tables.part.stock
+    named = stock.stl or stock.result
+    if named is None:
+        atomic.write_text(folder / CELL, _source(cell.path))
+        return
+    kept = BLANKS.replace(".*", Path(named).suffix)
+    atomic.write_bytes(folder / kept, (cell.path.parent / named).read_bytes())
+    tables = cell.tables.model_dump(mode="json", exclude_none=True)
+    tables["part"]["stock"]["stl" if stock.stl else "result"] = kept
+    write_toml(folder / CELL, tables, comment=f"As {cell.path.name}, with the blank beside it.")
 
 
 def check_same_cell(cell: Cell, truth: Truth, where: str) -> None:
