@@ -18,6 +18,7 @@ check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contra
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python tools/check_frames.py src tests examples benchmarks
+	$(BIN)/python tools/check_nomenclature.py
 
 docs: $(VENV)/.installed-dev  ## Run every example and every command printed in the docs.
 	$(BIN)/python tools/run_docs.py
