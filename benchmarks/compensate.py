@@ -82,10 +82,7 @@ def cell_for(program: Path, folder: Path) -> Path:
 
 def measured(program: Path, cell: Path, out: Path) -> dict[str, float]:
     """Run the command in a process of its own; processor and wall seconds."""
-    command = [sys.executable, "-m", "counterflex.cli.main"]
-    executable = Path(sys.executable).with_name("counterflex")
-    if executable.exists():
-        command = [str(executable)]
+    command = [sys.executable, "-c", "from counterflex.cli.main import run; run()"]
     before = os.times()
     begin = time.perf_counter()
     done = subprocess.run(
