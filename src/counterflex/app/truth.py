@@ -45,7 +45,7 @@ def make_truth(cell: Cell, seed: int | None, out: str | Path) -> Truth:
 def knowing(cell: Cell, truth: Truth) -> tuple[ElasticChain, ForceLaw]:
     """What a planner would have that was told the truth's constants: elastic chain and force law.
 
-    Drives, the friction on the motor's side and runout have no place in a cell file and stay unknown.
+    Inertia and runout have no place in a cell file and stay unknown.
     """
     robot, end_effector = _told(cell, truth)
     law = cell.force_law

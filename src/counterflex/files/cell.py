@@ -12,15 +12,15 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError
-from counterflex.core.units import DEG, MM, N_PER_MM, N_PER_MM2, UM, URAD
+from counterflex.core.units import DEG, MM, MS, N_PER_MM, N_PER_MM2, UM, URAD
 from counterflex.cutting import material
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.files.cell_schema import CellTables, MaterialTable, OpwTable, PlayTable, StockTable
+from counterflex.files.cell_schema import CellTables, MaterialTable, OpwTable, StockTable
 from counterflex.robot import catalog, opw_chain
 from counterflex.robot.chain import ElasticChain
-from counterflex.robot.description import EndEffector, Opw, Play, Robot, Segment
+from counterflex.robot.description import EndEffector, Opw, Play, Robot, Segment, Servo
 
 KIND = "counterflex-cell"
 VERSION = 1
@@ -113,7 +113,7 @@ def read_cell(path: str | Path) -> Cell:
 def resolve(tables: CellTables, path: Path) -> Cell:
     """Build the objects of a cell from its tables. Raises as :func:`read_cell`."""
     where = str(path)
-    robot = _with_play(_with_elastic(_robot(tables, path), tables, where), tables.robot.play)
+    robot = _with_drives(_with_elastic(_robot(tables, path), tables, where), tables)
     taken = {segment.name for segment in robot.segments}
     for body in tables.end_effector:
         if body.name in taken:
@@ -203,14 +203,25 @@ def _with_elastic(robot: Robot, tables: CellTables, where: str) -> Robot:
     return replace(robot, segments=tuple(segments[segment.name] for segment in robot.segments))
 
 
-def _with_play(robot: Robot, rows: tuple[PlayTable, ...]) -> Robot:
-    if not rows:
-        return robot
-    play = list(robot.play or (None,) * 6)
-    for row in rows:
+def _with_drives(robot: Robot, tables: CellTables) -> Robot:
+    """Play, friction and loop gains of the axes that the file gives them for."""
+    play, servo = list(robot.play or (None,) * 6), list(robot.servo or (None,) * 6)
+    for row in tables.robot.play:
         slip = tuple(angle * URAD for angle in row.slip_urad)
         play[row.axis - 1] = Play(row.dead_band_half_urad * URAD, row.friction_nm, slip)
-    return replace(robot, play=tuple(play))
+    for gains in tables.robot.servo:
+        servo[gains.axis - 1] = Servo(
+            speed_gain_nm_s=gains.speed_gain_nm_s,
+            position_gain_per_s=gains.position_gain_per_s,
+            integral_time_s=gains.integral_time_ms * MS,
+            friction_nm=gains.friction_nm,
+            slip_rad=gains.slip_urad * URAD,
+        )
+    return replace(
+        robot,
+        play=tuple(play) if any(play) else robot.play,
+        servo=tuple(servo) if any(servo) else robot.servo,
+    )
 
 
 def _force_law(table: MaterialTable, where: str) -> ForceLaw:

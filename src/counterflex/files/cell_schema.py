@@ -70,6 +70,18 @@ class PlayTable(Table):
         return self
 
 
+class ServoTable(Table):
+    """Loop gains of one axis, on the link side, as the controller's machine data or a load step show them."""
+
+    axis: Annotated[int, Field(ge=1, le=6)]
+    speed_gain_nm_s: Annotated[float, Field(ge=1e-3, le=1e9)]
+    position_gain_per_s: Annotated[float, Field(ge=0.1, le=1e4)]
+    integral_time_ms: Annotated[float, Field(ge=0.1, le=1e5)]
+    friction_nm: Annotated[float, Field(ge=0.0, le=100_000.0)] = 0.0
+    slip_urad: Annotated[float, Field(ge=0.1, le=10_000.0)] = 10.0
+    source: str = ""
+
+
 class RobotTable(Table):
     """Which robot: by catalogue name, by own geometry, or from a URDF file."""
 
@@ -79,13 +91,14 @@ class RobotTable(Table):
     urdf_tip: str | None = None
     elastic: tuple[ElasticTable, ...] = ()
     play: tuple[PlayTable, ...] = ()
+    servo: tuple[ServoTable, ...] = ()
 
     @model_validator(mode="after")
-    def _one_play_per_axis(self) -> RobotTable:
-        axes = [row.axis for row in self.play]
-        for axis in axes:
-            if axes.count(axis) > 1:
-                raise ValueError(f"play of axis {axis} is given {axes.count(axis)} times; expected once")
+    def _one_table_per_axis(self) -> RobotTable:
+        for what, axes in (("play", [row.axis for row in self.play]), ("servo", [row.axis for row in self.servo])):
+            for axis in axes:
+                if axes.count(axis) > 1:
+                    raise ValueError(f"{what} of axis {axis} is given {axes.count(axis)} times; expected once")
         return self
 
     @model_validator(mode="after")

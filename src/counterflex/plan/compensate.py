@@ -151,12 +151,12 @@ def plan(
     touched = touched_points(setting)
 
     def lost(q: Float, w_part: Float) -> Float:
-        return play_deviation(setting.chain, setting.T_base_part, path.p_part_tcp, q, w_part, touched)
+        return play_deviation(setting.chain, setting.T_base_part, path.p_part_tcp, q, w_part, path.time_s, touched)
 
     static = np.concatenate([deflection[:, :3] + sag, deflection[:, 3:]], axis=1)
     feed_run = feed_runs(path)
     q_corrected, play = joints.q, np.zeros_like(sag)
-    for _ in range(1 if setting.chain.play is None else 1 + _PLAY_ROUNDS):
+    for _ in range(1 if setting.chain.play is None and setting.chain.servo is None else 1 + _PLAY_ROUNDS):
         against = static + np.pad(play, ((0, 0), (0, 3)))
         against = shaped(np.where(contact[:, None], against, 0.0), path.time_s, feed_run, setting.shaping)
         correction = 0.0 - against[:, :3]

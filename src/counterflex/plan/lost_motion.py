@@ -1,4 +1,4 @@
-"""Deviation of the tool by play and friction of the drives, along the path as it is commanded.
+"""Deviation of the tool by play, friction and yielding of the drives, along the path as it is commanded.
 
 What the axes lose depends on where they come from, so the whole path counts, air moves included; and a correction
 moves the axes itself, so it is asked of the corrected path. Friction is relaxed at the first point, as after a rest.
@@ -14,6 +14,7 @@ from counterflex.geometry import wrench
 from counterflex.plan.part_frame import sag_deviation, true_part_frame
 from counterflex.robot import play
 from counterflex.robot.chain import ElasticChain, jacobian
+from counterflex.robot.servo import servo_error
 
 
 def play_deviation(
@@ -22,31 +23,36 @@ def play_deviation(
     p_part: Float,
     q: Float,
     w_tcp_part: Float,
+    time_s: Float,
     touched: tuple[Float, Float] | None,
 ) -> Float:
-    """Deviation of the tool by lost motion, beside sag and deflection.
+    """Deviation of the tool by lost motion and by motors that give way, beside sag and deflection.
 
     Args:
-        chain: Robot and end effector with their play; without, the deviation is exactly zero.
+        chain: Robot and end effector with play and servo gains; without both, the deviation is exactly zero.
         T_base_part: (4, 4) part frame as the controller knows it.
         p_part: (n, 3) m, programmed points in the order of the path.
         q: (n, 6) rad, commanded angles there, corrections included.
         w_tcp_part: (n, 6) N, N m, process wrench about the tip in part axes.
+        time_s: (n,) s.
         touched: Datum points (k, 3) m in the part frame and the angles (k, 6) rad at which they were touched, or None
             for a frame measured from outside.
 
     Returns:
         (n, 3) m, part axes, actual - nominal.
     """
-    if chain.play is None:
+    if chain.play is None and chain.servo is None:
         return np.zeros((len(p_part), 3))
     w_base = wrench.rotate(T_base_part[:3, :3], w_tcp_part)
-    off = play.at_tcp(chain, q, play.lost_motion(chain, q, w_base))[:, :3]
+    lost, load = play.torsion(chain, q, w_base)
+    if chain.servo is not None:
+        lost = lost + servo_error(chain.servo, q, load, time_s)
+    off = play.at_tcp(chain, q, lost)[:, :3]
     T_base_true = T_base_part
     if touched is not None:
         datum, q_datum = touched
-        lost = play.at_tcp(chain, q_datum, play.relaxed(chain, q_datum))[:, :3]
-        T_base_true = true_part_frame(T_base_part, datum, lost)
+        there = play.at_tcp(chain, q_datum, play.relaxed(chain, q_datum))[:, :3]
+        T_base_true = true_part_frame(T_base_part, datum, there)
     return sag_deviation(T_base_part, T_base_true, p_part, off)
 
 

@@ -17,6 +17,7 @@ from counterflex.robot.chain_checks import (
     JOINTS,
     check_counterbalance,
     check_play,
+    check_servo,
     fixed_pose,
     gravity_field,
     joint_limits,
@@ -24,7 +25,7 @@ from counterflex.robot.chain_checks import (
     rigid_motion,
 )
 from counterflex.robot.compact import Compact, compact
-from counterflex.robot.description import Counterbalance, EndEffector, Opw, Play, Robot
+from counterflex.robot.description import Counterbalance, EndEffector, Opw, Play, Robot, Servo
 from counterflex.robot.kernels_batch import (
     CHUNK,
     ON_RIGID,
@@ -66,6 +67,7 @@ class ElasticChain:
         counterbalance: Or None.
         gravity: (3,) m/s2 in base axes.
         play: Play and friction of the six driven axes, None for an axis without; or None.
+        servo: Loop gains of the six driven axes, None for an axis that never gives way; or None.
     """
 
     name: str
@@ -87,6 +89,7 @@ class ElasticChain:
     counterbalance: Counterbalance | None
     gravity: Float
     play: tuple[Play | None, ...] | None = None
+    servo: tuple[Servo | None, ...] | None = None
 
     @property
     def n(self) -> int:
@@ -168,6 +171,8 @@ class ElasticChain:
             check_counterbalance(balance, robot.name)
         if robot.play is not None:
             check_play(robot.play, robot.name)
+        if robot.servo is not None:
+            check_servo(robot.servo, robot.name)
         return cls(
             name=robot.name,
             names=tuple(s.name for s in segments),
@@ -188,6 +193,7 @@ class ElasticChain:
             counterbalance=balance,
             gravity=frozen(gravity_field(gravity_base)),
             play=robot.play,
+            servo=robot.servo,
         )
 
 

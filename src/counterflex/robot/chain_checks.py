@@ -6,7 +6,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
-from counterflex.robot.description import Counterbalance, Play, Robot, Segment
+from counterflex.robot.description import Counterbalance, Play, Robot, Segment, Servo
 
 JOINTS = 6
 _ROTATION_TOLERANCE = 1e-8  # largest deviation of R R^T from identity
@@ -150,3 +150,22 @@ def check_play(play: tuple[Play | None, ...], where: str) -> None:
                 raise ModelError(
                     f"{name} is out of range", where=place, value=numbers.tolist(), limit=f"{least:g}..{most:g}"
                 )
+
+
+def check_servo(servo: tuple[Servo | None, ...], where: str) -> None:
+    """Raise a ModelError where loop gains cannot be those of a drive."""
+    if len(servo) != JOINTS:
+        raise ModelError("loop gains need one entry per driven axis", where=where, value=len(servo), limit=JOINTS)
+    for axis, entry in enumerate(servo, start=1):
+        if entry is None:
+            continue
+        place = f"{where}: servo of axis {axis}"
+        for name, value, least, most in (
+            ("speed_gain_nm_s", entry.speed_gain_nm_s, 1e-3, 1e9),
+            ("position_gain_per_s", entry.position_gain_per_s, 0.1, 1e4),
+            ("integral_time_s", entry.integral_time_s, 1e-4, 100.0),
+            ("friction_nm", entry.friction_nm, 0.0, _LARGEST_FRICTION),
+            ("slip_rad", entry.slip_rad, _SMALLEST_SLIP, _LARGEST_ANGLE),
+        ):
+            if not least <= float(finite(value, (), f"{place} {name}")) <= most:
+                raise ModelError(f"{name} is out of range", where=place, value=value, limit=f"{least:g}..{most:g}")

@@ -90,6 +90,25 @@ class Play:
 
 
 @dataclass(frozen=True)
+class Servo:
+    """Position loop P around a speed loop PI of one axis, on the link side; see :mod:`counterflex.robot.servo`.
+
+    Attributes:
+        speed_gain_nm_s: K, torque per speed error, N m s/rad.
+        position_gain_per_s: Kv.
+        integral_time_s: Ti of the speed loop.
+        friction_nm: Dry friction on the motor's side.
+        slip_rad: Angle within which it turns round.
+    """
+
+    speed_gain_nm_s: float
+    position_gain_per_s: float
+    integral_time_s: float
+    friction_nm: float = 0.0
+    slip_rad: float = 1e-5
+
+
+@dataclass(frozen=True)
 class Opw:
     """Geometry of a six-axis robot with parallel base and spherical wrist (Brandstoetter et al. 2014).
 
@@ -120,6 +139,7 @@ class Robot:
         opw: Closed-form geometry where it fits, for the seeds of the inverse kinematics.
         counterbalance: Or None.
         play: Play and friction of the six driven axes, None for an axis where they are not known; or None.
+        servo: Loop gains of the six driven axes, None for an axis where they are not known; or None.
     """
 
     name: str
@@ -130,6 +150,7 @@ class Robot:
     opw: Opw | None = None
     counterbalance: Counterbalance | None = None
     play: tuple[Play | None, ...] | None = None
+    servo: tuple[Servo | None, ...] | None = None
 
 
 @dataclass(frozen=True)

@@ -215,26 +215,47 @@ def axis_torque(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) 
     return out
 
 
-def lost_motion(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) -> Float:
-    """What play and friction add to the elastic torsion of each axis along a path: ``s - c T``.
+def torsion(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) -> tuple[Float, Float]:
+    """Torsion of the axes along a path, with play and friction, and what of it is lost motion.
 
     Args:
-        chain: With ``play``; None or axes without an entry lose nothing.
+        chain: With ``play``; None or axes without an entry are linear springs.
         q: (n, 6) rad, motor angles in the order of the motion, from a state with relaxed friction.
         w_tcp_base: (n, 6) N, N m on the tool; None is weight alone.
 
     Returns:
-        (n, 6) rad, link side, positive in the positive direction of the axis angle.
+        ``s - c T`` (n, 6) rad: what play and friction add to the elastic torsion, link side, positive in the positive
+        direction of the axis angle; and M (n, 6) N m, the torque that the gears pass on to the motors.
     """
     angles = as_float("q", q, (None, 6))
-    if chain.play is None:
-        return np.zeros(angles.shape)
     torque = axis_torque(chain, angles, w_tcp_base)
+    if chain.play is None:
+        return np.zeros(angles.shape), torque
     soft = np.maximum(chain.compliance[chain.torsion, 5], STIFFEST_RAD_NM)
     band, limit, slip = _arrays(chain)
-    out: Float = torsion_path(angles, torque, soft, band, limit, slip) - soft * torque
-    out[:, [entry is None for entry in chain.play]] = 0.0
-    return out
+    s = torsion_path(angles, torque, soft, band, limit, slip)
+    lost: Float = s - soft * torque
+    through = (s - np.clip(s, -band, band)) / soft
+    without = [entry is None for entry in chain.play]
+    lost[:, without] = 0.0
+    through[:, without] = torque[:, without]
+    return lost, through
+
+
+def lost_motion(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) -> Float:
+    """What play and friction add to the elastic torsion of each axis along a path: the first part of :func:`torsion`.
+
+    Args:
+        chain: With ``play`` or None.
+        q: (n, 6) rad, in the order of the motion.
+        w_tcp_base: (n, 6) N, N m on the tool; None is weight alone.
+
+    Returns:
+        (n, 6) rad.
+    """
+    if chain.play is None:
+        return np.zeros(as_float("q", q, (None, 6)).shape)
+    return torsion(chain, q, w_tcp_base)[0]
 
 
 def relaxed(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) -> Float:

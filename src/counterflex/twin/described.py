@@ -1,7 +1,7 @@
 """A truth written as a cell description: what a planner would have to be told to know everything.
 
-Used to tell the error of the method from the error of the model. Drives and the friction on the motor's side have no
-place in a description and stay unknown.
+Used to tell the error of the method from the error of the model. Inertia and runout have no place in a
+description and stay unknown.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose
-from counterflex.robot.description import EndEffector, Play, Robot, Segment
+from counterflex.robot.description import EndEffector, Play, Robot, Segment, Servo
 from counterflex.twin.truth import Body, Truth
 
 
 def described(truth: Truth, robot: Robot, end_effector: EndEffector) -> tuple[Robot, EndEffector]:
-    """Geometry, compliances, bearings, masses, play and link-side friction of a truth as robot and end effector.
+    """Geometry, compliances, bearings, masses, play, friction and loop gains of a truth as robot and end effector.
 
     An elastic element that turns about a bearing away from the drive's frame becomes a segment of its own,
     ``Rz(theta) Tr(e) E Tr(-e)``.
@@ -54,7 +54,17 @@ def described(truth: Truth, robot: Robot, end_effector: EndEffector) -> tuple[Ro
         flange = back @ robot.T_last_flange
         true_hand = EndEffector(segments=(), T_last_tcp=pose.inverse(robot.T_last_flange) @ truth.T_last_tcp)
     play = tuple(Play(d.dead_band_rad, tuple(d.link_friction_nm), tuple(d.link_slip_rad)) for d in truth.drives)
-    return replace(robot, segments=arm, T_last_flange=flange, play=play), true_hand
+    servo = tuple(
+        Servo(
+            speed_gain_nm_s=d.speed_bandwidth_per_s * d.servo_inertia_kg_m2,
+            position_gain_per_s=d.position_gain_per_s,
+            integral_time_s=d.integral_time_s,
+            friction_nm=d.motor_friction_nm,
+            slip_rad=d.motor_slip_rad,
+        )
+        for d in truth.drives
+    )
+    return replace(robot, segments=arm, T_last_flange=flange, play=play, servo=servo), true_hand
 
 
 def _segments(bodies: tuple[Body, ...], T_last_here: Float) -> tuple[tuple[Segment, ...], Float]:

@@ -3,9 +3,10 @@
 What is filled in, and from where. Reference values are those of a KR 300 R2500 ultra (rotor inertia, servo inertia,
 friction and play per axis, chosen so that static lost motion and the first modes are those reported for that robot);
 for another robot they scale with its size: inertia with mass times reach squared, friction with mass times reach,
-play as an angle stays. Play and friction that the description has are taken from there. The inertia of a body is that
-of a cylinder towards the next frame; the last body, the spindle, is one along the tool axis with the density and
-slenderness of a motor spindle (75 kg: 0.65 m long, 0.15 m thick). What is filled in is not known to a planner.
+play as an angle stays. Play, friction and loop gains that the description has are taken from there. The inertia of a
+body is that of a cylinder towards the next frame; the last body, the spindle, is one along the tool axis with the
+density and slenderness of a motor spindle (75 kg: 0.65 m long, 0.15 m thick). What is filled in is not known to a
+planner.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import URAD
-from counterflex.robot.description import EndEffector, Play, Robot, Segment
+from counterflex.robot.description import EndEffector, Play, Robot, Segment, Servo
 from counterflex.twin.truth import SLIP_ELEMENTS, Body, CuttingTruth, Drive, Truth
 
 DAMPING_S = 1.0e-3
@@ -77,8 +78,8 @@ def nominal_truth(
         bodies.append(_body(segment, following[:3, 3], fill, tip[:3, 2] if last else None))
     inertia_scale = mass * reach**2 / (_MASS_KG * _REACH_M**2)
     torque_scale = friction * mass * reach / (_MASS_KG * _REACH_M)
-    known = robot.play or (None,) * 6
-    drives = tuple(_drive(i, inertia_scale, torque_scale, friction, known[i]) for i in range(6))
+    known, loops = robot.play or (None,) * 6, robot.servo or (None,) * 6
+    drives = tuple(_drive(i, inertia_scale, torque_scale, friction, known[i], loops[i]) for i in range(6))
     return Truth(
         name=name,
         bodies=tuple(bodies),
@@ -150,7 +151,9 @@ def _body(segment: Segment, p_seg_next: Float, fill_kg: float, spindle_axis: Flo
     )
 
 
-def _drive(axis: int, inertia_scale: float, torque_scale: float, factor: float, known: Play | None) -> Drive:
+def _drive(
+    axis: int, inertia_scale: float, torque_scale: float, factor: float, known: Play | None, loop: Servo | None
+) -> Drive:
     slip: tuple[float, ...] = _SLIP_RAD
     if known is None:
         half_band = _HALF_PLAY_RAD[axis]
@@ -162,15 +165,23 @@ def _drive(axis: int, inertia_scale: float, torque_scale: float, factor: float, 
             raise ModelError("slip elements of an axis", value=len(known.friction_nm), limit=f"<= {SLIP_ELEMENTS}")
         dry = (*(factor * torque for torque in known.friction_nm), *(0.0,) * missing)
         slip = (*known.slip_rad, *_SLIP_RAD[len(known.slip_rad) :])
+    inertia, motor, motor_slip = (
+        _SERVO_KG_M2[axis] * inertia_scale,
+        _MOTOR_FRICTION_NM[axis] * torque_scale,
+        _SLIP_RAD[1],
+    )
+    if loop is not None:
+        inertia = loop.speed_gain_nm_s / SPEED_BANDWIDTH_PER_S
+        motor, motor_slip = factor * loop.friction_nm, loop.slip_rad
     return Drive(
         rotor_inertia_kg_m2=_ROTOR_KG_M2[axis] * inertia_scale,
-        servo_inertia_kg_m2=_SERVO_KG_M2[axis] * inertia_scale,
+        servo_inertia_kg_m2=inertia,
         speed_bandwidth_per_s=SPEED_BANDWIDTH_PER_S,
-        position_gain_per_s=POSITION_GAIN_PER_S,
-        integral_time_s=INTEGRAL_TIME_S,
+        position_gain_per_s=POSITION_GAIN_PER_S if loop is None else loop.position_gain_per_s,
+        integral_time_s=INTEGRAL_TIME_S if loop is None else loop.integral_time_s,
         dead_band_rad=half_band * factor,
-        motor_friction_nm=_MOTOR_FRICTION_NM[axis] * torque_scale,
-        motor_slip_rad=_SLIP_RAD[1],
+        motor_friction_nm=motor,
+        motor_slip_rad=motor_slip,
         link_friction_nm=dry,
         link_slip_rad=slip,
     )
