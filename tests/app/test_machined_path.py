@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app import simulate
+from counterflex.app import prove, simulate
 from counterflex.app.inputs import SETTLING_S, read_job
 from counterflex.app.truth import truth_of
+from counterflex.core.errors import InputError
 from counterflex.files.cell import read_cell
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 
@@ -41,3 +42,14 @@ def test_the_simulated_cell_runs_the_program_without_that_stop(
     with pytest.raises(Seen):
         simulate.machine(job, cell, truth_of(cell, 1))
     assert run[0] is job.machined
+
+
+def test_programs_that_cut_nothing_are_told_so(program: Callable[..., Path], small: Path, tmp_path: Path) -> None:
+    head, tail = "G21 G17 G90\nM6 T1\nM3 S13000\nG0 X10 Y10 Z", "\nM5\nM2\n"
+    far = program(head + "90\nG1 X20 F1500" + tail)
+    cell = read_cell(small)
+    with pytest.raises(InputError, match="never comes near the blank"):
+        simulate.machine(read_job(far, cell), cell, truth_of(cell, 1))
+    near = program(head + "45\nG1 X20 F1500" + tail)
+    with pytest.raises(InputError, match="removes nothing from the blank"):
+        prove.prove(near, small, tmp_path)

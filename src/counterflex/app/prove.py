@@ -88,6 +88,7 @@ def prove(
         progress: Told the fraction done.
 
     Raises:
+        InputError: There are no seeds, or the program removes nothing.
         CounterflexError: As the jobs it consists of.
     """
     if seeds < 1:
@@ -98,6 +99,12 @@ def prove(
     progress(0.0, "planning")
     with faults_in(job):
         plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell))
+    if not plan.cutting.any():
+        raise InputError(
+            "the program removes nothing from the blank: there is nothing to prove",
+            where=Path(program).name,
+            hint="Check the part frame, the blank and the program's zero",
+        )
     files, written = write(job, plan, cell, "gcode")
     timing = {"planning": time.perf_counter() - begin}
     truths = {seed: truth_of(cell, seed) for seed in range(FIRST_SEED, FIRST_SEED + seeds)}

@@ -119,6 +119,8 @@ def _variant(item: Judged) -> VariantData:
 def budget(plan: Plan, deviation: PathDeviation, cell: Cell) -> tuple[BudgetLine, ...]:
     """What the model says causes the deviation that was met: each elastic segment, own weight, and the rest."""
     cutting = deviation.cutting
+    if not np.any(deviation.across[cutting]):
+        return ()
     place = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(plan.path.p_part_tcp, axis=0), axis=1))])
     at = deviation.length_m[cutting]
     direction = deviation.feed_direction[cutting]

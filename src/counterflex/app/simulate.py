@@ -56,10 +56,10 @@ def machine(job: Job, cell: Cell, truth: Truth, *, progress: Progress = silent) 
     """Machine a program on the twin of a cell.
 
     Raises:
-        InputError: The program cuts with several tools.
+        InputError: The program cuts with several tools, or never comes near the blank.
         SimulationError: The simulated cell left its physical range.
     """
-    return simulate(
+    record = simulate(
         job.machined,
         truth=truth,
         controller=controller(cell),
@@ -68,6 +68,13 @@ def machine(job: Job, cell: Cell, truth: Truth, *, progress: Progress = silent) 
         datum_points_part=cell.datum_points_part if cell.tables.part.measured_with == "robot" else None,
         progress=progress,
     )
+    if len(record.time_s) == 0:
+        raise InputError(
+            "the program never comes near the blank",
+            where=Path(job.program.name).name,
+            hint="Check the part frame, the blank and the program's zero",
+        )
+    return record
 
 
 def undisturbed(job: Job, cell: Cell, *, threads: int = 1) -> HeightMap:
