@@ -18,14 +18,14 @@ from counterflex.programs.gcode_expression import (
     Number,
     NumberedParameter,
 )
+from counterflex.programs.limits import LINUXCNC
 from counterflex.programs.program import Word
 
 _NUMBER: Final = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
 _PLAIN_LINE: Final = re.compile(rf"[ \t]*(?:[A-NP-Za-np-z][ \t]*{_NUMBER}[ \t]*)+")
 _PLAIN_WORD: Final = re.compile(rf"([A-Za-z])[ \t]*({_NUMBER})")
 _BLANK: Final = " \t\r"
-# LinuxCNC's limit; it also bounds how deep an expression can become.
-_LONGEST_LINE: Final = 255
+_LONGEST_LINE: Final = LINUXCNC.line_characters  # it also bounds how deep an expression can become
 FLOW_KEYWORDS: Final = (
     "endsub", "endwhile", "endif", "endrepeat", "elseif", "else", "sub", "call", "return", "while", "do", "if",
     "repeat", "break", "continue",

@@ -8,12 +8,14 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.core.arrays import Bool, Float, as_positive
-from counterflex.core.errors import InputError
+from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import INCH, MM
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode_emit import Emitter
+from counterflex.programs.limits import LINUXCNC
 from counterflex.programs.motion_rows import MotionRows, motion_rows
 from counterflex.programs.program import Program
+from counterflex.programs.written_line import without_comments
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,7 @@ def write_gcode(
             largest_dropped_rotation_rad=dropped,
         )
     emitter = Emitter(program, rows, tolerance_m, decimals)
-    lines = emitter.run()
+    lines = [part for line in emitter.run() for part in _short_enough(line, program)]
     if header:
         place = 1 if lines and lines[0].strip() == "%" else 0
         lines[place:place] = _header(program, tolerance_m, cell)
@@ -145,6 +147,22 @@ def write_gcode(
         largest_dwell_error_m=rows.dwell_error_m,
         largest_dropped_rotation_rad=dropped,
     )
+
+
+def _short_enough(line: str, program: Program) -> list[str]:
+    """A line that added words made too long for the interpreter, with its comments on lines of their own before it."""
+    if len(line) <= LINUXCNC.line_characters or line in program.lines:
+        return [line]
+    code, comments = without_comments(line)
+    if len(code) > LINUXCNC.line_characters:
+        raise ProgramError(
+            "a corrected block is longer than the interpreter takes",
+            where=program.name,
+            value=f"{len(code)} characters",
+            limit=f"<= {LINUXCNC.line_characters}",
+            hint="Shorten the expressions of the block",
+        )
+    return [*comments, code]
 
 
 def _header(program: Program, tolerance_m: float, cell: str) -> list[str]:

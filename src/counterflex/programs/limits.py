@@ -35,12 +35,13 @@ class Limits:
 
 
 LINUXCNC: Final = Limits(
-    line_characters=255,
+    line_characters=252,
     name_characters=255,
     points_per_file=10_000_000,
     position_decimals=4,
     angle_decimals=5,
-    source="line length: LINELEN of the RS274/NGC interpreter (measured); number of lines: none known (cautious)",
+    source="line length, comments included: the RS274/NGC interpreter refuses 253 as too long (measured); number of "
+    "lines: none known (cautious)",
 )
 KRL: Final = Limits(
     line_characters=255,

@@ -167,5 +167,10 @@ def _short(value: float, decimals: int) -> str:
     return str(int(value)) if value == int(value) else number(value, max(decimals, 6)).rstrip("0")
 
 
+def without_comments(text: str) -> tuple[str, list[str]]:
+    """A line without its comments, and the comments in order."""
+    return " ".join(_COMMENT.sub(" ", text).split()), _COMMENT.findall(text)
+
+
 def _comments(gap: str) -> Iterable[str]:
     return _COMMENT.findall(gap)
