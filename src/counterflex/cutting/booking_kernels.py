@@ -24,7 +24,8 @@ VOLUME: Final = 0
 BOTTOM: Final = 1
 AREA: Final = 2
 VISITED: Final = 3
-"""Columns of the per-segment totals: quanta removed, of these by the end face, cells under it, cells visited."""
+"""Columns of the per-segment totals: quanta neither booked nor of the end face, by the end face, cells under it, cells
+visited. What a segment removed is the sum of the first two and of its book."""
 EVENTS: Final = 2048
 """Removed columns gathered before they are booked together."""
 COUNT: Final = 0
@@ -37,8 +38,10 @@ _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
 _SMALL = np.float32(1.0e-12)
 _PI = np.float32(math.pi)
+_HALF_PI = np.float32(0.5 * math.pi)
 _SCALE = np.float32(2.0**30)
 _BINS_PER_RAD = np.float32(BINS / math.pi)
+_LAST = np.float32(BINS - 0.5)
 
 
 @kernel()
@@ -49,15 +52,16 @@ def phi_bin(ratio: Real) -> Whole:
 
 
 @kernel()
-def _acos(c: Real) -> Real:
-    """Arc cosine in float32, within 3e-7 rad: Abramowitz and Stegun 4.4.46."""
-    a = min(abs(c), _ONE)
-    p = np.float32(0.0066700901) + a * np.float32(-0.0012624911)
-    p = np.float32(0.0308918810) + a * (np.float32(-0.0170881256) + a * p)
-    p = np.float32(0.0889789874) + a * (np.float32(-0.0501743046) + a * p)
-    p = np.float32(1.5707963050) + a * (np.float32(-0.2145988016) + a * p)
-    phi = math.sqrt(_ONE - a) * p
-    return phi if c >= _ZERO else _PI - phi
+def _bin_of(q: Real, w: Real) -> Real:
+    """Bin of phi = atan2(q, w), q >= 0, to be rounded down; within 1e-5 rad (Abramowitz and Stegun 4.4.47)."""
+    aside = abs(w)
+    x = min(q, aside) / max(max(q, aside), _SMALL)
+    y = x * x
+    p = np.float32(0.1801410) + y * (np.float32(-0.0851330) + y * np.float32(0.0208351))
+    phi = x * (np.float32(0.9998660) + y * (np.float32(-0.3302995) + y * p))
+    phi = phi if q < aside else _HALF_PI - phi
+    phi = phi if w >= _ZERO else _PI - phi
+    return min(phi * _BINS_PER_RAD, _LAST)
 
 
 @kernel()
@@ -140,13 +144,28 @@ def _book_column(
 
 
 @kernel()
-def _code_flat(event: Float32, code: Int32, held: Whole, radius: Real) -> None:
-    """Bin of each removed column under a flat end mill."""
-    w_of, bin_of = event[3, :held], code[0, :held]
-    per = _ONE / radius
-    last = np.float32(BINS - 0.5)
+def _code_flat(event: Float32, code: Int32, held: Whole, radius: Real, per_step: Real, count: Whole) -> None:
+    """Segment and bin of each removed column under a flat end mill; event[1] becomes the station t of its cut."""
+    s_of, w_of, t_of, place_of, sub_of = (
+        event[2, :held],
+        event[3, :held],
+        event[1, :held],
+        code[0, :held],
+        code[2, :held],
+    )
+    r2 = radius * radius
+    if count == 1:
+        for i in range(held):
+            q = math.sqrt(max(r2 - w_of[i] * w_of[i], _ZERO))
+            place_of[i] = np.int32(_bin_of(q, w_of[i]))
+        return
+    last = np.float32(count) - _HALF
     for i in range(held):
-        bin_of[i] = np.int32(min(_acos(w_of[i] * per) * _BINS_PER_RAD, last))
+        q = math.sqrt(max(r2 - w_of[i] * w_of[i], _ZERO))
+        t = s_of[i] - q
+        t_of[i] = t
+        place_of[i] = np.int32(_bin_of(q, w_of[i]))
+        sub_of[i] = np.int32(min(max(t * per_step, _ZERO), last))
 
 
 @kernel()
@@ -162,56 +181,51 @@ def _code_ball(
     cos_theta: Real,
     levels: Whole,
 ) -> None:
-    """Level and bin of each removed column under a ball, or -1 where it must be split or shared.
+    """Level and bin of each removed column under a ball, or -1 where it is so tall that it must be split exactly.
 
-    The heights above the tip at which the column's ends met the ball are exact: the lower end by the free minimiser,
-    the upper one by the sphere entered along the feed. A column over two levels is divided at the border between them.
+    The sphere, entered along the feed, meets the middle of the column at t; that gives the height above the tip, hence
+    the level, and with ``q = s - t`` the angle ``phi = atan2(q, w)``. What reaches over the level's border goes to the
+    neighbour. On a descent the part below the ball's lowest line belongs to the end face, and of the rest a share.
     """
     d_of, new_of, s_of, w_of = event[0, :held], event[1, :held], event[2, :held], event[3, :held]
-    lower_of, upper_of = code[0, :held], code[2, :held]
-    lower_side, upper_side = code[3, :held], code[4, :held]
+    place_of, next_of = code[0, :held], code[2, :held]
+    side_of, over_of = code[3, :held], code[4, :held]
     r2 = radius * radius
     per = _ONE / radius
     top, bins = np.float32(levels), np.float32(BINS)
-    last = np.float32(BINS - 0.5)
+    unit = radius / (top * top)
+    drop = max(-slope, _ZERO)
+    falls = slope < _ZERO
     for i in range(held):
         s, w, new = s_of[i], w_of[i], new_of[i]
         a = max(r2 - w * w, _ZERO)
         q = math.sqrt(a)
-        old = new + d_of[i]
-        t_new = min(max(s - max(sin_theta, _ZERO) * q, _ZERO), length)
-        tip = za + slope * t_new
-        low_end = max(new, min(tip + radius - q, old)) if slope < _ZERO else new
-        h_new = low_end - tip
-        rise = old - za - radius
-        along = s * cos_theta + rise * sin_theta
+        cut = d_of[i]
+        line = za + slope * min(max(s, _ZERO), length) + radius - q
+        rear = min(max(line - new, _ZERO), cut) if falls else _ZERO
+        cut -= rear
+        half = _HALF * cut
+        rise = new + rear + half - za - radius
         across = rise * cos_theta - s * sin_theta
-        entry = (along - math.sqrt(max(a - across * across, _ZERO))) * cos_theta
-        over = s - q
-        entry = over if rise - slope * over > _ZERO else entry
-        h_old = rise + radius - slope * min(max(entry, _ZERO), length)
-        low = np.floor(top * math.sqrt(min(max(h_new * per, _ZERO), _ONE)))
-        high = np.floor(top * math.sqrt(min(max(h_old * per, _ZERO), _ONE)))
-        step = high / top
-        border = min(max(radius * step * step, h_new), h_old) if high > low else h_old
-        h = min(max(_HALF * (h_new + border), _ZERO), radius)
-        r2_mid = max(h * (radius + radius - h), _SMALL)
-        ratio = min(max(w / math.sqrt(r2_mid), -_ONE), _ONE)
-        lower_bin = np.floor(min(_acos(ratio) * _BINS_PER_RAD, last))
-        pull = math.sqrt(max((_ONE - ratio * ratio) * r2_mid, _ZERO))
-        lower_share = pull / (pull - min(slope, _ZERO) * max(radius - h, _SMALL) + _SMALL)
-        h = min(max(_HALF * (border + h_old), _ZERO), radius)
-        r2_mid = max(h * (radius + radius - h), _SMALL)
-        ratio = min(max(w / math.sqrt(r2_mid), -_ONE), _ONE)
-        upper_bin = np.floor(min(_acos(ratio) * _BINS_PER_RAD, last))
-        pull = math.sqrt(max((_ONE - ratio * ratio) * r2_mid, _ZERO))
-        upper_share = pull / (pull - min(slope, _ZERO) * max(radius - h, _SMALL) + _SMALL)
-        cut = old - low_end
-        upper_part = cut * ((h_old - border) / max(h_old - h_new, _SMALL))
-        lower_of[i] = np.int32(low * bins + lower_bin if high - low <= _ONE else -_ONE)
-        upper_of[i] = np.int32(high * bins + upper_bin)
-        lower_side[i] = np.int32((cut - upper_part) * lower_share * _SCALE + _HALF)
-        upper_side[i] = np.int32(upper_part * upper_share * _SCALE + _HALF)
+        entry = (s * cos_theta + rise * sin_theta - math.sqrt(max(a - across * across, _ZERO))) * cos_theta
+        shank = s - q
+        entry = shank if rise - slope * shank > _ZERO else entry
+        h = max(rise + radius - slope * min(max(entry, _ZERO), length), _ZERO)
+        ahead = max(s - entry, _ZERO)
+        spot = np.floor(_bin_of(ahead, w))
+        level = np.floor(top * math.sqrt(min(h * per, _ONE)))
+        border = unit * level * level
+        width = unit * (level + level + _ONE)
+        above = h + half - border - width if level < top else _ZERO
+        below = border - h + half if level > _ZERO else _ZERO
+        beyond = max(max(above, below), _ZERO)
+        tall = (beyond > _ZERO) & (cut > width + width)
+        other = level + (_ONE if above > below else -_ONE)
+        share = ahead / (ahead + drop * max(radius - h, _SMALL) + _SMALL) if falls else _ONE
+        place_of[i] = np.int32(-_ONE if tall else level * bins + spot)
+        next_of[i] = np.int32(max(other, _ZERO) * bins + spot)
+        side_of[i] = np.int32((cut - beyond) * share * _SCALE + _HALF)
+        over_of[i] = np.int32(beyond * share * _SCALE + _HALF)
 
 
 @kernel()
@@ -248,49 +262,64 @@ def settle(
             under = (ahead * ahead + w_of[i] * w_of[i] <= f_r2) & (quanta_of[i] > 0)
             area += np.int64(under)
         totals[count - 1, AREA] += area
-    if mode != BOOK and count == 1:
+    if mode == END_FACE or (mode == COUNT and count == 1):
         volume = np.int64(0)
         for i in range(held):
             volume += np.int64(quanta_of[i])
-        totals[0, VOLUME] += volume
-        if mode == END_FACE:
-            totals[0, BOTTOM] += volume
+        totals[0, BOTTOM if mode == END_FACE else VOLUME] += volume
         return
-    quick = levels == 0 and slope >= 0.0
-    split = corner == radius
-    if levels == 0:
-        _code_flat(event, code, held, f_rad)
-    elif corner == radius:
-        quick = True
-        cosine = 1.0 / math.sqrt(1.0 + slope * slope)
-        _code_ball(
-            event, code, held, f_rad, f_za, f_slope, f_len, np.float32(slope * cosine), np.float32(cosine), levels
-        )
-    mean_step = length / count
-    flat_book = booked.reshape(booked.shape[0], -1)
-    volume = np.int64(0)
     bottom = np.int64(0)
-    if count == 1 and continued and quick:
-        total = booked.reshape(-1)
+    if not continued:
+        # what stood over the start is not cut by the motion: the end face takes it, and nothing is left to book
         for i in range(held):
-            quanta = np.int64(quanta_of[i])
-            place = code[0, i]
-            volume += quanta
-            if place >= 0:
-                if split:
-                    upper = min(np.int64(code[4, i]), quanta)
-                    side = min(np.int64(code[3, i]), quanta - upper) if slope < 0.0 else quanta - upper
-                    total[code[2, i]] += upper
-                    total[place] += side
-                    bottom += quanta - upper - side
+            s, w = float(event[2, i]), float(event[3, i])
+            if s * s + w * w <= r2:
+                bottom += np.int64(quanta_of[i])
+                quanta_of[i] = 0
+                removed[i] = _ZERO
+    books = booked.reshape(-1)
+    ball = corner == radius
+    if levels == 0 and slope >= 0.0:
+        _code_flat(event, code, held, f_rad, np.float32(count / length), count)
+        if count == 1:
+            for i in range(held):
+                books[np.uint32(code[0, i])] += np.int64(quanta_of[i])
+        else:
+            for i in range(held):
+                sub = code[2, i]
+                t = event[1, i]
+                while sub > 0 and t < stations[sub]:
+                    sub -= 1
+                while sub < count - 1 and t >= stations[sub + 1]:
+                    sub += 1
+                if mode == COUNT:
+                    totals[sub, VOLUME] += np.int64(quanta_of[i])
                 else:
-                    total[place] += quanta
+                    books[np.uint32(sub * BINS + code[0, i])] += np.int64(quanta_of[i])
+    else:
+        if ball:
+            cosine = 1.0 / math.sqrt(1.0 + slope * slope)
+            _code_ball(
+                event, code, held, f_rad, f_za, f_slope, f_len, np.float32(slope * cosine), np.float32(cosine), levels
+            )
+        for i in range(held):
+            quanta = quanta_of[i]
+            if ball and code[0, i] >= 0:
+                over = code[4, i]
+                if over > 0:
+                    over = min(over, quanta)
+                    books[np.uint32(code[2, i])] += np.int64(over)
+                side = quanta - over
+                if slope < 0.0:
+                    side = min(code[3, i], side)
+                    bottom += np.int64(quanta - over - side)
+                books[np.uint32(code[0, i])] += np.int64(side)
             elif quanta > 0:
                 new = float(event[1, i])
                 bottom += _book_column(
                     booked,
                     0,
-                    quanta,
+                    np.int64(quanta),
                     new + quanta * QUANTUM_M,
                     new,
                     float(event[2, i]),
@@ -301,49 +330,4 @@ def settle(
                     minimiser,
                     shape,
                 )
-        totals[0, VOLUME] += volume
-        totals[0, BOTTOM] += bottom
-        return
-    for i in range(held):
-        quanta = np.int64(quanta_of[i])
-        if quanta <= 0:
-            continue
-        sub = 0
-        if count > 1 or not continued:
-            s, w = float(event[2, i]), float(event[3, i])
-            if not continued and s * s + w * w <= r2:
-                totals[0, VOLUME] += quanta
-                totals[0, BOTTOM] += quanta
-                continue
-            if count > 1:
-                t = s - math.sqrt(max(0.0, r2 - w * w))
-                sub = min(max(int(t / mean_step), 0), count - 1)
-                while sub > 0 and t < stations[sub]:
-                    sub -= 1
-                while sub < count - 1 and t >= stations[sub + 1]:
-                    sub += 1
-                totals[sub, VOLUME] += quanta
-                volume -= quanta
-        volume += quanta
-        if mode != BOOK:
-            continue
-        if quick and not split:
-            flat_book[sub, code[0, i]] += quanta
-        else:
-            new = float(event[1, i])
-            bottom += _book_column(
-                booked,
-                sub,
-                quanta,
-                new + quanta * QUANTUM_M,
-                new,
-                float(event[2, i]),
-                float(event[3, i]),
-                length,
-                za,
-                slope,
-                minimiser,
-                shape,
-            )
-    totals[0, VOLUME] += volume
     totals[0, BOTTOM] += bottom

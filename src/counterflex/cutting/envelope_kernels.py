@@ -22,7 +22,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from counterflex.core.arrays import Float32, Int
+from counterflex.core.arrays import Float32
 from counterflex.core.jit import kernel
 
 Real: TypeAlias = Any
@@ -45,12 +45,16 @@ NODES: Final = 256
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 _TINY = np.float32(1.0e-9)
+_FIRST = np.array([(i & -i).bit_length() - 1 if i else 0 for i in range(256)], np.uint8)
+_LAST = np.array([i.bit_length() - 1 if i else 0 for i in range(256)], np.uint8)
+"""Places of the lowest and of the highest bit set in a byte."""
 
 
 @kernel()
 def row_flat(
     row: Float32,
     lane: Float32,
+    bit: Int32,
     out: Float32,
     s0: Real,
     w0: Real,
@@ -59,8 +63,9 @@ def row_flat(
     slope: Real,
     floor: Real,
     radius: Real,
-) -> None:
-    """Lower 16 cells under a flat end mill; out receives what was removed."""
+) -> Whole:
+    """Lower 16 cells under a flat end mill; out receives what was removed. Returns the lowered lanes as bits."""
+    hit = np.int32(0)
     r2 = radius * radius
     for k in range(LANES):
         s = s0 + lane[k]
@@ -76,12 +81,15 @@ def row_flat(
         out[k] = old - new
         out[NEW + k] = new
         out[PEAK + k] = max(out[PEAK + k], new)
+        hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
+    return hit
 
 
 @kernel()
 def row_ball(
     row: Float32,
     lane: Float32,
+    bit: Int32,
     out: Float32,
     s0: Real,
     w0: Real,
@@ -91,8 +99,9 @@ def row_ball(
     floor: Real,
     radius: Real,
     sin_theta: Real,
-) -> None:
-    """Lower 16 cells under a ball end mill."""
+) -> Whole:
+    """Lower 16 cells under a ball end mill; see :func:`row_flat`."""
+    hit = np.int32(0)
     r2 = radius * radius
     for k in range(LANES):
         s = s0 + lane[k]
@@ -107,12 +116,15 @@ def row_ball(
         out[k] = old - new
         out[NEW + k] = new
         out[PEAK + k] = max(out[PEAK + k], new)
+        hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
+    return hit
 
 
 @kernel()
 def row_bull(
     row: Float32,
     lane: Float32,
+    bit: Int32,
     out: Float32,
     s0: Real,
     w0: Real,
@@ -123,8 +135,9 @@ def row_bull(
     radius: Real,
     corner: Real,
     minimiser: Float32,
-) -> None:
+) -> Whole:
     """Lower 16 cells under a bull nose; minimiser is the table of u over |w| (ignored on the level)."""
+    hit = np.int32(0)
     inner = radius - corner
     r2 = corner * corner
     per = _ONE / radius
@@ -147,35 +160,26 @@ def row_bull(
         out[k] = old - new
         out[NEW + k] = new
         out[PEAK + k] = max(out[PEAK + k], new)
+        hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
+    return hit
 
 
 @kernel()
-def nothing(pairs: Int) -> bool:
-    """True when the 16 removed heights, seen as 8 integers, are all zero."""
-    bits = np.int64(0)
-    for k in range(LANES // 2):
-        bits |= pairs[k]
-    return bool(bits == 0)
-
-
-@kernel()
-def gather(event: Float32, held: Whole, out: Float32, lane: Float32, s_row: Real, w_row: Real) -> int:
+def gather(event: Float32, held: Whole, hit: Whole, out: Float32, lane: Float32, s_row: Real, w_row: Real) -> int:
     """Append the row's columns from the first to the last that was lowered; returns how many."""
-    first = 0
-    while out[first] <= _ZERO:
-        first += 1
-    last = LANES - 1
-    while out[last] <= _ZERO:
-        last -= 1
-    removed, new, s, w = event[0, held:], event[1, held:], event[2, held:], event[3, held:]
+    left, right = hit & 255, (hit >> 8) & 255
+    first = int(_FIRST[left]) if left != 0 else 8 + int(_FIRST[right])
+    last = 8 + int(_LAST[right]) if right != 0 else int(_LAST[left])
+    # unsigned places need no look whether they count from the end, so that the loops run in vectors
+    to, at = np.uint64(held), np.uint64(first)
     for k in range(LANES):
-        removed[k] = out[first + k]
+        event[0, to + np.uint64(k)] = out[at + np.uint64(k)]
     for k in range(LANES):
-        new[k] = out[NEW + first + k]
+        event[1, to + np.uint64(k)] = out[at + np.uint64(NEW + k)]
     for k in range(LANES):
-        s[k] = s_row + lane[first + k]
+        event[2, to + np.uint64(k)] = s_row + lane[at + np.uint64(k)]
     for k in range(LANES):
-        w[k] = w_row + lane[SIDE + first + k]
+        event[3, to + np.uint64(k)] = w_row + lane[at + np.uint64(SIDE + k)]
     return last + 1 - first
 
 

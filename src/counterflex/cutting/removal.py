@@ -14,7 +14,7 @@ from counterflex.core.jit import kernel
 from counterflex.core.progress import Progress, silent
 from counterflex.cutting.booking_kernels import AREA, BINS, BOTTOM, EVENTS, QUANTUM_M, VISITED, VOLUME
 from counterflex.cutting.cutter import Cutter
-from counterflex.cutting.envelope_kernels import NODES, OUT, SIDE
+from counterflex.cutting.envelope_kernels import LANES, NODES, OUT, SIDE
 from counterflex.cutting.stock import HeightMap, require_vertical
 from counterflex.cutting.sweep_kernels import Grid, Scratch, Workspace, stamp_bands
 from counterflex.path import FEED, RAPID, ToolPath
@@ -46,6 +46,8 @@ def stamp_workspace(cutter: Cutter) -> Workspace:
     """Scratch arrays for :func:`~counterflex.cutting.sweep_kernels.stamp_segment` with this cutter."""
     scratch = Scratch(
         lane=np.empty(2 * SIDE, np.float32),
+        bit=np.empty(LANES, np.int32),
+        sums=np.empty(LANES, np.int64),
         out=np.zeros(OUT, np.float32),
         minimiser=np.empty(NODES + 2, np.float32),
         stations=np.empty(2),
@@ -127,25 +129,44 @@ class RemovalResult:
 
 @kernel()
 def _compress(
-    booked: Int, length: Float, unit: float, radii: Float, unit_width: Float, cell: UInt16, depth: Float32, offsets: Int
+    booked: Int,
+    length: Float,
+    unit: float,
+    radii: Float,
+    unit_width: Float,
+    cell: UInt16,
+    depth: Float32,
+    offsets: Int,
+    side: Int,
 ) -> int:
-    """Sum the workers' books into depths, append the non-zero ones, clear the books; returns the number of entries."""
+    """Sum the workers' books into depths, append the non-zero ones, clear the books; returns the number of entries.
+
+    side (n,) receives the quanta booked to each segment.
+    """
     workers, _, levels, bins = booked.shape
     n = len(length)
     at = 0
     for i in range(n):
+        side[i] = 0
         for level in range(levels):
+            sums = booked[0, i, level]
+            for worker in range(1, workers):
+                other = booked[worker, i, level]
+                for j in range(sums.size):
+                    sums[j] += other[j]
+                    other[j] = 0
+            total = np.int64(0)
+            for j in range(sums.size):
+                total += sums[j]
+            if total == 0:
+                continue
+            side[i] += total
+            per = unit / (length[i] * radii[level])
             for j in range(bins):
-                total = 0
-                for worker in range(workers):
-                    total += booked[worker, i, level, j]
-                if total == 0:
-                    continue
-                for worker in range(workers):
-                    booked[worker, i, level, j] = 0
-                if length[i] > 0.0:
+                if sums[j] != 0:
                     cell[at] = level * bins + j
-                    depth[at] = total * unit / (length[i] * radii[level] * unit_width[j])
+                    depth[at] = sums[j] * per / unit_width[j]
+                    sums[j] = 0
                     at += 1
         offsets[i + 1] = at
     return at
@@ -223,12 +244,14 @@ def remove_segments(
         totals = np.zeros((threads, count, 4), np.int64)
         stamp_bands(grid, path[first : last + 1], chunk, shape, first > 0, book[first:last], booked, totals, threads)
         sums = totals.sum(axis=0)
+        side = np.zeros(count, np.int64)
         booked_engagement = None
         if engagement:
             offsets = np.zeros(count + 1, np.int64)
-            used = _compress(booked, length[first:last], unit, radii, widths, cell, depth, offsets)
+            used = _compress(booked, length[first:last], unit, radii, widths, cell, depth, offsets, side)
             booked_engagement = Engagement(levels, offsets, cell[:used].copy(), depth[:used].copy())
-        volume = sums[:, VOLUME] * unit
+        quanta = sums[:, VOLUME] + sums[:, BOTTOM] + side
+        volume = quanta * unit
         yield (
             first,
             RemovalResult(
@@ -239,7 +262,7 @@ def remove_segments(
                 booked_engagement,
                 first + np.flatnonzero((kinds[first:last] == RAPID) & (volume > 0.0)),
                 int(sums[:, VISITED].sum()),
-                int(np.count_nonzero(sums[:, VOLUME])),
+                int(np.count_nonzero(quanta)),
             ),
         )
         at = stop

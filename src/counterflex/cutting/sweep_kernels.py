@@ -38,7 +38,6 @@ from counterflex.cutting.envelope_kernels import (
     fill_minimiser,
     gather,
     height_under,
-    nothing,
     row_ball,
     row_bull,
     row_flat,
@@ -69,6 +68,8 @@ class Scratch(NamedTuple):
     """Scratch arrays of one thread."""
 
     lane: Float32
+    bit: Int32
+    sums: Int
     out: Float32
     minimiser: Float32
     stations: Float
@@ -108,7 +109,7 @@ def stamp_rows(
     """
     z, tops, x0, y0, cell, floor = grid.z, grid.tops, grid.x0, grid.y0, grid.cell, grid.floor
     lane, out, minimiser, stations = scratch.lane, scratch.out, scratch.minimiser, scratch.stations
-    event, code = scratch.event, scratch.code
+    event, code, bit, sums = scratch.event, scratch.code, scratch.bit, scratch.sums
     ny, nx = z.shape
     radius, corner = shape[0], shape[1]
     xa, ya, za = path[first, 0], path[first, 1], path[first, 2]
@@ -133,6 +134,9 @@ def stamp_rows(
     sin_theta = slope / math.sqrt(1.0 + slope * slope)
     if not (flat or ball) and slope != 0.0:
         fill_minimiser(minimiser, radius, corner, slope)
+    for k in range(LANES):
+        bit[k] = np.int32(1 << k)
+        sums[k] = 0
     for k in range(SIDE):
         lane[k] = np.float32(k * cell * ux)
         lane[SIDE + k] = np.float32(-k * cell * uy)
@@ -140,7 +144,7 @@ def stamp_rows(
     for i in range(1, count + 1):
         stations[i] = math.hypot(path[first + i, 0] - xa, path[first + i, 1] - ya)
     behind = -1.0e30
-    if continued and not plunge and not flat:
+    if continued and not plunge:
         behind = 0.0 if slope >= 0.0 else (radius * sin_theta if ball else -radius)
     y_low, y_high = min(ya, yb), max(ya, yb)
     f_len, f_za, f_slope = np.float32(length), np.float32(start), np.float32(slope)
@@ -150,9 +154,7 @@ def stamp_rows(
     row_high = min(block_last, math.floor((y_high + radius - y0) / cell / ROWS) + 1)
     held = 0
     mode = END_FACE if plunge else (BOOK if book else COUNT)
-    pairs = out.view(np.int64)
     tally = mode == COUNT and count == 1
-    volume = np.int64(0)
     half_x, half_y = 0.5 * (LANES - 1) * cell, 0.5 * (ROWS - 1) * cell
     diagonal = math.hypot(half_x, half_y)
     reach = half_x * abs(ux) + half_y * abs(uy)
@@ -198,11 +200,14 @@ def stamp_rows(
                 w_row = w_first + (j - j_low) * cell * ux
                 row = z[j, i_low : i_low + LANES]
                 if flat:
-                    row_flat(row, lane, out, np.float32(s_row), np.float32(w_row), f_len, f_za, f_slope, f_floor, f_rad)
+                    hit = row_flat(
+                        row, lane, bit, out, np.float32(s_row), np.float32(w_row), f_len, f_za, f_slope, f_floor, f_rad
+                    )
                 elif ball:
-                    row_ball(
+                    hit = row_ball(
                         row,
                         lane,
+                        bit,
                         out,
                         np.float32(s_row),
                         np.float32(w_row),
@@ -214,9 +219,10 @@ def stamp_rows(
                         f_sin,
                     )
                 else:
-                    row_bull(
+                    hit = row_bull(
                         row,
                         lane,
+                        bit,
                         out,
                         np.float32(s_row),
                         np.float32(w_row),
@@ -228,14 +234,14 @@ def stamp_rows(
                         f_cor,
                         minimiser,
                     )
-                if nothing(pairs):
+                if hit == 0:
                     continue
                 changed = True
                 if tally:
                     for k in range(LANES):
-                        volume += np.int64(np.int32(out[k] * _SCALE + _HALF))
+                        sums[k] += np.int64(np.int32(out[k] * _SCALE + _HALF))
                     continue
-                held += gather(event, held, out, lane, np.float32(s_row), np.float32(w_row))
+                held += gather(event, held, hit, out, lane, np.float32(s_row), np.float32(w_row))
             if held > EVENTS - (ROWS + 1) * LANES:
                 settle(
                     event,
@@ -260,7 +266,8 @@ def stamp_rows(
                 for k in range(1, LANES):
                     highest = max(highest, out[PEAK + k])
                 tops[block_row, block] = highest
-    totals[0, VOLUME] += volume
+    if tally:
+        totals[0, VOLUME] += sums.sum()
     if held > 0:
         settle(
             event,
@@ -305,6 +312,8 @@ def stamp_bands(
     for worker in prange(workers):
         scratch = Scratch(
             np.empty(2 * SIDE, np.float32),
+            np.empty(LANES, np.int32),
+            np.empty(LANES, np.int64),
             np.zeros(OUT, np.float32),
             np.empty(NODES + 2, np.float32),
             np.empty(longest + 1, np.float64),
@@ -387,13 +396,15 @@ def stamp_segment(
     length = math.hypot(xb - xa, yb - ya)
     levels = booked.shape[1]
     radii = 3 + levels
+    removed = totals[0, VOLUME] + totals[0, BOTTOM]
     for level in range(levels):
         for j in range(BINS):
             depth_out[level, j] = 0.0
-            if booked[0, level, j] > 0 and length > 0.0:
+            if booked[0, level, j] > 0:
+                removed += booked[0, level, j]
                 depth_out[level, j] = (
                     booked[0, level, j] * unit / (length * shape[radii + level] * workspace.unit_width[j])
                 )
     extra_out[0] = totals[0, BOTTOM] * unit
     extra_out[1] = totals[0, AREA] * grid.cell * grid.cell
-    return float(totals[0, VOLUME] * unit)
+    return float(removed * unit)
