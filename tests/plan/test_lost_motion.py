@@ -42,7 +42,7 @@ def test_there_and_back_differ_by_the_reversal(path_of: PathOf, setting: Setting
     q = solve_joints(path, lines(path), setting).q
     w = np.zeros((len(path), 6))
     deviation = play_deviation(
-        setting.chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched_points(setting)
+        setting.chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched_points(setting), setting.mode
     )
     x = path.p_part_tcp[:, 0]
     runs = [np.flatnonzero((path.motion == m) & (np.abs(x - 25 * MM) < 3 * MM)) for m in np.unique(path.motion)[-4:-1]]
@@ -57,11 +57,13 @@ def test_no_play_is_exactly_nothing(path_of: PathOf, setting: Setting) -> None:
     q = solve_joints(path, lines(path), setting).q
     w, touched = np.zeros((len(path), 6)), touched_points(setting)
     chain = replace(setting.chain, play=None)
-    assert np.all(play_deviation(chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched) == 0.0)
-    none = replace(setting.chain, play=(Play(),) * 6)
-    assert play_deviation(none, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched) == pytest.approx(
-        0.0, abs=1e-9
+    assert np.all(
+        play_deviation(chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched, setting.mode) == 0.0
     )
+    none = replace(setting.chain, play=(Play(),) * 6)
+    assert play_deviation(
+        none, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched, setting.mode
+    ) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_play_of_the_touched_points_is_in_the_frame(path_of: PathOf, setting: Setting) -> None:
@@ -69,8 +71,10 @@ def test_play_of_the_touched_points_is_in_the_frame(path_of: PathOf, setting: Se
     path = path_of(BACK_AND_FORTH)
     chain = replace(setting.chain, play=(None, Play(50 * URAD), Play(50 * URAD), None, None, None))
     q, w = solve_joints(path, lines(path), setting).q, np.zeros((len(path), 6))
-    outside = play_deviation(chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, None)
-    touched = play_deviation(chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched_points(setting))
+    outside = play_deviation(chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, None, setting.mode)
+    touched = play_deviation(
+        chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched_points(setting), setting.mode
+    )
     assert np.linalg.norm(outside, axis=1).min() > 50 * UM
     assert np.linalg.norm(touched, axis=1).max() < 0.03 * np.linalg.norm(outside, axis=1).min()
 
@@ -114,6 +118,7 @@ def test_the_plan_takes_lost_motion_back(path_of: PathOf, cell_of: CellOf, setti
         with_play.w_tcp_part,
         path.time_s,
         touched_points(setting),
+        setting.mode,
     )
     assert again == pytest.approx(with_play.play_part, abs=0.1 * UM)
     # the prediction knows what is lost: before compensation it is in the deviation

@@ -12,7 +12,7 @@ from scipy.linalg import expm
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.plan.cut_kernel import oscillator
-from counterflex.plan.response import Mode
+from counterflex.plan.response import Mode, swing
 
 ZETAS = [1e-3, 0.05, 0.3, 0.999, 1.0, 1.001, 1.5, 20.0]
 
@@ -76,3 +76,14 @@ def test_no_time_changes_nothing() -> None:
 def test_a_mode_needs_a_frequency_and_damping(omega: float, zeta: float) -> None:
     with pytest.raises(InputError):
         Mode(omega, zeta)
+
+
+def test_swing_is_the_step_response_of_the_mode_and_starts_at_rest() -> None:
+    mode = Mode(2.0 * np.pi * 8.0, 0.1)
+    time = np.linspace(0.0, 0.5, 1001)
+    static = np.where(time[:, None] > 0.0, 1.0, 0.0) * np.array([1.0, -2.0])
+    wd = mode.omega_rad_s * np.sqrt(1.0 - mode.damping_ratio**2)
+    decay = np.exp(-mode.damping_ratio * mode.omega_rad_s * time)
+    rise = 1.0 - decay * (np.cos(wd * time) + mode.damping_ratio * mode.omega_rad_s / wd * np.sin(wd * time))
+    np.testing.assert_allclose(swing(static, time, mode), rise[:, None] * np.array([1.0, -2.0]), atol=1e-12)
+    np.testing.assert_allclose(swing(np.full((5, 2), 3.0), np.arange(5.0), mode), 3.0)

@@ -151,7 +151,9 @@ def plan(
     touched = touched_points(setting)
 
     def lost(q: Float, w_part: Float) -> Float:
-        return play_deviation(setting.chain, setting.T_base_part, path.p_part_tcp, q, w_part, path.time_s, touched)
+        return play_deviation(
+            setting.chain, setting.T_base_part, path.p_part_tcp, q, w_part, path.time_s, touched, setting.mode
+        )
 
     static = np.concatenate([deflection[:, :3] + sag, deflection[:, 3:]], axis=1)
     feed_run = feed_runs(path)

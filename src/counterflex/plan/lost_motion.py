@@ -12,6 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.geometry import wrench
 from counterflex.plan.part_frame import sag_deviation, true_part_frame
+from counterflex.plan.response import Mode, swing
 from counterflex.robot import play
 from counterflex.robot.chain import ElasticChain, jacobian
 from counterflex.robot.servo import servo_error
@@ -25,6 +26,7 @@ def play_deviation(
     w_tcp_part: Float,
     time_s: Float,
     touched: tuple[Float, Float] | None,
+    mode: Mode,
 ) -> Float:
     """Deviation of the tool by lost motion and by motors that give way, beside sag and deflection.
 
@@ -37,6 +39,7 @@ def play_deviation(
         time_s: (n,) s.
         touched: Datum points (k, 3) m in the part frame and the angles (k, 6) rad at which they were touched, or None
             for a frame measured from outside.
+        mode: The structural mode through which the process load reaches the motors.
 
     Returns:
         (n, 3) m, part axes, actual - nominal.
@@ -46,7 +49,7 @@ def play_deviation(
     w_base = wrench.rotate(T_base_part[:3, :3], w_tcp_part)
     lost, load = play.torsion(chain, q, w_base)
     if chain.servo is not None:
-        lost = lost + servo_error(chain.servo, q, load, time_s)
+        lost = lost + servo_error(chain.servo, q, swing(load, time_s, mode), time_s)
     off = play.at_tcp(chain, q, lost)[:, :3]
     T_base_true = T_base_part
     if touched is not None:

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
+from counterflex.core.jit import kernel
+from counterflex.plan.cut_kernel import oscillator
 from counterflex.plan.smoothing import moving_average
 
 
@@ -50,6 +52,43 @@ class Shaping:
         """Check ranges."""
         as_positive("smoothing of the correction", self.smoothing_s, zero=True)
         as_positive("lead of the correction", self.lead_s, zero=True)
+
+
+@kernel("void(float64[:,::1], float64[::1], float64, float64, float64[:,::1])")
+def _swing(static: Float, time: Float, omega: float, zeta: float, out: Float) -> None:
+    x, v = static[0].copy(), np.zeros(static.shape[1])
+    out[0] = x
+    for i in range(1, static.shape[0]):
+        dt = time[i] - time[i - 1]
+        if dt > 0.0:
+            a, b, c, d = oscillator(dt, omega, zeta)
+            for k in range(static.shape[1]):
+                rest = x[k] - static[i, k]
+                x[k] = static[i, k] + a * rest + b * v[k]
+                v[k] = c * rest + d * v[k]
+        out[i] = x
+
+
+def swing(static: Float, time_s: Float, mode: Mode) -> Float:
+    """What arrives through a structure of one mode of something that acts at its end.
+
+    ``x'' + 2 zeta w x' + w^2 x = w^2 x_static(t)``, started at rest at the first value, with the value of each row held
+    since the row before; exact for that.
+
+    Args:
+        static: (n, k), for example the loads on the drives if the structure passed them on at once.
+        time_s: (n,) non-decreasing.
+        mode: The mode.
+
+    Returns:
+        (n, k) at the times of the rows.
+    """
+    values = np.array(as_float("static", static, (None, None)))
+    out = np.empty_like(values)
+    if len(values):
+        time = np.array(as_float("time_s", time_s, (len(values),)))
+        _swing(values, time, mode.omega_rad_s, mode.damping_ratio, out)
+    return out
 
 
 def shaped(correction: Float, time_s: Float, group: Int, shaping: Shaping) -> Float:
