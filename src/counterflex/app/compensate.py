@@ -45,12 +45,14 @@ class Compensated:
         files: Program files by name, text.
         written: What the writer says about them, plain values.
         summary: What ``summary.json`` holds.
+        encoding: Of the program files, that of the source.
     """
 
     plan: Plan
     files: dict[str, str]
     written: dict[str, Any]
     summary: dict[str, Any]
+    encoding: str
 
 
 def compensate(
@@ -106,7 +108,7 @@ def compensate(
         "seconds": round(time.perf_counter() - begin, 3),
         "counterflex": __version__,
     }
-    return Compensated(plan, files, written, about)
+    return Compensated(plan, files, written, about, job.program.encoding)
 
 
 def run(
@@ -138,7 +140,7 @@ def run(
         result = compensate(program, cell, progress=progress, **options)
         about = {key: result.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         for name, text in result.files.items():
-            atomic.write_text(staging / name, text, newline="")
+            atomic.write_bytes(staging / name, text.encode(result.encoding, errors="replace"))
         write_plan(staging / "plan.parquet", result.plan, about)
         write_summary(staging / "summary.json", result.summary)
         if report:

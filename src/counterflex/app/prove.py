@@ -108,7 +108,7 @@ def prove(
     files, written = write(job, plan, cell, "gcode")
     timing = {"planning": time.perf_counter() - begin}
     truths = {seed: truth_of(cell, seed) for seed in range(FIRST_SEED, FIRST_SEED + seeds)}
-    compensated = _program(scratch / "compensated", files)
+    compensated = _program(scratch / "compensated", files, job.program.encoding)
     tasks: list[tuple[tuple[int, str], Path]] = []
     for seed, truth in truths.items():
         tasks += [((seed, "nominal"), Path(program)), ((seed, "compensated"), compensated)]
@@ -172,8 +172,8 @@ def run(
             folder.rmdir()
         name = Path(program).name
         (staging / "original").mkdir()
-        atomic.write_text(staging / "original" / name, Path(program).read_text(encoding="utf-8", errors="replace"))
-        atomic.write_text(staging / "cell.toml", Path(cell_file).read_text(encoding="utf-8"))
+        atomic.write_bytes(staging / "original" / name, Path(program).read_bytes())
+        atomic.write_bytes(staging / "cell.toml", Path(cell_file).read_bytes())
         about = {key: proof.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         write_plan(staging / "plan.parquet", proof.plan, about)
         for seed, truth in proof.truths.items():
@@ -187,10 +187,10 @@ def run(
     return proof.summary
 
 
-def _program(folder: Path, files: dict[str, str]) -> Path:
+def _program(folder: Path, files: dict[str, str], encoding: str) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
-        atomic.write_text(folder / name, text, newline="")
+        atomic.write_bytes(folder / name, text.encode(encoding, errors="replace"))
     return folder / next(iter(files))
 
 
@@ -198,7 +198,7 @@ def _told_program(job: Job, cell: Cell, truth: Truth, folder: Path) -> Path:
     """The program compensated by a planner that was told the truth's constants."""
     chain, law = knowing(cell, truth)
     plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell, chain=chain, law=law), predict=False)
-    return _program(folder, write(job, plan, cell, "gcode")[0])
+    return _program(folder, write(job, plan, cell, "gcode")[0], job.program.encoding)
 
 
 def _machine_one(program: Path, cell_file: Path, truth: Truth) -> Record:

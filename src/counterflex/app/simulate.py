@@ -131,8 +131,8 @@ def run(
             "seconds": round(time.perf_counter() - begin, 3),
             "counterflex": __version__,
         }
-        atomic.write_text(staging / PROGRAM, _source(program))
-        atomic.write_text(staging / ORIGINAL, _source(reference))
+        atomic.write_bytes(staging / PROGRAM, _source(program))
+        atomic.write_bytes(staging / ORIGINAL, _source(reference))
         _keep_cell(cell, staging)
         write_truth(staging / TRUTH, truth)
         write_run(staging / RUN, record, {key: summary[key] for key in ("program", "cell", "seed", "counterflex")})
@@ -146,7 +146,7 @@ def _keep_cell(cell: Cell, folder: Path) -> None:
     stock = cell.tables.part.stock
     named = stock.stl or stock.result
     if named is None:
-        atomic.write_text(folder / CELL, _source(cell.path))
+        atomic.write_bytes(folder / CELL, _source(cell.path))
         return
     kept = BLANKS.replace(".*", Path(named).suffix)
     atomic.write_bytes(folder / kept, (cell.path.parent / named).read_bytes())
@@ -217,8 +217,8 @@ def tool_of(path: ToolPath) -> int:
     return int(tools[0])
 
 
-def _source(path: str | Path) -> str:
+def _source(path: str | Path) -> bytes:
     try:
-        return Path(path).read_text(encoding="utf-8", errors="replace")
+        return Path(path).read_bytes()
     except OSError as fault:
         raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -124,10 +126,11 @@ def read_gcode_file(
 
     def include(label: str) -> str | None:
         beside = folder / f"{label}.ngc"
-        return _text(beside) if beside.parent == folder and beside.is_file() else None
+        return _text(beside)[0] if beside.parent == folder and beside.is_file() else None
 
-    return read_gcode(
-        _text(file),
+    text, encoding = _text(file)
+    program = read_gcode(
+        text,
         name=file.name,
         dialect=dialect,
         tool_lengths=tool_lengths,
@@ -138,9 +141,11 @@ def read_gcode_file(
         block_delete=block_delete,
         complete=complete,
     )
+    return replace(program, encoding=encoding)
 
 
-def _text(file: Path) -> str:
+def _text(file: Path) -> tuple[str, str]:
+    """Text of a file and its encoding."""
     try:
         if file.is_file() and file.stat().st_size > _LARGEST_FILE:
             raise ProgramError("the file is too large", where=str(file), value=file.stat().st_size, limit=_LARGEST_FILE)
@@ -151,7 +156,8 @@ def _text(file: Path) -> str:
         raise ProgramError(f"cannot read the program: {fault.strerror or fault}", where=str(file)) from fault
     if b"\0" in data:
         raise ProgramError("the file is no text", where=str(file), hint="G-code is plain text")
+    encoding = "utf-8-sig" if data.startswith(codecs.BOM_UTF8) else "utf-8"
     try:
-        return data.decode("utf-8-sig")
+        return data.decode(encoding), encoding
     except UnicodeDecodeError:
-        return data.decode("latin-1")
+        return data.decode("latin-1"), "latin-1"

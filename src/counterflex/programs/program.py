@@ -134,6 +134,7 @@ class Program:
         blocks: Executed blocks in order (comment and empty lines included where they are passed).
         motions: All motions in order.
         straight: True when every source line is executed at most once and in file order (no loops, no subroutines).
+        encoding: Of the source's bytes; what is written back uses the same.
     """
 
     name: str
@@ -143,3 +144,4 @@ class Program:
     blocks: tuple[Block, ...]
     motions: tuple[Motion, ...]
     straight: bool
+    encoding: str = "utf-8"
