@@ -30,6 +30,7 @@ BEARING_M = 10.0e-3  # per axis of the point each elastic element turns about
 MASS_SIGMA = 0.10
 FRICTION_SIGMA = 0.20
 PLAY_SIGMA = 0.20
+SERVO_SIGMA = 0.10  # of the gain of each axis' speed loop
 DAMPING_SIGMA = 0.15
 RUNOUT_M = 5.0e-6
 RUNOUT_SIGMA = 0.30
@@ -59,7 +60,8 @@ def perturbed(truth: Truth, seed: int) -> Truth:
 
     Each elastic element 10 % (all its entries together), force constants 10 % in common and 3 % separately, a
     ploughing force of 2 N/mm, 5 um runout, geometry 0.15 mm per link and axis, joint offsets 0.05 mrad,
-    bearing positions 10 mm, masses 10 %, friction and play 20 %, damping 15 %, blank height 0.05 mm.
+    bearing positions 10 mm, masses 10 %, friction and play 20 %, speed-loop gains 10 %, damping 15 %, blank height
+    0.05 mm.
 
     Args:
         truth: Nominal truth.
@@ -108,6 +110,7 @@ def _drive(drive: Drive, seed: int, axis: int) -> Drive:
     dry = _factor(seed, f"axis{axis + 1}.friction", FRICTION_SIGMA)
     return replace(
         drive,
+        speed_bandwidth_per_s=drive.speed_bandwidth_per_s * _factor(seed, f"axis{axis + 1}.servo", SERVO_SIGMA),
         dead_band_rad=drive.dead_band_rad * _factor(seed, f"axis{axis + 1}.play", PLAY_SIGMA),
         motor_friction_nm=drive.motor_friction_nm * dry,
         link_friction_nm=tuple(f * dry for f in drive.link_friction_nm),
@@ -188,6 +191,9 @@ def differences(known: Truth, true: Truth) -> tuple[Difference, ...]:
             Difference(
                 "drives", f"axis {axis} play", 2.0 * d.dead_band_rad / URAD, 2.0 * e.dead_band_rad / URAD, "urad"
             )
+        )
+        rows.append(
+            Difference("drives", f"axis {axis} speed loop", d.speed_bandwidth_per_s, e.speed_bandwidth_per_s, "1/s")
         )
     for i, name in enumerate(("cutting", "radial", "axial")):
         x, y = known.cutting, true.cutting
