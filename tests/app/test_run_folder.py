@@ -42,3 +42,12 @@ def test_runs_on_different_blanks_are_not_compared(tmp_path: Path, small: Path) 
     runs = [machined(tmp_path / f"source{top}", small, top, f"run{top}") for top in (40.0, 39.5)]
     with pytest.raises(InputError, match="blanks differ"):
         evaluate.run(runs, None)
+
+
+@pytest.mark.parametrize(("seed", "level"), [(None, "same"), (0, "seeded")])
+def test_truth_level_follows_from_the_truth(seed: int | None, level: str, small: Path, tmp_path: Path) -> None:
+    (tmp_path / "part.ngc").write_text(SHORT, encoding="ascii")
+    make_truth(read_cell(small), seed, tmp_path / "truth.toml")
+    simulate.run(tmp_path / "part.ngc", small, tmp_path / "truth.toml", tmp_path / "run")
+    found = evaluate.run([tmp_path / "run"], None)
+    assert (found["truth_level"], found["seeds"][0]["seed"]) == (level, seed)

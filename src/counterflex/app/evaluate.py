@@ -135,7 +135,7 @@ class Comparison:
     summary: dict[str, Any]
 
 
-def compare(folders: Sequence[str | Path], *, truth_level: TruthLevel = "seeded") -> Comparison:
+def compare(folders: Sequence[str | Path]) -> Comparison:
     """Read folders that ``simulate`` wrote and judge them; the first is the uncompensated program.
 
     Raises:
@@ -168,7 +168,8 @@ def compare(folders: Sequence[str | Path], *, truth_level: TruthLevel = "seeded"
         "counterflex": __version__,
     }
     variants = {name: item.variant for name, item in judged.items()}
-    return Comparison(reference, judged, truth, summary([SeedResult(truth.seed or 0, truth_level, variants)], about))
+    level: TruthLevel = "same" if truth.seed is None else "seeded"
+    return Comparison(reference, judged, truth, summary([SeedResult(truth.seed, level, variants)], about))
 
 
 def _check_same(paths: Sequence[Path]) -> None:

@@ -71,7 +71,12 @@ def _page(comparison: Comparison, plan: Plan, found: Mapping[str, Any], timing: 
             "",
             f"at joints {', '.join(f'{v:.0f}' for v in found['peak_deflection_um']['joints_deg'])} deg",
         ),
-        Fact("Simulated cell", truth.name, "", f"truth seed {truth.seed}"),
+        Fact(
+            "Simulated cell",
+            truth.name,
+            "",
+            "as the cell file says" if truth.seed is None else f"truth seed {truth.seed}",
+        ),
     )
     return report_page(
         ReportData(

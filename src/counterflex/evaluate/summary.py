@@ -45,13 +45,13 @@ class SeedResult:
     """The same program on the same truth, uncompensated and compensated.
 
     Attributes:
-        seed: Of the truth.
+        seed: Of the truth, None for a truth that agrees with the cell file.
         truth_level: What the planner was given: ``same`` constants as the truth, ``seeded`` (off as documented) or
             ``identified``.
         variants: By name: ``nominal`` and ``compensated``.
     """
 
-    seed: int
+    seed: int | None
     truth_level: TruthLevel
     variants: Mapping[str, Variant] = field(default_factory=dict)
 
@@ -169,7 +169,7 @@ def seed_rows(data: Mapping[str, Any]) -> list[tuple[str, str, str, str, str, st
         variants, share = seed["variants"], seed["reduction"].get("path", {})
         rows.append(
             (
-                str(seed["seed"]),
+                "none" if seed["seed"] is None else str(seed["seed"]),
                 str(seed["truth_level"]),
                 *(
                     f"{variants[name]['path']['p997_mm']:.3f}" if name in variants else "-"
