@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from counterflex.core.units import MM, N_PER_MM2
 from counterflex.cutting.coefficients import KienzleLaw
 from counterflex.files.cell import Cell
+from counterflex.files.cell_schema import PlayTable, ServoTable
 from counterflex.programs.program import Program
 from counterflex.report.data import Fact
 from counterflex.robot import catalog
@@ -62,7 +64,8 @@ def assumptions(cell: Cell) -> tuple[Fact, ...]:
     part = tables.part
     how = "touched with the robot" if part.measured_with == "robot" else "measured from outside"
     facts.append(Fact("Part frame", how, f"{len(part.datum_points_mm)} datum points"))
-    facts.append(Fact("Play and friction of the axes", *_play(cell)))
+    facts.append(Fact("Play and friction of the axes", *_known(tables.robot.play)))
+    facts.append(Fact("Loop gains of the drives", *_known(tables.robot.servo)))
     dynamics = tables.dynamics
     facts.append(
         Fact(
@@ -75,7 +78,7 @@ def assumptions(cell: Cell) -> tuple[Fact, ...]:
         Fact(
             "Lowest mode",
             f"{dynamics.mode_hz:g} Hz, damping {dynamics.damping_ratio:g}",
-            "cell file; used for the prediction only",
+            "cell file; for the prediction, and for the load that reaches the drives",
         )
     )
     facts.append(
@@ -88,9 +91,8 @@ def assumptions(cell: Cell) -> tuple[Fact, ...]:
     return tuple(facts)
 
 
-def _play(cell: Cell) -> tuple[str, str]:
-    """Axes whose play and friction are known, and where from."""
-    rows = cell.tables.robot.play
+def _known(rows: Sequence[PlayTable | ServoTable]) -> tuple[str, str]:
+    """Axes that something is known about, and where from."""
     if not rows:
         return "not known, left out", "cell file"
     axes = ", ".join(f"A{row.axis}" for row in sorted(rows, key=lambda row: row.axis))
