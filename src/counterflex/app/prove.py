@@ -40,6 +40,7 @@ from counterflex.twin.truth import Truth
 from counterflex.twin.truth_file import write_truth
 
 FIRST_SEED = 1
+_MOST_WORKERS = 61  # more processes Windows cannot wait for
 _LEVELS: tuple[tuple[TruthLevel, str], ...] = (("seeded", "compensated"), ("same", "told"))
 
 
@@ -213,7 +214,7 @@ def _machine_all(
     workers: int | None,
     progress: Progress,
 ) -> dict[tuple[int, str], Record]:
-    count = min(len(tasks), workers or os.cpu_count() or 1)
+    count = min(len(tasks), workers or os.cpu_count() or 1, _MOST_WORKERS)
     records: dict[tuple[int, str], Record] = {}
     if count == 1:
         for i, (key, path) in enumerate(tasks):
