@@ -169,6 +169,22 @@ def _code_flat(event: Float32, code: Int32, held: Whole, radius: Real, per_step:
 
 
 @kernel()
+def _code_flat_descending(
+    event: Float32, code: Int32, held: Whole, radius: Real, za: Real, slope: Real, length: Real
+) -> None:
+    """Bin and side quanta of each column under a descending flat end mill; what is below its edge is the end face's."""
+    d_of, new_of, s_of, w_of = event[0, :held], event[1, :held], event[2, :held], event[3, :held]
+    place_of, side_of = code[0, :held], code[3, :held]
+    r2 = radius * radius
+    for i in range(held):
+        q = math.sqrt(max(r2 - w_of[i] * w_of[i], _ZERO))
+        edge = za + slope * min(max(s_of[i] - q, _ZERO), length)
+        side = max(d_of[i] - max(edge - new_of[i], _ZERO), _ZERO)
+        place_of[i] = np.int32(_bin_of(q, w_of[i]))
+        side_of[i] = np.int32(side * _SCALE + _HALF)
+
+
+@kernel()
 def _code_ball(
     event: Float32,
     code: Int32,
@@ -296,6 +312,12 @@ def settle(
                     totals[sub, VOLUME] += np.int64(quanta_of[i])
                 else:
                     books[np.uint32(sub * BINS + code[0, i])] += np.int64(quanta_of[i])
+    elif levels == 0:
+        _code_flat_descending(event, code, held, f_rad, f_za, f_slope, f_len)
+        for i in range(held):
+            side = min(code[3, i], quanta_of[i])
+            books[np.uint32(code[0, i])] += np.int64(side)
+            bottom += np.int64(quanta_of[i] - side)
     else:
         if ball:
             cosine = 1.0 / math.sqrt(1.0 + slope * slope)
