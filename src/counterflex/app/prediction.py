@@ -34,6 +34,7 @@ def figures(plan: Plan) -> dict[str, Any]:
         "peak_deflection_um": _peak(deflection, plan, UM, 1),
         "peak_correction_um": _peak(correction, plan, UM, 1),
         "peak_axial_depth_mm": _peak(plan.axial_depth_m, plan, MM, 3),
+        "extrapolated_force_share": round(plan.extrapolated_share, 5),
         "collisions": [
             {"line": int(plan.line[row]), "volume_mm3": round(float(plan.volume_m3[row] / MM**3), 4)}
             for row in np.flatnonzero((plan.path.kind == RAPID) & (plan.volume_m3 > 1e-12))
@@ -95,6 +96,11 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionDat
                 )
             )
     notes = ["Nothing was machined: the page shows what the model of the cell predicts."]
+    if found["extrapolated_force_share"] > 0.0:
+        notes.append(
+            f"{100 * found['extrapolated_force_share']:.2g} % of the force comes from chips outside the range of the "
+            "cutting constants."
+        )
     notes += [f"Rapid in line {c['line']} removes {c['volume_mm3']:.1f} mm3 of material." for c in found["collisions"]]
     return PredictionData(
         title=str(summary["program"]),

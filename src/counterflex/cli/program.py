@@ -113,6 +113,9 @@ def _show(summary: dict[str, Any], out: Path) -> None:
             text = f"{error['p997_mm']:.3f} mm (max {error['max_mm']:.3f} mm)"
             rows.append([f"predicted path error {what}, 99.7 %", text, ""])
     print_table(f"{summary['program']} on {summary['cell']}", ["", "value", "where"], rows)
+    if found["extrapolated_force_share"] > 0.0:
+        share = 100 * found["extrapolated_force_share"]
+        typer.echo(f"note: {share:.2g} % of the force comes from chips outside the range of the cutting constants")
     for collision in found["collisions"]:
         typer.echo(f"warning: rapid in line {collision['line']} cuts {collision['volume_mm3']:.1f} mm3 of material")
     for warning in summary["written"].get("warnings", []):

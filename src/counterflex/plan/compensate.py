@@ -141,7 +141,7 @@ def plan(
     )
     contact = (path.kind == FEED) & (undisturbed.volume_m3 > _CONTACT_M3)
     check_flutes(path, undisturbed.volume_m3, setting.cutter_of, lambda row: _place(path, line, row))
-    _check_chips(undisturbed, contact, path, line, setting)
+    extrapolated = _check_chips(undisturbed, contact, path, line, setting)
     w = at_points(undisturbed.w_tcp_part, contact)
     R_base_part = setting.T_base_part[:3, :3]
     deflection = wrench.rotate(
@@ -216,6 +216,7 @@ def plan(
         deviation_nominal_part=nominal,
         deviation_compensated_part=compensated,
         w_nominal_part=w_nominal,
+        extrapolated_share=extrapolated,
     )
 
 
@@ -323,7 +324,8 @@ def at_points(w: Float, contact: Bool) -> Float:
     return out
 
 
-def _check_chips(result: Cut, contact: Bool, path: ToolPath, line: Int, setting: Setting) -> None:
+def _check_chips(result: Cut, contact: Bool, path: ToolPath, line: Int, setting: Setting) -> float:
+    """Share of the force impulse that comes from mean chips outside the law's range; refused above the bound."""
     force = np.linalg.norm(result.w_tcp_part[:, :3], axis=1) * np.diff(path.time_s, prepend=path.time_s[:1])
     total = float(force[contact].sum())
     law = setting.law
@@ -339,6 +341,7 @@ def _check_chips(result: Cut, contact: Bool, path: ToolPath, line: Int, setting:
             hint="Use constants measured at this feed, or set material.allow_extrapolation = true",
             share=share,
         )
+    return share
 
 
 def _check_corrections(correction: Float, turn: Float, line: Int, limits: Limits) -> None:

@@ -32,6 +32,7 @@ class Plan:
         deviation_nominal_part: (n, 3) m, predicted deviation of the uncompensated program (cut and force coupled).
         deviation_compensated_part: (n, 3) m, the same for the compensated program.
         w_nominal_part: (n, 6) predicted wrench of the uncompensated program.
+        extrapolated_share: Share of the force impulse from mean chips outside the range of the cutting constants.
     """
 
     path: ToolPath
@@ -51,6 +52,7 @@ class Plan:
     deviation_nominal_part: Float
     deviation_compensated_part: Float
     w_nominal_part: Float
+    extrapolated_share: float = 0.0
 
     @property
     def cutting(self) -> Bool:

@@ -16,7 +16,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.units import MM, MRAD, N_PER_MM2, UM, URAD
+from counterflex.core.units import MM, MRAD, MS, N_PER_MM2, UM, URAD
 from counterflex.twin.truth import Body, CuttingTruth, Drive, Truth
 
 COMPLIANCE_SIGMA = 0.10  # of each elastic element, log-normal
@@ -31,6 +31,8 @@ MASS_SIGMA = 0.10
 FRICTION_SIGMA = 0.20
 PLAY_SIGMA = 0.20
 SERVO_SIGMA = 0.10  # of the gain of each axis' speed loop
+LOOP_SIGMA = 0.05  # of position gain and integral time
+SLIP_SIGMA = 0.20  # of the angles within which dry friction turns round
 DAMPING_SIGMA = 0.15
 RUNOUT_M = 5.0e-6
 RUNOUT_SIGMA = 0.30
@@ -60,7 +62,8 @@ def perturbed(truth: Truth, seed: int) -> Truth:
 
     Each elastic element 10 % (all its entries together), force constants 10 % in common and 3 % separately, a
     ploughing force of 2 N/mm, 5 um runout, geometry 0.15 mm per link and axis, joint offsets 0.05 mrad,
-    bearing positions 10 mm, masses 10 %, friction and play 20 %, speed-loop gains 10 %, damping 15 %, blank height
+    bearing positions 10 mm, masses 10 %, friction and play 20 %, speed-loop gains 10 %, position gains and
+    integral times 5 %, slip angles 20 %, damping 15 %, blank height
     0.05 mm.
 
     Args:
@@ -108,9 +111,14 @@ def _body(body: Body, seed: int) -> Body:
 
 def _drive(drive: Drive, seed: int, axis: int) -> Drive:
     dry = _factor(seed, f"axis{axis + 1}.friction", FRICTION_SIGMA)
+    slip = _factor(seed, f"axis{axis + 1}.slip", SLIP_SIGMA)
     return replace(
         drive,
         speed_bandwidth_per_s=drive.speed_bandwidth_per_s * _factor(seed, f"axis{axis + 1}.servo", SERVO_SIGMA),
+        position_gain_per_s=drive.position_gain_per_s * _factor(seed, f"axis{axis + 1}.kv", LOOP_SIGMA),
+        integral_time_s=drive.integral_time_s * _factor(seed, f"axis{axis + 1}.ti", LOOP_SIGMA),
+        motor_slip_rad=drive.motor_slip_rad * slip,
+        link_slip_rad=tuple(angle * slip for angle in drive.link_slip_rad),
         dead_band_rad=drive.dead_band_rad * _factor(seed, f"axis{axis + 1}.play", PLAY_SIGMA),
         motor_friction_nm=drive.motor_friction_nm * dry,
         link_friction_nm=tuple(f * dry for f in drive.link_friction_nm),
@@ -194,6 +202,17 @@ def differences(known: Truth, true: Truth) -> tuple[Difference, ...]:
         )
         rows.append(
             Difference("drives", f"axis {axis} speed loop", d.speed_bandwidth_per_s, e.speed_bandwidth_per_s, "1/s")
+        )
+        for what, gain in (("position_gain_per_s", "position loop"), ("integral_time_s", "integral time")):
+            unit = "1/s" if what == "position_gain_per_s" else "ms"
+            scale = 1.0 if unit == "1/s" else MS
+            rows.append(
+                Difference("drives", f"axis {axis} {gain}", getattr(d, what) / scale, getattr(e, what) / scale, unit)
+            )
+        rows.append(
+            Difference(
+                "drives", f"axis {axis} slip angle", sum(d.link_slip_rad) / URAD, sum(e.link_slip_rad) / URAD, "urad"
+            )
         )
     for i, name in enumerate(("cutting", "radial", "axial")):
         x, y = known.cutting, true.cutting
