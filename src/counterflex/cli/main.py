@@ -60,7 +60,7 @@ def run() -> None:
     """
     with interruptible():
         try:
-            status = app(standalone_mode=False)
+            status = app(prog_name="counterflex", standalone_mode=False)
         except CounterflexError as fault:
             _end(str(fault))
         except _CommandLineFault as fault:
