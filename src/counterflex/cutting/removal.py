@@ -15,8 +15,9 @@ from counterflex.core.progress import Progress, silent
 from counterflex.cutting.booking_kernels import AREA, BINS, BOTTOM, EVENTS, QUANTUM_M, VISITED, VOLUME
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.envelope_kernels import LANES, NODES, OUT, SIDE
+from counterflex.cutting.kernel_arrays import Grid, Scratch, Workspace
 from counterflex.cutting.stock import HeightMap, require_vertical
-from counterflex.cutting.sweep_kernels import Grid, Scratch, Workspace, stamp_bands
+from counterflex.cutting.sweep_kernels import stamp_bands
 from counterflex.path import FEED, RAPID, ToolPath
 
 UInt16 = npt.NDArray[np.uint16]

@@ -9,11 +9,11 @@ to the threads.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float, Float32, Int
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.jit import kernel, prange
 from counterflex.cutting.booking_kernels import (
     AREA,
@@ -34,7 +34,6 @@ from counterflex.cutting.envelope_kernels import (
     OUT,
     PEAK,
     SIDE,
-    Int32,
     fill_minimiser,
     gather,
     height_under,
@@ -42,6 +41,7 @@ from counterflex.cutting.envelope_kernels import (
     row_bull,
     row_flat,
 )
+from counterflex.cutting.kernel_arrays import Grid, Scratch, Workspace
 
 ROWS: Final = 8
 BAND_BLOCKS: Final = 8
@@ -51,40 +51,6 @@ _HALF = np.float32(0.5)
 _SCALE = np.float32(2.0**30)
 _LOWEST = np.float32(-3.0e38)
 _STEEP: Final = 1.0e6
-
-
-class Grid(NamedTuple):
-    """A height map as the kernels see it: heights, block maxima, centre of cell [0, 0], cell side, bottom (m)."""
-
-    z: Float32
-    tops: Float32
-    x0: float
-    y0: float
-    cell: float
-    floor: float
-
-
-class Scratch(NamedTuple):
-    """Scratch arrays of one thread."""
-
-    lane: Float32
-    bit: Int32
-    sums: Int
-    out: Float32
-    minimiser: Float32
-    stations: Float
-    event: Float32
-    code: Int32
-
-
-class Workspace(NamedTuple):
-    """What :func:`stamp_segment` needs besides; one for each thread that stamps. Made by ``stamp_workspace``."""
-
-    scratch: Scratch
-    path: Float
-    booked: Int
-    totals: Int
-    unit_width: Float
 
 
 @kernel()
