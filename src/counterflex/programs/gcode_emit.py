@@ -124,7 +124,8 @@ class Emitter(WrittenMachine):
         first, last = int(rows.first[index]), int(rows.last[index])
         stop = self.stop_word(line)
         steps = [*inner, last]
-        feeds = self.feeds(line, modal, self._shares(float(rows.way[first - 1]), rows.way[steps]))
+        travel = np.linalg.norm(np.diff(rows.command[[first - 1, *steps]], axis=0), axis=1)
+        feeds = self.feeds(line, modal, self._shares(float(rows.way[first - 1]), rows.way[steps], travel))
         prefix = "G53 G1" if any(w.letter == "G" and w.value == 53.0 for w in line.words) else "G1"
         for step, row in enumerate(steps):
             if step == 0:

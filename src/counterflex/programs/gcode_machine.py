@@ -202,12 +202,21 @@ class WrittenMachine:
         return words
 
     @staticmethod
-    def _shares(start: float, ways: Float) -> list[float]:
-        """Share of the motion's time for each piece; even where the motion has no length."""
+    def _shares(start: float, ways: Float, steps: Float) -> list[float]:
+        """Share of the motion's time for each piece, at the speed of the whole; even where the motion has no length.
+
+        A piece without nominal length (the correction is taken back) gets what its commanded length takes, in addition.
+
+        Args:
+            start: Nominal length at the start of the motion.
+            ways: (k,) nominal length at the end of each piece.
+            steps: (k,) commanded length of each piece.
+        """
         total = float(ways[-1]) - start
         if total <= 0.0:
             return [1.0 / len(ways)] * len(ways)
-        return [max(float(d) / total, 1e-6) for d in np.diff(np.concatenate([[start], ways]))]
+        pieces = np.diff(np.concatenate([[start], ways]))
+        return [max(float(d if d > 0.0 else step) / total, 1e-6) for d, step in zip(pieces, steps, strict=True)]
 
     def reach(self, line: WrittenLine | None, modal: Modal, axis: int, target: float) -> float:
         """Position that :meth:`go` (with its line) or :meth:`added` (None) leads to on one axis."""
