@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.removal import remove_path
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.surface import nominal_surface, surface_deviation
 from counterflex.evaluate.swept_section import swept_section, wall_exit
+from counterflex.path import FEED
 
 CUTTER = Cutter(diameter_m=16e-3)
 CELL = 0.2e-3
@@ -150,3 +152,20 @@ def test_other_grids_are_refused() -> None:
     other = HeightMap.from_box((0.0, 0.0, -0.02), (0.08, 0.05, TOP), 0.25e-3)
     with pytest.raises(InputError, match="different grids"):
         nominal_surface(blank(), other, GROOVE, CUTTER)
+
+
+def test_shallow_ramp_left_too_high_counts_its_height_not_the_distance_to_the_wall() -> None:
+    """A slot of slope 1:30 cut 0.05 mm too high: at its shallow end no wall is there, yet only 0.05 mm is left."""
+    cutter = Cutter(diameter_m=6e-3, flutes=2)
+    path = np.array([[-5e-3, 0.0, 5e-4], [25e-3, 0.0, -5e-4]])
+    high = path + np.array([0.0, 0.0, 5e-5])
+    maps = []
+    for run in (path, high):
+        stock = HeightMap.from_box((-10e-3, -8e-3, -5e-3), (30e-3, 8e-3, 0.0), 1e-4)
+        remove_path(stock, run, np.array([FEED]), cutter)
+        maps.append(stock)
+    blank = HeightMap.from_box((-10e-3, -8e-3, -5e-3), (30e-3, 8e-3, 0.0), 1e-4)
+    dense = np.linspace(high[0], high[1], 3001)
+    found = surface_deviation(nominal_surface(blank, maps[0], path, cutter), maps[1], dense)
+    assert found.wall.max_m < 3e-4
+    assert found.floor.max_m == pytest.approx(5e-5, rel=0.05)

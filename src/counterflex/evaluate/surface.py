@@ -155,6 +155,8 @@ def surface_deviation(
         inside = min(surface.reach_m, surface.cutter.radius_m)
         reached, _ = wall_exit(section, surface.wall_point, surface.wall_normal, inside)
         wall = np.where(np.isfinite(reached), -reached, np.nan)
+        above = _material_above(actual, surface)
+        wall = np.where((wall > 0.0) & (above > 0.0), np.minimum(wall, above), wall)
     cells: Float = floor[~np.isnan(floor)].astype(np.float64)
     found = ~np.isnan(wall)
     cell_area = np.full(len(cells), actual.cell_m**2)
@@ -170,6 +172,21 @@ def surface_deviation(
         wall_resolution_m=0.1 * UM,
         wall_lost_m2=float(surface.wall_area_m2[~found].sum()),
     )
+
+
+def _material_above(actual: HeightMap, surface: NominalSurface) -> Float:
+    """Height of the machined surface above each wall point, on the side of the cut, m; infinite under the blank's face.
+
+    Where a shallow wall meets a floor that is a little too high, the surface above the point is far nearer than the
+    wall beside it.
+    """
+    ny, nx = actual.z.shape
+    side = surface.wall_point[:, :2] - actual.cell_m * surface.wall_normal
+    i = np.clip(np.rint((side[:, 0] - actual.x0_m) / actual.cell_m).astype(np.int64), 0, nx - 1)
+    j = np.clip(np.rint((side[:, 1] - actual.y0_m) / actual.cell_m).astype(np.int64), 0, ny - 1)
+    machined = actual.z[j, i] < surface.stock.z[j, i] - np.float32(CHANGED_M)
+    out: Float = np.where(machined, actual.z[j, i].astype(np.float64) - surface.wall_point[:, 2], np.inf)
+    return out
 
 
 def _wall_step(cell: float) -> float:
