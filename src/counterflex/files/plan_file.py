@@ -47,6 +47,7 @@ LAYOUT = (
         "deviation_compensated_part",
         UM,
     ),
+    Column("extrapolated", "extrapolated", whole=True),
     *columns("nominal_fx_n nominal_fy_n nominal_fz_n nominal_mx_nm nominal_my_nm nominal_mz_nm", "w_nominal_part"),
 )
 

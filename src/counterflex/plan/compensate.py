@@ -26,7 +26,7 @@ from counterflex.plan.cut import Cut, cut
 from counterflex.plan.flute_length import check_flutes
 from counterflex.plan.lost_motion import corrected_joints, play_deviation
 from counterflex.plan.part_frame import sag_deviation, true_part_frame
-from counterflex.plan.plan import Plan, across
+from counterflex.plan.plan import Plan, across, impulse_share
 from counterflex.plan.response import Mode, Shaping, shaped
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
 from counterflex.robot import compliance, gravity
@@ -216,7 +216,7 @@ def plan(
         deviation_nominal_part=nominal,
         deviation_compensated_part=compensated,
         w_nominal_part=w_nominal,
-        extrapolated_share=extrapolated,
+        extrapolated=extrapolated.astype(np.int64),
     )
 
 
@@ -324,15 +324,13 @@ def at_points(w: Float, contact: Bool) -> Float:
     return out
 
 
-def _check_chips(result: Cut, contact: Bool, path: ToolPath, line: Int, setting: Setting) -> float:
-    """Share of the force impulse that comes from mean chips outside the law's range; refused above the bound."""
-    force = np.linalg.norm(result.w_tcp_part[:, :3], axis=1) * np.diff(path.time_s, prepend=path.time_s[:1])
-    total = float(force[contact].sum())
+def _check_chips(result: Cut, contact: Bool, path: ToolPath, line: Int, setting: Setting) -> Bool:
+    """Rows cut with a mean chip outside the law's range; refused where too much of the force comes from them."""
     law = setting.law
     outside = contact & ((result.chip_m < law.h_min_m) | (result.chip_m > law.h_max_m))
-    share = float(force[outside].sum()) / total if total > 0.0 else 0.0
+    share = impulse_share(np.where(contact[:, None], result.w_tcp_part, 0.0), path.time_s, outside)
     if share > EXTRAPOLATED_SHARE and not setting.allow_extrapolation:
-        row = int(np.argmax(np.where(outside, force, -1.0)))
+        row = int(np.argmax(np.where(outside, np.linalg.norm(result.w_tcp_part[:, :3], axis=1), -1.0)))
         raise ModelError(
             "force would come from chips outside the range of the cutting constants",
             where=_place(path, line, row),
@@ -341,7 +339,7 @@ def _check_chips(result: Cut, contact: Bool, path: ToolPath, line: Int, setting:
             hint="Use constants measured at this feed, or set material.allow_extrapolation = true",
             share=share,
         )
-    return share
+    return outside
 
 
 def _check_corrections(correction: Float, turn: Float, line: Int, limits: Limits) -> None:

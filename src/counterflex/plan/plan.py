@@ -32,7 +32,7 @@ class Plan:
         deviation_nominal_part: (n, 3) m, predicted deviation of the uncompensated program (cut and force coupled).
         deviation_compensated_part: (n, 3) m, the same for the compensated program.
         w_nominal_part: (n, 6) predicted wrench of the uncompensated program.
-        extrapolated_share: Share of the force impulse from mean chips outside the range of the cutting constants.
+        extrapolated: (n,) 1 where material is cut with a mean chip outside the range of the cutting constants, else 0.
     """
 
     path: ToolPath
@@ -52,13 +52,31 @@ class Plan:
     deviation_nominal_part: Float
     deviation_compensated_part: Float
     w_nominal_part: Float
-    extrapolated_share: float = 0.0
+    extrapolated: Int
 
     @property
     def cutting(self) -> Bool:
         """(n,) True for feed rows that remove material."""
         out: Bool = (self.path.kind == FEED) & (self.volume_m3 > 0.0)
         return out
+
+    @property
+    def extrapolated_share(self) -> float:
+        """Share of the force impulse that comes from chips outside the range of the cutting constants."""
+        return impulse_share(self.w_tcp_part, self.path.time_s, self.extrapolated == 1)
+
+
+def impulse_share(w_tcp_part: Float, time_s: Float, rows: Bool) -> float:
+    """Share of the integral of force over time that falls on some rows; 0 where there is no force.
+
+    Args:
+        w_tcp_part: (n, 6) N, N m.
+        time_s: (n,) s.
+        rows: (n,) which.
+    """
+    impulse = np.linalg.norm(w_tcp_part[:, :3], axis=1) * np.diff(time_s, prepend=time_s[:1])
+    total = float(impulse.sum())
+    return float(impulse[rows].sum()) / total if total > 0.0 else 0.0
 
 
 def across(deviation_part: Float, p_part: Float) -> Float:
