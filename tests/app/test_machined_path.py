@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from counterflex.app import prove, simulate
+from counterflex.app.compensate import compensate
 from counterflex.app.inputs import SETTLING_S, read_job
 from counterflex.app.truth import truth_of
 from counterflex.core.errors import InputError
+from counterflex.core.units import MM
 from counterflex.files.cell import read_cell
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
+from counterflex.programs.gcode_reader import read_gcode
 
 
 def test_planning_adds_one_stop_where_feed_turns_into_rapid(program: Callable[..., Path], small: Path) -> None:
@@ -53,3 +56,13 @@ def test_programs_that_cut_nothing_are_told_so(program: Callable[..., Path], sma
     near = program(head + "45\nG1 X20 F1500" + tail)
     with pytest.raises(InputError, match="removes nothing from the blank"):
         prove.prove(near, small, tmp_path)
+
+
+def test_a_cut_that_ends_in_the_material_is_left_uncorrected(small: Path, program: Callable[..., Path]) -> None:
+    """The last feed block before the tool lifts ends at the programmed point, the one before it does not."""
+    text = "G21 G17 G90\nM6 T1\nM3 S13000\nG0 Z60\nG0 X-12 Y15\nG0 Z36\nG1 X20 F1500\nG0 Z60\nM5\nM2\n"
+    file = program(text)
+    found = compensate(file, read_cell(small), predict=False)
+    feeds = [m for m in read_gcode(found.files[file.name], name="written").motions if m.kind == "feed"]
+    assert np.linalg.norm(feeds[-1].p_end - np.array([20.0, 15.0, 36.0]) * MM) < 1e-9
+    assert np.linalg.norm(feeds[-2].p_end - np.array([20.0, 15.0, 36.0]) * MM) > 0.1 * MM
