@@ -195,7 +195,7 @@ def write(
             RapidSettings(
                 name=name,
                 start_axes_rad=[float(angle) for angle in plan.q[0]],
-                T_flange_tcp=cell.chain.T_flange_tcp,
+                T_flange_tcp=cell.controller_chain.T_flange_tcp,
                 T_base_part=cell.T_base_part,
                 tool_mass_kg=mass,
                 p_flange_cog=com,

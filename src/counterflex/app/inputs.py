@@ -144,7 +144,7 @@ def setting_of(
     tables = cell.tables
     return Setting(
         chain=cell.chain if chain is None else chain,
-        controller_chain=cell.chain,
+        controller_chain=cell.controller_chain,
         T_base_part=cell.T_base_part,
         datum_points_part=cell.datum_points_part if tables.part.measured_with == "robot" else None,
         branch=tables.posture.branch,

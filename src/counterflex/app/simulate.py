@@ -41,8 +41,8 @@ def controller(cell: Cell) -> Controller:
     """The robot controller as a cell file describes it: nominal geometry, part frame, speeds."""
     tables = cell.tables
     return controller_of(
-        cell.robot,
-        cell.end_effector,
+        cell.nominal_robot,
+        cell.nominal_end_effector,
         cell.T_base_part,
         branch=tables.posture.branch,
         rotation_about_tool_rad=tables.posture.rotation_about_tool_deg * DEG,

@@ -31,7 +31,7 @@ def cutting_truth(law: ForceLaw) -> CuttingTruth:
 
 def truth_of(cell: Cell, seed: int | None) -> Truth:
     """The truth of a cell: nominal for None, otherwise put off by the seed."""
-    truth = nominal_truth(cell.robot, cell.end_effector, cutting_truth(cell.force_law), name=cell.name)
+    truth = nominal_truth(cell.nominal_robot, cell.nominal_end_effector, cutting_truth(cell.force_law), name=cell.name)
     return truth if seed is None else perturbed(truth, seed)
 
 
@@ -70,4 +70,4 @@ def knowing(cell: Cell, truth: Truth) -> tuple[ElasticChain, ForceLaw]:
 
 
 def _told(cell: Cell, truth: Truth) -> tuple[Robot, EndEffector]:
-    return described(truth, cell.robot, cell.end_effector)
+    return described(truth, cell.nominal_robot, cell.nominal_end_effector)

@@ -12,13 +12,15 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError
-from counterflex.core.units import DEG, MM, MS, N_PER_MM, N_PER_MM2, UM, URAD
+from counterflex.core.units import DEG, MM, MRAD, MS, N_PER_MM, N_PER_MM2, UM, URAD
 from counterflex.cutting import material
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
+from counterflex.files.cell_measured import CalibrationTable
 from counterflex.files.cell_schema import CellTables, MaterialTable, OpwTable, StockTable
 from counterflex.robot import catalog, opw_chain
+from counterflex.robot.calibration import calibrated
 from counterflex.robot.chain import ElasticChain
 from counterflex.robot.description import EndEffector, Opw, Play, Robot, Segment, Servo
 
@@ -33,9 +35,11 @@ class Cell:
     Attributes:
         tables: The file as written, in shop units.
         path: Where it was read from; relative paths in the file are relative to its folder.
-        robot: Robot with the file's changes to its elastic elements.
-        end_effector: Bodies from the flange outward and the TCP.
+        robot: Robot with the file's changes to its elastic elements, and calibrated.
+        end_effector: Bodies from the flange outward and the TCP, calibrated.
         chain: Both as one elastic chain.
+        nominal_robot: Robot without calibration: the geometry that its controller computes with.
+        nominal_end_effector: End effector without calibration.
     """
 
     tables: CellTables
@@ -43,11 +47,25 @@ class Cell:
     robot: Robot
     end_effector: EndEffector
     chain: ElasticChain
+    nominal_robot: Robot
+    nominal_end_effector: EndEffector
 
     @property
     def name(self) -> str:
         """Name of the cell."""
         return self.tables.name
+
+    @cached_property
+    def controller_chain(self) -> ElasticChain:
+        """The chain as the robot controller has it, without calibrations; ``chain`` itself where there are none."""
+        if not self.tables.robot.calibration:
+            return self.chain
+        return ElasticChain.build(self.nominal_robot, self.nominal_end_effector)
+
+    @cached_property
+    def calibration(self) -> dict[str, Float]:
+        """(6,) m, rad: displacement behind each calibrated segment."""
+        return _calibration(self.tables)
 
     @cached_property
     def T_base_part(self) -> Float:
@@ -134,8 +152,11 @@ def resolve(tables: CellTables, path: Path) -> Cell:
         for body in tables.end_effector
     )
     end_effector = EndEffector(bodies, tables.tcp.matrix())
+    with _said_of(f"{where}: robot.calibration"):
+        true_robot, true_end_effector = calibrated(robot, end_effector, _calibration(tables))
     with _said_of(where):
-        cell = Cell(tables, path, robot, end_effector, ElasticChain.build(robot, end_effector))
+        chain = ElasticChain.build(true_robot, true_end_effector)
+        cell = Cell(tables, path, true_robot, true_end_effector, chain, robot, end_effector)
     with _said_of(f"{where}: material"):
         _ = cell.force_law
     for tool in tables.tools:
@@ -170,6 +191,17 @@ def _robot(tables: CellTables, path: Path) -> Robot:
 
     with _said_of(f"{path}: robot.urdf"):
         return urdf.load_urdf(path.parent / str(table.urdf), tip_link=table.urdf_tip)
+
+
+def _calibration(tables: CellTables) -> dict[str, Float]:
+    return {
+        row.segment: np.array([*(np.array([row.x_mm, row.y_mm, row.z_mm]) * MM), *(_turn(row) * MRAD)])
+        for row in tables.robot.calibration
+    }
+
+
+def _turn(row: CalibrationTable) -> Float:
+    return np.array([row.rx_mrad, row.ry_mrad, row.rz_mrad])
 
 
 def _own_robot(table: OpwTable, name: str) -> Robot:

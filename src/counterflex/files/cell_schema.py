@@ -8,6 +8,7 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from counterflex.files.cell_measured import CalibrationTable, IdentifiedTable
 from counterflex.files.schema import Angle, ComplianceTable, Length, PoseTable, Table, Versioned
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -92,13 +93,18 @@ class RobotTable(Table):
     elastic: tuple[ElasticTable, ...] = ()
     play: tuple[PlayTable, ...] = ()
     servo: tuple[ServoTable, ...] = ()
+    calibration: tuple[CalibrationTable, ...] = ()
 
     @model_validator(mode="after")
-    def _one_table_per_axis(self) -> RobotTable:
+    def _one_table_each(self) -> RobotTable:
         for what, axes in (("play", [row.axis for row in self.play]), ("servo", [row.axis for row in self.servo])):
             for axis in axes:
                 if axes.count(axis) > 1:
                     raise ValueError(f"{what} of axis {axis} is given {axes.count(axis)} times; expected once")
+        segments = [row.segment for row in self.calibration]
+        for segment in segments:
+            if segments.count(segment) > 1:
+                raise ValueError(f"calibration of {segment} is given {segments.count(segment)} times; expected once")
         return self
 
     @model_validator(mode="after")
@@ -313,6 +319,7 @@ class CellTables(Versioned):
     controller: ControllerTable = ControllerTable()
     dynamics: DynamicsTable = DynamicsTable()
     limits: LimitsTable = LimitsTable()
+    identified: tuple[IdentifiedTable, ...] = ()
 
     @model_validator(mode="after")
     def _unique(self) -> CellTables:

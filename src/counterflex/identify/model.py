@@ -1,0 +1,56 @@
+"""The cell as identification sees it: what its file says before the measurement, in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from counterflex.core.arrays import Float
+from counterflex.cutting.coefficients import ForceLaw
+from counterflex.cutting.cutter import Cutter
+from counterflex.robot.chain import ElasticChain
+from counterflex.robot.description import EndEffector, Robot
+
+
+@dataclass(frozen=True, eq=False)
+class CellModel:
+    """A cell before identification.
+
+    Attributes:
+        name: Of the cell.
+        robot: As the cell file has it, earlier calibrations applied.
+        end_effector: Likewise.
+        nominal_robot: As the robot controller has it, without calibrations.
+        nominal_end_effector: Likewise.
+        calibration: Earlier calibration by segment, (6,) displacements; empty where there is none.
+        force_law: Of the material.
+        cutter_of: The tool with a program's number.
+        T_base_part: (4, 4) part frame.
+        branch: Posture, one of :data:`counterflex.robot.opw.BRANCHES`.
+        joint_margin_rad: Distance that measurements keep from the joint limits.
+        tables: Tables ``sensor``, ``holder``, ``tracker``, ``timing`` of the cell file as plain values where present.
+    """
+
+    name: str
+    robot: Robot
+    end_effector: EndEffector
+    nominal_robot: Robot
+    nominal_end_effector: EndEffector
+    calibration: Mapping[str, Float]
+    force_law: ForceLaw
+    cutter_of: Callable[[int], Cutter]
+    T_base_part: Float
+    branch: str
+    joint_margin_rad: float
+    tables: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def chain(self) -> ElasticChain:
+        """Robot and end effector as one elastic chain, built anew at every call."""
+        return ElasticChain.build(self.robot, self.end_effector)
+
+    @property
+    def nominal_chain(self) -> ElasticChain:
+        """The same without calibrations: what the robot controller computes with."""
+        return ElasticChain.build(self.nominal_robot, self.nominal_end_effector)

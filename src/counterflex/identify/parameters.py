@@ -1,0 +1,172 @@
+"""Named parameters of an identification, with what is known about them before anything is measured.
+
+A parameter is linear (fit coordinate ``u = (x - nominal) / prior_sigma``) or, for what can only be positive,
+logarithmic (``u = ln(x / nominal) / prior_sigma``, relative prior sigma). In fit coordinates every prior is N(0, 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float
+from counterflex.core.errors import InputError
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number to find.
+
+    Attributes:
+        name: Unique and telling, for example ``axis1.rz`` or ``T_base_tracker.x``.
+        unit: SI unit, for messages and reports: ``m``, ``rad``, ``rad/(N m)``, ``Pa``, ``1``.
+        nominal: Value before the measurement, SI.
+        prior_sigma: Standard deviation of that knowledge: SI, or relative for a logarithmic parameter; infinity is no
+            knowledge at all (then ``scale`` says what a change of ordinary size is).
+        lower: Least value that makes sense.
+        upper: Largest one.
+        free: False holds it at ``nominal``.
+        log: Logarithmic; ``nominal`` must be positive.
+        scale: Size of an ordinary change where the prior is infinite; else unused.
+        label: What a user calls it, for tables; the name where empty.
+    """
+
+    name: str
+    unit: str
+    nominal: float
+    prior_sigma: float
+    lower: float = -np.inf
+    upper: float = np.inf
+    free: bool = True
+    log: bool = False
+    scale: float = 1.0
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InputError: Nominal outside the bounds, sigma or scale not positive, logarithmic without positive nominal.
+        """
+        if not np.isfinite(self.nominal) or not self.lower <= self.nominal <= self.upper:
+            raise InputError(
+                "the nominal value of a parameter is out of its bounds",
+                where=self.name,
+                value=self.nominal,
+                limit=f"{self.lower:g} .. {self.upper:g} {self.unit}",
+            )
+        if not self.prior_sigma > 0.0 or not (np.isfinite(self.scale) and self.scale > 0.0):
+            raise InputError("prior sigma and scale must be above zero", where=self.name, value=self.prior_sigma)
+        if self.log and self.nominal <= 0.0:
+            raise InputError("a logarithmic parameter needs a positive nominal", where=self.name, value=self.nominal)
+
+    @property
+    def has_prior(self) -> bool:
+        """Whether something is known beforehand."""
+        return bool(np.isfinite(self.prior_sigma))
+
+    @property
+    def unit_step(self) -> float:
+        """Change that one unit of the fit coordinate means: SI, or relative for a logarithmic parameter."""
+        return self.prior_sigma if self.has_prior else self.scale
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """An ordered set of parameters."""
+
+    items: tuple[Parameter, ...]
+
+    def __post_init__(self) -> None:
+        """Check that names differ."""
+        names = [item.name for item in self.items]
+        if len(set(names)) != len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError("two parameters have the same name", value=twice)
+
+    @classmethod
+    def of(cls, items: Iterable[Parameter]) -> Parameters:
+        """Collect parameters."""
+        return cls(tuple(items))
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[Parameter]:
+        return iter(self.items)
+
+    def __add__(self, other: Parameters) -> Parameters:
+        return Parameters((*self.items, *other.items))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Their names, in order."""
+        return tuple(item.name for item in self.items)
+
+    @property
+    def free(self) -> Bool:
+        """(p,) which of them are free."""
+        return np.array([item.free for item in self.items], dtype=np.bool_)
+
+    @property
+    def nominal(self) -> Float:
+        """(p,) nominal values, SI."""
+        return np.array([item.nominal for item in self.items], dtype=np.float64)
+
+    def index(self, name: str) -> int:
+        """Place of a parameter.
+
+        Raises:
+            InputError: There is none of that name.
+        """
+        try:
+            return self.names.index(name)
+        except ValueError as fault:
+            raise InputError("there is no such parameter", value=name, limit=", ".join(self.names)) from fault
+
+    def with_nominal(self, values: Mapping[str, float]) -> Parameters:
+        """The same set around other nominal values."""
+        return Parameters(tuple(replace(p, nominal=values.get(p.name, p.nominal)) for p in self.items))
+
+    def held(self, names: Iterable[str]) -> Parameters:
+        """The same set with these parameters held at their nominal values."""
+        wanted = set(names)
+        for name in wanted:
+            self.index(name)
+        return Parameters(tuple(replace(p, free=p.free and p.name not in wanted) for p in self.items))
+
+    def values(self, u: Float) -> Float:
+        """SI values (p,) of fit coordinates (p,)."""
+        return np.array(
+            [
+                p.nominal * np.exp(p.unit_step * c) if p.log else p.nominal + p.unit_step * c
+                for p, c in zip(self.items, u, strict=True)
+            ]
+        )
+
+    def coordinates(self, x: Float) -> Float:
+        """Fit coordinates (p,) of SI values (p,)."""
+        return np.array(
+            [
+                (np.log(v / p.nominal) if p.log else v - p.nominal) / p.unit_step
+                for p, v in zip(self.items, x, strict=True)
+            ]
+        )
+
+    def slope(self, x: Float) -> Float:
+        """(p,) derivative of the SI value by the fit coordinate at the values x (p,)."""
+        return np.array([p.unit_step * (v if p.log else 1.0) for p, v in zip(self.items, x, strict=True)])
+
+    def bounds(self) -> tuple[Float, Float]:
+        """Lower and upper bounds (p,) of the fit coordinates."""
+        lower = np.array([-np.inf if p.log and p.lower <= 0.0 else _bound(p, p.lower) for p in self.items])
+        upper = np.array([_bound(p, p.upper) for p in self.items])
+        return lower, upper
+
+
+def _bound(p: Parameter, value: float) -> float:
+    if not np.isfinite(value):
+        return value
+    return float((np.log(value / p.nominal) if p.log else value - p.nominal) / p.unit_step)
