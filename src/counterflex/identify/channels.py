@@ -1,0 +1,167 @@
+"""Canonical channels of datasets: which numbers a name stands for, in which SI and file units; and known settings.
+
+A recipe that needs a new channel or setting adds its line to its own block here; files, twin measurements and messages
+then know it. Names follow the conventions: ``p_a_b`` position of b in a, ``R_a_b`` rotation, ``w``/``f`` wrench and
+force, ``d`` displacement (loaded minus unloaded).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from counterflex.core.errors import InputError
+from counterflex.core.similar import close_to
+
+Nature = Literal["scalars", "joints", "point", "vector", "wrench", "twist", "rotation"]
+"""How the numbers of a channel change with the frame they are given in, and what the file may state about them."""
+
+
+@dataclass(frozen=True)
+class ChannelKind:
+    """What a channel name stands for.
+
+    Attributes:
+        text: In words, with frame and sign.
+        components: Names of its numbers, as they end the column names that counterflex writes.
+        si: SI unit, of all numbers or of each.
+        file: Unit that counterflex writes, of all or of each.
+        nature: See :data:`Nature`.
+        counts: How many of the leading components a dataset may have; empty means all of them.
+        whole: Whole numbers: an index or a count.
+    """
+
+    text: str
+    components: tuple[str, ...]
+    si: str | tuple[str, ...]
+    file: str | tuple[str, ...]
+    nature: Nature = "scalars"
+    counts: tuple[int, ...] = ()
+    whole: bool = False
+
+    @property
+    def allowed(self) -> tuple[int, ...]:
+        """How many components a dataset may have."""
+        return self.counts or (len(self.components),)
+
+    def si_units(self, count: int) -> tuple[str, ...]:
+        """SI unit of each of ``count`` components."""
+        return (self.si,) * count if isinstance(self.si, str) else self.si[:count]
+
+    def file_units(self, count: int) -> tuple[str, ...]:
+        """Unit that counterflex writes for each of ``count`` components."""
+        return (self.file,) * count if isinstance(self.file, str) else self.file[:count]
+
+
+_XYZ = ("x", "y", "z")
+_RXYZ = ("rx", "ry", "rz")
+_AXES = ("1", "2", "3", "4", "5", "6")
+_WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+_WRENCH_SI = ("N", "N", "N", "N m", "N m", "N m")
+_TWIST_SI = ("m", "m", "m", "rad", "rad", "rad")
+_TWIST_FILE = ("mm", "mm", "mm", "deg", "deg", "deg")
+
+
+def _point(text: str) -> ChannelKind:
+    return ChannelKind(text, _XYZ, "m", "mm", "point")
+
+
+def _rotation(text: str) -> ChannelKind:
+    return ChannelKind(text, _RXYZ, "rad", "deg", "rotation")
+
+
+_ARM: Final = {
+    "q": ChannelKind("joint angles that the controller shows", _AXES, "rad", "deg", "joints"),
+    "q_command": ChannelKind("commanded joint angles", _AXES, "rad", "deg", "joints", counts=(1, 2, 3, 4, 5, 6)),
+    "q_motor": ChannelKind(
+        "joint angles by the motor encoders, on the link side of the gear",
+        _AXES,
+        "rad",
+        "deg",
+        "joints",
+        counts=(1, 2, 3, 4, 5, 6),
+    ),
+    "q_link": ChannelKind(
+        "joint angles by the encoders on the links", _AXES, "rad", "deg", "joints", counts=(1, 2, 3, 4, 5, 6)
+    ),
+    "tau_motor": ChannelKind(
+        "motor torques on the link side of the gear", _AXES, "N m", "N m", counts=(1, 2, 3, 4, 5, 6)
+    ),
+    "p_base_tcp": _point("tool tip in the robot base"),
+    "R_base_tcp": _rotation("orientation of the tool frame in the robot base"),
+    "p_base_flange": _point("flange in the robot base"),
+    "R_base_flange": _rotation("orientation of the flange in the robot base"),
+}
+_TRACKER: Final = {
+    "p_tracker_target": _point("reflector or six-axis target in the tracker"),
+    "R_tracker_target": _rotation("orientation of the six-axis target in the tracker"),
+}
+_LOADS: Final = {
+    "w_tcp_base": ChannelKind(
+        "force and moment on the tool about the tool tip, base axes", _WRENCH, _WRENCH_SI, _WRENCH_SI, "wrench"
+    ),
+    "f_tcp_base": ChannelKind("force on the tool at the tool tip, base axes", ("fx", "fy", "fz"), "N", "N", "vector"),
+    "d_tcp_base": ChannelKind(
+        "displacement of the tool tip, loaded minus unloaded, base axes (and rotation vector)",
+        (*_XYZ, *_RXYZ),
+        _TWIST_SI,
+        _TWIST_FILE,
+        "twist",
+        counts=(3, 6),
+    ),
+    "w_sensor": ChannelKind(
+        "force and moment that the sensor shows, what acts on its tool side, sensor axes and origin",
+        _WRENCH,
+        _WRENCH_SI,
+        _WRENCH_SI,
+        "wrench",
+    ),
+}
+_CLOCK: Final = {
+    "time_s": ChannelKind("time", ("",), "s", "s"),
+    "temperature_c": ChannelKind("temperature", ("",), "degC", "degC"),
+}
+
+CHANNELS: Final[dict[str, ChannelKind]] = {**_ARM, **_TRACKER, **_LOADS, **_CLOCK}
+"""By canonical name."""
+
+KINDS: Final[dict[str, str]] = {
+    "tracker_poses": "poses of a six-axis tracker target",
+    "tracker_points": "points of one or several tracker reflectors",
+    "distances": "distances, for example of a ball bar",
+    "planes": "points where a touch probe met planes",
+    "pulls": "displacement of the tool under known loads",
+    "cubes": "relative motion of measuring cubes on the structure",
+    "reversals": "slow reversals of single axes",
+    "record": "channels recorded over time",
+    "sensor_poses": "readings of the force sensor in many orientations",
+    "holder_loads": "bridges of the instrumented tool holder under known loads",
+    "slots": "forces of test cuts",
+    "fiducials": "fiducial points known in the base and measured by the tracker",
+    "servo_steps": "answers of axes or corrections to steps",
+}
+"""Kinds of datasets, in words."""
+
+SETTINGS: Final[dict[str, str]] = {
+    "payload_kg": "mass that hung on the flange beyond what the cell file says",
+    "remark": "anything worth keeping",
+}
+"""Further facts that a manifest may state under ``[settings]``, by SI name (files say ``_mm`` for ``_m``, ``_deg`` for
+``_rad``)."""
+
+
+def channel_kind(name: str, where: str = "") -> ChannelKind:
+    """What a channel name stands for.
+
+    Raises:
+        InputError: It is no canonical name.
+    """
+    if name not in CHANNELS:
+        close = close_to(name, sorted(CHANNELS), 1)
+        raise InputError(
+            "there is no such channel",
+            where=where or None,
+            value=name,
+            hint=f"Did you mean '{close[0]}'?" if close else f"Channels: {', '.join(CHANNELS)}",
+        )
+    return CHANNELS[name]
