@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
-from counterflex.core.errors import SimulationError
+from counterflex.core.errors import InputError, SimulationError
 from counterflex.core.jit import kernel
 from counterflex.geometry import pose
 from counterflex.twin.drives import apply_drives, gains
@@ -113,6 +113,11 @@ class Plant:
         self._warnings: Int = d.warning.number
         self._anchor: Float = d.xanchor
         self._axis: Float = d.xaxis
+        self._acceleration: Float = np.zeros(self._model.nv)
+        self._speed_before: Float = np.zeros(self._model.nv)
+        self._load: Float = np.zeros(6)
+        self._q_ref: Float = np.zeros(6)
+        self._body_id = _body_ids(self._model, truth)
         self.reset(np.zeros(6))
 
     def equilibrium(self, q: Float, w_tcp_base: Float | None = None) -> Float:
@@ -192,6 +197,8 @@ class Plant:
         if qd is not None:
             self._qvel[c.motor] = as_float("qd", qd, (6,))
         self.time_s = 0.0
+        self._load[:], self._q_ref[:] = load, q
+        self._speed_before[:] = self._qvel
         mujoco.mj_step1(self._model, d)
 
     def step(self, q_ref: Float, qd_ref: Float, w_tcp_base: Float) -> None:
@@ -209,9 +216,44 @@ class Plant:
             self._slip_force, self._slip_angle, q_ref, qd_ref, self._pid, self._integral, self.step_s, self._force,
             self.drive_torque,
         )  # fmt: skip
+        self._load[:], self._q_ref[:], self._speed_before[:] = w_tcp_base, q_ref, self._qvel
         mujoco.mj_step2(self._model, self._data)
         self.time_s += self.step_s
         mujoco.mj_step1(self._model, self._data)
+
+    def move(self, q: Float, w_tcp_base: Float | None = None, *, move_s: float = 1.0, rest_s: float = 0.3) -> None:
+        """Go from where the references stand to other joints and another load, slowly, and wait.
+
+        Joints and load follow ``(1 - cos(pi t / T)) / 2`` together; drives, friction and play act as they do in any
+        motion, so that what was done before shows in where the tool comes to rest.
+
+        Args:
+            q: (6,) rad, reference of the drives at the end.
+            w_tcp_base: (6,) N, N m load at the end, on the tool about the tip in base axes; None is none.
+            move_s: T, s.
+            rest_s: Time to wait after it, s.
+
+        Raises:
+            SimulationError: The robot becomes unstable.
+        """
+        q = as_float("q", q, (6,))
+        load = np.zeros(6) if w_tcp_base is None else as_float("w_tcp_base", w_tcp_base, (6,))
+        count, wait = (
+            max(1, round(as_positive("move_s", move_s) / self.step_s)),
+            as_positive("rest_s", rest_s, zero=True),
+        )
+        t = (np.arange(count) / count)[:, None]
+        share, rate = 0.5 * (1.0 - np.cos(np.pi * t)), 0.5 * np.pi * np.sin(np.pi * t) / (count * self.step_s)
+        q_from, load_from = self._q_ref.copy(), self._load.copy()
+        place: Float = q_from + share * (q - q_from)
+        speed: Float = rate * (q - q_from)
+        wrench: Float = load_from + share * (load - load_from)
+        for k in range(count):
+            self.step(place[k], speed[k], wrench[k])
+        rest = np.zeros(6)
+        for _ in range(round(wait / self.step_s)):
+            self.step(q, rest, load)
+        self.check()
 
     def check(self) -> None:
         """Raise if the simulation has left its physical range since the last reset.
@@ -239,6 +281,52 @@ class Plant:
     def tcp_pose(self) -> Float:
         """``T_base_tcp`` (4, 4) now."""
         return pose.make(self._R, self._p)
+
+    def body_pose(self, name: str) -> Float:
+        """``T_base_body`` (4, 4) now, of the frame behind a body's drive and elastic element.
+
+        Args:
+            name: Of a body of the truth.
+
+        Raises:
+            InputError: There is no such body.
+        """
+        i = self._body_of(name)
+        return pose.make(np.array(self._data.xmat[i]).reshape(3, 3), np.array(self._data.xpos[i]))
+
+    def section_wrench(self, name: str) -> Float:
+        """Load on a body and all that hangs behind it, as it passes through the section in front of the body.
+
+        ``w = w_process + sum m g - d(momentum)/dt``, taken about the origin of the body's frame in its axes: what a
+        force sensor whose tool side is this body shows, weight and inertia included. Inertia is that of the last step
+        (none right after :meth:`reset`).
+
+        Args:
+            name: Of a body of the truth.
+
+        Returns:
+            (6,) N, N m.
+
+        Raises:
+            InputError: There is no such body.
+        """
+        i, d = self._body_of(name), self._data
+        kept = d.qacc.copy()
+        d.qacc[:] = (self._qvel - self._speed_before) / self.step_s
+        mujoco.mj_rnePostConstraint(self._model, d)
+        d.qacc[:] = kept
+        moment, force = -d.cfrc_int[i, :3], -d.cfrc_int[i, 3:]  # about the tree's centre of gravity, base axes
+        origin: Float = np.array(d.xpos[i])
+        moment = moment + np.cross(d.subtree_com[self._model.body_rootid[i]] - origin, force)
+        force = force + self._load[:3]
+        moment = moment + self._load[3:] + np.cross(self._p - origin, self._load[:3])
+        R = np.array(d.xmat[i]).reshape(3, 3)
+        return np.concatenate([R.T @ force, R.T @ moment])
+
+    def _body_of(self, name: str) -> int:
+        if name not in self._body_id:
+            raise InputError("the truth has no such body", value=name, limit=", ".join(self._body_id))
+        return self._body_id[name]
 
     def q_motor(self) -> Float:
         """(6,) rad, motor angles: what the robot controller reads."""
@@ -268,3 +356,12 @@ class Plant:
     def state(self) -> tuple[Float, Float]:
         """Copies of coordinates (n,) and speeds (n,)."""
         return np.array(self._qpos), np.array(self._qvel)
+
+
+def _body_ids(model: mujoco.MjModel, truth: Truth) -> dict[str, int]:
+    """Number of each body in the engine: the part behind its drive where the drive has a carrier of its own."""
+    out = {}
+    for index, body in enumerate(truth.bodies):
+        behind = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"b{index}e")
+        out[body.name] = behind if behind >= 0 else mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"b{index}")
+    return out
