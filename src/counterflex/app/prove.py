@@ -8,12 +8,8 @@ told the truth's constants (truth level ``same``): what then remains is the erro
 from __future__ import annotations
 
 import concurrent.futures
-import contextlib
-import multiprocessing
-import os
-import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +21,7 @@ from counterflex.app.evaluate import Judged, Reference, judge, reference_of
 from counterflex.app.inputs import Job, faults_in, read_job, setting_of
 from counterflex.app.prediction import figures
 from counterflex.app.truth import knowing, truth_of
+from counterflex.app.workers import count_of, interrupts_held, pool_of
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
@@ -40,7 +37,6 @@ from counterflex.twin.truth import Truth
 from counterflex.twin.truth_file import write_truth
 
 FIRST_SEED = 1
-_MOST_WORKERS = 61  # more processes Windows cannot wait for
 _LEVELS: tuple[tuple[TruthLevel, str], ...] = (("seeded", "compensated"), ("same", "told"))
 
 
@@ -214,56 +210,20 @@ def _machine_all(
     workers: int | None,
     progress: Progress,
 ) -> dict[tuple[int, str], Record]:
-    count = min(len(tasks), workers or os.cpu_count() or 1, _MOST_WORKERS)
+    count = count_of(workers, len(tasks))
     records: dict[tuple[int, str], Record] = {}
     if count == 1:
         for i, (key, path) in enumerate(tasks):
             progress(i / len(tasks), f"machining, seed {key[0]}, {key[1]}")
             records[key] = _machine_one(path, Path(cell_file), truths[key[0]])
         return records
-    with _pool(count) as pool:
-        with _interrupts_held():
+    with pool_of(count) as pool:
+        with interrupts_held():
             waiting = {pool.submit(_machine_one, path, Path(cell_file), truths[key[0]]): key for key, path in tasks}
         for done in concurrent.futures.as_completed(waiting):
             records[waiting[done]] = done.result()
             progress(len(records) / len(tasks), f"machined {len(records)} of {len(tasks)}")
     return {key: records[key] for key, _ in tasks}
-
-
-@contextlib.contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while workers are started: they are born deaf to it, and the job hears it a moment later.
-
-    A terminal sends it to every process of the job; only the job itself is to answer, in one line.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _ignore_interrupts() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-@contextlib.contextmanager
-def _pool(count: int) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
-    """Worker processes that are ended at once when the job is interrupted."""
-    pool = concurrent.futures.ProcessPoolExecutor(
-        count, mp_context=multiprocessing.get_context("spawn"), initializer=_ignore_interrupts
-    )
-    try:
-        yield pool
-    except BaseException:
-        for process in list((pool._processes or {}).values()):
-            process.terminate()
-        pool.shutdown(wait=True, cancel_futures=True)
-        raise
-    pool.shutdown()
 
 
 def _shifted(progress: Progress, begin: float, length: float) -> Callable[..., None]:

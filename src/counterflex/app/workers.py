@@ -1,0 +1,55 @@
+"""Worker processes for jobs that machine many parts: deaf to Ctrl-C, ended at once when the job is interrupted."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import contextlib
+import multiprocessing
+import os
+import signal
+from collections.abc import Iterator
+from typing import Final
+
+MOST: Final = 61
+"""More processes Windows cannot wait for."""
+
+
+def count_of(wanted: int | None, tasks: int) -> int:
+    """Number of workers for some tasks; ``wanted`` None is one per core."""
+    return max(1, min(tasks, wanted or os.cpu_count() or 1, MOST))
+
+
+@contextlib.contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back while workers are started: they are born deaf to it, and the job hears it a moment later.
+
+    A terminal sends it to every process of the job; only the job itself is to answer, in one line.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _ignore_interrupts() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextlib.contextmanager
+def pool_of(count: int) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
+    """Worker processes that are ended at once when the job is interrupted."""
+    pool = concurrent.futures.ProcessPoolExecutor(
+        count, mp_context=multiprocessing.get_context("spawn"), initializer=_ignore_interrupts
+    )
+    try:
+        yield pool
+    except BaseException:
+        for process in list((pool._processes or {}).values()):
+            process.terminate()
+        pool.shutdown(wait=True, cancel_futures=True)
+        raise
+    pool.shutdown()
