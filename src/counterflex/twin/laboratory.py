@@ -36,6 +36,7 @@ class Laboratory:
         tracker_rad: Standard deviation of a measured orientation, per axis.
         force_n: Noise of the force sensor, per axis and sample.
         moment_nm: Noise of its moments.
+        session: Which day of measuring this is; each session has noise of its own, the instruments stay as they are.
     """
 
     seed: int
@@ -45,12 +46,12 @@ class Laboratory:
     tracker_rad: float = 30.0 * URAD
     force_n: float = 1.0
     moment_nm: float = 0.1
+    session: str = ""
 
     def noise(self, name: str) -> np.random.Generator:
-        """A random stream of its own for each named measurement."""
-        return np.random.Generator(
-            np.random.PCG64(random.Random(f"counterflex-lab-1:{self.seed}:{name}").getrandbits(64))
-        )
+        """A random stream of its own for each named measurement of each session."""
+        place = f"{self.seed}:{name}" + (f":{self.session}" if self.session else "")
+        return np.random.Generator(np.random.PCG64(random.Random(f"counterflex-lab-1:{place}").getrandbits(64)))
 
 
 def laboratory(seed: int) -> Laboratory:
