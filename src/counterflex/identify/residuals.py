@@ -21,10 +21,21 @@ class Residuals(Protocol):
         sigma: (rows, components) standard deviations in these units.
     """
 
-    name: str
-    group: Int
-    components: tuple[str, ...]
-    sigma: Float
+    @property
+    def name(self) -> str:
+        """See the class."""
+
+    @property
+    def group(self) -> Int:
+        """See the class."""
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """See the class."""
+
+    @property
+    def sigma(self) -> Float:
+        """See the class."""
 
     def evaluate(self, x: Float) -> Float:
         """Weighted residuals ``(measured - predicted) / sigma``.
