@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from counterflex.files.cell_measured import CalibrationTable, IdentifiedTable
+from counterflex.files.cell_sensing import SensorTable
 from counterflex.files.schema import Angle, ComplianceTable, Length, PoseTable, Table, Versioned
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -319,6 +320,7 @@ class CellTables(Versioned):
     controller: ControllerTable = ControllerTable()
     dynamics: DynamicsTable = DynamicsTable()
     limits: LimitsTable = LimitsTable()
+    sensor: SensorTable | None = None
     identified: tuple[IdentifiedTable, ...] = ()
 
     @model_validator(mode="after")

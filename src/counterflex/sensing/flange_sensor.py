@@ -1,0 +1,254 @@
+"""The six-axis sensor at the flange: what it shows without a process, and the process wrench behind its reading.
+
+``w_sensor = w_bias + w_drift t + w_kelvin (T - T_ref) + weight and inertia + w_offset^T phi(R_base_sensor) + process``,
+all on the tool side of the sensor about its origin in its axes: what the surroundings do to the tool, so a hanging
+tool shows a force along gravity (Haehn2020 eq. 12-20, torques included).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_float, as_positive, frozen
+from counterflex.core.units import STANDARD_GRAVITY
+from counterflex.geometry import pose, rotation, wrench
+from counterflex.sensing.orientation_basis import degree_of, orientation_basis
+
+REFERENCE_C = 20.0
+DOWN: Float = np.array([0.0, 0.0, -STANDARD_GRAVITY])
+DOWN.flags.writeable = False
+
+
+@dataclass(frozen=True, eq=False)
+class SensorMotion:
+    """Motion of the sensor frame, in its own axes; from an accelerometer or from the commanded path.
+
+    Attributes:
+        acceleration_m_s2: (..., 3) of the sensor's origin, without gravity.
+        omega_rad_s: (..., 3).
+        alpha_rad_s2: (..., 3) angular acceleration.
+    """
+
+    acceleration_m_s2: Float
+    omega_rad_s: Float
+    alpha_rad_s2: Float
+
+
+@dataclass(frozen=True, eq=False)
+class FlangeSensor:
+    """Constants of a force sensor in the chain.
+
+    Attributes:
+        segment: Body of the end effector that carries the sensor frame.
+        T_seg_sensor: (4, 4) sensor frame in that body.
+        mass_kg: Of what hangs behind the sensor.
+        p_sensor_com: (3,) m, its centre of gravity in the sensor frame.
+        w_bias: (6,) N, N m shown with no load at time 0 and the reference temperature.
+        w_drift_per_s: (6,) N/s, N m/s.
+        w_kelvin: (6,) N/K, N m/K.
+        reference_c: Reference temperature, deg C.
+        w_offset: (k, 6) N, N m: remaining offset by the functions of the orientation; k is 0, 9 or 34.
+        inertia_kg_m2: (6,) ``xx yy zz xy xz yz`` of what hangs behind, about its centre of gravity, sensor axes.
+    """
+
+    segment: str
+    T_seg_sensor: Float
+    mass_kg: float
+    p_sensor_com: Float
+    w_bias: Float = field(default_factory=lambda: np.zeros(6))
+    w_drift_per_s: Float = field(default_factory=lambda: np.zeros(6))
+    w_kelvin: Float = field(default_factory=lambda: np.zeros(6))
+    reference_c: float = REFERENCE_C
+    w_offset: Float = field(default_factory=lambda: np.zeros((0, 6)))
+    inertia_kg_m2: Float = field(default_factory=lambda: np.zeros(6))
+
+    def __post_init__(self) -> None:
+        """Check shapes.
+
+        Raises:
+            InputError: A wrong shape, or a mass below zero.
+        """
+        shapes: dict[str, tuple[int | None, ...]] = {
+            "T_seg_sensor": (4, 4),
+            "p_sensor_com": (3,),
+            "w_bias": (6,),
+            "w_drift_per_s": (6,),
+            "w_kelvin": (6,),
+            "w_offset": (None, 6),
+            "inertia_kg_m2": (6,),
+        }
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, frozen(as_float(f"sensor: {name}", getattr(self, name), shape)))
+        as_positive("sensor: mass_kg", self.mass_kg, zero=True)
+        degree_of(len(self.w_offset))
+
+    @property
+    def degree(self) -> int:
+        """Degree of the orientation-dependent offset."""
+        return degree_of(len(self.w_offset))
+
+    def packed(self) -> Float:
+        """All constants in one array, for kernels.
+
+        Returns:
+            (42 + 6 k,): rotation of the sensor in its body (9, rows), its origin (3), mass, centre of gravity (3),
+            inertia (6), bias (6), drift (6), temperature coefficients (6), reference temperature, ``k`` as a number,
+            and the offset (k, 6) by rows.
+        """
+        head = [
+            self.T_seg_sensor[:3, :3].reshape(-1),
+            self.T_seg_sensor[:3, 3],
+            [self.mass_kg],
+            self.p_sensor_com,
+            self.inertia_kg_m2,
+            self.w_bias,
+            self.w_drift_per_s,
+            self.w_kelvin,
+            [self.reference_c, float(len(self.w_offset))],
+        ]
+        return np.concatenate([*head, self.w_offset.reshape(-1)])
+
+
+def tensor(inertia_kg_m2: Float) -> Float:
+    """Matrix (3, 3) of ``xx yy zz xy xz yz``."""
+    xx, yy, zz, xy, xz, yz = inertia_kg_m2
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def idle_wrench(
+    sensor: FlangeSensor,
+    R_base_sensor: Float,
+    *,
+    temperature_c: Float | float | None = None,
+    time_s: Float | float = 0.0,
+    motion: SensorMotion | None = None,
+    gravity_base: Float = DOWN,
+) -> Float:
+    """What the sensor shows without a process.
+
+    Force ``m (g - a) - m (alpha x c + omega x (omega x c))``, moment ``c x force - I alpha - omega x I omega``, plus
+    bias, drift, temperature and the offset of the orientation.
+
+    Args:
+        sensor: Its constants.
+        R_base_sensor: (..., 3, 3), bent arm included (:mod:`counterflex.sensing.carrier`).
+        temperature_c: (...) deg C; None is the reference temperature.
+        time_s: (...) s since the sensor was set to zero or identified.
+        motion: Motion of the sensor; None is at rest.
+        gravity_base: (3,) m/s2 in base axes.
+
+    Returns:
+        (..., 6) N, N m about the sensor's origin in its axes.
+    """
+    R = np.asarray(R_base_sensor, dtype=np.float64)
+    g = np.swapaxes(R, -1, -2) @ np.asarray(gravity_base, dtype=np.float64)
+    c = sensor.p_sensor_com
+    force = sensor.mass_kg * g
+    moment_c = np.zeros(3)
+    if motion is not None:
+        omega, alpha = np.asarray(motion.omega_rad_s), np.asarray(motion.alpha_rad_s2)
+        at_com = motion.acceleration_m_s2 + np.cross(alpha, c) + np.cross(omega, np.cross(omega, c))
+        force = force - sensor.mass_kg * at_com
+        inertia = tensor(sensor.inertia_kg_m2)
+        moment_c = -(alpha @ inertia) - np.cross(omega, omega @ inertia)
+    out = np.concatenate([force, np.cross(c, force) + moment_c], axis=-1) + sensor.w_bias
+    out = out + np.asarray(time_s, dtype=np.float64)[..., None] * sensor.w_drift_per_s
+    if temperature_c is not None:
+        warmer = np.asarray(temperature_c, dtype=np.float64) - sensor.reference_c
+        out = out + warmer[..., None] * sensor.w_kelvin
+    if sensor.degree:
+        out = out + orientation_basis(R, sensor.degree) @ sensor.w_offset
+    result: Float = out
+    return result
+
+
+def process_wrench(
+    sensor: FlangeSensor,
+    w_sensor: Float,
+    R_base_sensor: Float,
+    *,
+    temperature_c: Float | float | None = None,
+    time_s: Float | float = 0.0,
+    motion: SensorMotion | None = None,
+    gravity_base: Float = DOWN,
+) -> Float:
+    """Wrench of the process about the sensor's origin in its axes: reading minus :func:`idle_wrench`.
+
+    Args:
+        sensor: Its constants.
+        w_sensor: (..., 6) N, N m: the reading.
+        R_base_sensor: See :func:`idle_wrench`, as all that follows.
+        temperature_c: Or None.
+        time_s: s.
+        motion: Or None.
+        gravity_base: (3,) m/s2.
+
+    Returns:
+        (..., 6) N, N m (Haehn2020 eq. 18, moments likewise).
+    """
+    idle = idle_wrench(
+        sensor,
+        R_base_sensor,
+        temperature_c=temperature_c,
+        time_s=time_s,
+        motion=motion,
+        gravity_base=gravity_base,
+    )
+    out: Float = np.asarray(w_sensor, dtype=np.float64) - idle
+    return out
+
+
+def tcp_wrench(
+    sensor: FlangeSensor,
+    w_sensor: Float,
+    R_base_sensor: Float,
+    T_seg_tcp: Float,
+    *,
+    temperature_c: Float | float | None = None,
+    time_s: Float | float = 0.0,
+    motion: SensorMotion | None = None,
+    gravity_base: Float = DOWN,
+) -> Float:
+    """Process wrench on the tool about the TCP in base axes (Haehn2020 eq. 18-20, with moments).
+
+    ``f_base = R_base_sensor f``, ``m_base = R_base_sensor (m - p_sensor_tcp x f)``.
+
+    Args:
+        sensor: Its constants.
+        w_sensor: (..., 6) N, N m: the reading.
+        R_base_sensor: (..., 3, 3), bent arm included.
+        T_seg_tcp: (4, 4) TCP in the body that carries the sensor
+            (:func:`counterflex.sensing.carrier.carrier_to_tcp`).
+        temperature_c: See :func:`idle_wrench`.
+        time_s: Likewise.
+        motion: Likewise.
+        gravity_base: Likewise.
+
+    Returns:
+        (..., 6) N, N m ``w_tcp_base``.
+    """
+    w = process_wrench(
+        sensor,
+        w_sensor,
+        R_base_sensor,
+        temperature_c=temperature_c,
+        time_s=time_s,
+        motion=motion,
+        gravity_base=gravity_base,
+    )
+    p_sensor_tcp = (pose.inverse(sensor.T_seg_sensor) @ np.asarray(T_seg_tcp, dtype=np.float64))[:3, 3]
+    return wrench.rotate(np.asarray(R_base_sensor, dtype=np.float64), wrench.shift(w, -p_sensor_tcp))
+
+
+def sensor_rotation(sensor: FlangeSensor, T_base_seg: Float) -> Float:
+    """``R_base_sensor`` (..., 3, 3) of the pose of the carrying body (..., 4, 4)."""
+    out: Float = T_base_seg[..., :3, :3] @ sensor.T_seg_sensor[:3, :3]
+    return out
+
+
+def turned(T_seg_sensor: Float, turn_rad: Float) -> Float:
+    """Sensor frame turned about its own axes by a rotation vector (3,) rad."""
+    out: Float = T_seg_sensor @ pose.make(rotation.exp(turn_rad))
+    return out
