@@ -1,0 +1,130 @@
+"""What play and dry friction of the axes add to a pull, and what of it remains uncertain.
+
+A pull from rest meets the friction of the axes: part of the load is held by it, so the arm looks stiffer, by an amount
+that depends on where each axis came from. Two remedies: approach the pose again the same way under load, so that the
+friction is the same in both states and cancels (play still shows where the torque of an axis changes its sign), or
+predict it with the model of :mod:`counterflex.robot.play`. Where the history is not known, what friction can do at most
+is added to the standard deviation.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ModelError
+from counterflex.identify.pulls import AGAIN, Pulls
+from counterflex.robot.chain import ElasticChain, jacobian
+from counterflex.robot.description import Play
+from counterflex.robot.play import STIFFEST_RAD_NM, axis_torque, torsion_path
+
+_STEP = 1e-3  # relative change of the half bands for their derivative
+_LEAST_RAD = 1e-7
+
+
+def lost_angles(chain: ElasticChain, pulls: Pulls) -> Float:
+    """Lost motion of the axes between the unloaded and the loaded reading.
+
+    Each row is a path of its own: relaxed at ``q + approach``, to ``q`` (unloaded reading), load on, and, where it was
+    approached again, back to ``q + approach`` and to ``q`` under load (loaded reading).
+
+    Args:
+        chain: With play; axes without an entry lose nothing.
+        pulls: With a history.
+
+    Returns:
+        (n, 6) rad, positive in the positive direction of the axis angles.
+
+    Raises:
+        ModelError: The pulls have no history.
+    """
+    if not pulls.history or pulls.approach is None:
+        raise ModelError("lost motion of pulls whose history is not known", where=pulls.where)
+    n = len(pulls)
+    play = chain.play
+    if play is None:
+        return np.zeros((n, 6))
+    start, load, none = pulls.q + pulls.approach, pulls.w_tcp_base, np.zeros_like(pulls.w_tcp_base)
+    stations = [(start, none), (pulls.q, none), (pulls.q, load)]
+    if pulls.history == AGAIN:
+        stations += [(start, load), (pulls.q, load)]
+    q = np.stack([s[0] for s in stations], axis=1)
+    w = np.stack([s[1] for s in stations], axis=1)
+    torque = axis_torque(chain, q.reshape(-1, 6), w.reshape(-1, 6)).reshape(q.shape)
+    soft = np.maximum(chain.compliance[chain.torsion, 5], STIFFEST_RAD_NM)
+    band, limit, slip = _arrays(play)
+    out = np.empty((n, 6))
+    for row in range(n):
+        s = torsion_path(q[row], torque[row], soft, band, limit, slip)
+        lost = s - soft * torque[row]
+        out[row] = lost[-1] - lost[1]
+    out[:, [entry is None for entry in play]] = 0.0
+    return out
+
+
+def band_slopes(chain: ElasticChain, pulls: Pulls) -> Float:
+    """Derivative of :func:`lost_angles` of each axis by the half band of its play.
+
+    -2 .. 2: 2 where the load turns the torque of an axis round, 0 where it does not.
+
+    Args:
+        chain: With play.
+        pulls: With a history.
+
+    Returns:
+        (n, 6).
+    """
+    if chain.play is None:
+        return np.zeros((len(pulls), 6))
+    half = np.array([_LEAST_RAD if e is None else max(e.half_band_rad, _LEAST_RAD) for e in chain.play])
+    ends = [lost_angles(_with_bands(chain, half * factor), pulls) for factor in (1.0 + _STEP, 1.0 - _STEP)]
+    out: Float = (ends[0] - ends[1]) / (2.0 * _STEP * half)
+    return out
+
+
+def unknown_history(chain: ElasticChain, pulls: Pulls) -> Float:
+    """Standard deviation that friction and play add to the displacement of the TCP where the history is not known.
+
+    Anything between ``-(b + c F)`` and ``b + c F`` of each axis is equally likely (half band b, friction F, torsion
+    compliance c), so the standard deviation is that over root 3, carried to the tool.
+
+    Args:
+        chain: With play or None.
+        pulls: Their poses.
+
+    Returns:
+        (n, 6) m, rad, base axes.
+    """
+    if chain.play is None:
+        return np.zeros((len(pulls), 6))
+    soft = chain.compliance[chain.torsion, 5]
+    most = np.array(
+        [
+            0.0 if entry is None else entry.half_band_rad + c * sum(entry.friction_nm)
+            for entry, c in zip(chain.play, soft, strict=True)
+        ]
+    )
+    out: Float = np.sqrt(np.sum((jacobian(chain, pulls.q) * (most / math.sqrt(3.0))) ** 2, axis=2))
+    return out
+
+
+def _arrays(play: tuple[Play | None, ...]) -> tuple[Float, Float, Float]:
+    m = max((len(entry.friction_nm) for entry in play if entry is not None), default=0)
+    band, limit, slip = np.zeros(6), np.zeros((6, m)), np.ones((6, m))
+    for axis, entry in enumerate(play):
+        if entry is not None:
+            count = len(entry.friction_nm)
+            band[axis] = entry.half_band_rad
+            limit[axis, :count], slip[axis, :count] = entry.friction_nm, entry.slip_rad
+    return band, limit, slip
+
+
+def _with_bands(chain: ElasticChain, half_band: Float) -> ElasticChain:
+    play = tuple(
+        None if entry is None else replace(entry, half_band_rad=float(b))
+        for entry, b in zip(chain.play or (), half_band, strict=True)
+    )
+    return replace(chain, play=play)

@@ -1,0 +1,164 @@
+"""Residuals of pulls: measured minus predicted displacement, linear in the compliances.
+
+The tool moves by ``d = sum_k c_k J_k (J_k^T w) + o``: spring k with compliance c_k turns (or shifts) by c_k times the
+part of the load that it feels, and carries the tool along. ``o`` is what is not linear in the compliances: lost motion
+of the axes and the second order of the elastic deflection, both computed at the compliances found before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.geometry.rotation import exp, skew
+from counterflex.geometry.rotation_derivative import left_jacobian
+from counterflex.identify.compliances import Springs
+from counterflex.robot.chain import ElasticChain, forward
+from counterflex.robot.compliance import element_jacobians
+
+COMPONENTS = ("x m", "y m", "z m", "rx rad", "ry rad", "rz rad")
+
+
+def gains(chain: ElasticChain, springs: Springs, q: Float, w_tcp_base: Float, p_tcp_point: Float) -> Float:
+    """Displacement per compliance of each spring, ``J_k(point) (J_k^T w)``.
+
+    Args:
+        chain: Its rigid geometry.
+        springs: k of them.
+        q: (n, 6) rad.
+        w_tcp_base: (n, 6) N, N m about the TCP in base axes.
+        p_tcp_point: (3,) m, the point whose displacement is wanted, in the frame of the TCP.
+
+    Returns:
+        (n, 6, k): displacement of the point and rotation vector, base axes, per m/N or rad/(N m).
+    """
+    columns = element_jacobians(chain, q)[:, springs.segment, :, springs.direction]  # (k, n, 6)
+    J = np.moveaxis(columns, 0, -1)
+    felt = np.einsum("nck,nc->nk", J, w_tcp_base)
+    out: Float = carried(chain, q, J, p_tcp_point) * felt[:, None, :]
+    return out
+
+
+def carried(chain: ElasticChain, q: Float, twists: Float, p_tcp_point: Float) -> Float:
+    """Twists (n, 6, k) given at the TCP, taken at a point beside it: ``v + omega x r``."""
+    if not np.any(p_tcp_point):
+        return twists
+    lever = (forward(chain, q)[:, :3, :3] @ p_tcp_point[:, None])[..., 0]
+    out = twists.copy()
+    out[:, :3] -= skew(lever) @ twists[:, 3:]
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A compliance that changes with the row: ``c_k (1 + a phi)``.
+
+    Attributes:
+        spring: k, place in the springs.
+        column: Place of the parameter a among all parameters.
+        phi: (n,) of each row.
+    """
+
+    spring: int
+    column: int
+    phi: Float
+
+
+@dataclass(frozen=True, eq=False)
+class PullResiduals:
+    """Pulls of one dataset.
+
+    Attributes:
+        name: Of the dataset.
+        group: (n,).
+        components: Of a row.
+        sigma: (n, c).
+        measured: (n, c) displacement, base axes; tracker axes where ``turn`` is given.
+        gain: (n, c, k) displacement per compliance, base axes.
+        columns: (k,) places of the compliances among all parameters.
+        offset: (n, c) what else is predicted, base axes.
+        band_gain: (n, c, 6) displacement per half band of each axis' play, base axes.
+        band_columns: (6,) places of the half bands, -1 where not fitted.
+        shapes: Compliances that change with the row.
+        R_tracker_base: (3, 3), where measured in tracker axes, else None.
+        turn: (3,) places of the rotation vector that corrects it, or None.
+    """
+
+    name: str
+    group: Int
+    components: tuple[str, ...]
+    sigma: Float
+    measured: Float
+    gain: Float
+    columns: Int
+    offset: Float
+    band_gain: Float
+    band_columns: Int
+    shapes: tuple[Shape, ...] = ()
+    R_tracker_base: Float | None = None
+    turn: Int | None = None
+
+    def evaluate(self, x: Float) -> Float:
+        """See :class:`counterflex.identify.residuals.Residuals`."""
+        out: Float = (self.measured - self.predicted(x)) / self.sigma
+        return out
+
+    def predicted(self, x: Float) -> Float:
+        """(n, c) predicted displacement in the axes it was measured in, m and rad."""
+        return self._seen(self._in_base(x), x)
+
+    def _in_base(self, x: Float) -> Float:
+        effective = x[self.columns] * self._growth(x)
+        out = np.einsum("nck,nk->nc", self.gain, effective) + self.offset
+        fitted = self.band_columns >= 0
+        if np.any(fitted):
+            out = out + self.band_gain[:, :, fitted] @ x[self.band_columns[fitted]]
+        return out
+
+    def _growth(self, x: Float) -> Float:
+        growth = np.ones((len(self.group), len(self.columns)))
+        for shape in self.shapes:
+            growth[:, shape.spring] += x[shape.column] * shape.phi
+        return growth
+
+    def _seen(self, base: Float, x: Float) -> Float:
+        if self.R_tracker_base is None:
+            return base
+        R = self.R_tracker_base if self.turn is None else self.R_tracker_base @ exp(-x[self.turn])
+        out: Float = np.concatenate([base[:, i : i + 3] @ R.T for i in range(0, base.shape[1], 3)], axis=1)
+        return out
+
+    def jacobian(self, x: Float) -> Float:
+        """See :class:`counterflex.identify.residuals.Residuals`."""
+        n, c = self.measured.shape
+        base = np.zeros((n, c, len(x)))
+        base[:, :, self.columns] = self.gain * self._growth(x)[:, None, :]
+        for shape in self.shapes:
+            value = x[self.columns[shape.spring]]
+            base[:, :, shape.column] += self.gain[:, :, shape.spring] * (value * shape.phi)[:, None]
+        fitted = self.band_columns >= 0
+        base[:, :, self.band_columns[fitted]] = self.band_gain[:, :, fitted]
+        if self.R_tracker_base is None:
+            return -base / self.sigma[:, :, None]
+        R = self.R_tracker_base if self.turn is None else self.R_tracker_base @ exp(-x[self.turn])
+        out = np.concatenate([R @ base[:, i : i + 3] for i in range(0, c, 3)], axis=1)
+        if self.turn is not None:
+            u, right = self._in_base(x), left_jacobian(x[self.turn])
+            turned = [R @ skew(u[:, i : i + 3]) @ right for i in range(0, c, 3)]
+            out[:, :, self.turn] = np.concatenate(turned, axis=1)
+        return -out / self.sigma[:, :, None]
+
+    def subset(self, rows: Bool) -> PullResiduals:
+        """See :class:`counterflex.identify.residuals.Residuals`."""
+        return replace(
+            self,
+            group=self.group[rows],
+            sigma=self.sigma[rows],
+            measured=self.measured[rows],
+            gain=self.gain[rows],
+            offset=self.offset[rows],
+            band_gain=self.band_gain[rows],
+            shapes=tuple(replace(s, phi=s.phi[rows]) for s in self.shapes),
+        )
