@@ -61,6 +61,7 @@ class Dataset:
         settings: Further facts that the manifest states, by their keys (SI).
         fingerprint: SHA-256 over manifest and data files, hex.
         where: Manifest path, for messages.
+        file: Data file whose lines ``line`` counts; empty for data made in memory.
     """
 
     name: str
@@ -71,6 +72,7 @@ class Dataset:
     settings: Mapping[str, Any] = field(default_factory=dict)
     fingerprint: str = ""
     where: str = ""
+    file: str = ""
 
     def __len__(self) -> int:
         return len(self.group)
@@ -108,7 +110,7 @@ class Dataset:
 
     def place(self, row: int) -> str:
         """Where a row stands, for messages."""
-        return f"{self.where or self.name}: line {int(self.line[row])}"
+        return f"{self.file or self.where or self.name}:{int(self.line[row])}"
 
 
 def of_arrays(

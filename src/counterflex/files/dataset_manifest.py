@@ -1,0 +1,182 @@
+"""The manifest of a dataset (``counterflex-dataset``, version 1). docs/datasets.md explains every key."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from counterflex.core.errors import CounterflexError, FileFormatError
+from counterflex.core.similar import close_to
+from counterflex.files.dataset_units import settings_si
+from counterflex.files.schema import PoseTable, Table, Versioned
+from counterflex.identify.channels import CHANNELS, KINDS, SETTINGS, channel_kind
+
+KIND: Final = "counterflex-dataset"
+VERSION: Final = 1
+REPEATS: Final = "repeats"
+Rotation = Literal["xyz_fixed", "xyz_intrinsic", "zyx_intrinsic", "rotation_vector", "quat_wxyz", "quat_xyzw", "matrix"]
+COLUMNS_OF: Final[dict[str, int]] = {"quat_wxyz": 4, "quat_xyzw": 4, "matrix": 9}
+"""Number of columns of a rotation; three for the others."""
+Name = Annotated[str, Field(min_length=1)]
+Line = Annotated[int, Field(ge=0)]
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+class FileTable(Table):
+    """One file of a dataset and how it is written."""
+
+    path: Name
+    separator: Annotated[str, Field(min_length=1, max_length=3)] = ","
+    decimal: Literal[".", ","] = "."
+    thousands: Literal["", ".", ",", " ", "'"] = ""
+    encoding: str = "utf-8"
+    header_line: Line = 1
+    skip_lines: tuple[Line, ...] = ()
+    comment: str = ""
+    missing: tuple[str, ...] = ()
+    prefix: str = ""
+    header_units: Literal["check", "ignore"] = "check"
+
+    @model_validator(mode="after")
+    def _marks(self) -> FileTable:
+        if self.decimal == self.thousands:
+            raise ValueError(f"decimal and thousands are the same mark: {self.decimal!r}")
+        if self.separator not in ("tab", "space") and len(self.separator) != 1:
+            raise ValueError(f"separator = {self.separator!r}; expected one character, 'tab' or 'space'")
+        if self.decimal == self.separator == ",":
+            raise ValueError("decimal and separator are both a comma; most such files have separator = ';'")
+        return self
+
+
+class RowsTable(Table):
+    """Which rows are taken."""
+
+    first_line: Line = 0
+    last_line: Annotated[int, Field(ge=1)] | None = None
+    every: Annotated[int, Field(ge=1)] = 1
+    drop_incomplete: bool = False
+
+
+class ChannelTable(Table):
+    """Where one channel's numbers stand and what they mean."""
+
+    columns: tuple[Any, ...] = ()
+    constant: tuple[float, ...] | None = None
+    unit: tuple[str, ...] | None = None
+    rotation: Rotation | None = None
+    frame: str | None = None
+    acts_on: Literal["tool", "surroundings"] = "tool"
+    sigma: tuple[float, ...] | Literal["repeats"] | None = None
+    sigma_columns: tuple[Any, ...] = ()
+    sigma_unit: str | None = None
+    signs: tuple[Literal[-1, 1], ...] = ()
+    offsets_deg: tuple[float, ...] = ()
+    coupling: tuple[tuple[float, ...], ...] = ()
+
+    @field_validator("constant", "unit", mode="before")
+    @classmethod
+    def _listed(cls, value: Any) -> Any:
+        return (value,) if isinstance(value, int | float | str) else _tuple(value)
+
+    @field_validator("sigma", mode="before")
+    @classmethod
+    def _sigma(cls, value: Any) -> Any:
+        if value is None or value == REPEATS:
+            return value
+        given = value if isinstance(value, list) else [value]
+        if not all(isinstance(s, int | float) and not isinstance(s, bool) and s > 0.0 for s in given):
+            raise ValueError(f'sigma = {value!r}; expected standard deviations above zero, or "repeats"')
+        return tuple(given)
+
+    @field_validator("columns", "sigma_columns", mode="before")
+    @classmethod
+    def _columns(cls, value: Any) -> Any:
+        given = value if isinstance(value, list) else [value]
+        for column in given:
+            whole = isinstance(column, int) and not isinstance(column, bool)
+            if not (whole and column >= 1) and not (isinstance(column, str) and column):
+                raise ValueError(f"a column is {column!r}; expected the text of its header, or its number from 1")
+        return tuple(given)
+
+    @model_validator(mode="after")
+    def _one_source(self) -> ChannelTable:
+        if bool(self.columns) == (self.constant is not None):
+            raise ValueError("a channel has either columns or constant")
+        if self.sigma == REPEATS and (self.sigma_columns or self.constant is not None):
+            raise ValueError('sigma = "repeats" goes with neither sigma_columns nor constant')
+        return self
+
+
+class Manifest(Versioned):
+    """A whole manifest."""
+
+    name: Name
+    kind: Name
+    files: Annotated[tuple[FileTable, ...], Field(min_length=1)]
+    join: tuple[str, ...] | None = None
+    group: tuple[str, ...] = ()
+    rows: RowsTable = RowsTable()
+    channels: dict[str, ChannelTable]
+    frames: dict[str, PoseTable] = Field(default={})
+    settings: dict[str, Any] = Field(default={})
+
+    @field_validator("join", "group", mode="before")
+    @classmethod
+    def _listed(cls, value: Any) -> Any:
+        return (value,) if isinstance(value, str) else _tuple(value)
+
+    @model_validator(mode="after")
+    def _used(self) -> Manifest:
+        for name, table in self.channels.items():
+            if table.frame is not None and table.frame not in self.frames:
+                raise ValueError(
+                    f"channel '{name}' is given in frame '{table.frame}', which no [frames.{table.frame}] describes"
+                )
+        unused = set(self.frames) - {table.frame for table in self.channels.values()}
+        if unused:
+            raise ValueError(f"no channel is given in frame '{min(unused)}'")
+        if len(self.files) == 1 and self.join is not None:
+            raise ValueError("join is for several files")
+        twice = [path for path, count in Counter(file.path for file in self.files).items() if count > 1]
+        if twice:
+            raise ValueError(f"the file {twice[0]} is listed twice")
+        return self
+
+
+def read_manifest(path: Path) -> Manifest:
+    """Read a manifest and check that kind, channels and settings are known.
+
+    Raises:
+        FileFormatError: In one line, with what to do.
+    """
+    manifest = Manifest.read(path, kind=KIND, version=VERSION)
+    _known("kind of dataset", manifest.kind, KINDS, f"{path}: kind")
+    for name in manifest.channels:
+        try:
+            channel_kind(name)
+        except CounterflexError as fault:
+            raise FileFormatError(
+                fault.what, where=f"{path}: channels.{name}", limit="a name of docs/datasets.md", hint=fault.hint
+            ) from fault
+    if not manifest.channels:
+        raise FileFormatError("no channel is mapped", where=f"{path}: channels", hint=f"Known: {', '.join(CHANNELS)}")
+    for key in manifest.settings:
+        _known("setting", settings_si(key, 0.0)[0], SETTINGS, f"{path}: settings.{key}")
+    return manifest
+
+
+def _known(what: str, name: str, among: dict[str, str], where: str) -> None:
+    if name not in among:
+        close = close_to(name, sorted(among), 1)
+        raise FileFormatError(
+            f"there is no such {what}",
+            where=where,
+            value=name,
+            hint=f"Did you mean '{close[0]}'?" if close else f"Known: {', '.join(among)}",
+        )
