@@ -122,7 +122,37 @@ _CLOCK: Final = {
     "temperature_c": ChannelKind("temperature", ("",), "degC", "degC"),
 }
 
-CHANNELS: Final[dict[str, ChannelKind]] = {**_ARM, **_TRACKER, **_LOADS, **_CLOCK}
+_RECORDS: Final = {
+    "time_tracker_s": ChannelKind("time stamps of the tracker's channels by the clock that gave them", ("",), "s", "s"),
+    "time_force_s": ChannelKind("time stamps of the force sensor's channel by the clock that gave them", ("",), "s", "s"),
+    "time_link_s": ChannelKind("time stamps of the encoders on the links by the clock that gave them", ("",), "s", "s"),
+    "p_base_command": _point("commanded tool tip in the robot base"),
+    "d_correction": ChannelKind(
+        "correction given to the sensor interface, translation in base axes", _XYZ, "m", "mm", "vector"
+    ),
+}
+
+_SLOTS: Final = {
+    "f_tcp_part": ChannelKind("force on the tool at the tool tip, part axes", ("fx", "fy", "fz"), "N", "N"),
+    "feed_direction": ChannelKind("unit vector along the feed, part axes", _XYZ, "1", "1"),
+    "feed_rate": ChannelKind("programmed feed", ("",), "m/s", "mm/min"),
+    "spindle_speed": ChannelKind("spindle speed, positive clockwise seen from the spindle (M3)", ("",), "rad/s", "rpm"),
+    "depth": ChannelKind(
+        "commanded axial depth of cut under the stated top of the blank, 0 in air", ("",), "m", "mm"
+    ),
+    "width": ChannelKind(
+        "commanded width of cut: positive from the left edge of the cutter (up-milling with M3), negative from the right "
+        "(down-milling), the diameter or more a slot",
+        ("",),
+        "m",
+        "mm",
+    ),
+    "depth_measured": ChannelKind("depth of cut measured on the finished part", ("",), "m", "mm"),
+    "tool": ChannelKind("number of the tool", ("",), "1", "1", whole=True),
+    "blank": ChannelKind("number of the blank that was cut", ("",), "1", "1", whole=True),
+}
+
+CHANNELS: Final[dict[str, ChannelKind]] = {**_ARM, **_TRACKER, **_LOADS, **_CLOCK, **_RECORDS, **_SLOTS}
 """By canonical name."""
 
 KINDS: Final[dict[str, str]] = {
@@ -145,6 +175,13 @@ KINDS: Final[dict[str, str]] = {
 SETTINGS: Final[dict[str, str]] = {
     "payload_kg": "mass that hung on the flange beyond what the cell file says",
     "remark": "anything worth keeping",
+    "clock": "name of the clock that stamped time_s",
+    "clock_tracker": "name of the clock that stamped time_tracker_s",
+    "clock_force": "name of the clock that stamped time_force_s",
+    "clock_link": "name of the clock that stamped time_link_s",
+    "cycle_s": "true time between rows, where the stamps of the file are damaged",
+    "rotor_inertia_kg_m2": "inertia of the motors seen on the link side, one number per axis of tau_motor",
+    "driven_axes": "numbers of the axes that the components of the joint channels belong to",
 }
 """Further facts that a manifest may state under ``[settings]``, by SI name (files say ``_mm`` for ``_m``, ``_deg`` for
 ``_rad``)."""

@@ -8,7 +8,9 @@ from typing import Final
 from counterflex.core.errors import InputError
 from counterflex.twin.laboratory import Measure
 
-MODULES: Final[dict[str, str]] = {}
+MODULES: Final[dict[str, str]] = {
+    "slots": "measure_slots",
+}
 """Kind of dataset: module of this package whose ``measure`` takes it, see :data:`.laboratory.Measure`."""
 
 

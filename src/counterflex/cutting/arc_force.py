@@ -1,0 +1,234 @@
+"""Mean force of cuts over one arc as a linear map of the force constants, with its exact derivatives.
+
+For a power term ``k h^p`` of a force law the mean force over a revolution is ``B(p) (k_c, k_r, k_a)``: linear in the
+constants, with a 3 x 3 map B that depends on the exponent, the arc and the depth. In the feed frame (x along the
+horizontal feed, y to its left, z up along the tool axis, force on the tool), level by level of the cutter,
+
+    J1 = int sin^p dphi,   Jc = int sin^p cos dphi,   Js = int sin^p sin dphi   over the arc
+    Fx = N/2pi sum_l g_l [-k_c Jc - k_n Js],   Fy = N/2pi sum_l g_l [k_c Js - k_n Jc],   Fz = N/2pi sum_l g_l k_z J1
+    g_l = height_l (f_z s_l)^p / sin kappa_l,  k_n = k_r sin kappa + k_a cos kappa,  k_z = k_r cos kappa - k_a sin kappa
+
+where s_l is the effective ``sin kappa`` of the level. It is what :mod:`counterflex.cutting.mean_force` computes for
+booked engagement, here without bins and with derivatives by exponent, depth and ends of the arc, which identification
+needs. A descending flat mill adds the thrust ``N R k_r f_d^p`` of its end face over the share of the disc that stands
+in the stock.
+
+Sources: Berger2013 section 5; Altintas and Lee 1998 (directions at an inclined edge).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_float
+from counterflex.core.errors import InputError, ModelError
+from counterflex.cutting.cutter import Cutter
+
+_NODES = 40
+_LEVEL_NODES = 24
+
+
+@dataclass(frozen=True, eq=False)
+class ArcCuts:
+    """Cuts of constant depth over one arc of engagement with one cutter.
+
+    Attributes:
+        cutter: The cutter.
+        depth_m: (n,) axial depth above the tip, m, >= 0.
+        entry_rad: (n,) immersion angle at which an edge enters, rad, 0 at the left normal of the feed.
+        exit_rad: (n,) angle at which it leaves, up to pi.
+        feed_tooth_m: (n,) horizontal feed per tooth, m, > 0.
+        drop_tooth_m: (n,) descent per tooth, m, negative when climbing.
+
+    Raises:
+        InputError: A number is out of range.
+        ModelError: A mill with a rounded corner descends or climbs: its chip then varies over the corner.
+    """
+
+    cutter: Cutter
+    depth_m: Float
+    entry_rad: Float
+    exit_rad: Float
+    feed_tooth_m: Float
+    drop_tooth_m: Float
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        n = len(self.depth_m)
+        for name in ("depth_m", "entry_rad", "exit_rad", "feed_tooth_m", "drop_tooth_m"):
+            object.__setattr__(self, name, as_float(name, getattr(self, name), (n,)))
+        if n and float(np.min(self.depth_m)) < 0.0:
+            raise InputError("depth of cut is negative", value=float(np.min(self.depth_m)), limit=">= 0 m")
+        if n and float(np.min(self.feed_tooth_m)) <= 0.0:
+            raise InputError("feed per tooth is out of range", value=float(np.min(self.feed_tooth_m)), limit="> 0 m")
+        wrong = (self.entry_rad < 0.0) | (self.exit_rad > math.pi * (1.0 + 1e-12)) | (self.entry_rad > self.exit_rad)
+        if np.any(wrong):
+            i = int(np.argmax(wrong))
+            raise InputError(
+                "arc of engagement is out of range",
+                value=(float(self.entry_rad[i]), float(self.exit_rad[i])),
+                limit="0 <= entry <= exit <= pi",
+            )
+        if not self.cutter.is_flat and np.any(self.drop_tooth_m != 0.0):
+            raise ModelError(
+                "a ramp with a rounded cutter has no closed form over one arc",
+                value=f"corner radius {self.cutter.corner_radius_m:g} m",
+                hint="Cut level slots, or use a flat end mill",
+            )
+
+    def __len__(self) -> int:
+        """Number of cuts."""
+        return len(self.depth_m)
+
+
+@dataclass(frozen=True, eq=False)
+class TermForce:
+    """Mean force on the tool per unit constant of one power term, and its derivatives.
+
+    Attributes:
+        value: (n, 3, 3) m^(1 + p): force x, y, z by the constants c, r, a.
+        by_exponent: (n, 3, 3) derivative by p.
+        by_depth: (n, 3, 3) by the depth, 1/m.
+        by_entry: (n, 3, 3) by the entry angle, 1/rad.
+        by_exit: (n, 3, 3) by the exit angle, 1/rad.
+    """
+
+    value: Float
+    by_exponent: Float
+    by_depth: Float
+    by_entry: Float
+    by_exit: Float
+
+
+def term_force(cuts: ArcCuts, exponent: float) -> TermForce:
+    """Mean force of a power term ``k h^p`` over a revolution, per unit constant.
+
+    Args:
+        cuts: The cuts.
+        exponent: p, >= 0 (1 - m of Kienzle's law; 0 for an edge force).
+
+    Returns:
+        The maps.
+
+    Raises:
+        InputError: The exponent is negative.
+    """
+    p = float(exponent)
+    if not p >= 0.0:
+        raise InputError("exponent of a power term is out of range", value=exponent, limit=">= 0")
+    cutter, n = cuts.cutter, len(cuts)
+    unit = cutter.flutes / (2.0 * math.pi)
+    feed = cuts.feed_tooth_m
+    J, dJ = _arc_integrals(p, cuts.entry_rad, cuts.exit_rad)
+    ends = [_integrand(p, angle) for angle in (cuts.entry_rad, cuts.exit_rad)]
+    levels = _levels(cutter, p)
+    height = np.clip(np.minimum(levels.upper, cuts.depth_m[:, None]) - levels.lower, 0.0, None)
+    growing = ((cuts.depth_m[:, None] >= levels.lower) & (cuts.depth_m[:, None] < levels.upper)).astype(np.float64)
+    scale = unit * feed[:, None] ** p * levels.sine_p / levels.sine
+    by_p = np.log(feed)[:, None] + levels.sine_p_slope / levels.sine_p
+
+    def mapped(weight: Float, integrals: Float) -> Float:
+        """Sum over the levels of ``weight`` (n, levels) times the directions; ``integrals`` (n, 3): J1, Jc, Js."""
+        whole = weight.sum(axis=1)
+        sine, cosine = weight @ levels.sine, weight @ levels.cosine
+        j1, jc, js = integrals.T
+        out = np.zeros((n, 3, 3))
+        out[:, 0, 0], out[:, 0, 1], out[:, 0, 2] = -whole * jc, -sine * js, -cosine * js
+        out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = whole * js, -sine * jc, -cosine * jc
+        out[:, 2, 1], out[:, 2, 2] = cosine * j1, -sine * j1
+        return out
+
+    value = mapped(scale * height, J)
+    by_exponent = mapped(scale * height, dJ) + mapped(scale * height * by_p, J)
+    by_depth = mapped(scale * growing, J)
+    by_entry, by_exit = -mapped(scale * height, ends[0]), mapped(scale * height, ends[1])
+    _add_end_face(cuts, p, value, by_exponent, by_entry, by_exit)
+    return TermForce(value, by_exponent, by_depth, by_entry, by_exit)
+
+
+def mean_thickness(cuts: ArcCuts) -> Float:
+    """Mean chip thickness over the arc on the cylinder, ``f_z (cos entry - cos exit) / (exit - entry)``, (n,) m.
+
+    Source: Berger2013 eq. 3.
+    """
+    span = cuts.exit_rad - cuts.entry_rad
+    out: Float = cuts.feed_tooth_m * (np.cos(cuts.entry_rad) - np.cos(cuts.exit_rad)) / np.where(span > 0.0, span, 1.0)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Levels:
+    """Axial levels: bounds, mean sine and cosine of kappa, mean of ``sin^p kappa`` and its derivative by p."""
+
+    lower: Float
+    upper: Float
+    sine: Float
+    cosine: Float
+    sine_p: Float
+    sine_p_slope: Float
+
+
+def _levels(cutter: Cutter, p: float) -> _Levels:
+    bounds = cutter.levels()
+    n = len(bounds) - 1
+    sine, cosine, sine_p, slope = np.ones(n), np.zeros(n), np.ones(n), np.zeros(n)
+    upper = np.minimum(bounds[1:], max(cutter.flute_length_m, float(bounds[-2])))
+    t, w = np.polynomial.legendre.leggauss(_LEVEL_NODES)
+    for i, (z0, z1) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
+        if z0 >= cutter.corner_radius_m * (1.0 - 1e-12):
+            continue
+        k0 = math.acos(1.0 - z0 / cutter.corner_radius_m)
+        k1 = math.acos(max(1.0 - z1 / cutter.corner_radius_m, 0.0))
+        span = k1 - k0
+        sine[i] = (math.cos(k0) - math.cos(k1)) / span
+        cosine[i] = (math.sin(k1) - math.sin(k0)) / span
+        step = 0.25 * (2.0 + 3.0 * t - t**3)  # graded towards both ends
+        kappa = np.sin(k0 + span * step)
+        weight = 0.75 * (1.0 - t * t) * w
+        power = kappa**p
+        sine_p[i], slope[i] = float(weight @ power), float(weight @ (power * np.log(kappa)))
+    return _Levels(bounds[:-1], upper, sine, cosine, sine_p, slope)
+
+
+def _integrand(p: float, phi: Float) -> Float:
+    """(n, 3): sin^p, sin^p cos, sin^p sin."""
+    sine, cosine = np.clip(np.sin(phi), 0.0, None), np.cos(phi)
+    power = sine**p
+    out: Float = np.stack([power, power * cosine, power * sine], axis=-1)
+    return out
+
+
+def _arc_integrals(p: float, entry: Float, leave: Float) -> tuple[Float, Float]:
+    """J1, Jc, Js over each arc, (n, 3), and their derivatives by p; Gauss nodes crowd where sin vanishes."""
+    t, w = np.polynomial.legendre.leggauss(_NODES)
+    t, w = 0.5 * (t + 1.0), 0.5 * w
+    step = t**4 * (35.0 - 84.0 * t + 70.0 * t**2 - 20.0 * t**3)
+    weight = 140.0 * t**3 * (1.0 - t) ** 3 * w
+    span = (leave - entry)[:, None]
+    phi = entry[:, None] + span * step
+    shapes = _integrand(p, phi) * (span * weight)[..., None]
+    logarithm = np.log(np.clip(np.sin(phi), 1e-300, None))[..., None]
+    return shapes.sum(axis=1), (shapes * logarithm).sum(axis=1)
+
+
+def _add_end_face(cuts: ArcCuts, p: float, value: Float, by_exponent: Float, by_entry: Float, by_exit: Float) -> None:
+    """Add the thrust of a descending end face over the strip of the disc between entry and exit."""
+    down = cuts.drop_tooth_m > 0.0
+    if not np.any(down):
+        return
+    drop = np.where(down, cuts.drop_tooth_m, 1.0)
+    thrust = np.where(down, cuts.cutter.flutes * cuts.cutter.radius_m * drop**p, 0.0)
+
+    def area(phi: Float) -> Float:
+        """Share of the disc to the left of the chord through the angle, from 0 to 1."""
+        out: Float = (phi - np.sin(phi) * np.cos(phi)) / math.pi
+        return out
+
+    share = area(cuts.exit_rad) - area(cuts.entry_rad)
+    value[:, 2, 1] += thrust * share
+    by_exponent[:, 2, 1] += thrust * share * np.log(drop)
+    by_entry[:, 2, 1] -= thrust * 2.0 * np.sin(cuts.entry_rad) ** 2 / math.pi
+    by_exit[:, 2, 1] += thrust * 2.0 * np.sin(cuts.exit_rad) ** 2 / math.pi

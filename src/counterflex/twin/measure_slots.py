@@ -1,0 +1,210 @@
+"""Test cuts on the simulated cell: the robot mills them, the flange sensor records.
+
+The cell machines the requested cuts with everything that the force model lacks: the tool bends away, so depth and
+width are not the commanded ones; the edge ploughs, the teeth run out, drives play and rub, the blank is higher than
+stated. The sensor between flange and spindle feels the process force, the weight and the inertia of all that hangs
+behind it, adds a bias that drifts, and noise; its readings are turned into base axes with the orientation that the
+controller believes in. Weight and bias are left in: what was shown in air before and after each cut takes them out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int, as_float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import UM
+from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.stock import HeightMap
+from counterflex.geometry import rotation
+from counterflex.robot.description import Opw
+from counterflex.twin.controller import Controller
+from counterflex.twin.laboratory import Laboratory, Measured
+from counterflex.twin.record import Record
+from counterflex.twin.simulate import simulate
+from counterflex.twin.slot_path import StraightCuts, engaged, slot_path, straight_cuts
+from counterflex.twin.truth import Truth
+
+BIAS_N = 20.0
+"""Standard deviation of the sensor's zero, per axis."""
+DRIFT_N = 2.0
+"""Standard deviation of what the zero drifts over the whole program, per axis."""
+RATE_HZ = 50.0
+DEPTH_GAUGE_M = 15.0 * UM
+_SENSOR = "sensor"
+_AIR_S = 1.0
+
+
+def measure(
+    truth: Truth,
+    laboratory: Laboratory,
+    request: Mapping[str, Float],
+    settings: Mapping[str, Any],
+    progress: Progress = silent,
+) -> Measured:
+    """Mill the test cuts and record force, pose and what the program says, at a steady rate.
+
+    Args:
+        truth: The cell as it is.
+        laboratory: Its instruments; noise of the force sensor.
+        request: Columns of :data:`counterflex.twin.slot_path.COLUMNS`, one straight feed motion a row, SI.
+        settings: ``controller``, ``cutter``, ``blank`` as plain tables (see :func:`counterflex.identify.cutting`'s
+            proposal), ``tool`` number, ``datum_points_m`` touched by the robot, ``rate_hz`` of the record,
+            ``measure_depth`` to gauge the finished slots.
+        progress: Told the fraction done.
+
+    Returns:
+        Channels ``time_s``, ``f_tcp_base``, ``q``, ``feed_direction``, ``feed_rate``, ``spindle_speed``, ``depth``,
+        ``width``, ``tool``, ``blank`` and, when gauged, ``depth_measured``; grouped by cut.
+
+    Raises:
+        InputError: A table is missing, or the cuts never meet the blank.
+    """
+    cuts = straight_cuts(request)
+    controller, cutter, stock = _controller(settings), _cutter(settings), _stock(settings)
+    tool = int(settings.get("tool", 1))
+    path, row_of = slot_path(cuts, tool)
+    points = settings.get("datum_points_m")
+    record = simulate(
+        path,
+        truth=truth,
+        controller=controller,
+        stock=stock,
+        cutter=cutter,
+        datum_points_part=None if points is None else as_float("datum_points_m", points, (None, 3)),
+        progress=progress,
+    )
+    if len(record.time_s) == 0:
+        raise InputError("the test cuts never come near the blank", hint="Check start, end and blank of the request")
+    rng = laboratory.noise("slots")
+    force = _reading(truth, laboratory, record, controller, rng)
+    low = as_float("low_m", settings["blank"]["low_m"], (3,))
+    high = as_float("high_m", settings["blank"]["high_m"], (3,))
+    gauge = DEPTH_GAUGE_M * rng.standard_normal(len(cuts)) if settings.get("measure_depth", False) else None
+    columns = _Columns(record, cuts, row_of[record.row], force, low, high, cutter.radius_m, gauge)
+    return columns.measured(tool, float(settings.get("rate_hz", RATE_HZ)), laboratory.force_n, controller.cycle_s)
+
+
+def _reading(
+    truth: Truth, laboratory: Laboratory, record: Record, controller: Controller, rng: np.random.Generator
+) -> Float:
+    """(n, 3) N: what the sensor shows, turned into base axes by the controller."""
+    names = [body.name for body in truth.bodies]
+    behind = truth.bodies[names.index(_SENSOR) + 1 :] if _SENSOR in names else truth.bodies[-1:]
+    mass = sum(body.mass_kg for body in behind)
+    R_base_part = record.T_base_part[:3, :3]
+    n = len(record.time_s)
+    dt = controller.cycle_s
+    acceleration = np.zeros((n, 3))
+    if n > 2:
+        acceleration[1:-1] = np.diff(record.p_part_tcp, n=2, axis=0) / dt**2
+        jump = np.diff(record.time_s) > 1.5 * dt
+        acceleration[1:][jump] = 0.0
+        acceleration[:-1][jump] = 0.0
+    acting = record.force_part @ R_base_part.T + mass * (truth.gravity_base - acceleration @ R_base_part.T)
+    axes = controller.tool_poses(record.p_part_command, np.tile(np.array([0.0, 0.0, 1.0]), (n, 1)))[:, :3, :3]
+    R_base_told = controller.T_base_part[:3, :3] @ axes
+    R_base_true = R_base_part @ rotation.exp(record.tilt_part) @ axes
+    shown = np.einsum("nji,nj->ni", R_base_true, acting)
+    share = (record.time_s - record.time_s[0]) / max(float(record.time_s[-1] - record.time_s[0]), 1e-9)
+    drift = np.outer(share, DRIFT_N * rng.standard_normal(3))
+    shown += BIAS_N * rng.standard_normal(3) + drift + laboratory.force_n * rng.standard_normal((n, 3))
+    out: Float = np.einsum("nij,nj->ni", R_base_told, shown)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """The record of a run, by test cut."""
+
+    record: Record
+    cuts: StraightCuts
+    row: Int
+    force: Float
+    low: Float
+    high: Float
+    radius: float
+    gauge: Float | None
+
+    def measured(self, tool: int, rate_hz: float, force_n: float, cycle_s: float) -> Measured:
+        """Means over the sampling time, grouped by cut, with some air before and after."""
+        record, cuts = self.record, self.cuts
+        touching = engaged(record.p_part_command, self.low, self.high, self.radius) & (self.row >= 0)
+        every = max(1, round(1.0 / (rate_hz * cycle_s)))
+        channels: dict[str, list[Float]] = {}
+        group: list[Int] = []
+        for number in np.unique(cuts.cut):
+            rows = self._of_cut(int(number), touching)
+            count = len(rows) // every
+            if count < 2:
+                continue
+            blocks = rows[: count * every].reshape(count, every)
+            place = np.clip(self.row[blocks[:, 0]], 0, None)
+            depth = np.where(touching[blocks], self.high[2] - record.p_part_command[blocks][..., 2], 0.0)
+            depth = np.where(np.all(touching[blocks], axis=1), depth.mean(axis=1), 0.0)
+            new = {
+                "time_s": record.time_s[blocks].mean(axis=1),
+                "f_tcp_base": self.force[blocks].mean(axis=1),
+                "q": record.q_motor[blocks].mean(axis=1),
+                "feed_direction": cuts.direction[place],
+                "feed_rate": cuts.feed_m_s[place],
+                "spindle_speed": cuts.spindle_rad_s[place],
+                "depth": depth,
+                "width": cuts.width_m[place],
+                "tool": np.full(count, float(tool)),
+                "blank": np.zeros(count),
+            }
+            if self.gauge is not None:
+                new["depth_measured"] = record.depth_m[blocks].mean(axis=1) + self.gauge[place]
+            for name, values in new.items():
+                channels.setdefault(name, []).append(values)
+            group.append(np.full(count, number, dtype=np.int64))
+        if not group:
+            raise InputError("the test cuts are too short to be recorded", value=f"{rate_hz:g} Hz")
+        sigma: dict[str, float | Float] = {"f_tcp_base": force_n / float(np.sqrt(every)), "q": 1e-6}
+        if self.gauge is not None:
+            sigma["depth_measured"] = DEPTH_GAUGE_M
+        joined = {name: np.concatenate(parts) for name, parts in channels.items()}
+        return Measured(joined, sigma, np.concatenate(group), {"tool": tool})
+
+    def _of_cut(self, number: int, touching: Bool) -> Int:
+        """Rows of a cut from a second before the first touch to a second after the last."""
+        mine = np.flatnonzero(touching & (self.cuts.cut[np.maximum(self.row, 0)] == number))
+        if len(mine) == 0:
+            return np.zeros(0, dtype=np.int64)
+        time = self.record.time_s
+        begin, end = float(time[mine[0]]) - _AIR_S, float(time[mine[-1]]) + _AIR_S
+        same = self.cuts.cut[np.maximum(self.row, 0)] == number
+        clear = ~touching | same
+        out: Int = np.flatnonzero((time >= begin) & (time <= end) & clear)
+        return out
+
+
+def _table(settings: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    if name not in settings:
+        raise InputError("the settings of the test cuts lack a table", value=name, limit="controller, cutter, blank")
+    found: Mapping[str, Any] = settings[name]
+    return found
+
+
+def _controller(settings: Mapping[str, Any]) -> Controller:
+    table = dict(_table(settings, "controller"))
+    opw = {key: tuple(value) if isinstance(value, (list, tuple)) else value for key, value in table.pop("opw").items()}
+    for name, shape in (("joint_limits_rad", (6, 2)), ("T_flange_tcp", (4, 4)), ("T_base_part", (4, 4))):
+        table[name] = as_float(name, table[name], shape)
+    return Controller(opw=Opw(**opw), **table)
+
+
+def _cutter(settings: Mapping[str, Any]) -> Cutter:
+    return Cutter(**_table(settings, "cutter"))
+
+
+def _stock(settings: Mapping[str, Any]) -> HeightMap:
+    table = _table(settings, "blank")
+    low, high = (tuple(float(v) for v in table[key]) for key in ("low_m", "high_m"))
+    return HeightMap.from_box(low, high, float(table["cell_m"]))
