@@ -71,6 +71,10 @@ class ReachError(CounterflexError, ValueError):
     """A pose cannot be reached: distance, joint limit, wrist or arm singularity."""
 
 
+class ProtocolError(CounterflexError, ValueError):
+    """Bytes from the network are not what the protocol allows, or cannot be made."""
+
+
 class OutputError(CounterflexError, OSError):
     """A result cannot be written: folder missing, not writable, disk full."""
 

@@ -1,0 +1,1 @@
+"""Bytes of the protocols: telegrams and datagrams to numbers and back. No socket, no clock."""

@@ -1,0 +1,185 @@
+"""ATI Net F/T: requests, records and the scaling document of the Raw Data Transfer protocol (UDP, big-endian).
+
+A record holds what the sensor shows; whether that is the load on the tool or its reaction is the mounting's matter.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Final
+from xml.etree.ElementTree import ParseError
+
+from defusedxml.common import DefusedXmlException
+from defusedxml.ElementTree import fromstring
+
+from counterflex.core.errors import ProtocolError
+from counterflex.core.units import MM
+
+PORT: Final = 49152
+HEADER: Final = 0x1234
+STOP: Final = 0x0000
+START: Final = 0x0002
+"""Stream records in real time until told to stop."""
+SET_BIAS: Final = 0x0042
+RECORD: Final = struct.Struct(">III6i")
+_REQUEST: Final = struct.Struct(">HHI")
+GOOD: Final = 0
+MONITOR: Final = 0x80010000
+"""Status of a record in which a threshold of the sensor's own monitor was crossed: a warning, the values hold."""
+
+_NEWTON: Final = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "lb": 4.4482216152605, "klbf": 4448.2216152605}
+_POUND_INCH: Final = 4.4482216152605 * 25.4 * MM
+_NEWTON_METRE: Final = {
+    "Nm": 1.0,
+    "Nmm": MM,
+    "kNm": 1e3,
+    "lbfin": _POUND_INCH,
+    "inlb": _POUND_INCH,
+    "lbin": _POUND_INCH,
+    "lbfft": 12.0 * _POUND_INCH,
+    "ftlb": 12.0 * _POUND_INCH,
+}
+
+
+def request(command: int, samples: int = 0) -> bytes:
+    """A request of 8 bytes; ``samples`` 0 streams without end.
+
+    Raises:
+        ProtocolError: A number does not fit its field.
+    """
+    if not (0 <= command <= 0xFFFF and 0 <= samples <= 0xFFFFFFFF):
+        raise ProtocolError("request of a force sensor out of range", value=(command, samples))
+    return _REQUEST.pack(HEADER, command, samples)
+
+
+def read_request(data: bytes) -> tuple[int, int]:
+    """Command and sample count of a request: the sensor's side.
+
+    Raises:
+        ProtocolError: Not a request.
+    """
+    if len(data) != _REQUEST.size:
+        raise ProtocolError("not a request of a force sensor", value=f"{len(data)} bytes", limit=_REQUEST.size)
+    header, command, samples = _REQUEST.unpack(data)
+    if header != HEADER:
+        raise ProtocolError("not a request of a force sensor", value=f"0x{header:04x}", limit=f"0x{HEADER:04x}")
+    return command, samples
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Counts of a sensor in SI.
+
+    Attributes:
+        force_n: N per count.
+        moment_nm: N m per count.
+        rate_hz: Records per second that the sensor is set to.
+        product: Its name.
+    """
+
+    force_n: float
+    moment_nm: float
+    rate_hz: float
+    product: str
+
+
+def read_scaling(document: bytes, where: str = "netftapi2.xml") -> Scaling:
+    """Read the document that the sensor serves at ``/netftapi2.xml``.
+
+    Raises:
+        ProtocolError: Not XML, a field missing or not a positive number, a unit that is not known.
+    """
+    try:
+        root = fromstring(document)
+    except (ParseError, DefusedXmlException, ValueError, LookupError) as fault:
+        raise ProtocolError(f"not an XML document: {fault}", where=where) from fault
+
+    def text(name: str) -> str:
+        found = root.find(f".//{name}")
+        if found is None or not (found.text or "").strip():
+            raise ProtocolError(f"the field '{name}' is missing", where=where)
+        return (found.text or "").strip()
+
+    def number(name: str) -> float:
+        try:
+            value = float(text(name))
+        except ValueError:
+            value = 0.0
+        if not 0.0 < value < 1e12:
+            raise ProtocolError(f"the field '{name}' is no positive number", where=where, value=repr(text(name)))
+        return value
+
+    def unit(name: str, known: dict[str, float]) -> float:
+        plain = text(name).replace("-", "").replace("*", "").replace(" ", "")
+        if plain not in known:
+            raise ProtocolError("the sensor's unit is not known", where=f"{where}: {name}", value=text(name))
+        return known[plain]
+
+    return Scaling(
+        force_n=unit("scfgfu", _NEWTON) / number("cfgcpf"),
+        moment_nm=unit("scfgtu", _NEWTON_METRE) / number("cfgcpt"),
+        rate_hz=number("comrdtrate"),
+        product=text("prodname"),
+    )
+
+
+def write_scaling(counts_per_n: int, counts_per_nm: int, rate_hz: int, product: str) -> bytes:
+    """The document that a sensor serves, in N and N m: the sensor's side."""
+    return (
+        f'<?xml version="1.0" encoding="UTF-8"?>\n<netft><prodname>{product}</prodname>'
+        f"<cfgcpf>{counts_per_n}</cfgcpf><cfgcpt>{counts_per_nm}</cfgcpt><scfgfu>N</scfgfu><scfgtu>N-m</scfgtu>"
+        f"<comrdtrate>{rate_hz}</comrdtrate></netft>\n"
+    ).encode("ascii")
+
+
+@dataclass(frozen=True)
+class Record:
+    """One record.
+
+    Attributes:
+        sequence: +1 per record of the stream; a gap is a lost datagram. Wraps at 2^32.
+        sample: The sensor's own counter.
+        status: 0 good, :data:`MONITOR` a warning, anything else a fault.
+        counts: Fx Fy Fz Tx Ty Tz.
+    """
+
+    sequence: int
+    sample: int
+    status: int
+    counts: tuple[int, int, int, int, int, int]
+
+    @property
+    def usable(self) -> bool:
+        """Whether the counts may be used."""
+        return self.status in (GOOD, MONITOR)
+
+
+def read_record(data: bytes) -> Record:
+    """Read a record of 36 bytes.
+
+    Raises:
+        ProtocolError: Another length.
+    """
+    if len(data) != RECORD.size:
+        raise ProtocolError("not a record of a force sensor", value=f"{len(data)} bytes", limit=f"{RECORD.size} bytes")
+    sequence, sample, status, *counts = RECORD.unpack(data)
+    return Record(sequence, sample, status, tuple(counts))
+
+
+def write_record(record: Record) -> bytes:
+    """A record as bytes: the sensor's side.
+
+    Raises:
+        ProtocolError: A number does not fit its field.
+    """
+    try:
+        return RECORD.pack(record.sequence, record.sample, record.status, *record.counts)
+    except struct.error as fault:
+        raise ProtocolError("a record's number does not fit its field", value=record.counts) from fault
+
+
+def lost(before: int, now: int) -> int:
+    """Records lost between two sequence numbers, with the wrap at 2^32; negative for a late or repeated one."""
+    step = (now - before) & 0xFFFFFFFF
+    return step - 1 if step < 0x80000000 else step - 0x100000000 - 1
