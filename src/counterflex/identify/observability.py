@@ -41,7 +41,8 @@ def examine(parameters: Parameters, free: Int, jacobian: Float, sigma_u: Float, 
         The findings. A weak direction is named where the data tell less about it than the priors (singular value
         below 1) or, without priors, nothing at all.
     """
-    _, s, vt = np.linalg.svd(jacobian, full_matrices=True)
+    tall = len(jacobian) > len(free)  # the triangular factor has the same singular values and right vectors
+    _, s, vt = np.linalg.svd(np.linalg.qr(jacobian, mode="r") if tall else jacobian, full_matrices=True)
     spectrum = np.zeros(len(free))
     spectrum[: len(s)] = s
     largest = float(spectrum[0]) if len(spectrum) else 0.0
