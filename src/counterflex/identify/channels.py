@@ -95,6 +95,15 @@ _ARM: Final = {
 _TRACKER: Final = {
     "p_tracker_target": _point("reflector or six-axis target in the tracker"),
     "R_tracker_target": _rotation("orientation of the six-axis target in the tracker"),
+    "p_base_fiducial": _point("known place of a fiducial in the robot base"),
+    "p_tracker_fiducial": _point("fiducial as the tracker measures it"),
+    "target": ChannelKind("number of the reflector that was measured", ("",), "1", "1", whole=True),
+    "q_second": ChannelKind("joint angles of the other pose of a distance", _AXES, "rad", "deg", "joints"),
+    "distance": ChannelKind(
+        "from the tool's reference point to the anchor, or to where it is in the other pose", ("",), "m", "mm"
+    ),
+    "anchor": ChannelKind("number of the fixed end of a ball bar", ("",), "1", "1", whole=True),
+    "plane": ChannelKind("number of the plane that was touched", ("",), "1", "1", whole=True),
 }
 _LOADS: Final = {
     "w_tcp_base": ChannelKind(
@@ -141,8 +150,8 @@ _SLOTS: Final = {
         "commanded axial depth of cut under the stated top of the blank, 0 in air", ("",), "m", "mm"
     ),
     "width": ChannelKind(
-        "commanded width of cut: positive from the left edge of the cutter (up-milling with M3), negative from the right "
-        "(down-milling), the diameter or more a slot",
+        "commanded width of cut: positive from the left edge of the cutter (up-milling with M3), negative from the "
+        "right (down-milling), the diameter or more a slot",
         ("",),
         "m",
         "mm",

@@ -1,0 +1,1 @@
+"""Signals over time: continuous signals from samples, causal lags that know their delay, alignment of clocks."""
