@@ -1,0 +1,248 @@
+"""ABB Externally Guided Motion: what the robot sends, position guidance and path correction (protobuf over UDP).
+
+Path correction moves a running RAPID path sideways (y and z of the path frame: x = tangent, y = tangent cross tool z,
+z = x cross y) every 24 ms or a multiple, without orientation. Position guidance replaces the path: every 4 ms the whole
+pose is sent.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from google.protobuf.message import DecodeError
+
+from counterflex.core.arrays import Float, as_float
+from counterflex.core.errors import ProtocolError
+from counterflex.core.units import DEG, MM, MS
+from counterflex.geometry import pose, rotation
+from counterflex.wire.egm_messages import MESSAGES
+
+DATA: Final = 2
+CORRECTION: Final = 3
+PATH_CORRECTION: Final = 4
+MOTORS_ON: Final = 1
+MCI_RUNNING: Final = 3
+RAPID_RUNNING: Final = 2
+PATH_PERIOD_S: Final = 24.0 * MS
+GUIDANCE_PERIOD_S: Final = 4.0 * MS
+
+
+@dataclass(frozen=True, eq=False)
+class RobotState:
+    """What the robot reports.
+
+    Attributes:
+        sequence: Of the message.
+        time_ms: Clock of the controller.
+        q: (6,) rad measured angles, or None.
+        T_frame_tcp: (4, 4) measured pose in the frame that the RAPID program chose, or None.
+        T_frame_tcp_planned: (4, 4) planned pose, or None.
+        motors_on: Motor state.
+        guided: The motion interface runs.
+        rapid_running: The program runs.
+        utilization: Share of what the motion interface can do, 1 = 100 %; above, the motion is limited.
+        force: (6,) N, N m that the robot itself measures, or None.
+    """
+
+    sequence: int
+    time_ms: int
+    q: Float | None
+    T_frame_tcp: Float | None
+    T_frame_tcp_planned: Float | None
+    motors_on: bool
+    guided: bool
+    rapid_running: bool
+    utilization: float | None
+    force: Float | None
+
+
+def read_robot(data: bytes) -> RobotState:
+    """Read an ``EgmRobot`` message.
+
+    Raises:
+        ProtocolError: Not such a message, a number that is not finite, a quaternion far from unit length.
+    """
+    message = _parse("EgmRobot", data)
+    if not message.HasField("header"):
+        raise ProtocolError("an EGM message has no header", value=f"{len(data)} bytes")
+    back, planned = message.feedBack, message.planned
+    return RobotState(
+        sequence=message.header.seqno,
+        time_ms=message.header.tm,
+        q=_joints(back) if back.HasField("joints") else None,
+        T_frame_tcp=_pose(back.cartesian) if back.HasField("cartesian") else None,
+        T_frame_tcp_planned=_pose(planned.cartesian) if planned.HasField("cartesian") else None,
+        motors_on=message.motorState.state == MOTORS_ON if message.HasField("motorState") else False,
+        guided=message.mciState.state == MCI_RUNNING,
+        rapid_running=message.rapidExecState.state == RAPID_RUNNING,
+        utilization=_finite(message.utilizationRate) / 100.0 if message.HasField("utilizationRate") else None,
+        force=measured_force(message.measuredForce) if message.HasField("measuredForce") else None,
+    )
+
+
+def measured_force(data: bytes) -> Float | None:
+    """Six numbers of the field ``measuredForce``, RobotWare 6 or 7; None where force control is not active.
+
+    RobotWare 6 holds repeated doubles in field 1, RobotWare 7 a flag in field 1 and the doubles in field 2; the wire
+    type of field 1 tells them apart.
+
+    Raises:
+        ProtocolError: Neither form, or not six finite numbers.
+    """
+    if not data:
+        return None
+    field, wire_type = data[0] >> 3, data[0] & 7
+    if (field, wire_type) in ((1, 1), (1, 2)):
+        values = list(_parse("EgmForceSix", data).force)
+    else:
+        seven = _parse("EgmForceSeven", data)
+        if seven.HasField("fcActive") and not seven.fcActive:
+            return None
+        values = list(seven.force)
+    if len(values) != 6 or not all(map(math.isfinite, values)):
+        raise ProtocolError("the robot's own force is not six numbers", value=values)
+    return np.array(values)
+
+
+def write_robot(
+    state: RobotState,
+    *,
+    robotware: int = 7,
+) -> bytes:
+    """An ``EgmRobot`` message: the robot's side.
+
+    Args:
+        state: What to report.
+        robotware: 6 or 7; how the force is written.
+    """
+    message = MESSAGES["EgmRobot"]()
+    _head(message.header, state.sequence, state.time_ms, DATA)
+    if state.q is not None:
+        message.feedBack.joints.joints.extend((state.q / DEG).tolist())
+    if state.T_frame_tcp is not None:
+        _fill(message.feedBack.cartesian, state.T_frame_tcp)
+    message.feedBack.time.sec, message.feedBack.time.usec = divmod(state.time_ms * 1000, 1_000_000)
+    if state.T_frame_tcp_planned is not None:
+        _fill(message.planned.cartesian, state.T_frame_tcp_planned)
+    message.motorState.state = 1 if state.motors_on else 2
+    message.mciState.state = 3 if state.guided else 2
+    message.rapidExecState.state = 2 if state.rapid_running else 1
+    if state.utilization is not None:
+        message.utilizationRate = 100.0 * state.utilization
+    if state.force is not None:
+        inside = MESSAGES["EgmForceSix" if robotware < 7 else "EgmForceSeven"]()
+        if robotware >= 7:
+            inside.fcActive = True
+        inside.force.extend(state.force.tolist())
+        message.measuredForce = inside.SerializeToString()
+    out: bytes = message.SerializeToString()
+    return out
+
+
+def write_path_correction(sequence: int, y_m: float, z_m: float, age_s: float, time_ms: int = 0) -> bytes:
+    """An ``EgmSensorPathCorr``: correction in the path frame, along it always zero.
+
+    Args:
+        sequence: Of our messages.
+        y_m: m, along tangent cross tool z.
+        z_m: m.
+        age_s: How old the measurement behind it is.
+        time_ms: Our clock.
+
+    Raises:
+        ProtocolError: A number is not finite.
+    """
+    message = MESSAGES["EgmSensorPathCorr"]()
+    _head(message.header, sequence, time_ms, PATH_CORRECTION)
+    position = message.pathCorr.pos
+    position.x, position.y, position.z = 0.0, _finite(y_m) / MM, _finite(z_m) / MM
+    message.pathCorr.age = max(0, round(_finite(age_s) / MS))
+    out: bytes = message.SerializeToString()
+    return out
+
+
+def read_path_correction(data: bytes) -> tuple[int, Float, float]:
+    """Sequence, correction (3,) m in the path frame and its age in s: the robot's side.
+
+    Raises:
+        ProtocolError: Not such a message, or a number that is not finite.
+    """
+    message = _parse("EgmSensorPathCorr", data)
+    p = message.pathCorr.pos
+    correction = np.array([_finite(p.x), _finite(p.y), _finite(p.z)]) * MM
+    return message.header.seqno, correction, message.pathCorr.age * MS
+
+
+def write_guidance(sequence: int, T_frame_tcp: Float, time_ms: int = 0) -> bytes:
+    """An ``EgmSensor`` that guides the tool to a pose.
+
+    Raises:
+        InputError: The pose is not (4, 4) or not finite.
+    """
+    message = MESSAGES["EgmSensor"]()
+    _head(message.header, sequence, time_ms, CORRECTION)
+    _fill(message.planned.cartesian, as_float("T_frame_tcp", T_frame_tcp, (4, 4)))
+    out: bytes = message.SerializeToString()
+    return out
+
+
+def read_guidance(data: bytes) -> tuple[int, Float]:
+    """Sequence and pose (4, 4) of an ``EgmSensor``: the robot's side.
+
+    Raises:
+        ProtocolError: Not such a message, no pose, or a number that is not finite.
+    """
+    message = _parse("EgmSensor", data)
+    if not message.planned.HasField("cartesian"):
+        raise ProtocolError("a guidance message has no pose", value=f"{len(data)} bytes")
+    return message.header.seqno, _pose(message.planned.cartesian)
+
+
+def _parse(name: str, data: bytes) -> Any:
+    message = MESSAGES[name]()
+    try:
+        message.ParseFromString(data)
+    except (DecodeError, ValueError, RecursionError) as fault:
+        raise ProtocolError(f"not an {name} message: {fault}", value=f"{len(data)} bytes") from fault
+    return message
+
+
+def _head(header: Any, sequence: int, time_ms: int, kind: int) -> None:
+    header.seqno, header.mtype = sequence, kind
+    if time_ms:
+        header.tm = time_ms
+
+
+def _finite(value: float) -> float:
+    if not math.isfinite(value):
+        raise ProtocolError("a number of an EGM message is not finite", value=value)
+    return value
+
+
+def _joints(back: Any) -> Float:
+    values = [_finite(v) for v in back.joints.joints]
+    if len(values) != 6:
+        raise ProtocolError("an EGM message has another number of joints", value=len(values), limit=6)
+    return np.array(values) * DEG
+
+
+def _pose(cartesian: Any) -> Float:
+    p = np.array([_finite(v) for v in (cartesian.pos.x, cartesian.pos.y, cartesian.pos.z)]) * MM
+    if cartesian.HasField("euler"):
+        angles = [_finite(v) * DEG for v in (cartesian.euler.z, cartesian.euler.y, cartesian.euler.x)]
+        return pose.make(rotation.from_zyx(np.array(angles)), p)
+    u = cartesian.orient
+    quat = np.array([_finite(v) for v in (u.u0, u.u1, u.u2, u.u3)])
+    size = float(np.linalg.norm(quat))
+    if abs(size - 1.0) > 1e-3:
+        raise ProtocolError("an EGM quaternion is not of unit length", value=size, limit="1 +- 0.001")
+    return pose.make(rotation.from_quat_wxyz(quat / size), p)
+
+
+def _fill(cartesian: Any, T: Float) -> None:
+    cartesian.pos.x, cartesian.pos.y, cartesian.pos.z = (T[:3, 3] / MM).tolist()
+    u = cartesian.orient
+    u.u0, u.u1, u.u2, u.u3 = rotation.quat_wxyz(T[:3, :3]).tolist()
