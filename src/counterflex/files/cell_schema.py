@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from counterflex.files.cell_measured import CalibrationTable, IdentifiedTable
 from counterflex.files.cell_sensing import SensorTable
+from counterflex.files.cell_tracker import TrackerTable
 from counterflex.files.schema import Angle, ComplianceTable, Length, PoseTable, Table, Versioned
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -321,6 +322,7 @@ class CellTables(Versioned):
     dynamics: DynamicsTable = DynamicsTable()
     limits: LimitsTable = LimitsTable()
     sensor: SensorTable | None = None
+    tracker: TrackerTable | None = None
     identified: tuple[IdentifiedTable, ...] = ()
 
     @model_validator(mode="after")

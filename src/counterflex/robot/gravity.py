@@ -35,7 +35,7 @@ def counterbalance_torque(balance: Counterbalance, q_joint: Float | float) -> Fl
     return out
 
 
-def weight_loads(chain: ElasticChain, q: Float) -> Float:
+def weight_loads(chain: ElasticChain, q: Float, Ts_base_segment: Float | None = None) -> Float:
     """Wrench of own weight and payload on each elastic element, relieved by the counterbalance; rigid geometry.
 
     Element i carries every body from i outward (its own body lies behind its elasticity): force ``sum m_k g``, moment
@@ -45,12 +45,13 @@ def weight_loads(chain: ElasticChain, q: Float) -> Float:
     Args:
         chain: The chain.
         q: (..., 6) rad.
+        Ts_base_segment: (..., n, 4, 4) frames of the bodies where they are not those of the rigid chain at q.
 
     Returns:
         (..., n, 6) N, N m in each segment's frame.
     """
     q = joint_angles(q)
-    Ts = frames(chain, q)
+    Ts = frames(chain, q) if Ts_base_segment is None else Ts_base_segment
     R, p = Ts[..., :3, :3], Ts[..., :3, 3]
     com = (R @ chain.com[..., None])[..., 0] + p
     mass = np.cumsum(chain.mass[::-1])[::-1]

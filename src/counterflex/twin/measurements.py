@@ -10,6 +10,8 @@ from counterflex.twin.laboratory import Measure
 
 MODULES: Final[dict[str, str]] = {
     "slots": "measure_slots",
+    "tracker_poses": "measure_tracker_poses",
+    "fiducials": "measure_fiducials",
 }
 """Kind of dataset: module of this package whose ``measure`` takes it, see :data:`.laboratory.Measure`."""
 

@@ -1,0 +1,294 @@
+"""Recipe ``tracker-frame``: where the tracker stands in the robot base, where its target sits, and whether it moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress
+from counterflex.core.units import MM, UM, URAD
+from counterflex.identify.arm_geometry import displaced_arm
+from counterflex.identify.dataset import Dataset
+from counterflex.identify.fiducials import (
+    FiducialResiduals,
+    check_sense,
+    check_spread,
+    displacement_between,
+    robust_register,
+)
+from counterflex.identify.fit import Fit
+from counterflex.identify.frame_drift import Drift, drifts, rounds_of
+from counterflex.identify.holdout import HeldOut, cross_validate, position_error, score_separate
+from counterflex.identify.known_frames import KnownFrames, known_frames, tracker_table
+from counterflex.identify.model import CellModel
+from counterflex.identify.parameters import Parameters
+from counterflex.identify.placed_frame import COMPONENTS, PlacedFrame, frame_parameters
+from counterflex.identify.pose_residuals import TrackerResiduals
+from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
+from counterflex.identify.residuals import Residuals
+from counterflex.identify.solve import solve
+from counterflex.identify.tracker_data import start_frames, tracker_residuals
+from counterflex.identify.tracker_proposal import propose
+
+FEWEST_FIDUCIALS: Final = 4
+"""Three fix a frame; with a fourth each can be predicted from the others."""
+TRACKER: Final = "T_base_tracker"
+TARGET: Final = "T_tcp_target"
+
+
+def identify(
+    cell: CellModel,
+    data: Sequence[Dataset],
+    holdout: Sequence[Dataset],
+    settings: Mapping[str, Any],  # noqa: ARG001
+    progress: Progress,
+) -> Identification:
+    """Find T_base_tracker from fiducials, poses or both, and T_tcp_target from poses.
+
+    Args:
+        cell: The cell; its robot predicts the poses, sag under own weight included.
+        data: Datasets of the kinds ``fiducials`` and ``tracker_poses``.
+        holdout: Of the same kinds, or empty for folds.
+        settings: See :data:`RECIPE`.
+        progress: Told about steps.
+
+    Raises:
+        InputError: Too few or collinear fiducials, a mirrored frame, units mixed up, poses that do not turn.
+    """
+    known = known_frames(cell)
+    start_tracker, start_target = _start(cell, data)
+    T0 = start_tracker if known is None else known.T_base_tracker
+    X0 = start_target if known is None or start_target is None else known.T_tcp_target
+    items = frame_parameters(TRACKER, "tracker in the base")
+    if X0 is not None:
+        items += frame_parameters(TARGET, "target on the tool")
+    parameters = Parameters.of(items)
+    tracker = PlacedFrame(T0, np.arange(6, dtype=np.int64))
+    target = None if X0 is None else PlacedFrame(X0, np.arange(6, 12, dtype=np.int64))
+    watch = _drift(data)
+    blocks = _blocks(cell, data, tracker, target, last=any(d.significant for d in watch))
+    start = np.concatenate(
+        [displacement_between(T0, start_tracker)]
+        + ([] if X0 is None or start_target is None else [displacement_between(X0, start_target)])
+    )
+    progress(0.2, "registered")
+    fit = solve(parameters, blocks, start=start)
+    progress(0.5, "held out")
+    scored = [i for i, b in enumerate(blocks) if isinstance(b, FiducialResiduals)] or list(range(len(blocks)))
+    if holdout:
+        unseen = _blocks(cell, holdout, tracker, target, last=False)
+        held = score_separate(parameters, blocks, unseen, error=position_error, start=start)
+    else:
+        held = cross_validate(parameters, blocks, error=position_error, scored=scored, start=start)
+    T_base_tracker = tracker.at(fit.values)
+    T_tcp_target = None if target is None else target.at(fit.values)
+    change = tracker_table(
+        T_base_tracker,
+        fit.sigma[:6],
+        T_tcp_target,
+        None if target is None else fit.sigma[6:12],
+        "counterflex identify tracker-frame",
+    )
+    return Identification(
+        recipe="tracker-frame",
+        fits={"tracker-frame": fit},
+        headline=_headline(held, known),
+        figures=(*_figures(fit, blocks, watch), *_frame_figures(fit, target is not None)),
+        changes=(change,),
+        remarks=_remarks(fit, blocks, watch, target is not None),
+        pictures=_pictures(fit, blocks),
+    )
+
+
+def _start(cell: CellModel, data: Sequence[Dataset]) -> tuple[Float, Float | None]:
+    """Robust first estimates, after the checks that a fit would hide."""
+    fiducials = [d for d in data if d.kind == "fiducials"]
+    poses = [d for d in data if d.kind == "tracker_poses"]
+    if not fiducials and not poses:
+        raise InputError("the tracker's frame needs fiducials or tracker poses", value=[d.kind for d in data])
+    found = None
+    for d in fiducials:
+        p_base, p_tracker = d.values("p_base_fiducial"), d.values("p_tracker_fiducial")
+        different = len(np.unique(d.group))
+        if different < FEWEST_FIDUCIALS and not poses:
+            raise InputError(
+                "too few fiducials",
+                where=d.where,
+                value=different,
+                limit=f"{FEWEST_FIDUCIALS} or more: with three none can be predicted from the others",
+                hint="Measure more fiducials, spread around the robot",
+            )
+        check_spread(p_base, "fiducials", d.where)
+        sigma_m = float(np.median(_fiducial_sigma(d)))
+        check_sense(p_base, p_tracker, sigma_m, d.where)
+        check_spread(p_tracker, "measured fiducials", d.where)
+        found = robust_register(p_base, p_tracker) if found is None else found
+    if not poses:
+        return (np.eye(4) if found is None else found), None
+    frames = start_frames(cell, poses[0])
+    return (frames.T_base_tracker if found is None else found), frames.T_tcp_target
+
+
+def _fiducial_sigma(d: Dataset) -> Float:
+    """(m, 3) standard deviation of known minus measured place."""
+    measured = d.channel("p_tracker_fiducial").need_sigma()
+    known = d.channel("p_base_fiducial").sigma
+    # The tracker's axes are not the base's: its largest component stands for all of them.
+    spread = np.broadcast_to(np.max(measured, axis=1, keepdims=True), measured.shape)
+    return spread.copy() if known is None else np.sqrt(spread**2 + known**2)
+
+
+def _blocks(
+    cell: CellModel, data: Sequence[Dataset], tracker: PlacedFrame, target: PlacedFrame | None, *, last: bool
+) -> list[Residuals]:
+    out: list[Residuals] = []
+    for d in data:
+        if d.kind == "fiducials":
+            rows = np.ones(len(d), dtype=np.bool_)
+            if last:  # the tracker has moved: where it stands now is what counts
+                rounds = rounds_of(d.group, _time(d))
+                latest = {int(g): int(rounds[d.group == g].max()) for g in np.unique(d.group)}
+                rows = np.array([rounds[i] == latest[int(g)] for i, g in enumerate(d.group)])
+            kept = d.rows(rows)
+            out.append(
+                FiducialResiduals(
+                    name=d.name,
+                    group=kept.group,
+                    sigma=_fiducial_sigma(kept),
+                    tracker=tracker,
+                    p_base=kept.values("p_base_fiducial"),
+                    p_tracker=kept.values("p_tracker_fiducial"),
+                )
+            )
+        elif target is not None:
+            arm = displaced_arm(cell.nominal_chain, d.values("q"), dict(cell.calibration))
+            out.append(tracker_residuals(d, arm, tracker, target))
+    return out
+
+
+def _time(d: Dataset) -> Float | None:
+    return d.values("time_s")[:, 0] if d.has("time_s") else None
+
+
+def _drift(data: Sequence[Dataset]) -> tuple[Drift, ...]:
+    out: tuple[Drift, ...] = ()
+    for d in data:
+        if d.kind == "fiducials":
+            p = d.channel("p_tracker_fiducial")
+            out = (*out, *drifts(d.group, p.values, p.need_sigma(), _time(d)))
+    return out
+
+
+def _headline(held: HeldOut, known: KnownFrames | None) -> tuple[Figure, ...]:
+    mean, largest = held.mean(), held.largest()
+    return (
+        Figure(
+            "holdout_mean_mm",
+            "mean position error of points that the fit had not seen",
+            mean[0] / MM,
+            None if known is None else mean[1] / MM,
+        ),
+        Figure(
+            "holdout_largest_mm",
+            "largest position error of points that the fit had not seen",
+            largest[0] / MM,
+            None if known is None else largest[1] / MM,
+        ),
+        Figure("holdout_count", "points predicted", float(held.count)),
+        Figure("gross_count", "gross errors left out", float(np.sum(held.gross))),
+    )
+
+
+def _frame_figures(fit: Fit, target: bool) -> tuple[Figure, ...]:
+    s = fit.sigma
+    out = [
+        Figure("tracker_sigma_um", "standard deviation of the tracker's place", _length(s[:3]) / UM),
+        Figure("tracker_sigma_urad", "standard deviation of its rotation", _length(s[3:6]) / URAD),
+    ]
+    if target:
+        out += [
+            Figure("target_sigma_um", "standard deviation of the target's place on the tool", _length(s[6:9]) / UM),
+            Figure("target_sigma_urad", "standard deviation of its rotation", _length(s[9:12]) / URAD),
+        ]
+    return tuple(out)
+
+
+def _length(v: Float) -> float:
+    return float(np.linalg.norm(v))
+
+
+def _figures(fit: Fit, blocks: Sequence[Residuals], watch: Sequence[Drift]) -> tuple[Figure, ...]:
+    out = []
+    for block, residuals, factor in zip(blocks, fit.residuals, fit.sigma_factors, strict=True):
+        if isinstance(block, FiducialResiduals):
+            off = np.linalg.norm(residuals * block.sigma, axis=1)
+            for g in np.unique(block.group):
+                size = float(np.sqrt(np.mean(off[block.group == g] ** 2)))
+                out.append(Figure(f"fiducial_{g}_um", f"residual of fiducial {g}", size / UM))
+        elif isinstance(block, TrackerResiduals):
+            off = np.linalg.norm((residuals * block.sigma)[:, :3], axis=1)
+            out.append(Figure("poses_median_mm", "median residual of the poses", float(np.median(off)) / MM))
+        out.append(
+            Figure("sigma_factor", f"residuals of {block.name} by their stated standard deviation", float(factor))
+        )
+    for d in watch:
+        out += [
+            Figure(f"drift_{d.round}_um", f"shift of the tracker in round {d.round}", _length(d.shift_m) / UM),
+            Figure(f"drift_{d.round}_urad", f"its rotation in round {d.round}", _length(d.rotation_rad) / URAD),
+            Figure(f"drift_{d.round}_probability", "probability of as much by noise alone", d.probability),
+        ]
+    return tuple(out)
+
+
+def _remarks(fit: Fit, blocks: Sequence[Residuals], watch: Sequence[Drift], target: bool) -> tuple[str, ...]:
+    out = []
+    for o in fit.outliers:
+        block = next(b for b in blocks if b.name == o.block)
+        row = int(block.group[o.row])
+        size = _length((fit.residuals[blocks.index(block)][o.row] * block.sigma[o.row])[:3])
+        what = f"fiducial {row}" if isinstance(block, FiducialResiduals) else f"pose {row}"
+        out.append(f"{what} of {o.block} is off by {size / MM:.3g} mm and was given the weight {o.weight:.2g}.")
+    if any(isinstance(b, TrackerResiduals) for b in blocks):
+        out.append(
+            "Poses carry the robot's own errors of geometry: the kinematics recipe finds them together with the "
+            "frames, which then come out better."
+        )
+    for d in watch:
+        told = (
+            f"round {d.round}: the tracker shifted by {_length(d.shift_m) / UM:.3g} um "
+            f"({_length(d.shift_sigma_m) / UM:.2g} um standard deviation) and turned by "
+            f"{_length(d.rotation_rad) / URAD:.3g} urad ({_length(d.rotation_sigma_rad) / URAD:.2g} urad)"
+        )
+        if d.significant:
+            out.append(f"Drift, {told}; noise alone would do that with probability {d.probability:.1g}. "
+                       "The frame is that of the last round; earlier measurements refer to another one.")  # fmt: skip
+        else:
+            out.append(f"No drift beyond noise, {told}.")
+    if not target:
+        out.append("The target's offset on the tool was not measured: add tracker poses of the robot.")
+    return tuple(out)
+
+
+def _pictures(fit: Fit, blocks: Sequence[Residuals]) -> tuple[Picture, ...]:
+    out = []
+    for block, residuals in zip(blocks, fit.residuals, strict=True):
+        x: Float | Int = np.asarray(block.group, dtype=np.float64)
+        off = (residuals * block.sigma)[:, :3] / MM
+        curves = tuple(Curve(c, np.asarray(x, dtype=np.float64), off[:, i]) for i, c in enumerate(COMPONENTS[:3]))
+        number = "fiducial" if isinstance(block, FiducialResiduals) else "pose"
+        out.append(Picture(f"What is left of {block.name}", number, "measured minus predicted, mm", curves))
+    return tuple(out)
+
+
+RECIPE: Final = Recipe(
+    name="tracker-frame",
+    title="Tracker in the robot base, target on the tool, drift of the tracker",
+    kinds=("fiducials", "tracker_poses"),
+    settings={"measure": "poses", "seed": 0},
+    identify=identify,
+    propose=propose,
+)
