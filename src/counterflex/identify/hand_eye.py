@@ -1,6 +1,6 @@
 """Where the tracker stands and where its target sits, from robot poses: closed form, and robust to gross errors.
 
-Robot poses ``A_i = T_base_tcp`` and measured ones ``B_i = T_tracker_target`` obey ``A_i X = Z B_i``, ``X = T_tcp_target``
+Robot poses ``A_i = T_base_tcp`` and measured ``B_i = T_tracker_target`` obey ``A_i X = Z B_i``: ``X = T_tcp_target``
 and ``Z = T_base_tracker``. The rotations are the common null vector of ``R_A R_X - R_Z R_B = 0``, a linear system in
 their 18 entries; then the positions are linear. From points alone the rotation comes from rigid registration, in turns
 with the reflector's offset.

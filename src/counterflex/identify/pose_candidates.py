@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import ReachError
 from counterflex.core.units import DEG
 from counterflex.geometry import pose, rotation
@@ -77,7 +77,8 @@ def _spread(cell: CellModel, chain: ElasticChain, count: int, rng: np.random.Gen
     middle = limits.mean(axis=1)
     low, high = np.maximum(limits[:, 0], middle - 120.0 * DEG), np.minimum(limits[:, 1], middle + 120.0 * DEG)
     q = low + (high - low) * rng.random((count, 6))
-    return q[np.array([branch_of(chain, row) == cell.branch for row in q], dtype=np.bool_)]
+    out: Float = q[np.array([branch_of(chain, row) == cell.branch for row in q], dtype=np.bool_)]
+    return out
 
 
 def _near_part(cell: CellModel, chain: ElasticChain, count: int, rng: np.random.Generator) -> Float:
@@ -102,7 +103,7 @@ def _ball(rng: np.random.Generator) -> Float:
     return out
 
 
-def _clear(chain: ElasticChain, q: Float) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+def _clear(chain: ElasticChain, q: Float) -> Bool:
     """Above the floor, not inside the column, not at a stretched or folded wrist."""
     if len(q) == 0:
         return np.zeros(0, dtype=np.bool_)
@@ -114,4 +115,5 @@ def _clear(chain: ElasticChain, q: Float) -> np.ndarray[tuple[int, ...], np.dtyp
     for p in (wrist, flange, tip):
         ok &= (p[:, 2] > min(FLOOR_M, column)) & (np.hypot(p[:, 0], p[:, 1]) > column)
     sine = np.linalg.norm(np.cross(Ts[:, driven[3], :3, 2], Ts[:, driven[5], :3, 2]), axis=1)
-    return ok & (sine > _LEAST_SINE)
+    out: Bool = ok & (sine > _LEAST_SINE)
+    return out

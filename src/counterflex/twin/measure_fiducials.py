@@ -21,7 +21,7 @@ ROUND_S = 1800.0
 
 
 def measure(
-    truth: Truth,
+    truth: Truth,  # noqa: ARG001
     laboratory: Laboratory,
     request: Mapping[str, Float],
     settings: Mapping[str, Any],
@@ -52,6 +52,7 @@ def measure(
     known = places + KNOWN_M * noise.standard_normal((n, 3))
     shift = np.array(settings.get("drift_um", [0.0, 0.0, 0.0]), dtype=np.float64) * UM
     turn = np.array(settings.get("drift_urad", [0.0, 0.0, 0.0]), dtype=np.float64) * URAD
+    seconds = np.repeat(ROUND_S * np.arange(rounds), n) + 20.0 * np.tile(np.arange(n), rounds)
     rows = []
     for k in range(rounds):
         T_base_tracker = laboratory.T_base_tracker @ pose.make(rotation.exp(k * turn), k * shift)
@@ -62,8 +63,7 @@ def measure(
         channels={
             "p_base_fiducial": np.tile(known, (rounds, 1)),
             "p_tracker_fiducial": np.concatenate(rows),
-            "time_s": np.repeat(ROUND_S * np.arange(rounds), n)[:, None]
-            + 20.0 * np.tile(np.arange(n), rounds)[:, None],
+            "time_s": seconds[:, None],
         },
         sigma={"p_base_fiducial": KNOWN_M, "p_tracker_fiducial": laboratory.tracker_m},
         group=np.tile(np.arange(1, n + 1, dtype=np.int64), rounds),

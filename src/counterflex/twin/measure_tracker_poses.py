@@ -1,4 +1,4 @@
-"""The simulated laboratory measures poses: the robot goes to joint angles, rests, and the tracker looks at its target."""
+"""The simulated laboratory measures poses: the robot goes to joint angles and rests, the tracker looks at it."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def measure(
     truth: Truth,
     laboratory: Laboratory,
     request: Mapping[str, Float],
-    settings: Mapping[str, Any],
+    settings: Mapping[str, Any],  # noqa: ARG001
     progress: Progress,
 ) -> Measured:
     """Poses of the tracker's six-axis target.
