@@ -72,7 +72,7 @@ def report_page(data: ReportData) -> str:
         ]
     if data.budget:
         figures["budget"] = budget_figure(data.budget)
-    return _render(
+    return render(
         "report.html.j2",
         figures,
         scales,
@@ -109,7 +109,7 @@ def prediction_page(data: PredictionData) -> str:
         ("Program time", f"{float(data.time_s[-1]):.1f} s", f"{n} points"),
     ]
     figures = {"prediction": prediction_figure(data), "plan": prediction_map(data)}
-    return _render("prediction.html.j2", figures, [], data=data, cards=cards)
+    return render("prediction.html.j2", figures, [], data=data, cards=cards)
 
 
 def write_page(page: str, path: str | os.PathLike[str]) -> None:
@@ -121,7 +121,15 @@ def write_page(page: str, path: str | os.PathLike[str]) -> None:
     write_text(path, page)
 
 
-def _render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any]], **values: Any) -> str:
+def render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any]], **values: Any) -> str:
+    """Fill a template of this room that extends ``base.html.j2``.
+
+    Args:
+        template: Its file name.
+        figures: Plotly figures by the name that ``data-figure`` has in the template.
+        scales: Colour scales of the maps, if any.
+        values: Whatever the template names; ``data`` must have ``title``, ``subtitle`` and ``created``.
+    """
     from plotly.offline import get_plotlyjs
 
     palettes = {"metrology": stepped(METROLOGY), "colour-blind": stepped(COLOUR_BLIND)}
