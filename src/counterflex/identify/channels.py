@@ -126,6 +126,34 @@ _LOADS: Final = {
         "wrench",
     ),
 }
+_PULLS: Final = {
+    "d_tracker_target": ChannelKind(
+        "displacement of the target, loaded minus unloaded, tracker axes (and rotation vector)",
+        (*_XYZ, *_RXYZ),
+        _TWIST_SI,
+        _TWIST_FILE,
+        "twist",
+        counts=(3, 6),
+    ),
+    "approach": ChannelKind("joint angles from where a pose was reached, minus those of the pose", _AXES, "rad", "deg"),
+    "pair": ChannelKind("which pair of measuring cubes, counted from 1 in settings.pairs", ("",), "1", "1", whole=True),
+    "p_base_before": _point("centre of the cube before the elastic elements, unloaded"),
+    "p_base_after": _point("centre of the cube behind the elastic elements, unloaded"),
+    "d_before_base": ChannelKind(
+        "motion of the cube before the elastic elements, loaded minus unloaded: centre, rotation vector, base axes",
+        (*_XYZ, *_RXYZ),
+        _TWIST_SI,
+        _TWIST_FILE,
+        "twist",
+    ),
+    "d_after_base": ChannelKind(
+        "motion of the cube behind the elastic elements, loaded minus unloaded: centre, rotation vector, base axes",
+        (*_XYZ, *_RXYZ),
+        _TWIST_SI,
+        _TWIST_FILE,
+        "twist",
+    ),
+}
 _CLOCK: Final = {
     "time_s": ChannelKind("time", ("",), "s", "s"),
     "temperature_c": ChannelKind("temperature", ("",), "degC", "degC"),
@@ -133,7 +161,9 @@ _CLOCK: Final = {
 
 _RECORDS: Final = {
     "time_tracker_s": ChannelKind("time stamps of the tracker's channels by the clock that gave them", ("",), "s", "s"),
-    "time_force_s": ChannelKind("time stamps of the force sensor's channel by the clock that gave them", ("",), "s", "s"),
+    "time_force_s": ChannelKind(
+        "time stamps of the force sensor's channel by the clock that gave them", ("",), "s", "s"
+    ),
     "time_link_s": ChannelKind("time stamps of the encoders on the links by the clock that gave them", ("",), "s", "s"),
     "p_base_command": _point("commanded tool tip in the robot base"),
     "d_correction": ChannelKind(
@@ -146,9 +176,7 @@ _SLOTS: Final = {
     "feed_direction": ChannelKind("unit vector along the feed, part axes", _XYZ, "1", "1"),
     "feed_rate": ChannelKind("programmed feed", ("",), "m/s", "mm/min"),
     "spindle_speed": ChannelKind("spindle speed, positive clockwise seen from the spindle (M3)", ("",), "rad/s", "rpm"),
-    "depth": ChannelKind(
-        "commanded axial depth of cut under the stated top of the blank, 0 in air", ("",), "m", "mm"
-    ),
+    "depth": ChannelKind("commanded axial depth of cut under the stated top of the blank, 0 in air", ("",), "m", "mm"),
     "width": ChannelKind(
         "commanded width of cut: positive from the left edge of the cutter (up-milling with M3), negative from the "
         "right (down-milling), the diameter or more a slot",
@@ -161,7 +189,7 @@ _SLOTS: Final = {
     "blank": ChannelKind("number of the blank that was cut", ("",), "1", "1", whole=True),
 }
 
-CHANNELS: Final[dict[str, ChannelKind]] = {**_ARM, **_TRACKER, **_LOADS, **_CLOCK, **_RECORDS, **_SLOTS}
+CHANNELS: Final[dict[str, ChannelKind]] = {**_ARM, **_TRACKER, **_LOADS, **_PULLS, **_CLOCK, **_RECORDS, **_SLOTS}
 """By canonical name."""
 
 KINDS: Final[dict[str, str]] = {
@@ -184,6 +212,11 @@ KINDS: Final[dict[str, str]] = {
 SETTINGS: Final[dict[str, str]] = {
     "payload_kg": "mass that hung on the flange beyond what the cell file says",
     "remark": "anything worth keeping",
+    "p_tcp_load_m": "where the cable pulls, in the frame of the tool tip",
+    "p_tcp_measured_m": "the point whose displacement was measured, in the frame of the tool tip",
+    "history": "what the axes did before a loaded reading: 'approached again', 'held' or 'relaxed'",
+    "readings": "readings of an instrument that were averaged",
+    "pairs": "names of the bodies that the cubes of each pair sit on, 'base/axis1', in the order of channel 'pair'",
     "clock": "name of the clock that stamped time_s",
     "clock_tracker": "name of the clock that stamped time_tracker_s",
     "clock_force": "name of the clock that stamped time_force_s",

@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.units import DEG
 from counterflex.identify.compliances import Springs, with_compliance
 from counterflex.identify.parameters import Parameter, Parameters
-from counterflex.identify.pull_history import band_slopes, lost_angles, unknown_history
+from counterflex.identify.pull_history import band_slopes, lost_angles, uncertain, unknown_history
 from counterflex.identify.pull_residuals import COMPONENTS, PullResiduals, carried, gains
 from counterflex.identify.pulls import Pulls
 from counterflex.robot.chain import ElasticChain, jacobian
@@ -46,7 +46,7 @@ class Layout:
         return () if self.turn is None else tuple(self.parameters.names[i] for i in self.turn)
 
 
-def layout(chain: ElasticChain, springs: Springs, pulls: Sequence[Pulls], turn_sigma: float) -> Layout:
+def layout(chain: ElasticChain, springs: Springs, pulls: Sequence[Pulls], turn_sigma: Float | None = None) -> Layout:
     """Parameters for some pulls.
 
     Half bands are parameters where a history is known (elsewhere play only adds to the standard deviation); the turn
@@ -56,7 +56,7 @@ def layout(chain: ElasticChain, springs: Springs, pulls: Sequence[Pulls], turn_s
         chain: The cell's.
         springs: Its compliances.
         pulls: Data and held-out data.
-        turn_sigma: rad, prior standard deviation of the tracker's axes.
+        turn_sigma: (3,) rad, prior standard deviation of the tracker's axes; None is :data:`TURN_PRIOR_RAD`.
     """
     items: list[Parameter] = []
     bands = np.full(6, -1, dtype=np.int64)
@@ -81,8 +81,8 @@ def layout(chain: ElasticChain, springs: Springs, pulls: Sequence[Pulls], turn_s
         first = len(springs) + len(items)
         turn = np.arange(first, first + 3, dtype=np.int64)
         items += [
-            Parameter(f"T_base_tracker.r{c}", "rad", 0.0, turn_sigma, label=f"turn of the tracker about {c}")
-            for c in "xyz"
+            Parameter(f"T_base_tracker.r{c}", "rad", 0.0, float(s), label=f"turn of the tracker about its {c}")
+            for c, s in zip("xyz", np.full(3, TURN_PRIOR_RAD) if turn_sigma is None else turn_sigma, strict=True)
         ]
     return Layout(springs, springs.parameters + Parameters.of(items), bands, turn)
 
@@ -90,8 +90,9 @@ def layout(chain: ElasticChain, springs: Springs, pulls: Sequence[Pulls], turn_s
 def block(chain: ElasticChain, plan: Layout, pulls: Pulls, R_base_tracker: Float | None) -> PullResiduals:
     """Residuals of pulls around what the cell file says.
 
-    Standard deviations: of the displacement as stated, of the load times the compliance of the arm, and, where the
-    history is not known, what friction can do (:func:`counterflex.identify.pull_history.unknown_history`).
+    Standard deviations: of the displacement as stated, of the load times the compliance of the arm, and of the lost
+    motion: what the model may be off (:func:`counterflex.identify.pull_history.uncertain`) or, where the history is
+    not known, what friction can do (:func:`counterflex.identify.pull_history.unknown_history`).
 
     Args:
         chain: The cell's.
@@ -108,8 +109,7 @@ def block(chain: ElasticChain, plan: Layout, pulls: Pulls, R_base_tracker: Float
     variance = np.zeros((len(pulls), 6))
     if np.any(pulls.w_sigma > 0.0):
         variance += (_compliance_at(chain, pulls) ** 2 @ (pulls.w_sigma**2)[:, :, None])[..., 0]
-    if not pulls.history:
-        variance += unknown_history(chain, pulls) ** 2
+    variance += (uncertain(chain, pulls) if pulls.history else unknown_history(chain, pulls)) ** 2
     added = variance[:, :c]
     R = None
     if pulls.in_tracker and R_base_tracker is not None:

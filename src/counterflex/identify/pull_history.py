@@ -11,16 +11,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
-from counterflex.identify.pulls import AGAIN, Pulls
+from counterflex.identify.pulls import AGAIN, RELAXED, Pulls
 from counterflex.robot.chain import ElasticChain, jacobian
 from counterflex.robot.description import Play
-from counterflex.robot.play import STIFFEST_RAD_NM, axis_torque, torsion_path
+from counterflex.robot.play import STIFFEST_RAD_NM, axis_torque, relaxed, torsion_path
 
+FRICTION_SIGMA: Final = 0.2
+"""Relative standard deviation of friction and play in a cell file."""
+WEIGHT_SIGMA: Final = 0.1
+"""Relative standard deviation of masses in a cell file."""
 _STEP = 1e-3  # relative change of the half bands for their derivative
 _LEAST_RAD = 1e-7
 
@@ -41,12 +46,14 @@ def lost_angles(chain: ElasticChain, pulls: Pulls) -> Float:
     Raises:
         ModelError: The pulls have no history.
     """
-    if not pulls.history or pulls.approach is None:
-        raise ModelError("lost motion of pulls whose history is not known", where=pulls.where)
     n = len(pulls)
     play = chain.play
     if play is None:
         return np.zeros((n, 6))
+    if pulls.history == RELAXED:
+        return relaxed(chain, pulls.q, pulls.w_tcp_base) - relaxed(chain, pulls.q)
+    if not pulls.history or pulls.approach is None:
+        raise ModelError("lost motion of pulls whose history is not known", where=pulls.where)
     start, load, none = pulls.q + pulls.approach, pulls.w_tcp_base, np.zeros_like(pulls.w_tcp_base)
     stations = [(start, none), (pulls.q, none), (pulls.q, load)]
     if pulls.history == AGAIN:
@@ -85,6 +92,31 @@ def band_slopes(chain: ElasticChain, pulls: Pulls) -> Float:
     return out
 
 
+def uncertain(chain: ElasticChain, pulls: Pulls) -> Float:
+    """Standard deviation of the lost motion where play and friction are known but not exactly.
+
+    Half the range of :func:`lost_angles` over friction and weights that are off by :data:`FRICTION_SIGMA` and
+    :data:`WEIGHT_SIGMA`: it shows where an axis nearly floats, so that nobody can say on which side of its play it is.
+
+    Args:
+        chain: With play or None.
+        pulls: With a history.
+
+    Returns:
+        (n, 6) m, rad at the TCP, base axes.
+    """
+    if chain.play is None:
+        return np.zeros((len(pulls), 6))
+    found = [
+        lost_angles(replace(chain, play=_with_friction(chain, dry), mass=chain.mass * weight), pulls)
+        for dry in (1.0 - FRICTION_SIGMA, 1.0 + FRICTION_SIGMA)
+        for weight in (1.0 - WEIGHT_SIGMA, 1.0 + WEIGHT_SIGMA)
+    ]
+    half = 0.5 * (np.max(found, axis=0) - np.min(found, axis=0))
+    out: Float = np.sqrt(np.sum((jacobian(chain, pulls.q) * half[:, None, :]) ** 2, axis=2))
+    return out
+
+
 def unknown_history(chain: ElasticChain, pulls: Pulls) -> Float:
     """Standard deviation that friction and play add to the displacement of the TCP where the history is not known.
 
@@ -120,6 +152,13 @@ def _arrays(play: tuple[Play | None, ...]) -> tuple[Float, Float, Float]:
             band[axis] = entry.half_band_rad
             limit[axis, :count], slip[axis, :count] = entry.friction_nm, entry.slip_rad
     return band, limit, slip
+
+
+def _with_friction(chain: ElasticChain, factor: float) -> tuple[Play | None, ...]:
+    return tuple(
+        None if entry is None else replace(entry, friction_nm=tuple(factor * f for f in entry.friction_nm))
+        for entry in chain.play or ()
+    )
 
 
 def _with_bands(chain: ElasticChain, half_band: Float) -> ElasticChain:

@@ -83,7 +83,7 @@ class PullResiduals:
         band_columns: (6,) places of the half bands, -1 where not fitted.
         shapes: Compliances that change with the row.
         R_tracker_base: (3, 3), where measured in tracker axes, else None.
-        turn: (3,) places of the rotation vector that corrects it, or None.
+        turn: (3,) places of the rotation vector r that corrects it, ``R_base_tracker Exp(r)``, or None.
     """
 
     name: str
@@ -126,7 +126,7 @@ class PullResiduals:
     def _seen(self, base: Float, x: Float) -> Float:
         if self.R_tracker_base is None:
             return base
-        R = self.R_tracker_base if self.turn is None else self.R_tracker_base @ exp(-x[self.turn])
+        R = self.R_tracker_base if self.turn is None else exp(-x[self.turn]) @ self.R_tracker_base
         out: Float = np.concatenate([base[:, i : i + 3] @ R.T for i in range(0, base.shape[1], 3)], axis=1)
         return out
 
@@ -142,11 +142,12 @@ class PullResiduals:
         base[:, :, self.band_columns[fitted]] = self.band_gain[:, :, fitted]
         if self.R_tracker_base is None:
             return -base / self.sigma[:, :, None]
-        R = self.R_tracker_base if self.turn is None else self.R_tracker_base @ exp(-x[self.turn])
+        back = np.eye(3) if self.turn is None else exp(-x[self.turn])
+        R = back @ self.R_tracker_base
         out = np.concatenate([R @ base[:, i : i + 3] for i in range(0, c, 3)], axis=1)
         if self.turn is not None:
             u, right = self._in_base(x), left_jacobian(x[self.turn])
-            turned = [R @ skew(u[:, i : i + 3]) @ right for i in range(0, c, 3)]
+            turned = [back @ skew(u[:, i : i + 3] @ self.R_tracker_base.T) @ right for i in range(0, c, 3)]
             out[:, :, self.turn] = np.concatenate(turned, axis=1)
         return -out / self.sigma[:, :, None]
 

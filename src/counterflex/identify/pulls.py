@@ -18,7 +18,9 @@ AGAIN: Final = "approached again"
 """Under load the pose was left and approached again the same way, so that dry friction is the same in both states."""
 HELD: Final = "held"
 """The load came on while the axes were held still."""
-HISTORIES: Final = (AGAIN, HELD)
+RELAXED: Final = "relaxed"
+"""Before each reading, small dying movements of the axes shook the friction out."""
+HISTORIES: Final = (AGAIN, HELD, RELAXED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +37,7 @@ class Pulls:
         in_tracker: The displacement is written in the axes of the tracker, else in base axes.
         p_tcp_measured: (3,) m, the measured point in the frame of the TCP.
         approach: (n, 6) rad, from where each pose was reached (angles there minus ``q``), or None.
-        history: :data:`AGAIN`, :data:`HELD` or empty where it is not known.
+        history: :data:`AGAIN`, :data:`HELD`, :data:`RELAXED` or empty where it is not known.
         group: (n,) rows that belong together.
         line: (n,) line of the file.
         where: Of the file, for messages.
@@ -59,7 +61,7 @@ class Pulls:
         return len(self.group)
 
 
-def read_pulls(chain: ElasticChain, data: Dataset) -> Pulls:
+def read_pulls(chain: ElasticChain, data: Dataset, p_tcp_target: Float | None = None) -> Pulls:
     """Pulls of a dataset.
 
     Args:
@@ -68,6 +70,8 @@ def read_pulls(chain: ElasticChain, data: Dataset) -> Pulls:
             ``d_tracker_target`` (tracker axes). Settings: ``p_tcp_load_m`` where the cable pulls and
             ``p_tcp_measured_m`` what point was measured, both in the frame of the TCP (default: the TCP itself);
             ``history``.
+        p_tcp_target: (3,) m, where the tracker's target sits in the frame of the TCP: the measured point of
+            ``d_tracker_target`` where the dataset does not say another.
 
     Returns:
         The pulls.
@@ -93,7 +97,7 @@ def read_pulls(chain: ElasticChain, data: Dataset) -> Pulls:
             "there is no such history of pulls", where=data.where, value=history, limit=", ".join(HISTORIES)
         )
     approach = data.values("approach") if data.has("approach") else None
-    if history and approach is None:
+    if history in (AGAIN, HELD) and approach is None:
         raise FileFormatError(
             "pulls with a history need the channel 'approach': from where each pose was reached",
             where=data.where,
@@ -110,7 +114,7 @@ def read_pulls(chain: ElasticChain, data: Dataset) -> Pulls:
         d=moved.values,
         d_sigma=moved.need_sigma(),
         in_tracker=in_tracker,
-        p_tcp_measured=_point(data, "p_tcp_measured_m"),
+        p_tcp_measured=_point(data, "p_tcp_measured_m", p_tcp_target if in_tracker else None),
         approach=approach,
         history=history,
         group=data.group,
@@ -119,8 +123,8 @@ def read_pulls(chain: ElasticChain, data: Dataset) -> Pulls:
     )
 
 
-def _point(data: Dataset, key: str) -> Float:
-    value = np.asarray(data.settings.get(key, (0.0, 0.0, 0.0)), dtype=np.float64)
+def _point(data: Dataset, key: str, default: Float | None = None) -> Float:
+    value = np.asarray(data.settings.get(key, np.zeros(3) if default is None else default), dtype=np.float64)
     if value.shape != (3,) or not np.all(np.isfinite(value)) or np.linalg.norm(value) > 5.0:
         raise FileFormatError(f"setting {key} is no point near the tool", where=data.where, value=value.tolist())
     return value

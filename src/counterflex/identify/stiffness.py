@@ -16,8 +16,9 @@ from counterflex.identify.compliances import springs
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
 from counterflex.identify.holdout import HeldOut, cross_validate, position_error, score_separate
+from counterflex.identify.known_frames import KnownFrames, known_frames
 from counterflex.identify.model import CellModel
-from counterflex.identify.pull_blocks import TURN_PRIOR_RAD, Layout, block, layout, refreshed
+from counterflex.identify.pull_blocks import Layout, block, layout, refreshed
 from counterflex.identify.pull_residuals import PullResiduals
 from counterflex.identify.pulls import Pulls, read_pulls
 from counterflex.identify.recipe import Figure, Identification, Proposal, Recipe
@@ -38,12 +39,15 @@ def identify(
     """Compliances from pulls; see :data:`counterflex.identify.recipe.Identify`."""
     options = {**SETTINGS, **settings}
     chain = cell.chain
-    pulls = [read_pulls(chain, d) for d in data]
-    unseen = [read_pulls(chain, d) for d in holdout]
-    if not pulls:
+    if not data:
         raise InputError("stiffness needs at least one dataset of pulls")
-    R_base_tracker = _tracker_axes(cell, [*pulls, *unseen])
-    plan = layout(chain, springs(chain, options), [*pulls, *unseen], TURN_PRIOR_RAD)
+    tracker = _frames(cell, [*data, *holdout])
+    R_base_tracker = None if tracker is None else tracker.T_base_tracker[:3, :3]
+    target = None if tracker is None else tracker.T_tcp_target[:3, 3]
+    pulls = [read_pulls(chain, d, target) for d in data]
+    unseen = [read_pulls(chain, d, target) for d in holdout]
+    turn_sigma = None if tracker is None or tracker.sigma is None else tracker.sigma[3:]
+    plan = layout(chain, springs(chain, options), [*pulls, *unseen], turn_sigma)
     fit, blocks = settle(chain, plan, pulls, [block(chain, plan, p, R_base_tracker) for p in pulls], progress)
     if unseen:
         others = [refreshed(block(chain, plan, p, R_base_tracker), chain, plan, p, fit.values) for p in unseen]
@@ -111,13 +115,18 @@ def headline(held: HeldOut, measured: Sequence[Float]) -> tuple[Figure, ...]:
     )
 
 
-def _tracker_axes(cell: CellModel, pulls: Sequence[Pulls]) -> Float | None:
-    if not any(p.in_tracker for p in pulls):
+def _frames(cell: CellModel, data: Sequence[Dataset]) -> KnownFrames | None:
+    """The tracker, where displacements are written in its axes."""
+    if all(d.has("d_tcp_base") for d in data):
         return None
-    raise InputError(
-        "the cell does not say how the tracker stands",
-        hint="Run the recipe tracker-frame or kinematics first, or give displacements in base axes (d_tcp_base)",
-    )
+    known = known_frames(cell)
+    if known is None:
+        raise InputError(
+            "the cell does not say how the tracker stands, in whose axes the displacements are written",
+            where=next(d.where for d in data if not d.has("d_tcp_base")),
+            hint="Run the recipe tracker-frame or kinematics first, or give displacements in base axes (d_tcp_base)",
+        )
+    return known
 
 
 def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:

@@ -21,12 +21,13 @@ from counterflex.twin.laboratory import Laboratory, Measured
 from counterflex.twin.plant import Plant
 from counterflex.twin.truth import Truth
 
-HISTORIES: Final = ("approached again", "held", "settled")
+HISTORIES: Final = ("approached again", "held", "relaxed")
 READINGS: Final = 10
 """Readings of the tracker that are averaged."""
 FORCE_SHARE: Final = 0.002
 """Standard deviation of the force that a cable and weight give, relative."""
-_MOVE_S, _REST_S = 0.25, 0.35
+APPROACH_RAD: Final = -0.7 * MRAD
+_MOVE_S, _REST_S = 0.8, 0.6  # as slow as it takes for the arm not to ring: ringing would shake the friction loose
 
 
 def measure(
@@ -43,7 +44,7 @@ def measure(
         laboratory: Tracker and target as they truly are, and their noise.
         request: ``q1_rad`` ... ``q6_rad``, ``fx_n``, ``fy_n``, ``fz_n`` (base axes), each (n,).
         settings: ``history``: ``approached again`` (default), ``held`` (the load comes on while the axes hold still)
-            or ``settled`` (static equilibrium without friction; play only); ``readings`` averaged; ``approach_rad``
+            or ``relaxed`` (static equilibrium without friction; play only); ``readings`` averaged; ``approach_rad``
             (6,): where each pose is approached from, angles there minus those of the pose; ``axes``: ``tracker``
             (default) or ``base``.
         progress: Told about pulls.
@@ -65,7 +66,7 @@ def measure(
     if readings < 1:
         raise InputError("readings of the tracker", value=readings, limit=">= 1")
     n = len(q)
-    approach = np.broadcast_to(as_float("approach_rad", settings.get("approach_rad", np.full(6, -2.0 * MRAD))), (n, 6))
+    approach = np.broadcast_to(as_float("approach_rad", settings.get("approach_rad", np.full(6, APPROACH_RAD))), (n, 6))
     noise = laboratory.noise("pulls")
     applied = force * (1.0 + FORCE_SHARE * noise.standard_normal((n, 1)))
     plant = Plant(truth)
@@ -83,9 +84,7 @@ def measure(
     sigma = np.repeat([laboratory.tracker_m, laboratory.tracker_rad], 3) * np.sqrt(2.0 / readings)
     d = d + sigma * noise.standard_normal((n, 6))
     name = "d_tracker_target" if axes == "tracker" else "d_tcp_base"
-    recorded: dict[str, Any] = {"readings": readings}
-    if history != "settled":
-        recorded["history"] = history
+    recorded: dict[str, Any] = {"readings": readings, "history": history}
     return Measured(
         channels={"q": q, "approach": np.array(approach), "f_tcp_base": force, name: d},
         sigma={name: sigma, "f_tcp_base": np.maximum(FORCE_SHARE * np.abs(force), 0.1)},
@@ -107,12 +106,12 @@ def pull(plant: Plant, q: Float, w_tcp_base: Float, approach: Float, history: st
     Returns:
         (2, 4, 4) T_base_tcp.
     """
-    if history == "settled":
+    if history == "relaxed":
         return np.stack([plant.equilibrium(q), plant.equilibrium(q, w_tcp_base)])
     plant.reset(q + approach)
     plant.move(q, move_s=_MOVE_S, rest_s=_REST_S)
     unloaded = plant.tcp_pose()
-    plant.move(q, w_tcp_base, move_s=2.0 * _MOVE_S, rest_s=_REST_S)
+    plant.move(q, w_tcp_base, move_s=_MOVE_S, rest_s=_REST_S)
     if history == HISTORIES[0]:
         plant.move(q + approach, w_tcp_base, move_s=_MOVE_S, rest_s=0.0)
         plant.move(q, w_tcp_base, move_s=_MOVE_S, rest_s=_REST_S)

@@ -9,6 +9,7 @@ from counterflex.core.errors import InputError
 from counterflex.twin.laboratory import Measure
 
 MODULES: Final[dict[str, str]] = {
+    "pulls": "measure_pulls",
     "slots": "measure_slots",
     "tracker_poses": "measure_tracker_poses",
     "fiducials": "measure_fiducials",
