@@ -1,0 +1,183 @@
+"""Fill the campaign's page from its summary, so that page and ``summary.json`` cannot differ."""
+
+from __future__ import annotations
+
+import datetime
+import importlib.metadata
+import platform
+import statistics
+from collections.abc import Mapping
+from typing import Any, Final
+
+from counterflex import __version__
+from counterflex.report.campaign_page import (
+    CampaignData,
+    CampaignOfSeed,
+    FigureRow,
+    RecipeRow,
+    TruthRow,
+    campaign_page,
+)
+from counterflex.report.data import Fact
+
+COLUMNS: Final = (
+    "seed",
+    "uncompensated mm",
+    "nominal cell mm",
+    "remains",
+    "identified cell mm",
+    "remains",
+    "told the truth mm",
+    "remains",
+)
+_GROUPS: Final = {
+    "use": "What planning uses",
+    "stiffness": "Elastic elements",
+    "masses": "Masses",
+    "drives": "Drives",
+    "cutting": "Cutting",
+}
+_LIBRARIES: Final = ("numpy", "scipy", "numba", "mujoco", "polars")
+
+
+def campaign_page_of(found: Mapping[str, Any]) -> str:
+    """The page of a campaign's summary, as HTML."""
+    rows = rows_of(found)
+    told = any(row[-1] != "-" for row in rows)
+    return campaign_page(
+        CampaignData(
+            title=f"Campaign: {found['cell']}",
+            subtitle=f"{found['robot']}, set up as a laboratory would, on simulated cells",
+            created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+            verdict=verdict(found),
+            cards=_cards(found),
+            columns=COLUMNS if told else COLUMNS[:-2],
+            rows=[row if told else row[:-2] for row in rows],
+            seeds=tuple(_campaign(item) for item in found["campaigns"]),
+            facts=(
+                Fact("Cell", str(found["cell"])),
+                Fact("Robot", str(found["robot"])),
+                *((Fact("Program", str(found["program"])),) if found["program"] else ()),
+            ),
+            timing=(Fact("Whole campaign", f"{found['seconds']:.0f} s"),),
+            versions={
+                "counterflex": __version__,
+                "Python": platform.python_version(),
+                **{name: importlib.metadata.version(name) for name in _LIBRARIES},
+            },
+        )
+    )
+
+
+def rows_of(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Rows of the table of a campaign, one per truth, as printed.
+
+    Seed; 99.7 % path error of the uncompensated program, mm; then mm and what remains, %, of the program compensated
+    with the cell file as it was, with the identified cell, and by a planner told the truth's constants.
+    """
+    by: dict[Any, dict[str, Any]] = {}
+    for entry in found.get("seeds", []):
+        by.setdefault(entry["seed"], {})[entry["truth_level"]] = entry
+    rows = []
+    for seed, levels in by.items():
+        before = next(iter(levels.values()))["variants"]["nominal"]["path"]["p997_mm"]
+        cells = ["none" if seed is None else str(seed), f"{before:.3f}"]
+        for level in ("seeded", "identified", "same"):
+            if level not in levels:
+                cells += ["-", "-"]
+                continue
+            value = levels[level]["variants"]["compensated"]["path"]["p997_mm"]
+            cells += [f"{value:.3f}", f"{100.0 * value / before:.1f} %"]
+        rows.append(tuple(cells))
+    return rows
+
+
+def remaining(found: Mapping[str, Any], level: str) -> list[float]:
+    """Share of the 99.7 % path error that remains at a truth level, per seed."""
+    return [
+        entry["variants"]["compensated"]["path"]["p997_mm"] / entry["variants"]["nominal"]["path"]["p997_mm"]
+        for entry in found.get("seeds", [])
+        if entry["truth_level"] == level
+    ]
+
+
+def verdict(found: Mapping[str, Any]) -> str:
+    """The result in one sentence; empty where nothing was machined with an identified cell."""
+    identified, seeded = remaining(found, "identified"), remaining(found, "seeded")
+    if not identified:
+        return ""
+    cells = f"{len(identified)} simulated cells" if len(identified) > 1 else "one simulated cell"
+    text = f"On {cells}, {100.0 * statistics.median(identified):.1f} % of the 99.7 % path error remains"
+    text += " in the median" if len(identified) > 1 else ""
+    text += (
+        f" after compensation with the identified cell, {100.0 * statistics.median(seeded):.1f} % with the cell file"
+    )
+    return text + " as it was."
+
+
+def _cards(found: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    cards = []
+    for level, name in (("seeded", "with the cell file"), ("identified", "with the identified cell"), ("same", "told")):
+        shares = remaining(found, level)
+        if shares:
+            worst = f"worst {100.0 * max(shares):.1f} %, best {100.0 * min(shares):.1f} %"
+            cards.append((f"Path error left, {name}", f"{100.0 * statistics.median(shares):.1f} %", worst))
+    recipes = [row for item in found["campaigns"] for row in item["recipes"]]
+    if recipes:
+        taken = sum(1 for row in recipes if row["accepted"])
+        cards.append(("Identifications taken over", f"{taken} of {len(recipes)}", "the rest was no better than before"))
+    return cards
+
+
+def _campaign(item: Mapping[str, Any]) -> CampaignOfSeed:
+    truths: dict[str, tuple[TruthRow, ...]] = {}
+    for group, title in _GROUPS.items():
+        rows = [row for row in item["against_truth"] if row["group"] == group]
+        if rows:
+            truths[title] = tuple(_truth(row) for row in rows)
+    return CampaignOfSeed(
+        seed="as the cell file" if item["seed"] is None else f"seed {item['seed']}",
+        recipes=tuple(_recipe(row) for row in item["recipes"]),
+        truths=truths,
+    )
+
+
+def _recipe(row: Mapping[str, Any]) -> RecipeRow:
+    return RecipeRow(
+        recipe=row["recipe"],
+        rows=" + ".join(str(value) for value in row["rows"].values()),
+        verdict=row["why"],
+        accepted=row["accepted"],
+        figures=tuple(
+            FigureRow(
+                figure["text"],
+                "" if figure["nominal"] is None else f"{figure['nominal']:.4g}",
+                f"{figure['value']:.4g}",
+            )
+            for figure in (*row["headline"], *row["figures"])
+        ),
+        seconds=f"{sum(row['seconds'].values()):.0f} s",
+    )
+
+
+def _truth(row: Mapping[str, Any]) -> TruthRow:
+    goal = 0.0 if row["true"] is None else row["true"]
+    return TruthRow(
+        name=f"{row['name']}, {row['unit']}",
+        before=f"{row['before']:.4g}",
+        identified=f"{row['identified']:.4g}",
+        true="" if row["true"] is None else f"{row['true']:.4g}",
+        better=abs(row["identified"] - goal) <= abs(row["before"] - goal),
+    )
+
+
+def headline_rows(found: Mapping[str, Any]) -> list[list[str]]:
+    """First headline figure of every recipe: seed, recipe, figure, before, identified, whether it was taken over."""
+    rows = []
+    for item in found["campaigns"]:
+        for row in item["recipes"]:
+            shown = _recipe(row)
+            first = shown.figures[0] if shown.figures else FigureRow(row["why"][:60], "", "")
+            seed = "none" if item["seed"] is None else str(item["seed"])
+            rows.append([seed, shown.recipe, first.text, first.before, first.value, "yes" if shown.accepted else "no"])
+    return rows
