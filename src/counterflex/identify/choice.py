@@ -24,6 +24,8 @@ from counterflex.identify.residuals import Residuals
 VAGUE: Final = 1e-6
 """Information that stands for no prior: a standard deviation of 1000 ordinary changes."""
 PASSES: Final = 3
+SHORTLIST: Final = 300
+"""Candidates that a pass of exchange tries: those that would add most to what is chosen at its beginning."""
 _GAIN = 1e-6
 
 
@@ -169,7 +171,6 @@ class _Weighing:
         if target is not None and len(target) > J.shape[2]:
             target = np.asarray(np.linalg.qr(target, mode="r"))
         self.target = target
-        self._flat = np.ascontiguousarray(J.reshape(-1, J.shape[2]).T)
         self._factor()
 
     def _factor(self) -> None:
@@ -196,10 +197,11 @@ class _Weighing:
             return float(-2.0 * np.sum(np.log(np.diag(self.root))))
         return float(np.sum(solve_triangular(self.root, self.target.T, lower=True) ** 2))
 
-    def gains(self) -> Float:
-        """(c,) by how much each candidate would lower the cost."""
-        c, k, f = self.J.shape
-        half = solve_triangular(self.root, self._flat, lower=True, check_finite=False).T.reshape(c, k, f)
+    def gains(self, among: Int | None = None) -> Float:
+        """(c,) by how much each candidate, or each of those named, would lower the cost."""
+        J = self.J if among is None else self.J[among]
+        c, k, f = J.shape
+        half = solve_triangular(self.root, J.reshape(-1, f).T, lower=True, check_finite=False).T.reshape(c, k, f)
         grown = half @ np.swapaxes(half, 1, 2) + np.eye(k)
         if self.target is None:
             out: Float = 2.0 * np.sum(np.log(np.diagonal(np.linalg.cholesky(grown), axis1=1, axis2=2)), axis=1)
@@ -213,6 +215,7 @@ class _Weighing:
 def _exchange(weigh: _Weighing, chosen: list[int], fixed: int, open_: Bool) -> bool:
     """One pass: each chosen candidate gives way to a better one, where there is one."""
     changed = False
+    short = np.argsort(-np.where(open_, weigh.gains(), -np.inf), kind="stable")[:SHORTLIST]
     for place in range(fixed, len(chosen)):
         old, before = chosen[place], weigh.cost()
         try:
@@ -221,7 +224,8 @@ def _exchange(weigh: _Weighing, chosen: list[int], fixed: int, open_: Bool) -> b
             weigh.add(old)
             continue
         open_[old] = True
-        best = int(np.argmax(np.where(open_, weigh.gains(), -np.inf)))
+        among = np.unique(np.append(short, old))
+        best = int(among[np.argmax(np.where(open_[among], weigh.gains(among), -np.inf))])
         weigh.add(best)
         if best != old and before - weigh.cost() <= _GAIN * max(1.0, abs(before)):
             weigh.add(best, -1.0)
