@@ -1,0 +1,205 @@
+"""Who lets the correction act: states, what moves between them, and what the output may do in each.
+
+A pure function of one cycle. Correction acts in ACTIVE only. What goes wrong freezes the output in the same cycle
+(HOLD), asks for a feed hold, and ramps out slowly when it lasts; what must not happen is a FAULT: the output is held,
+the robot is told to stop, and only a person leads out of it, with the correction at zero. There is no way from FAULT to
+ACTIVE, and dropping to zero in the cut is never the reaction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from counterflex.core.arrays import Int
+from counterflex.core.errors import InputError
+from counterflex.core.jit import kernel
+
+
+class State(IntEnum):
+    """What the loop may do."""
+
+    IDLE = 0
+    """Answers with zero; nothing is checked yet."""
+    READY = 1
+    """Telegrams and sensors are there and have passed their tests."""
+    ARMED = 2
+    """Answers with zero, all monitors live, waits for the robot program."""
+    ACTIVE = 3
+    """Corrects."""
+    HOLD = 4
+    """The output stands still, feed hold is requested."""
+    RAMP_OUT = 5
+    """The output goes slowly to zero."""
+    FAULT = 6
+    """The output is held, the robot is told to stop; a person must reset."""
+
+
+class Cause(IntEnum):
+    """Why a state was left; the first one of an incident is kept."""
+
+    NONE = 0
+    OPERATOR = 1
+    PROGRAM = 2
+    TELEGRAMS_LATE = 3
+    TELEGRAMS_STOPPED = 4
+    TELEGRAMS_SCATTERED = 5
+    TELEGRAM_MALFORMED = 6
+    SESSION_RESTARTED = 7
+    FORCE_STALE = 8
+    FORCE_INVALID = 9
+    FORCE_SATURATED = 10
+    TRACKER_LOST = 11
+    LIMIT_SOFT = 12
+    LIMIT_HARD = 13
+    CLAMPED_BY_ROBOT = 14
+    NOT_FINITE = 15
+    DIVERGENCE = 16
+    WRONG_FRAME = 17
+    WRONG_JOB = 18
+    OFF_PATH = 19
+    SINGULAR = 20
+    HELD_TOO_LONG = 21
+    DEADLINE = 22
+    LOG_LOST = 23
+    CLOCK = 24
+    FOREIGN_PEER = 25
+    INTERNAL = 26
+
+
+# Inputs of a cycle.
+IN_TELEGRAM = 0  # 1: a valid telegram came in this cycle
+IN_HEALTHY = 1  # 1: telegrams, sensors and self-tests are good enough to be READY
+IN_ARM = 2  # 1: the operator's edge
+IN_ENABLE = 3  # 1: the robot program wants the correction
+IN_STOP = 4  # 1: the operator's or robot's stop
+IN_RESET = 5  # 1: the operator's edge out of FAULT
+IN_SOFT = 6  # cause of a hold, or 0
+IN_HARD = 7  # cause of a fault, or 0
+IN_AT_ZERO = 8  # 1: the output is zero and at rest
+IN_NEAR = 9  # 1: the output is where the correction wants it, so that going on is bumpless
+INPUTS = 10
+
+# State of the supervisor.
+AT_STATE = 0
+AT_CAUSE = 1  # latched until reset, or until ACTIVE is reached again from HOLD
+AT_CYCLES = 2  # in the present state
+AT_GOOD = 3  # cycles without a soft cause, in HOLD
+AT_RISE = 4  # 0 .. rise cycles: how far the correction has been faded in
+STATES = 5
+
+# Settings.
+SET_HOLD_CYCLES = 0
+SET_GOOD_CYCLES = 1
+SET_RISE_CYCLES = 2
+SET_STOP_CYCLES = 3
+SETTINGS = 4
+
+
+@dataclass(frozen=True)
+class SupervisorSettings:
+    """How long things may last, in cycles.
+
+    Attributes:
+        hold: Longest HOLD before the output is ramped out.
+        good: Clean cycles before HOLD may end.
+        rise: Cycles over which the correction is faded in.
+        stop: Cycles in FAULT in which the robot is told to stop, before the loop falls silent.
+    """
+
+    hold: int = 125
+    good: int = 50
+    rise: int = 50
+    stop: int = 125
+
+    def packed(self) -> Int:
+        """(4,) for the kernel.
+
+        Raises:
+            InputError: A number below 1: zero never means without limit.
+        """
+        values = (self.hold, self.good, self.rise, self.stop)
+        if min(values) < 1:
+            raise InputError("cycles of the supervisor", value=min(values), limit=">= 1")
+        return np.array(values, dtype=np.int64)
+
+
+_IDLE, _READY, _ARMED, _ACTIVE = int(State.IDLE), int(State.READY), int(State.ARMED), int(State.ACTIVE)
+_HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
+_OPERATOR, _PROGRAM = int(Cause.OPERATOR), int(Cause.PROGRAM)
+
+
+@kernel("void(int64[::1], int64[::1], int64[::1])")
+def supervise(at: Int, given: Int, settings: Int) -> None:
+    """Advance the supervisor by one cycle.
+
+    Args:
+        at: (5,) its state; changed.
+        given: (10,) inputs of the cycle.
+        settings: (4,) of :meth:`SupervisorSettings.packed`.
+    """
+    state, cause = at[AT_STATE], at[AT_CAUSE]
+    soft, hard = given[IN_SOFT], given[IN_HARD]
+    following = state
+    if hard != 0 and state != _FAULT and state != _IDLE:
+        following, cause = _FAULT, hard
+    elif state == _IDLE:
+        if given[IN_HEALTHY] == 1 and hard == 0 and soft == 0 and given[IN_AT_ZERO] == 1:
+            following, cause = _READY, 0
+    elif state == _READY:
+        if given[IN_HEALTHY] == 0:
+            following = _IDLE
+            cause = soft if soft != 0 else cause
+        elif (
+            given[IN_ARM] == 1
+            and given[IN_STOP] == 0
+            and soft == 0
+            and given[IN_AT_ZERO] == 1
+            and given[IN_ENABLE] == 0
+        ):
+            following, cause = _ARMED, 0
+    elif state == _ARMED:
+        if given[IN_STOP] == 1:
+            following, cause = _READY, _OPERATOR
+        elif soft != 0:
+            following, cause = _READY, soft
+        elif given[IN_ENABLE] == 1:
+            following, cause = _ACTIVE, 0
+    elif state == _ACTIVE:
+        if soft != 0:
+            following, cause = _HOLD, soft
+        elif given[IN_STOP] == 1:
+            following, cause = _RAMP_OUT, _OPERATOR
+        elif given[IN_ENABLE] == 0:
+            following, cause = _RAMP_OUT, _PROGRAM
+    elif state == _HOLD:
+        if given[IN_STOP] == 1:
+            following = _RAMP_OUT
+            cause = cause if cause != 0 else _OPERATOR
+        elif at[AT_CYCLES] >= settings[SET_HOLD_CYCLES]:
+            following = _RAMP_OUT
+        elif at[AT_GOOD] >= settings[SET_GOOD_CYCLES] and given[IN_NEAR] == 1 and soft == 0 and given[IN_ENABLE] == 1:
+            following, cause = _ACTIVE, 0
+    elif state == _RAMP_OUT:
+        if given[IN_AT_ZERO] == 1:
+            following = _READY if given[IN_HEALTHY] == 1 else _IDLE
+    elif given[IN_RESET] == 1 and given[IN_AT_ZERO] == 1 and hard == 0:
+        following, cause = _IDLE, 0
+    at[AT_GOOD] = at[AT_GOOD] + 1 if following == _HOLD and soft == 0 else 0
+    if following == _ACTIVE:
+        if state == _ARMED:
+            at[AT_RISE] = 0
+        at[AT_RISE] = min(at[AT_RISE] + 1, settings[SET_RISE_CYCLES])
+    elif following != _HOLD:
+        at[AT_RISE] = 0
+    at[AT_CYCLES] = at[AT_CYCLES] + 1 if following == state else 0
+    at[AT_STATE], at[AT_CAUSE] = following, cause
+
+
+@kernel("float64(int64, int64)")
+def risen(cycles: int, rise: int) -> float:
+    """Share 0..1 of the correction after some cycles of fading in: ``10 x^3 - 15 x^4 + 6 x^5`` (least jerk)."""
+    x = min(1.0, cycles / rise)
+    return x * x * x * (10.0 + x * (-15.0 + 6.0 * x))
