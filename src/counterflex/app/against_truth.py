@@ -15,6 +15,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, edge_force
 from counterflex.files.cell import Cell
+from counterflex.geometry import pose
+from counterflex.geometry.registration import register
 from counterflex.robot.chain import ElasticChain, forward_elastic
 from counterflex.robot.description import Play, Segment, Servo
 from counterflex.twin.plant import Plant
@@ -134,22 +136,16 @@ def placement_error(Ts_model: Float, Ts_true: Float) -> float:
         Ts_model: (n, 4, 4) poses of the tool by a model.
         Ts_true: (n, 4, 4) true ones.
     """
-    shift, R, p = np.zeros(3), np.eye(3), np.zeros(3)
+    true = Ts_true[:, :3, 3]
+    R_model = Ts_model[:, :3, :3]
+    here = Ts_model[:, :3, 3]
     for _ in range(_ROUNDS):
-        here = Ts_model[:, :3, 3] + Ts_model[:, :3, :3] @ shift
-        R, p = _registered(here, Ts_true[:, :3, 3])
-        rest = (Ts_true[:, :3, 3] - p) @ R - Ts_model[:, :3, 3]
-        shift = np.mean((np.swapaxes(Ts_model[:, :3, :3], 1, 2) @ rest[:, :, None])[:, :, 0], axis=0)
-    here = Ts_model[:, :3, 3] + Ts_model[:, :3, :3] @ shift
-    return float(np.mean(np.linalg.norm(here @ R.T + p - Ts_true[:, :3, 3], axis=1)))
-
-
-def _registered(a: Float, b: Float) -> tuple[Float, Float]:
-    """Rotation and translation that bring points a (n, 3) onto b best; of coplanar points too."""
-    from counterflex.geometry.registration import register
-
-    R, p = register(b, a)
-    return R, p
+        T_true_model, _ = register(true, here)
+        rest = pose.transform(pose.inverse(T_true_model), true) - Ts_model[:, :3, 3]
+        shift = np.mean((np.swapaxes(R_model, 1, 2) @ rest[:, :, None])[:, :, 0], axis=0)
+        here = Ts_model[:, :3, 3] + R_model @ shift
+    _, residual = register(true, here)
+    return float(np.mean(np.linalg.norm(residual, axis=1)))
 
 
 def _drives(before: Cell, identified: Cell, truth: Truth) -> list[TrueRow]:
