@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from typing import Any, Final
@@ -135,3 +136,14 @@ def _divided(value: Any, unit: float) -> Any:
     if isinstance(value, bool | str) or (isinstance(value, int) and unit == 1.0):
         return value
     return float(f"{value / unit:.12g}")
+
+
+def toml_line(value: Any) -> str:
+    """A plain value as TOML in one line."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(toml_line(item) for item in value) + "]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    return repr(value)

@@ -189,7 +189,33 @@ _SLOTS: Final = {
     "blank": ChannelKind("number of the blank that was cut", ("",), "1", "1", whole=True),
 }
 
-CHANNELS: Final[dict[str, ChannelKind]] = {**_ARM, **_TRACKER, **_LOADS, **_PULLS, **_CLOCK, **_RECORDS, **_SLOTS}
+_SENSING: Final = {
+    "accelerometer_sensor": ChannelKind(
+        "what an accelerometer at the sensor shows: acceleration minus gravity, sensor axes", _XYZ, "m/s2", "m/s2"
+    ),
+    "strain": ChannelKind(
+        "strain that each bridge of the spindle holder shows, lengthening positive",
+        tuple(str(i) for i in range(1, 13)),
+        "1",
+        "um/m",
+        counts=tuple(range(3, 13)),
+    ),
+    "f_tcp_holder": ChannelKind(
+        "force on the tool, by a dynamometer, in axes of the spindle holder", ("fx", "fy", "fz"), "N", "N", "vector"
+    ),
+    "p_holder_load": _point("where that force acts, in the frame of the spindle holder"),
+}
+
+CHANNELS: Final[dict[str, ChannelKind]] = {
+    **_ARM,
+    **_TRACKER,
+    **_LOADS,
+    **_PULLS,
+    **_CLOCK,
+    **_RECORDS,
+    **_SLOTS,
+    **_SENSING,
+}
 """By canonical name."""
 
 KINDS: Final[dict[str, str]] = {
@@ -202,12 +228,24 @@ KINDS: Final[dict[str, str]] = {
     "reversals": "slow reversals of single axes",
     "record": "channels recorded over time",
     "sensor_poses": "readings of the force sensor in many orientations",
+    "sensor_motion": "readings of the force sensor while the arm moves without a process",
     "holder_loads": "bridges of the instrumented tool holder under known loads",
     "slots": "forces of test cuts",
     "fiducials": "fiducial points known in the base and measured by the tracker",
     "servo_steps": "answers of axes or corrections to steps",
 }
 """Kinds of datasets, in words."""
+
+CHANNELS_OF: Final[dict[str, tuple[str, ...]]] = {
+    "tracker_poses": ("q", "p_tracker_target", "R_tracker_target"),
+    "tracker_points": ("q", "p_tracker_target"),
+    "distances": ("q", "distance"),
+    "planes": ("q", "plane"),
+    "pulls": ("q", "w_tcp_base", "d_tcp_base"),
+    "sensor_poses": ("q", "w_sensor", "temperature_c"),
+    "fiducials": ("p_base_fiducial", "p_tracker_fiducial"),
+}
+"""Channels of the form that a proposal for such data comes with."""
 
 SETTINGS: Final[dict[str, str]] = {
     "payload_kg": "mass that hung on the flange beyond what the cell file says",

@@ -88,6 +88,7 @@ class Proposal:
         expected: Expected standard deviation by parameter name, SI.
         remarks: How to measure, in words.
         settings: Further facts for the measurement, as in :class:`counterflex.identify.dataset.Dataset`.
+        units: SI unit of each entry of ``expected`` (``m``, ``rad/(N m)``, ...), where the recipe states it.
     """
 
     recipe: str
@@ -96,6 +97,7 @@ class Proposal:
     expected: Mapping[str, float]
     remarks: tuple[str, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 Identify = Callable[[CellModel, Sequence[Dataset], Sequence[Dataset], Mapping[str, Any], Progress], Identification]

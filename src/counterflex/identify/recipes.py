@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import importlib
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from counterflex.core.errors import InputError
 from counterflex.core.similar import close_to
-from counterflex.identify.recipe import Recipe
+
+if TYPE_CHECKING:
+    from counterflex.identify.recipe import Recipe
 
 MODULES: Final = {
     "kinematics": "kinematics",
@@ -21,6 +23,21 @@ MODULES: Final = {
     "holder": "holder",
     "cutting": "cutting",
 }
+"""Module of each recipe."""
+
+TITLES: Final = {
+    "kinematics": "true geometry of the arm from tracker poses or points, distances, touched planes",
+    "tracker-frame": "where the tracker stands and where its target sits, from fiducials or poses",
+    "stiffness": "springs of joints, links and bodies from the tool's displacement under known loads",
+    "cubes": "springs of single parts from the motion of measuring cubes on the structure",
+    "play": "lost motion and friction of the axes from slow reversals",
+    "timing": "dead time, lag and clock offset between recorded channels",
+    "servo": "drive lag, loop gains and bandwidth of corrections from steps",
+    "payload": "bias, weight and centre of gravity at the force sensor from many orientations",
+    "holder": "force from the strain-gauge bridges of a tool holder",
+    "cutting": "cutting constants of a material from test slots",
+}
+"""What each recipe finds, in one line."""
 
 
 def recipe(name: str) -> Recipe:

@@ -1,0 +1,123 @@
+"""Identifications one after the other: what was found when, and what changed."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex.core import atomic
+from counterflex.core.errors import FileFormatError
+from counterflex.files.identification_archive import Run, keep_inputs, run_name, runs_below
+
+SIGNIFICANT: Final = 3.0
+"""A change of so many standard deviations of the difference is marked: 3 in 1000 are by chance."""
+SHOWN: Final = 4
+"""Latest runs whose values stand side by side."""
+
+
+def keep(
+    archive: Path, staging: Path, cell: Path, manifests: list[Path], result: dict[str, Any], *, taken: Path
+) -> Path:
+    """Keep a run: results and inputs in a folder of its own.
+
+    Args:
+        archive: Folder of all runs.
+        staging: Folder with the results of the run.
+        cell: Cell file that it started from.
+        manifests: Of its datasets.
+        result: Content of ``result.json``.
+        taken: Archive in which the run will end up; its name is new there.
+
+    Returns:
+        Folder of the run.
+    """
+    folder = archive / run_name(result["date"], result["recipe"], taken)
+    with atomic.atomic_folder(folder) as inside:
+        for path in sorted(staging.iterdir()):
+            if path.is_file():
+                shutil.copyfile(path, inside / path.name)
+        keep_inputs(inside, cell, manifests)
+    return folder
+
+
+def history(folder: Path, recipe: str | None = None) -> dict[str, Any]:
+    """All runs below a folder, and per recipe the values of the latest beside each other.
+
+    Args:
+        folder: An archive, or any folder above it.
+        recipe: Only this one.
+
+    Returns:
+        ``runs``: one row each; ``compared``: per recipe with two runs or more, one row for each parameter.
+
+    Raises:
+        FileFormatError: The folder does not exist or holds no identification.
+    """
+    runs = [run for run in runs_below(folder) if recipe in (None, run.result["recipe"])]
+    if not runs:
+        raise FileFormatError(
+            "no identification is kept here",
+            where=str(folder),
+            hint="counterflex identify keeps every run under --out DIR in DIR/archive, or in --archive DIR",
+        )
+    names = list(dict.fromkeys(run.result["recipe"] for run in runs))
+    rows = {name: [run for run in runs if run.result["recipe"] == name][-SHOWN:] for name in names}
+    return {
+        "runs": [_line(run, folder) for run in runs],
+        "compared": {name: _compare(latest) for name, latest in rows.items() if len(latest) > 1},
+    }
+
+
+def _line(run: Run, folder: Path) -> dict[str, Any]:
+    result = run.result
+    head = result["headline"][0]
+    return {
+        "date": result["date"],
+        "recipe": result["recipe"],
+        "cell": result["cell"],
+        "data": [d["manifest"] for d in result["data"]],
+        "rows": sum(d["rows"] for d in result["data"]),
+        "figure": head["name"],
+        "value": head["value"],
+        "nominal": head["nominal"],
+        "outliers": sum(len(fit["outliers"]) for fit in result["fits"].values()),
+        "counterflex": result["versions"]["counterflex"],
+        "folder": run.folder.relative_to(folder).as_posix(),
+    }
+
+
+def _compare(runs: list[Run]) -> list[dict[str, Any]]:
+    tables = [
+        {(name, p["name"]): p for name, fit in run.result["fits"].items() for p in fit["parameters"] if p["free"]}
+        for run in runs
+    ]
+    rows = []
+    for key, last in tables[-1].items():
+        before = tables[-2].get(key)
+        change = None if before is None else _change(before, last)
+        rows.append(
+            {
+                "parameter": last["label"],
+                "unit": last["unit"],
+                "values": [
+                    None if key not in t else {k: t[key][k] for k in ("value", "sigma", "low", "high", "seen")}
+                    for t in tables
+                ],
+                "change_in_sigma": change,
+                "significant": change is not None and abs(change) >= SIGNIFICANT,
+            }
+        )
+    return rows
+
+
+def _change(before: dict[str, Any], last: dict[str, Any]) -> float | None:
+    """Difference over its standard deviation, the two taken as independent; of logarithmic values, of the logarithm."""
+    if before["unit"] != last["unit"] or "prior" in (before["seen"], last["seen"]):
+        return None
+    a, b, sa, sb = (float(row[key]) for key in ("value", "sigma") for row in (before, last))
+    if last["log"] and a > 0.0 and b > 0.0:
+        a, b, sa, sb = math.log(a), math.log(b), sa / a, sb / b
+    spread = math.hypot(sa, sb)
+    return None if spread == 0.0 else round((b - a) / spread, 2)

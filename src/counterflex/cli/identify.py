@@ -1,0 +1,141 @@
+"""The command ``identify``: parameters of a cell from measurements."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli.output import keep_inputs, print_json, progress_bar
+from counterflex.core.errors import InputError
+from counterflex.identify.recipes import MODULES, TITLES
+
+HISTORY = "history"
+_LIST = "\n\n".join(f"`{name}`: {TITLES[name]}" for name in MODULES)
+_HELP = f"""Find parameters of a cell from measured data: a new cell file with standard deviations, and a report.
+
+DATA are manifests of datasets. Writes into DIR: cell.toml (the cell file with what was found), result.json (every
+parameter with its 95 % interval, hold-out, outliers), report.html and a copy of everything in archive/. Either all of
+them or none; values that predict data not used worse than the cell file does are refused.
+
+Recipes:
+
+{_LIST}
+
+Examples:
+
+`counterflex identify kinematics --propose 40 --cell cell.toml --out proposal` says which poses to measure.
+
+`counterflex identify kinematics poses.toml --cell cell.toml --out out` finds the parameters.
+
+`counterflex identify history out` lists what was identified below a folder and what changed.
+"""
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command(help=_HELP)(identify)
+
+
+def identify(
+    recipe: Annotated[str, typer.Argument(help="What to find, or history.", metavar="RECIPE")],
+    data: Annotated[list[Path] | None, typer.Argument(help="Manifests of datasets (.toml).", metavar="DATA...")] = None,
+    cell: Annotated[Path | None, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for the results; made when missing.", metavar="DIR")
+    ] = None,
+    holdout: Annotated[
+        list[Path] | None,
+        typer.Option("--holdout", help="Manifest of data that are only predicted; else folds of DATA.", metavar="DATA"),
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="A setting of the recipe.", metavar="KEY=VALUE")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Of whatever is drawn: folds, starts, poses.", min=0)] = 0,
+    propose: Annotated[
+        int | None, typer.Option("--propose", help="Propose this many measurements instead.", metavar="N", min=1)
+    ] = None,
+    archive: Annotated[
+        Path | None, typer.Option("--archive", help="Folder that keeps every run; else DIR/archive.", metavar="DIR")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """See the help text above."""
+    if recipe == HISTORY:
+        _history(data or [Path()], as_json)
+        return
+    if cell is None or out is None:
+        raise InputError(f"--{'cell' if cell is None else 'out'} is missing", hint="counterflex identify --help")
+    if propose is not None:
+        _propose(recipe, propose, data or [], cell, out, settings or [], seed, as_json)
+        return
+    if not data:
+        raise InputError("no data are given", limit="one or more manifests", hint="Or --propose N for what to measure")
+    from counterflex.app import identify as job
+    from counterflex.cli.identify_tables import show_result
+
+    keep_inputs(out, cell, *data, *(holdout or []))
+    with progress_bar(f"identifying {recipe}") as progress:
+        result = job.run(
+            recipe,
+            data,
+            cell,
+            out,
+            holdout=holdout or (),
+            settings=pairs(settings or []),
+            seed=seed,
+            archive=archive,
+            progress=progress,
+        )
+    if as_json:
+        print_json(job.plain(result))
+    else:
+        show_result(result, out)
+
+
+def _history(folders: list[Path], as_json: bool) -> None:
+    from counterflex.app.history import history
+    from counterflex.cli.identify_tables import show_history
+
+    if len(folders) > 1:
+        raise InputError("history takes one folder", value=len(folders))
+    found = history(folders[0])
+    if as_json:
+        print_json(found)
+    else:
+        show_history(found)
+
+
+def _propose(
+    recipe: str, count: int, data: list[Path], cell: Path, out: Path, settings: list[str], seed: int, as_json: bool
+) -> None:
+    from counterflex.app import propose as job
+    from counterflex.cli.identify_tables import show_proposal
+
+    if data:
+        raise InputError("--propose takes no data", value=data[0], hint="Measure the proposal, then identify from it")
+    keep_inputs(out, cell)
+    with progress_bar(f"choosing {count} measurements"):
+        found = job.run(recipe, count, cell, out, settings=pairs(settings), seed=seed)
+    if as_json:
+        print_json(found)
+    else:
+        show_proposal(found, out)
+
+
+def pairs(texts: list[str]) -> dict[str, str]:
+    """Settings ``KEY=VALUE`` by key.
+
+    Raises:
+        InputError: No ``=``, or a key given twice.
+    """
+    out: dict[str, str] = {}
+    for text in texts:
+        key, mark, value = text.partition("=")
+        if not mark or not key:
+            raise InputError("a setting is not KEY=VALUE", where=f"--set {text}")
+        if key in out:
+            raise InputError("a setting is given twice", where=f"--set {text}")
+        out[key] = value
+    return out

@@ -1,0 +1,117 @@
+"""What ``identify`` prints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from counterflex.cli.output import print_table
+
+_OUTLIERS = 5
+
+
+def show_result(result: dict[str, Any], out: Path) -> None:
+    """Figures, parameters, outliers, what is not seen."""
+    rows = [
+        [f["text"], _number(f["value"], 4), _number(f["nominal"], 4), f["name"]]
+        for f in (*result["headline"], *result["figures"])
+    ]
+    print_table(f"{result['recipe']} of {result['cell']}", ["figure", "identified", "before", "key"], rows)
+    for name, fit in result["fits"].items():
+        free = [p for p in fit["parameters"] if p["free"]]
+        print_table(
+            f"Parameters of {name}",
+            ["parameter", "value", "standard deviation", "unit", "before", "by the data"],
+            [
+                [
+                    p["label"],
+                    _number(p["value"], 5),
+                    _number(p["sigma"], 2),
+                    p["unit"],
+                    _number(p["nominal"], 5),
+                    {"determined": "seen", "partly": "partly", "prior": "not seen"}[p["seen"]],
+                ]
+                for p in free
+            ],
+            note=f"Rank {fit['rank']} of {fit['free']}, condition {fit['condition']:.2g}, "
+            f"{sum(fit['rows'])} rows, {len(fit['outliers'])} outliers. {fit['reason']}",
+        )
+        for outlier in fit["outliers"][:_OUTLIERS]:
+            typer.echo(f"outlier: {outlier['where']}: {outlier['size']:.1f} times its standard deviation")
+        if len(fit["outliers"]) > _OUTLIERS:
+            typer.echo(f"outlier: {len(fit['outliers']) - _OUTLIERS} more in result.json")
+        for sentence in fit["hidden"]:
+            typer.echo(f"not seen: {sentence}")
+    for remark in result["remarks"]:
+        typer.echo(f"note: {remark}")
+    typer.echo(f"wrote {out}: cell.toml, result.json, report.html ({result['seconds']:.1f} s)")
+
+
+def show_proposal(found: dict[str, Any], out: Path) -> None:
+    """Expected standard deviations and what to do."""
+    if found["expected"]:
+        print_table(
+            f"Expected from {found['rows']} measurements",
+            ["parameter", "standard deviation", "unit"],
+            [[row["name"], _number(row["sigma"], 3), row["unit"]] for row in found["expected"]],
+        )
+    for remark in found["remarks"]:
+        typer.echo(f"note: {remark}")
+    typer.echo(f"wrote {out}: {', '.join(found['files'])}")
+    if "measured.toml" in found["files"]:
+        typer.echo(
+            f"next: measure the rows of proposal.csv in their order, fill measured.csv, state sigma in measured.toml, "
+            f"then counterflex identify {found['recipe']} {out / 'measured.toml'} --cell CELL --out DIR"
+        )
+    else:
+        typer.echo("next: measure the rows of proposal.csv in their order and write a manifest (docs/datasets.md)")
+
+
+def show_history(found: dict[str, Any]) -> None:
+    """Runs, and what changed between the latest of each recipe."""
+    print_table(
+        "Identifications",
+        ["date", "recipe", "cell", "data", "rows", "figure", "value", "before", "outliers", "folder"],
+        [
+            [
+                run["date"],
+                run["recipe"],
+                run["cell"],
+                ", ".join(run["data"]),
+                str(run["rows"]),
+                run["figure"],
+                _number(run["value"], 4),
+                _number(run["nominal"], 4),
+                str(run["outliers"]),
+                run["folder"],
+            ]
+            for run in found["runs"]
+        ],
+    )
+    for name, rows in found["compared"].items():
+        count = max(len(row["values"]) for row in rows)
+        columns = [f"{count - 1 - i} before" if i < count - 1 else "latest" for i in range(count)]
+        print_table(
+            f"{name}: values of the latest runs, with standard deviations",
+            ["parameter", "unit", *columns, "change / its sd", ""],
+            [
+                [
+                    row["parameter"],
+                    row["unit"],
+                    *(
+                        "" if value is None else f"{_number(value['value'], 5)} ± {_number(value['sigma'], 2)}"
+                        for value in row["values"]
+                    ),
+                    "" if row["change_in_sigma"] is None else f"{row['change_in_sigma']:+.1f}",
+                    "CHANGED" if row["significant"] else "",
+                ]
+                for row in rows
+            ],
+            note="CHANGED: latest and the one before differ by more than 3 standard deviations of their difference.",
+        )
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}g}"

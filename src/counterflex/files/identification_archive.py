@@ -1,0 +1,102 @@
+"""Archive of identifications: one folder for every run, with its inputs as they were, its results, and nothing lost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
+
+import tomlkit
+
+from counterflex.core import atomic
+from counterflex.core.errors import CounterflexError, FileFormatError
+from counterflex.files.dataset_manifest import read_manifest
+from counterflex.files.identification_file import read_identification
+
+RESULT: Final = "result.json"
+INPUTS: Final = "inputs"
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One identification of an archive.
+
+    Attributes:
+        folder: Where it is kept.
+        result: Content of its ``result.json``.
+    """
+
+    folder: Path
+    result: dict[str, Any]
+
+
+def run_name(date: str, recipe: str, taken: Path) -> str:
+    """Name of the folder of a run: date, time and recipe, numbered where there is one already.
+
+    Args:
+        date: ``2026-11-21 22:31 UTC``.
+        recipe: Its name.
+        taken: Archive in which the name must be new.
+    """
+    stem = f"{date.removesuffix(' UTC').replace(' ', '_').replace(':', '')}_{recipe}"
+    name, number = stem, 1
+    while (taken / name).exists():
+        number += 1
+        name = f"{stem}_{number}"
+    return name
+
+
+def keep_inputs(folder: Path, cell: Path, manifests: Sequence[Path]) -> None:
+    """Copy the cell file and the datasets of a run into its folder.
+
+    Args:
+        folder: Of the run; gets ``inputs/cell.toml`` and ``inputs/1``, ``inputs/2``, ... with one dataset each.
+        cell: Cell file.
+        manifests: Of the datasets. Files that lie elsewhere than below their manifest are put beside the copy, and
+            the copied manifest names them there.
+    """
+    atomic.write_bytes(folder / INPUTS / "cell.toml", _bytes(cell))
+    for number, path in enumerate(manifests, 1):
+        target = folder / INPUTS / str(number)
+        moved: dict[str, str] = {}
+        for i, file in enumerate(read_manifest(path).files, 1):
+            name = PurePosixPath(file.path.replace("\\", "/"))
+            inside = not Path(file.path).is_absolute() and ".." not in name.parts
+            kept = str(name) if inside else f"file{i}{name.suffix}"
+            if not inside:
+                moved[file.path] = kept
+            atomic.write_bytes(target / kept, _bytes(path.parent / file.path))
+        text = _bytes(path)
+        if moved:
+            doc: Any = tomlkit.parse(text.decode("utf-8-sig"))
+            for table in doc["files"]:
+                table["path"] = moved.get(str(table["path"]), table["path"])
+            text = tomlkit.dumps(doc).encode()
+        atomic.write_bytes(target / path.name, text)
+
+
+def runs_below(folder: Path) -> list[Run]:
+    """All identifications in and below a folder, oldest first; a run that is there twice counts once.
+
+    Raises:
+        FileFormatError: The folder does not exist.
+    """
+    if not folder.is_dir():
+        raise FileFormatError("no such folder", where=str(folder))
+    found: dict[tuple[str, ...], Run] = {}
+    for path in sorted(folder.rglob(RESULT), key=lambda p: (INPUTS in p.parts, len(p.parts), str(p))):
+        try:
+            result = read_identification(path)
+        except CounterflexError:
+            continue
+        key = (result["date"], result["recipe"], *(d["sha256"] for d in result["data"]), str(result["headline"]))
+        found.setdefault(key, Run(path.parent, result))
+    return sorted(found.values(), key=lambda run: (run.result["date"], run.result["recipe"]))
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault

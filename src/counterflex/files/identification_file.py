@@ -1,0 +1,184 @@
+"""``result.json`` of an identification (``counterflex-identification``, version 1): everything that was found."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core import atomic
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError
+from counterflex.core.similar import missing_file
+from counterflex.files.schema import check_header
+from counterflex.files.shop_unit import shop
+from counterflex.identify.fit import Fit
+from counterflex.identify.parameters import Parameter
+from counterflex.identify.recipe import Figure
+
+FORMAT: Final = "counterflex-identification"
+VERSION: Final = 1
+COVERAGE: Final = 1.959963984540054
+"""Half width of the 95 % interval in standard deviations."""
+Place = Callable[[str, int], str]
+"""Where a row of a block stands: ``data.csv:12``."""
+
+
+def parameter_rows(fit: Fit) -> list[dict[str, Any]]:
+    """One row for each parameter: value, standard deviation and 95 % interval in its shop unit, prior, how it is seen.
+
+    Intervals are ``value +- 1.96 sigma``, of logarithmic parameters in the logarithm, of held ones None.
+    """
+    rows = []
+    for place, (item, value, sigma, seen) in enumerate(
+        zip(fit.parameters, fit.values, fit.sigma, fit.seen, strict=True)
+    ):
+        unit, factor = shop(item.unit)
+        low, high = interval(item, float(value), float(sigma))
+        rows.append(
+            {
+                "name": item.name,
+                "label": item.label or item.name,
+                "unit": unit,
+                "value": _round(value / factor),
+                "sigma": _round(sigma / factor),
+                "low": _round(low / factor) if seen != "held" else None,
+                "high": _round(high / factor) if seen != "held" else None,
+                "nominal": _round(item.nominal / factor),
+                "prior_sigma": _round(_prior(item) / factor) if item.has_prior and item.free else None,
+                "seen": seen,
+                "free": bool(fit.parameters.free[place]),
+                "log": item.log,
+            }
+        )
+    return rows
+
+
+def interval(item: Parameter, value: float, sigma: float) -> tuple[float, float]:
+    """95 % interval of a parameter, in its unit.
+
+    Args:
+        item: The parameter.
+        value: Found.
+        sigma: Its standard deviation, same unit.
+    """
+    if not item.log:
+        return value - COVERAGE * sigma, value + COVERAGE * sigma
+    factor = math.exp(COVERAGE * sigma / value)
+    return value / factor, value * factor
+
+
+def _prior(item: Parameter) -> float:
+    return item.prior_sigma * item.nominal if item.log else item.prior_sigma
+
+
+def fit_table(fit: Fit, place: Place) -> dict[str, Any]:
+    """A fit as plain values.
+
+    Args:
+        fit: What was found.
+        place: Where rows stand.
+    """
+    covariance = covariance_shop(fit)
+    return {
+        "parameters": parameter_rows(fit),
+        "covariance": {
+            "names": [fit.parameters.names[i] for i in fit.free_index],
+            "values": [[_round(v) for v in row] for row in covariance],
+        },
+        "rank": fit.rank,
+        "free": len(fit.free_index),
+        "condition": _round(fit.condition),
+        "hidden": list(fit.hidden),
+        "chi2_reduced": _round(fit.chi2_reduced),
+        "dof": _round(fit.dof),
+        "sigma_factors": [_round(s) for s in fit.sigma_factors],
+        "rows": [len(r) for r in fit.residuals],
+        "outliers": [
+            {
+                "where": place(o.block, o.row),
+                "block": o.block,
+                "row": o.row,
+                "size": _round(o.size),
+                "weight": _round(o.weight),
+            }
+            for o in fit.outliers
+        ],
+        "reason": fit.reason,
+        "evaluations": fit.evaluations,
+    }
+
+
+def covariance_shop(fit: Fit) -> Float:
+    """(f, f) covariance of the free parameters in their shop units."""
+    scale = fit.parameters.slope(fit.values)[fit.free_index]
+    factors = np.array([shop(fit.parameters.items[i].unit)[1] for i in fit.free_index])
+    step = scale / factors
+    out: Float = fit.covariance * step[:, None] * step[None, :]
+    return out
+
+
+def correlation(fit: Fit) -> Float:
+    """(f, f) correlation of the free parameters."""
+    spread = np.sqrt(np.maximum(np.diag(fit.covariance), 1e-300))
+    out: Float = fit.covariance / spread[:, None] / spread[None, :]
+    return out
+
+
+def figure_rows(figures: Sequence[Figure]) -> list[dict[str, Any]]:
+    """Figures as plain values."""
+    return [
+        {
+            "name": f.name,
+            "text": f.text,
+            "value": _round(f.value),
+            "nominal": None if f.nominal is None else _round(f.nominal),
+            "limit": None if f.limit is None else _round(f.limit),
+        }
+        for f in figures
+    ]
+
+
+def write_identification(path: Path, data: Mapping[str, Any]) -> None:
+    """Write a result; format and version are put first, numbers that are not finite become null."""
+    text = json.dumps({"format": FORMAT, "version": VERSION, **plain_json(data)}, indent=1, allow_nan=False)
+    atomic.write_text(path, text + "\n")
+
+
+def read_identification(path: Path) -> dict[str, Any]:
+    """Read a result.
+
+    Raises:
+        FileFormatError: Missing, not JSON, another format, or newer than this program.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(path), hint=missing_file(path)) from fault
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as fault:
+        raise FileFormatError("not readable as JSON", where=str(path), value=str(fault)[:80]) from fault
+    if not isinstance(data, dict):
+        raise FileFormatError(f"not a {FORMAT} file", where=str(path))
+    check_header(data, kind=FORMAT, version=VERSION, where=str(path))
+    return data
+
+
+def _round(value: float) -> float:
+    return float(f"{float(value):.8g}")
+
+
+def plain_json(value: Any) -> Any:
+    """A value as JSON has it: no arrays, tuples as lists, numbers that are not finite as None."""
+    if isinstance(value, Mapping):
+        return {str(key): plain_json(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_json(item) for item in value]
+    if isinstance(value, np.generic | np.ndarray):
+        return plain_json(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

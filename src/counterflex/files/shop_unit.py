@@ -1,0 +1,26 @@
+"""Values as people read them: the shop unit of an SI unit."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from counterflex.core import units as u
+
+SHOP: Final[dict[str, tuple[str, float]]] = {
+    "m": ("mm", u.MM),
+    "rad": ("mrad", u.MRAD),
+    "m/N": ("um/kN", u.UM_PER_KN),
+    "rad/(N m)": ("urad/kNm", u.URAD_PER_KNM),
+    "rad/N": ("urad/kN", u.MICRO / u.KN),
+    "Pa": ("N/mm2", u.N_PER_MM2),
+    "N/m": ("N/mm", u.N_PER_MM),
+    "s": ("ms", u.MS),
+    "m/s": ("mm/s", u.MM_PER_S),
+    "rad/s": ("deg/s", u.DEG_PER_S),
+}
+"""Shop unit and its SI value, by SI unit; other units are shown as they are."""
+
+
+def shop(unit: str) -> tuple[str, float]:
+    """Shop unit of an SI unit and the SI value of one of it."""
+    return SHOP.get(unit, (unit, 1.0))
