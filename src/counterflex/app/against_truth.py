@@ -15,7 +15,6 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, edge_force
 from counterflex.files.cell import Cell
-from counterflex.geometry import pose
 from counterflex.geometry.registration import register
 from counterflex.robot.chain import ElasticChain, forward_elastic
 from counterflex.robot.description import Play, Segment, Servo
@@ -136,15 +135,17 @@ def placement_error(Ts_model: Float, Ts_true: Float) -> float:
         Ts_model: (n, 4, 4) poses of the tool by a model.
         Ts_true: (n, 4, 4) true ones.
     """
-    true = Ts_true[:, :3, 3]
-    R_model = Ts_model[:, :3, :3]
-    here = Ts_model[:, :3, 3]
+    true, R_model = Ts_true[:, :3, 3], Ts_model[:, :3, :3]
+    shift = np.zeros(3)
+    residual = np.zeros_like(true)
     for _ in range(_ROUNDS):
-        T_true_model, _ = register(true, here)
-        rest = pose.transform(pose.inverse(T_true_model), true) - Ts_model[:, :3, 3]
-        shift = np.mean((np.swapaxes(R_model, 1, 2) @ rest[:, :, None])[:, :, 0], axis=0)
         here = Ts_model[:, :3, 3] + R_model @ shift
-    _, residual = register(true, here)
+        T_true_model, residual = register(true, here)
+        rest = residual @ T_true_model[:3, :3]
+        turned = np.cross(np.eye(3), (here - here.mean(axis=0))[:, None, :])
+        blocks = [np.swapaxes(turned, 1, 2), np.broadcast_to(np.eye(3), R_model.shape), R_model]
+        A: Float = np.concatenate(blocks, axis=2).reshape(-1, 9)
+        shift = shift + np.linalg.lstsq(A, rest.reshape(-1), rcond=1e-9)[0][6:]
     return float(np.mean(np.linalg.norm(residual, axis=1)))
 
 

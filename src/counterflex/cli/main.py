@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, NoReturn
 import typer
 
 from counterflex import __version__
-from counterflex.cli import demo, identify, program, prove, question
+from counterflex.cli import campaign, demo, identify, program, prove, question, twin
 from counterflex.cli.interrupt import interruptible
 from counterflex.core.errors import CounterflexError
 
@@ -36,6 +36,8 @@ question.register(app)
 program.register(app)
 prove.register(app)
 identify.register(app)
+twin.register(app)
+campaign.register(app)
 demo.register(app)
 
 

@@ -77,6 +77,24 @@ def check_update(text: str, path: Path) -> Cell:
     return read_cell(path)
 
 
+def copied_text(path: Path, folder: Path) -> str:
+    """Text of a cell file as it has to be in another folder: the files that it names are where they were.
+
+    Args:
+        path: Cell file.
+        folder: Where the copy will lie.
+
+    Raises:
+        FileFormatError: The file cannot be read.
+    """
+    try:
+        doc = tomlkit.parse(path.read_bytes().decode("utf-8-sig"))
+    except (OSError, UnicodeDecodeError, TOMLKitError) as fault:
+        raise FileFormatError("the file cannot be read", where=str(path), value=str(fault)[:80]) from fault
+    _move_paths(doc, path.parent, folder)
+    return tomlkit.dumps(doc)
+
+
 def apply(doc: Doc, change: Change, cell: Cell, source: str) -> None:
     """Apply one change to the tables of a cell file.
 

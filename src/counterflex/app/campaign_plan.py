@@ -1,0 +1,69 @@
+"""What a laboratory does to set up a cell, in order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from counterflex.core.errors import InputError
+from counterflex.files.cell import Cell
+
+Setting = float | int | str | bool
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One recipe of a campaign.
+
+    Attributes:
+        recipe: Its name.
+        count: Measurements to propose for the fit.
+        holdout: Measurements to propose for validation, never used in the fit.
+        propose: Settings of the proposals.
+        identify: Settings of the fit.
+        weight: Expected time, relative to a machining.
+    """
+
+    recipe: str
+    count: int
+    holdout: int
+    propose: Mapping[str, Setting] = field(default_factory=dict)
+    identify: Mapping[str, Setting] = field(default_factory=dict)
+    weight: float = 0.2
+
+
+ORDER: Final = (
+    Measurement("tracker-frame", 24, 12),
+    Measurement("kinematics", 60, 30),
+    Measurement("payload", 24, 12),
+    Measurement("play", 1, 1),
+    Measurement("timing", 1, 1),
+    Measurement("servo", 1, 1),
+    Measurement("holder", 40, 20),
+    Measurement("stiffness", 90, 30),
+    Measurement("cutting", 12, 6),
+)
+"""Frames first, then geometry, what hangs on the flange, drives, elasticity (which needs what drives lose), force."""
+
+
+def campaign_of(cell: Cell, recipes: Sequence[str] | None = None) -> tuple[Measurement, ...]:
+    """Recipes of a cell's campaign, in order.
+
+    Args:
+        cell: The holder is calibrated only where the cell has one.
+        recipes: Only these; None is all.
+
+    Raises:
+        InputError: A recipe that is asked for is not part of a campaign.
+    """
+    known = [step.recipe for step in ORDER]
+    for name in recipes or ():
+        if name not in known:
+            raise InputError("no such recipe in a campaign", value=name, limit=", ".join(known))
+    has_holder = getattr(cell.tables, "holder", None) is not None
+    return tuple(
+        step
+        for step in ORDER
+        if (recipes is None or step.recipe in recipes) and (step.recipe != "holder" or has_holder)
+    )

@@ -1,0 +1,112 @@
+"""The command that sets up a cell as a laboratory would, on simulated cells."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.cli.prove import Workers
+from counterflex.core.errors import InputError, Interrupted
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(campaign)
+
+
+def campaign(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the results.", metavar="DIR")],
+    program: Annotated[
+        Path | None,
+        typer.Argument(help="Program to machine before and after; none: identify only.", metavar="[PROGRAM]"),
+    ] = None,
+    cell: Annotated[
+        Path | None,
+        typer.Option("--cell", help="Cell file; left out, cell and part of the demonstration.", metavar="CELL"),
+    ] = None,
+    twin: Annotated[
+        Path | None, typer.Option("--twin", help="Truth file: the one simulated cell.", metavar="TRUTH")
+    ] = None,
+    seeds: Annotated[
+        int | None, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)
+    ] = None,
+    recipe: Annotated[
+        list[str] | None, typer.Option("--recipe", help="Only this recipe; may be given several times.")
+    ] = None,
+    told: Annotated[
+        bool, typer.Option("--told/--no-told", help="Also show what a planner that knew the truth would leave.")
+    ] = False,
+    workers: Workers = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Set up a cell as a laboratory would, on simulated cells, and show what that is worth.
+
+    For each recipe: propose, measure on the twin over files, identify, validate on measurements of their own. Then a
+    program is machined before and after compensation, planned with the cell file as it was and with the identified
+    one. Interrupted, the same command goes on where it was.
+
+    Example: `counterflex campaign part.ngc --cell cell.toml --twin truth.toml --out out/campaign`
+    """
+    from counterflex.app import campaign as job
+    from counterflex.app import examples
+
+    if (twin is None) == (seeds is None):
+        raise InputError(
+            "say either --twin or --seeds",
+            value="neither" if twin is None else "both",
+            hint="--twin TRUTH is one simulated cell, --seeds 5 makes five",
+        )
+    given = [path for path in (program, cell, twin) if path is not None]
+    keep_inputs(out, *given)
+    with tempfile.TemporaryDirectory() as folder, progress_bar("campaign") as progress:
+        if cell is None:
+            cell = Path(folder) / "cell.toml"
+            _, part = examples.write(cell)
+            program = part if program is None else program
+        try:
+            summary = job.run(
+                cell,
+                out,
+                program=program,
+                seeds=seeds,
+                truth_file=twin,
+                recipes=recipe or None,
+                with_told=told,
+                workers=workers,
+                progress=progress,
+            )
+        except KeyboardInterrupt as stop:
+            raise Interrupted(
+                "interrupted; finished steps are kept", where=str(out), hint="The same command goes on where it was"
+            ) from stop
+    if as_json:
+        print_json(summary)
+    else:
+        show(summary, out)
+
+
+def show(summary: dict[str, Any], out: Path) -> None:
+    """Print the tables of a campaign."""
+    from counterflex.app.campaign_report import COLUMNS, headline_rows, rows_of, verdict
+
+    lines = headline_rows(summary)
+    if lines:
+        print_table(
+            "Identified on the twin; errors on measurements that no fit has seen",
+            ["seed", "recipe", "figure", "before", "identified", "taken over"],
+            lines,
+        )
+    rows = rows_of(summary)
+    if rows:
+        told = any(row[-1] != "-" for row in rows)
+        print_table(
+            "99.7 % path error before and after",
+            list(COLUMNS if told else COLUMNS[:-2]),
+            [list(row if told else row[:-2]) for row in rows],
+        )
+        typer.echo(verdict(summary))
+    typer.echo(f"report: {out / 'report.html'}")

@@ -1,0 +1,53 @@
+"""Commands of the simulated laboratory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli.output import keep_inputs, progress_bar
+from counterflex.cli.program import CellFile, Out
+
+_twin = typer.Typer(no_args_is_help=True, help="Measure on the simulated cell.")
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    _twin.command("measure")(measure)
+    _twin.callback()(_group)
+    app.add_typer(_twin, name="twin")
+
+
+def _group() -> None:
+    """Measure on the simulated cell."""
+
+
+def measure(
+    proposal: Annotated[
+        Path, typer.Argument(help="Proposal that identify RECIPE --propose wrote.", metavar="PROPOSAL")
+    ],
+    cell: CellFile,
+    truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH")],
+    out: Out,
+    seed: Annotated[
+        int, typer.Option("--seed", help="Of the laboratory: where its instruments stand, and their noise.", min=0)
+    ] = 0,
+    session: Annotated[
+        str | None,
+        typer.Option("--session", help="Another session gives other noise; by default the name of its folder."),
+    ] = None,
+) -> None:
+    """Measure on the simulated cell what a proposal asks for: a CSV file and its manifest, as a laboratory delivers.
+
+    The readings come from the truth, with friction, play, drives and noise; nothing else of it gets into the files.
+
+    Example: `counterflex twin measure proposal/proposal.toml --cell cell.toml --truth truth.toml --out data`
+    """
+    from counterflex.app import laboratory
+
+    keep_inputs(out, proposal, cell, truth)
+    with progress_bar(f"measuring {proposal.name}") as progress:
+        found = laboratory.measure(proposal, cell, truth, out, seed=seed, session=session, progress=progress)
+    typer.echo(f"wrote {found['manifest']}: {found['rows']} rows of {found['kind']}, {', '.join(found['channels'])}")
