@@ -18,6 +18,7 @@ Sources: Berger2013 section 5; Altintas and Lee 1998 (directions at an inclined 
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -177,7 +178,7 @@ def _levels(cutter: Cutter, p: float) -> _Levels:
     sine, cosine, sine_p, slope = np.ones(n), np.zeros(n), np.ones(n), np.zeros(n)
     upper = np.minimum(bounds[1:], max(cutter.flute_length_m, float(bounds[-2])))
     t, w = np.polynomial.legendre.leggauss(_LEVEL_NODES)
-    for i, (z0, z1) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
+    for i, (z0, z1) in enumerate(itertools.pairwise(bounds)):
         if z0 >= cutter.corner_radius_m * (1.0 - 1e-12):
             continue
         k0 = math.acos(1.0 - z0 / cutter.corner_radius_m)

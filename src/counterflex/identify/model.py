@@ -29,6 +29,10 @@ class CellModel:
         T_base_part: (4, 4) part frame.
         branch: Posture, one of :data:`counterflex.robot.opw.BRANCHES`.
         joint_margin_rad: Distance that measurements keep from the joint limits.
+        rotation_about_tool_rad: Free rotation about the tool axis that programs are run with.
+        blank_part: (2, 3) m, low and high corner of the blank in the part frame, None where it is no box.
+        datum_points_part: (k, 3) m, points that the robot touches to find the part; None where another
+            instrument finds it.
         tables: Tables ``sensor``, ``holder``, ``tracker``, ``timing`` of the cell file as plain values where present.
     """
 
@@ -43,6 +47,9 @@ class CellModel:
     T_base_part: Float
     branch: str
     joint_margin_rad: float
+    rotation_about_tool_rad: float = 0.0
+    blank_part: Float | None = None
+    datum_points_part: Float | None = None
     tables: Mapping[str, Any] = field(default_factory=dict)
 
     @property

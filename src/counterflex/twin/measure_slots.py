@@ -53,9 +53,9 @@ def measure(
         truth: The cell as it is.
         laboratory: Its instruments; noise of the force sensor.
         request: Columns of :data:`counterflex.twin.slot_path.COLUMNS`, one straight feed motion a row, SI.
-        settings: ``controller``, ``cutter``, ``blank`` as plain tables (see :func:`counterflex.identify.cutting`'s
-            proposal), ``tool`` number, ``datum_points_m`` touched by the robot, ``rate_hz`` of the record,
-            ``measure_depth`` to gauge the finished slots.
+        settings: What the machine is told, plain values as the recipe proposes them: geometry, tool and part frame of
+            the controller, ``cutter_...``, ``blank_...``; ``datum_points_m`` touched by the robot, ``rate_hz`` of the
+            record, ``measure_depth`` to gauge the finished slots.
         progress: Told the fraction done.
 
     Returns:
@@ -63,10 +63,34 @@ def measure(
         ``width``, ``tool``, ``blank`` and, when gauged, ``depth_measured``; grouped by cut.
 
     Raises:
-        InputError: A table is missing, or the cuts never meet the blank.
+        InputError: A value is missing, or the cuts never meet the blank.
     """
     cuts = straight_cuts(request)
-    controller, cutter, stock = _controller(settings), _cutter(settings), _stock(settings)
+    rng = laboratory.noise("slots")
+    bias = BIAS_N * rng.standard_normal(3)
+    parts: list[Measured] = []
+    blanks = np.unique(cuts.blank)
+    for k, blank in enumerate(blanks):
+        mine = cuts.subset(cuts.blank == blank)
+
+        def part_of_all(fraction: float, what: str = "", k: int = k) -> None:
+            progress((k + fraction) / len(blanks), what)
+
+        parts.append(_one_blank(truth, laboratory, mine, settings, bias, rng, part_of_all))
+    joined = {name: np.concatenate([p.channels[name] for p in parts]) for name in parts[0].channels}
+    return Measured(joined, parts[0].sigma, np.concatenate([p.group for p in parts]))
+
+
+def _one_blank(
+    truth: Truth,
+    laboratory: Laboratory,
+    cuts: StraightCuts,
+    settings: Mapping[str, Any],
+    bias: Float,
+    rng: np.random.Generator,
+    progress: Progress,
+) -> Measured:
+    controller, cutter = _controller(settings), _cutter(settings)
     tool = int(settings.get("tool", 1))
     path, row_of = slot_path(cuts, tool)
     points = settings.get("datum_points_m")
@@ -74,24 +98,27 @@ def measure(
         path,
         truth=truth,
         controller=controller,
-        stock=stock,
+        stock=_stock(settings),
         cutter=cutter,
         datum_points_part=None if points is None else as_float("datum_points_m", points, (None, 3)),
         progress=progress,
     )
     if len(record.time_s) == 0:
         raise InputError("the test cuts never come near the blank", hint="Check start, end and blank of the request")
-    rng = laboratory.noise("slots")
-    force = _reading(truth, laboratory, record, controller, rng)
-    low = as_float("low_m", settings["blank"]["low_m"], (3,))
-    high = as_float("high_m", settings["blank"]["high_m"], (3,))
+    force = _reading(truth, laboratory, record, controller, bias, rng)
+    low, high = _box(settings)
     gauge = DEPTH_GAUGE_M * rng.standard_normal(len(cuts)) if settings.get("measure_depth", False) else None
     columns = _Columns(record, cuts, row_of[record.row], force, low, high, cutter.radius_m, gauge)
     return columns.measured(tool, float(settings.get("rate_hz", RATE_HZ)), laboratory.force_n, controller.cycle_s)
 
 
 def _reading(
-    truth: Truth, laboratory: Laboratory, record: Record, controller: Controller, rng: np.random.Generator
+    truth: Truth,
+    laboratory: Laboratory,
+    record: Record,
+    controller: Controller,
+    bias: Float,
+    rng: np.random.Generator,
 ) -> Float:
     """(n, 3) N: what the sensor shows, turned into base axes by the controller."""
     names = [body.name for body in truth.bodies]
@@ -113,7 +140,7 @@ def _reading(
     shown = np.einsum("nji,nj->ni", R_base_true, acting)
     share = (record.time_s - record.time_s[0]) / max(float(record.time_s[-1] - record.time_s[0]), 1e-9)
     drift = np.outer(share, DRIFT_N * rng.standard_normal(3))
-    shown += BIAS_N * rng.standard_normal(3) + drift + laboratory.force_n * rng.standard_normal((n, 3))
+    shown += bias + drift + laboratory.force_n * rng.standard_normal((n, 3))
     out: Float = np.einsum("nij,nj->ni", R_base_told, shown)
     return out
 
@@ -157,7 +184,7 @@ class _Columns:
                 "depth": depth,
                 "width": cuts.width_m[place],
                 "tool": np.full(count, float(tool)),
-                "blank": np.zeros(count),
+                "blank": cuts.blank[place].astype(np.float64),
             }
             if self.gauge is not None:
                 new["depth_measured"] = record.depth_m[blocks].mean(axis=1) + self.gauge[place]
@@ -170,7 +197,7 @@ class _Columns:
         if self.gauge is not None:
             sigma["depth_measured"] = DEPTH_GAUGE_M
         joined = {name: np.concatenate(parts) for name, parts in channels.items()}
-        return Measured(joined, sigma, np.concatenate(group), {"tool": tool})
+        return Measured(joined, sigma, np.concatenate(group))
 
     def _of_cut(self, number: int, touching: Bool) -> Int:
         """Rows of a cut from a second before the first touch to a second after the last."""
@@ -185,26 +212,43 @@ class _Columns:
         return out
 
 
-def _table(settings: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+def _setting(settings: Mapping[str, Any], name: str) -> Any:
     if name not in settings:
-        raise InputError("the settings of the test cuts lack a table", value=name, limit="controller, cutter, blank")
-    found: Mapping[str, Any] = settings[name]
-    return found
+        raise InputError("the settings of the test cuts lack a value", value=name)
+    return settings[name]
 
 
 def _controller(settings: Mapping[str, Any]) -> Controller:
-    table = dict(_table(settings, "controller"))
-    opw = {key: tuple(value) if isinstance(value, (list, tuple)) else value for key, value in table.pop("opw").items()}
-    for name, shape in (("joint_limits_rad", (6, 2)), ("T_flange_tcp", (4, 4)), ("T_base_part", (4, 4))):
-        table[name] = as_float(name, table[name], shape)
-    return Controller(opw=Opw(**opw), **table)
+    def get(name: str, *shape: int) -> Float:
+        return as_float(name, _setting(settings, name), shape)
+
+    a1, a2, b, c1, c2, c3, c4 = get("opw_m", 7).tolist()
+    offsets = tuple(get("opw_offsets_rad", 6).tolist())
+    signs = tuple(int(s) for s in get("opw_signs", 6).tolist())
+    return Controller(
+        opw=Opw(a1, a2, b, c1, c2, c3, c4, offsets, signs),
+        joint_limits_rad=get("joint_limits_rad", 6, 2),
+        T_flange_tcp=get("T_flange_tcp", 4, 4),
+        T_base_part=get("T_base_part", 4, 4),
+        branch=str(_setting(settings, "branch")),
+        rotation_about_tool_rad=float(_setting(settings, "rotation_about_tool_rad")),
+    )
 
 
 def _cutter(settings: Mapping[str, Any]) -> Cutter:
-    return Cutter(**_table(settings, "cutter"))
+    return Cutter(
+        diameter_m=float(_setting(settings, "cutter_diameter_m")),
+        corner_radius_m=float(settings.get("cutter_corner_radius_m", 0.0)),
+        flutes=int(_setting(settings, "cutter_flutes")),
+        flute_length_m=float(_setting(settings, "cutter_flute_length_m")),
+    )
+
+
+def _box(settings: Mapping[str, Any]) -> tuple[Float, Float]:
+    low, high = (as_float(name, _setting(settings, name), (3,)) for name in ("blank_low_m", "blank_high_m"))
+    return low, high
 
 
 def _stock(settings: Mapping[str, Any]) -> HeightMap:
-    table = _table(settings, "blank")
-    low, high = (tuple(float(v) for v in table[key]) for key in ("low_m", "high_m"))
-    return HeightMap.from_box(low, high, float(table["cell_m"]))
+    (x0, y0, z0), (x1, y1, z1) = (corner.tolist() for corner in _box(settings))
+    return HeightMap.from_box((x0, y0, z0), (x1, y1, z1), float(_setting(settings, "blank_cell_m")))

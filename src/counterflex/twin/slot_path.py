@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from counterflex.path.toolpath import FEED, RAPID, ToolPath
 
 STEP_M = 0.5 * MM
 _CLEAR_M = 15.0 * MM
-COLUMNS = ("cut", "start_x_m", "start_y_m", "start_z_m", "end_x_m", "end_y_m", "end_z_m", "feed_m_s",
+COLUMNS = ("blank", "cut", "start_x_m", "start_y_m", "start_z_m", "end_x_m", "end_y_m", "end_z_m", "feed_m_s",
            "spindle_rad_s", "width_m")  # fmt: skip
 """Columns of a request: one straight feed motion a row; rows of one cut follow on one another."""
 
@@ -24,6 +24,7 @@ class StraightCuts:
     """Straight feed motions, one a row.
 
     Attributes:
+        blank: (n,) number of the blank.
         cut: (n,) number of the cut that the motion belongs to.
         start_part: (n, 3) m, tool tip at its start, part frame.
         end_part: (n, 3) m.
@@ -32,6 +33,7 @@ class StraightCuts:
         width_m: (n,) signed width: positive from the left edge of the cutter, negative from the right.
     """
 
+    blank: Int
     cut: Int
     start_part: Float
     end_part: Float
@@ -42,6 +44,10 @@ class StraightCuts:
     def __len__(self) -> int:
         """Number of motions."""
         return len(self.cut)
+
+    def subset(self, rows: Bool) -> StraightCuts:
+        """The marked motions."""
+        return StraightCuts(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
     @property
     def direction(self) -> Float:
@@ -67,6 +73,7 @@ def straight_cuts(request: Mapping[str, Float]) -> StraightCuts:
         return np.stack([column[f"{end}_{c}_m"] for c in "xyz"], axis=1)
 
     cuts = StraightCuts(
+        blank=column["blank"].astype(np.int64),
         cut=column["cut"].astype(np.int64),
         start_part=point("start"),
         end_part=point("end"),
@@ -142,7 +149,7 @@ def _over(here: Float, target: Float, top: float) -> Sequence[Float]:
     """Up, across and down to a point."""
     up, across = here.copy(), target.copy()
     up[2] = across[2] = top
-    return [point for point in (up, across, target)]
+    return (up, across, target)
 
 
 def engaged(p_part: Float, low_part: Float, high_part: Float, radius_m: float) -> Bool:
