@@ -79,3 +79,17 @@ def flange_sensor(table: SensorTable | None, chain: ElasticChain) -> FlangeSenso
         w_offset=np.array(table.offset).reshape(-1, 6),
         inertia_kg_m2=np.array(table.inertia_kg_m2) if table.inertia_kg_m2 is not None else np.zeros(6),
     )
+
+
+def sensing_of(sensor: SensorTable | None, chain: ElasticChain) -> dict[str, FlangeSensor]:
+    """What measures forces in a cell, as objects, by the name of its table; nothing for tables that are not there.
+
+    Args:
+        sensor: Table of the flange sensor.
+        chain: Of the cell.
+
+    Raises:
+        InputError: The end effector has no such body.
+    """
+    found = flange_sensor(sensor, chain)
+    return {} if found is None else {"sensor": found}

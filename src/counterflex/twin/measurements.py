@@ -11,6 +11,7 @@ from counterflex.twin.laboratory import Measure
 MODULES: Final[dict[str, str]] = {
     "pulls": "measure_pulls",
     "slots": "measure_slots",
+    "sensor_poses": "measure_sensor_poses",
     "tracker_poses": "measure_tracker_poses",
     "fiducials": "measure_fiducials",
 }

@@ -1,0 +1,340 @@
+"""Recipe ``payload``: zero, weight, centre of gravity, mounting, drift and hose pack of the flange sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress
+from counterflex.core.units import DEG, MINUTE, MM
+from counterflex.geometry import pose, rotation
+from counterflex.identify import payload_checks
+from counterflex.identify.changes import BodyMass, Change, TableValues
+from counterflex.identify.dataset import Dataset
+from counterflex.identify.fit import Fit
+from counterflex.identify.holdout import HeldOut, cross_validate, score_separate
+from counterflex.identify.model import CellModel
+from counterflex.identify.payload_choice import propose
+from counterflex.identify.payload_data import KINDS, check_orientations, clock, readings, shared_mass, with_mass_behind
+from counterflex.identify.payload_parameters import (
+    DRIFT,
+    INERTIA,
+    KELVIN,
+    TURN,
+    Effects,
+    Knowledge,
+    needed,
+    parameters,
+    seg_frame_com,
+    sensor_of,
+)
+from counterflex.identify.payload_residuals import SensorReadings, force_error, moment_error
+from counterflex.identify.payload_sensor import sensor_before
+from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
+from counterflex.identify.solve import solve
+from counterflex.robot.chain import ElasticChain
+from counterflex.sensing.flange_sensor import FlangeSensor
+from counterflex.sensing.orientation_basis import COUNTS
+
+GAIN = 0.95
+"""The hose-pack rest is kept where it lowers the held-out error below this share."""
+ROWS_PER_FUNCTION = 2
+"""Readings for each function of the rest, below which a degree is not tried: fewer are met exactly and say nothing."""
+_HOUR = 60.0 * MINUTE
+_ROUNDS = 2
+SETTINGS: Mapping[str, float | int | str | bool] = {
+    "hose": "auto",
+    "drift": True,
+    "temperature": True,
+    "inertia": True,
+    "window_s": 0.1,
+    "mounting_rad": 2.0 * DEG,
+    "offset_n": 3.0,
+    "offset_nm": 1.0,
+    "as_stated": False,
+}
+
+
+def identify(
+    cell: CellModel,
+    data: Sequence[Dataset],
+    holdout: Sequence[Dataset],
+    settings: Mapping[str, Any],
+    progress: Progress,
+) -> Identification:
+    """Find the constants of the flange sensor from readings without a process.
+
+    Args:
+        cell: Before.
+        data: Kinds ``sensor_poses`` and ``sensor_motion``.
+        holdout: Likewise, or empty for folds.
+        settings: Of :data:`SETTINGS`; ``hose`` is ``auto``, ``none``, ``1`` or ``2`` (degree of its functions).
+        progress: Told about fits.
+
+    Raises:
+        InputError: Too few orientations, or data that fit far better when read otherwise.
+        FileFormatError: A channel is missing or not a number.
+    """
+    s = {**SETTINGS, **settings}
+    sensor = sensor_before(cell)
+    start_s, reference_c = clock(data, sensor.reference_c)
+    window_s = float(s["window_s"])
+
+    def block_of(d: Dataset, chain: ElasticChain) -> SensorReadings:
+        return readings(d, chain, sensor, reference_c=reference_c, start_s=start_s, window_s=window_s)
+
+    chain = cell.chain
+    blocks = [block_of(d, chain) for d in data]
+    remarks = list(check_orientations(blocks, ", ".join(d.where or d.name for d in data)))
+    for d in (*data, *holdout):
+        remarks += payload_checks.check(d, sensor, lambda x: block_of(x, chain), as_stated=bool(s["as_stated"]))
+    before = _at(sensor, reference_c)
+    known = replace(
+        Knowledge(),
+        turn_rad=float(s["mounting_rad"]),
+        offset_n=float(s["offset_n"]),
+        offset_nm=float(s["offset_nm"]),
+    )
+    effects = _effects(blocks, s)
+    fit = solve(parameters(before, known, effects), blocks)
+    for _ in range(_ROUNDS):  # a heavier tool bends the arm more, which turns the sensor
+        chain = with_mass_behind(chain, sensor.segment, float(fit.values[6]), seg_frame_com(sensor, fit))
+        blocks = [block_of(d, chain) for d in data]
+        fit = solve(parameters(before, known, effects), blocks)
+    progress(0.2, "weight and zero")
+    degree, tried = _degree(blocks, before, known, effects, s, progress)
+    effects = replace(effects, degree=degree)
+    chosen = parameters(before, known, effects)
+    fit = solve(chosen, blocks)
+    unseen = [block_of(d, chain) for d in holdout]
+    force, moment = (_held_out(chosen, blocks, unseen, error) for error in (force_error, moment_error))
+    progress(0.95, "held-out orientations")
+    found = sensor_of(sensor, fit.values, reference_c)
+    remarks += _remarks(cell, found, fit, effects, tried)
+    return Identification(
+        recipe="payload",
+        fits={"payload": fit},
+        headline=_headline(force, moment),
+        figures=_figures(force, moment, fit, found),
+        changes=_changes(cell, found, effects),
+        remarks=tuple(remarks),
+        pictures=_pictures(unseen or blocks, force, moment),
+    )
+
+
+def _at(sensor: FlangeSensor, reference_c: float) -> FlangeSensor:
+    """The sensor with its bias carried to another reference temperature."""
+    warmer = reference_c - sensor.reference_c
+    return replace(sensor, w_bias=sensor.w_bias + warmer * sensor.w_kelvin, reference_c=reference_c)
+
+
+def _effects(blocks: Sequence[SensorReadings], s: Mapping[str, Any]) -> Effects:
+    time_s = np.concatenate([b.time_s for b in blocks])
+    warm = np.concatenate([b.warmer_k for b in blocks])
+    moving = any(np.any(b.alpha != 0.0) for b in blocks)
+    return Effects(
+        drift=bool(s["drift"]) and float(np.ptp(time_s)) > 60.0,
+        temperature=bool(s["temperature"]) and float(np.ptp(warm)) > 0.5,
+        inertia=bool(s["inertia"]) and moving,
+    )
+
+
+def _degree(
+    blocks: Sequence[SensorReadings],
+    sensor: FlangeSensor,
+    known: Knowledge,
+    effects: Effects,
+    s: Mapping[str, Any],
+    progress: Progress,
+) -> tuple[int, dict[int, float]]:
+    """Degree of the hose-pack rest, and the held-out force error by degree where that was tried."""
+    hose = str(s["hose"])
+    if hose not in ("auto", "none", "0", "1", "2"):
+        raise InputError("setting hose", value=hose, limit="auto, none, 1 or 2")
+    if hose != "auto":
+        return (0 if hose in ("none", "0") else int(hose)), {}
+    rows = len(np.unique(np.concatenate([b.group for b in blocks])))
+    best, tried = 0, {}
+    for degree in range(3):
+        if degree and rows < ROWS_PER_FUNCTION * COUNTS[degree]:
+            break
+        held = cross_validate(
+            parameters(sensor, known, replace(effects, degree=degree)), blocks, needed=needed(), error=_both(known)
+        )
+        tried[degree] = held.mean()[0]
+        if degree and tried[degree] < GAIN * tried[best]:
+            best = degree
+        progress(0.3 + 0.15 * degree, f"hose pack of degree {degree}")
+    return best, tried
+
+
+def _both(known: Knowledge) -> Any:
+    """Error of forces and moments together, N: moments by the ratio of the offsets to be expected."""
+
+    def error(block: SensorReadings, x: Float) -> Float:
+        return np.hypot(force_error(block, x), moment_error(block, x) * known.offset_n / known.offset_nm)
+
+    return error
+
+
+def _held_out(chosen: Any, blocks: Sequence[SensorReadings], unseen: Sequence[SensorReadings], error: Any) -> HeldOut:
+    if unseen:
+        return score_separate(chosen, blocks, unseen, needed=needed(), error=error)
+    return cross_validate(chosen, blocks, needed=needed(), error=error)
+
+
+def _headline(force: HeldOut, moment: HeldOut) -> tuple[Figure, ...]:
+    out = []
+    for held, key, text in ((force, "n", "force"), (moment, "nm", "moment")):
+        (mean, before), (worst, worst_before) = held.mean(), held.largest()
+        out += [
+            Figure(
+                f"holdout_mean_{key}", f"mean error of the {text} without process, unseen orientations", mean, before
+            ),
+            Figure(f"holdout_max_{key}", f"largest error of the {text}, unseen orientations", worst, worst_before),
+        ]
+    return tuple(out)
+
+
+def _figures(force: HeldOut, moment: HeldOut, fit: Fit, found: FlangeSensor) -> tuple[Figure, ...]:
+    turn = float(np.linalg.norm(fit.values[TURN]))
+    return (
+        Figure("holdout_p95_n", "force error that 95 % of unseen orientations keep", *force.quantile(0.95)),
+        Figure("holdout_p95_nm", "moment error that 95 % of unseen orientations keep", *moment.quantile(0.95)),
+        Figure("mass_kg", "mass behind the sensor", found.mass_kg, float(fit.parameters.nominal[6])),
+        Figure("mass_sigma_kg", "its standard deviation", fit.sigma_of("mass")),
+        Figure("mounting_deg", "rotation of the sensor against the cell file", turn / DEG, 0.0),
+        Figure("offset_degree", "degree of the orientation-dependent rest", float(found.degree), 0.0),
+    )
+
+
+def _changes(cell: CellModel, found: FlangeSensor, effects: Effects) -> tuple[Change, ...]:
+    changes: list[Change] = [TableValues("sensor", _table(found, effects))]
+    chain = cell.chain
+    split = shared_mass(chain, found.segment, found.mass_kg, _seg_com(found))
+    changes += [BodyMass(chain.names[i], kg, com) for i, (kg, com) in split.items()]
+    return tuple(changes)
+
+
+def _seg_com(found: FlangeSensor) -> Float:
+    out: Float = pose.transform(found.T_seg_sensor, found.p_sensor_com)
+    return out
+
+
+def _table(found: FlangeSensor, effects: Effects) -> dict[str, Any]:
+    """The table of the cell file, in its units."""
+    a, b, c = rotation.to_zyx(found.T_seg_sensor[:3, :3]) / DEG
+    x, y, z = found.T_seg_sensor[:3, 3] / MM
+
+    def row(values: Float) -> list[float]:
+        return [float(f"{v:.6g}") for v in values]
+
+    table: dict[str, Any] = {
+        "segment": found.segment,
+        **dict(
+            zip(("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg"), row(np.array([x, y, z, a, b, c])), strict=True)
+        ),
+        "mass_kg": float(f"{found.mass_kg:.6g}"),
+        "com_mm": row(found.p_sensor_com / MM),
+        "bias_n": row(found.w_bias[:3]),
+        "bias_nm": row(found.w_bias[3:]),
+        "reference_c": found.reference_c,
+        "offset": [row(r) for r in found.w_offset],
+    }
+    if effects.drift:
+        table["drift_n_per_h"], table["drift_nm_per_h"] = (
+            row(found.w_drift_per_s[:3] * _HOUR),
+            row(found.w_drift_per_s[3:] * _HOUR),
+        )
+    if effects.temperature:
+        table["temperature_n_per_k"], table["temperature_nm_per_k"] = row(found.w_kelvin[:3]), row(found.w_kelvin[3:])
+    if effects.inertia:
+        table["inertia_kg_m2"] = row(found.inertia_kg_m2)
+    return table
+
+
+def _remarks(cell: CellModel, found: FlangeSensor, fit: Fit, effects: Effects, tried: Mapping[int, float]) -> list[str]:
+    out = []
+    chain = cell.chain
+    split = shared_mass(chain, found.segment, found.mass_kg, _seg_com(found))
+    if split:
+        names = ", ".join(chain.names[i] for i in split)
+        out.append(
+            f"The sensor feels the sum of what hangs behind it, {found.mass_kg:.2f} kg; how it is split between the "
+            f"bodies is not seen. The difference to the cell file is booked on {names}"
+        )
+    else:
+        out.append("No body with mass lies behind the sensor in the cell file, so only the table [sensor] is changed")
+    if len(tried) > 1:
+        listed = ", ".join(f"degree {k}: {v:.2f} N" for k, v in tried.items())
+        kept = (
+            f"degree {found.degree} is kept" if found.degree else "none is kept, as none helps on unseen orientations"
+        )
+        out.append(f"Orientation-dependent rest (hose pack), error on unseen orientations by degree: {listed}; {kept}")
+    elif found.degree == 0 and not effects.inertia:
+        out.append(
+            f"An orientation-dependent rest (hose pack) was not looked for; it needs {ROWS_PER_FUNCTION * COUNTS[1]} or more readings"
+        )
+    if found.degree:
+        out.append(
+            "A pull of the hoses that turns with gravity as a weight does cannot be told from weight; "
+            "standard deviations of mass and mounting include that"
+        )
+    if effects.drift and effects.temperature:
+        i, j = fit.parameters.index("drift.fz"), fit.parameters.index("temperature.fz")
+        place = {int(k): n for n, k in enumerate(fit.free_index)}
+        cov = fit.covariance[np.ix_([place[i], place[j]], [place[i], place[j]])]
+        share = float(cov[0, 1] / np.sqrt(cov[0, 0] * cov[1, 1]))
+        if abs(share) > 0.9:
+            out.append(
+                f"Temperature rose with time (correlation of their effects {share:.2f}): drift and temperature "
+                "coefficients are seen only together. Read the sensor again after it has cooled"
+            )
+    if np.all(found.inertia_kg_m2 == 0.0):
+        out.append(
+            "The inertia is not known: readings in motion hold it; record a motion (kind sensor_motion) to find it"
+        )
+    for name in ("drift", "temperature"):
+        values, sl = found.w_drift_per_s if name == "drift" else found.w_kelvin, DRIFT if name == "drift" else KELVIN
+        if np.any(values[:3] != 0.0) and np.all(np.abs(values) < 2.0 * np.maximum(fit.sigma[sl], 1e-300)):
+            out.append(f"The {name} found is not larger than its standard deviations")
+    if effects.inertia and not np.all(np.linalg.eigvalsh(_tensor(fit.values[INERTIA])) > 0.0):
+        out.append("The inertia found belongs to no rigid body; the motion was too slow or too poor to see it")
+    return out
+
+
+def _tensor(values: Float) -> Float:
+    xx, yy, zz, xy, xz, yz = values
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _pictures(blocks: Sequence[SensorReadings], force: HeldOut, moment: HeldOut) -> tuple[Picture, ...]:
+    tilt = [np.degrees(np.arccos(np.clip(-b.R_base_sensor[:, 2, 2], -1.0, 1.0))) for b in blocks]
+    x = np.array([tilt[b][r] for b, r in zip(force.block, force.row, strict=True)])
+    out = []
+    for held, unit, text in ((force, "N", "Force"), (moment, "N m", "Moment")):
+        curves = (Curve("before", x, held.nominal), Curve("identified", x, held.identified))
+        out.append(
+            Picture(
+                f"{text} left without process, orientations not used",
+                "angle between the sensor's z axis and down, deg",
+                f"error, {unit}",
+                curves,
+            )
+        )
+    return tuple(out)
+
+
+RECIPE = Recipe(
+    name="payload",
+    title="zero, weight, centre of gravity and mounting of the flange force sensor, drift, hose pack, inertia",
+    kinds=KINDS,
+    settings=SETTINGS,
+    identify=identify,
+    propose=propose,
+)

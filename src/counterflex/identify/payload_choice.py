@@ -1,0 +1,158 @@
+"""Orientations in which a flange sensor shows its zero, weight and mounting best (greedy, D-optimal)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError, ReachError
+from counterflex.core.units import DEG
+from counterflex.identify.dataset import of_arrays
+from counterflex.identify.model import CellModel
+from counterflex.identify.payload_data import readings
+from counterflex.identify.payload_parameters import Effects, Knowledge, parameters
+from counterflex.identify.payload_sensor import sensor_before
+from counterflex.identify.recipe import Proposal
+from counterflex.robot.chain import ElasticChain, forward
+from counterflex.robot.inverse import inverse
+from counterflex.sensing.orientation_basis import COUNTS
+
+CANDIDATES = 400
+FORCE_N, MOMENT_NM = 1.0, 0.1
+"""Standard deviations of a reading that expected ones are computed with, unless settings say otherwise."""
+_SWING_RAD = 20.0 * DEG  # of axes 1 to 3 about the middle posture
+_WRIST_RAD = 175.0 * DEG
+
+
+def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
+    """Choose orientations within limits that make zero, weight, mounting and hose pack observable.
+
+    Of random postures near the part, wrist turned any way, tool above ``height_m``, those are taken one by one that
+    raise the determinant of the information most (priors counted); then repeated cheapest to drive: nearest next.
+
+    Args:
+        cell: The cell.
+        count: How many, at least 3.
+        settings: ``seed``; ``height_m`` least height of the tool tip above the base (0.3); ``force_n`` and
+            ``moment_nm`` noise of a reading; ``degree`` of the hose pack (0 below 20 orientations, else 1).
+
+    Raises:
+        InputError: Fewer than 3, or no posture that meets the limits.
+    """
+    if count < 3:
+        raise InputError("orientations to propose", value=count, limit=">= 3 (8 or more for a check)")
+    degree = int(settings.get("degree", 0 if count < 2 * (COUNTS[1] + 1) else 1))
+    sensor, chain = sensor_before(cell), cell.chain
+    q = candidates(cell, int(settings.get("seed", 0)), float(settings.get("height_m", 0.3)))
+    sigma = np.repeat([float(settings.get("force_n", FORCE_N)), float(settings.get("moment_nm", MOMENT_NM))], 3)
+    data = of_arrays("candidates", "sensor_poses", {"q": q, "w_sensor": np.zeros((len(q), 6))}, {"w_sensor": sigma})
+    block = readings(data, chain, sensor, reference_c=sensor.reference_c, start_s=0.0, window_s=0.1)
+    free = parameters(replace(sensor, w_offset=np.zeros((0, 6))), Knowledge(), Effects(degree=degree))
+    mask = free.free
+    J = block.jacobian(free.nominal)[:, :, mask] * free.slope(free.nominal)[mask]
+    rows, covariance = greedy(J, count)
+    rows = _near_next(q[rows], rows)
+    sd = np.sqrt(np.diag(covariance)) * free.slope(free.nominal)[mask]
+    names = [p.name for p, f in zip(free, mask, strict=True) if f and not p.name.startswith("offset")]
+    return Proposal(
+        recipe="payload",
+        kind="sensor_poses",
+        columns={f"q{i + 1}_rad": q[rows, i] for i in range(6)},
+        expected=dict(zip(names, (float(v) for v in sd[: len(names)]), strict=True)),
+        remarks=(
+            "No contact and no cut: spindle off, coolant and hoses as in operation",
+            "Wait at each orientation until the arm is still (1 s), then average the reading over 0.5 s or more",
+            "Note temperature and time of each reading; repeat the first orientation at the end to see the drift",
+            f"Expected standard deviations hold for readings with {sigma[0]:g} N and {sigma[3]:g} N m, hose pack of "
+            f"degree {degree} included",
+        ),
+        settings={"sensor_segment": sensor.segment, "T_seg_sensor": sensor.T_seg_sensor.reshape(-1).tolist()},
+    )
+
+
+def candidates(cell: CellModel, seed: int, height_m: float) -> Float:
+    """Postures (n, 6) rad near the part with the wrist turned any way, tool tip at least so high above the base.
+
+    Raises:
+        InputError: None meets the limits.
+    """
+    chain = cell.chain
+    rng = np.random.default_rng(seed)
+    limits = chain.joint_limits_rad + np.array([1.0, -1.0]) * cell.joint_margin_rad
+    middle = _middle(cell, chain, limits)
+    low = np.maximum(limits[:, 0], np.r_[middle[:3] - _SWING_RAD, np.full(3, -_WRIST_RAD)])
+    high = np.minimum(limits[:, 1], np.r_[middle[:3] + _SWING_RAD, np.full(3, _WRIST_RAD)])
+    bent = 4
+    if middle[bent] > 0.0:  # the wrist stays on the side that the programs use: hoses lie differently on the other
+        low[bent] = max(low[bent], 0.0)
+    else:
+        high[bent] = min(high[bent], 0.0)
+    q: Float = rng.uniform(low, high, (6 * CANDIDATES, 6))
+    q = q[forward(chain, q)[:, 2, 3] >= height_m][:CANDIDATES]
+    if len(q) < 3:
+        raise InputError(
+            "no posture keeps the tool at the height asked for",
+            where=cell.name,
+            value=f"{height_m} m above the base",
+            hint="Lower the setting height_m",
+        )
+    return q
+
+
+def greedy(J: Float, count: int) -> tuple[Int, Float]:
+    """Rows that raise ``det(1 + sum J^T J)`` most, one by one; each may be taken once.
+
+    Args:
+        J: (n, k, f) weighted derivatives in fit coordinates, where every prior is 1.
+        count: How many.
+
+    Returns:
+        (count,) rows and the (f, f) covariance they give together with the priors.
+
+    Raises:
+        InputError: More than there are.
+    """
+    n, k, f = J.shape
+    if count > n:
+        raise InputError("measurements to choose", value=count, limit=f"at most the {n} candidates")
+    C = np.eye(f)
+    left = np.ones(n, dtype=np.bool_)
+    chosen = []
+    for _ in range(count):
+        S = np.eye(k) + J @ C @ np.swapaxes(J, 1, 2)
+        gain = np.where(left, np.linalg.slogdet(S)[1], -np.inf)
+        best = int(np.argmax(gain))
+        CJ = C @ J[best].T
+        C = C - CJ @ np.linalg.solve(S[best], CJ.T)
+        C = 0.5 * (C + C.T)
+        left[best] = False
+        chosen.append(best)
+    return np.array(chosen, dtype=np.int64), C
+
+
+def _near_next(q: Float, rows: Int) -> Int:
+    """The rows in an order with short moves: always the nearest that is left."""
+    order, left = [0], set(range(1, len(rows)))
+    while left:
+        here = order[-1]
+        nearest = min(left, key=lambda i: float(np.max(np.abs(q[i] - q[here]))))
+        order.append(nearest)
+        left.remove(nearest)
+    out: Int = rows[np.array(order)]
+    return out
+
+
+def _middle(cell: CellModel, chain: ElasticChain, limits: Float) -> Float:
+    """A posture at the part, or the middle of the limits where the part is out of reach as it stands."""
+    target = np.array(cell.T_base_part)
+    target[:3, :3] = target[:3, :3] @ np.diag([1.0, -1.0, -1.0])  # tool down on the part
+    try:
+        q: Float = inverse(chain, target, cell.branch).q
+    except (ReachError, InputError):
+        q = limits.mean(axis=1)
+    out: Float = np.clip(q, limits[:, 0], limits[:, 1])
+    return out
