@@ -28,8 +28,17 @@ from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.cutting.cutter import Cutter
 
-_NODES = 40
-_LEVEL_NODES = 24
+_LEVEL_NODES, _LEVEL_WEIGHTS = np.polynomial.legendre.leggauss(24)
+
+
+def _graded(count: int) -> tuple[Float, Float]:
+    """Nodes and weights on (0, 1) of Gauss's rule after a step of seventh order, which crowds them at both ends."""
+    t, w = np.polynomial.legendre.leggauss(count)
+    t, w = 0.5 * (t + 1.0), 0.5 * w
+    return t**4 * (35.0 - 84.0 * t + 70.0 * t**2 - 20.0 * t**3), 140.0 * t**3 * (1.0 - t) ** 3 * w
+
+
+_ARC_NODES, _ARC_WEIGHTS = _graded(40)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +186,7 @@ def _levels(cutter: Cutter, p: float) -> _Levels:
     n = len(bounds) - 1
     sine, cosine, sine_p, slope = np.ones(n), np.zeros(n), np.ones(n), np.zeros(n)
     upper = np.minimum(bounds[1:], max(cutter.flute_length_m, float(bounds[-2])))
-    t, w = np.polynomial.legendre.leggauss(_LEVEL_NODES)
+    t, w = _LEVEL_NODES, _LEVEL_WEIGHTS
     for i, (z0, z1) in enumerate(itertools.pairwise(bounds)):
         if z0 >= cutter.corner_radius_m * (1.0 - 1e-12):
             continue
@@ -204,13 +213,9 @@ def _integrand(p: float, phi: Float) -> Float:
 
 def _arc_integrals(p: float, entry: Float, leave: Float) -> tuple[Float, Float]:
     """J1, Jc, Js over each arc, (n, 3), and their derivatives by p; Gauss nodes crowd where sin vanishes."""
-    t, w = np.polynomial.legendre.leggauss(_NODES)
-    t, w = 0.5 * (t + 1.0), 0.5 * w
-    step = t**4 * (35.0 - 84.0 * t + 70.0 * t**2 - 20.0 * t**3)
-    weight = 140.0 * t**3 * (1.0 - t) ** 3 * w
     span = (leave - entry)[:, None]
-    phi = entry[:, None] + span * step
-    shapes = _integrand(p, phi) * (span * weight)[..., None]
+    phi = entry[:, None] + span * _ARC_NODES
+    shapes = _integrand(p, phi) * (span * _ARC_WEIGHTS)[..., None]
     logarithm = np.log(np.clip(np.sin(phi), 1e-300, None))[..., None]
     return shapes.sum(axis=1), (shapes * logarithm).sum(axis=1)
 

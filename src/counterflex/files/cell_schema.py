@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from counterflex.files.cell_measured import CalibrationTable, IdentifiedTable
 from counterflex.files.cell_sensing import SensorTable
+from counterflex.files.cell_timing import TimingTable
 from counterflex.files.cell_tracker import TrackerTable
 from counterflex.files.schema import Angle, ComplianceTable, Length, PoseTable, Table, Versioned
 
@@ -323,6 +324,7 @@ class CellTables(Versioned):
     limits: LimitsTable = LimitsTable()
     sensor: SensorTable | None = None
     tracker: TrackerTable | None = None
+    timing: TimingTable | None = None
     identified: tuple[IdentifiedTable, ...] = ()
 
     @model_validator(mode="after")

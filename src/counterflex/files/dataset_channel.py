@@ -157,6 +157,12 @@ class Raw:
         return COLUMNS_OF.get(self.table.rotation or "", 3) == 3
 
     def _check_size(self, numbers: Float, raw: Float, rows: Int) -> None:
+        broken = np.any(numbers != np.round(numbers), axis=1)
+        if self.kind.whole and np.any(broken):
+            row = int(np.argmax(broken))
+            raise FileFormatError(
+                "the value is not a whole number", where=self.cells.place(rows[row], 0), value=f"{raw[row, 0]:g}"
+            )
         for k, si in enumerate(self.kind.si_units(numbers.shape[1])):
             if si not in LARGEST:
                 continue

@@ -32,7 +32,7 @@ class FileTable(Table):
     """One file of a dataset and how it is written."""
 
     path: Name
-    separator: Annotated[str, Field(min_length=1, max_length=3)] = ","
+    separator: Name = ","
     decimal: Literal[".", ","] = "."
     thousands: Literal["", ".", ",", " ", "'"] = ""
     encoding: str = "utf-8"

@@ -114,6 +114,9 @@ class TextTable:
         grouped = re.compile(rf"[+-]?\d{{1,3}}(?:{re.escape(thousands)}\d{{3}})+(?!\d)") if thousands else None
         for row, cell in enumerate(cells):
             text = cell
+            if text.lower() in missing:
+                out[row] = np.nan
+                continue
             if grouped is not None and thousands in text:
                 match = grouped.match(text)
                 if match is None or thousands in text[match.end() :]:
@@ -125,8 +128,6 @@ class TextTable:
                 text = text.replace(",", ".")
             if _NUMBER.fullmatch(text):
                 out[row] = float(text)
-            elif text.lower() in missing:
-                out[row] = np.nan
             else:
                 raise self._fault(place, row, cell)
         too_large = np.isinf(out)

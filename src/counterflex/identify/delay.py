@@ -26,6 +26,10 @@ STRETCHES: Final = 20
 """Stretches of a record that hold-out keeps together."""
 SAME_CLOCK_S: Final = 1.0
 """Largest delay that is looked for between channels of one clock."""
+MOST_ROWS: Final = 2500
+"""Samples of the answer that are used; of longer records every second, third, ... one."""
+KEPT_WEIGHT: Final = 0.5
+"""Robust weight below which a sample is left out as an outlier."""
 _GRID_PER_SAMPLE = 2
 _MOST_GRID = 400_000
 _SIGNIFICANT = 3.0
@@ -63,6 +67,8 @@ class Pair:
         mixing: ``own``: each component follows its own of the reference; ``matrix``: any of them (other axes).
         each: Each component has a delay of its own.
         derivative: The answer follows this derivative of the reference by time (2: a force of inertia).
+        inertia: The second derivative of what leads takes part as well: what inertia bends grows with the square of the
+            frequency and must not be taken for a lag.
         extras: Further known signals.
         delay_s: Known before, s.
     """
@@ -75,6 +81,7 @@ class Pair:
     mixing: Literal["own", "matrix"] = "own"
     each: bool = False
     derivative: int = 0
+    inertia: bool = False
     extras: tuple[Extra, ...] = ()
     delay_s: float = 0.0
 
@@ -156,6 +163,7 @@ def build(pair: Pair, order: Order, shift_s: float) -> tuple[Parameters, DelayRe
         raise InputError(
             "the records hardly overlap", where=answer.where, value=f"{int(rows.sum())} samples", limit=f">= {10 * m}"
         )
+    rows = np.flatnonzero(rows)[:: max(1, -(-int(rows.sum()) // MOST_ROWS))]
     time, values = answer.time_s[rows], answer.values[rows]
     size = np.maximum(np.std(values, axis=0), 1e-12)
     items: list[Parameter] = []
@@ -179,6 +187,7 @@ def build(pair: Pair, order: Order, shift_s: float) -> tuple[Parameters, DelayRe
         offset.append(add(f"offset{label}", "SI", float(np.mean(values[:, c])), float(size[c])))
         needed.append(items[-1].name)
     gain = np.full((m, basis.values.shape[1]), -1, dtype=np.int64)
+    moving = int(basis.lagged.sum()) // (2 if pair.inertia else 1)
     for c, label in enumerate(pair.labels):
         for b in columns[c]:
             spread = max(float(np.std(basis.values[:, b])), 1e-15)
@@ -186,6 +195,10 @@ def build(pair: Pair, order: Order, shift_s: float) -> tuple[Parameters, DelayRe
             nominal = 1.0 if pair.mixing == "own" and pair.derivative == 0 else 0.0
             gain[c, b] = add(f"gain{suffix}", "1", nominal, float(size[c]) / spread)
             needed.append(items[-1].name)
+            if pair.inertia:
+                spread = max(float(np.std(basis.values[:, moving + b])), 1e-15)
+                gain[c, moving + b] = add(f"inertia{suffix}", "s2", 0.0, float(size[c]) / spread)
+                needed.append(items[-1].name)
     first = basis.values.shape[1] - m * len(pair.extras)
     for e, extra in enumerate(pair.extras):
         for c, label in enumerate(pair.labels):
@@ -214,8 +227,11 @@ def build(pair: Pair, order: Order, shift_s: float) -> tuple[Parameters, DelayRe
 
 def _fitted(pair: Pair, order: Order, shift: float, robust: bool) -> Delay:
     parameters, block, start, needed = build(pair, order, shift)
-    fit = with_correlation(solve(parameters, [block], robust=robust, start=start), [block])
-    held_out = cross_validate(parameters, [block], needed=needed, start=fit.values, robust=robust)
+    if robust:
+        rough = solve(parameters, [block], start=start)
+        block, start = block.subset(rough.weights[0] >= KEPT_WEIGHT), rough.values
+    fit = with_correlation(solve(parameters, [block], robust=False, start=start), [block])
+    held_out = cross_validate(parameters, [block], needed=needed, start=fit.values, robust=False)
     return Delay(pair, block, parameters, _with_jackknife(fit, held_out.fits), order, held_out)
 
 
@@ -269,7 +285,8 @@ def _basis(pair: Pair) -> tuple[Basis, list[list[int]]]:
     count = min(int(length / step), _MOST_GRID)
     step = length / count
     grid = reference.time_s[0] + step * np.arange(count + 1)
-    lead = CubicSpline(reference.time_s, reference.values)(grid, pair.derivative)
+    spline = CubicSpline(reference.time_s, reference.values)
+    lead = spline(grid, pair.derivative)
     size = np.std(lead, axis=0)
     if pair.mixing == "own":
         columns = [[c] for c in range(m)]
@@ -277,10 +294,17 @@ def _basis(pair: Pair) -> tuple[Basis, list[list[int]]]:
         moving = [int(b) for b in np.flatnonzero(size > 1e-3 * size.max())]
         lead = lead[:, moving]
         columns = [list(range(len(moving)))] * m
+    if pair.inertia:
+        lead = np.hstack([lead, _second_derivative(lead, step)])
     parts = [lead, *(CubicSpline(reference.time_s, extra.values)(grid) for extra in pair.extras)]
     values = np.hstack(parts)
     lagged = np.arange(values.shape[1]) < lead.shape[1]
     return Basis(float(grid[0]), step, values, lagged), columns
+
+
+def _second_derivative(values: Float, step: float) -> Float:
+    out: Float = np.gradient(np.gradient(values, step, axis=0), step, axis=0)
+    return out
 
 
 def _linear_start(block: DelayResiduals, start: Float, places: Sequence[int]) -> None:

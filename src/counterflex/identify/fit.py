@@ -47,14 +47,16 @@ class Fit:
         weights: Per block (rows,) robust weight.
         outliers: Largest first.
         sigma_factors: Per block, the factor by which the residuals exceed the stated standard deviations, at least 1;
-            the block's standard deviations were widened by it (Birge ratio).
+            the block's standard deviations were widened by it (Birge ratio; with robust weights Huber's form of it).
         chi2_reduced: Weighted sum of squares per degree of freedom.
         dof: Measured numbers minus what the data determine (effective number of parameters).
         rank: Rank of the weighted Jacobian without priors, in fit coordinates.
         condition: Its condition number (largest by smallest singular value).
         hidden: Sentences: which parameters hide behind which.
-        reason: Why the solver stopped.
+        reason: Why the solver stopped, in words.
         evaluations: Number of evaluations.
+        converged: Whether it came to rest (else ``reason`` says what it was doing).
+        at_bound: Names of the free parameters that rest against a bound: the data would have them beyond it.
     """
 
     parameters: Parameters
@@ -74,6 +76,8 @@ class Fit:
     hidden: tuple[str, ...]
     reason: str
     evaluations: int
+    converged: bool = True
+    at_bound: tuple[str, ...] = ()
 
     def value(self, name: str) -> float:
         """SI value of a parameter."""
@@ -82,6 +86,13 @@ class Fit:
     def sigma_of(self, name: str) -> float:
         """SI standard deviation of a parameter."""
         return float(self.sigma[self.parameters.index(name)])
+
+    @property
+    def correlation(self) -> Float:
+        """(f, f) correlation coefficients of the free parameters, in the order of ``free_index``."""
+        spread = np.sqrt(np.diag(self.covariance))
+        out: Float = self.covariance / np.outer(spread, spread)
+        return out
 
     def determined(self) -> Bool:
         """(p,) which parameters the data determine."""

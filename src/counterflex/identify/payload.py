@@ -278,7 +278,8 @@ def _remarks(cell: CellModel, found: FlangeSensor, fit: Fit, effects: Effects, t
         out.append(f"Orientation-dependent rest (hose pack), error on unseen orientations by degree: {listed}; {kept}")
     elif found.degree == 0 and not effects.inertia:
         out.append(
-            f"An orientation-dependent rest (hose pack) was not looked for; it needs {ROWS_PER_FUNCTION * COUNTS[1]} or more readings"
+            "An orientation-dependent rest (hose pack) was not looked for; "
+            f"it needs {ROWS_PER_FUNCTION * COUNTS[1]} or more readings"
         )
     if found.degree:
         out.append(

@@ -141,7 +141,8 @@ class PullResiduals:
         fitted = self.band_columns >= 0
         base[:, :, self.band_columns[fitted]] = self.band_gain[:, :, fitted]
         if self.R_tracker_base is None:
-            return -base / self.sigma[:, :, None]
+            plain: Float = -base / self.sigma[:, :, None]
+            return plain
         back = np.eye(3) if self.turn is None else exp(-x[self.turn])
         R = back @ self.R_tracker_base
         out = np.concatenate([R @ base[:, i : i + 3] for i in range(0, c, 3)], axis=1)
@@ -149,7 +150,8 @@ class PullResiduals:
             u, right = self._in_base(x), left_jacobian(x[self.turn])
             turned = [back @ skew(u[:, i : i + 3] @ self.R_tracker_base.T) @ right for i in range(0, c, 3)]
             out[:, :, self.turn] = np.concatenate(turned, axis=1)
-        return -out / self.sigma[:, :, None]
+        found: Float = -out / self.sigma[:, :, None]
+        return found
 
     def subset(self, rows: Bool) -> PullResiduals:
         """See :class:`counterflex.identify.residuals.Residuals`."""

@@ -120,6 +120,7 @@ class SlotResiduals:
         )  # fmt: skip
         self.scatter = (depth_sigma_m, width_sigma_m)
         self.group: Int = pieces.cut
+        self._last: tuple[Float, Float, Float] | None = None
         self.sigma: Float = self._sigma()
 
     def _sigma(self) -> Float:
@@ -181,7 +182,9 @@ class SlotResiduals:
         )
 
     def _force(self, x: Float) -> tuple[Float, Float]:
-        """Force (n, 3) and its derivative (n, 3, p)."""
+        """Force (n, 3) and its derivative (n, 3, p); the last ones are kept, as a solver asks for both at one place."""
+        if self._last is not None and np.array_equal(self._last[0], x):
+            return self._last[1], self._last[2]
         shape, n = self.shape(x), len(self.pieces)
         force, J = np.zeros((n, 3)), np.zeros((n, 3, len(x)))
         geometry = slice(LAW, LAW + self.blanks + 1)
@@ -211,6 +214,7 @@ class SlotResiduals:
             edge = term(0.0)
             add(edge, i, float(x[6 + i]))
             J[:, :, 6 + i] += edge.value[:, :, i]
+        self._last = (x.copy(), force, J)
         return force, J
 
 

@@ -2,7 +2,8 @@
 
 Minimises ``sum_b sum_rows w |r / s_b|^2 + sum_priors u^2`` over the fit coordinates ``u`` of the free parameters.
 Inside, SciPy's trust-region least squares with exact Jacobians; outside, the robust weights ``w`` of the rows and the
-factors ``s_b`` of the blocks are brought up to date until they rest (iteratively reweighted least squares).
+factors ``s_b`` of the blocks are brought up to date until they rest (iteratively reweighted least squares). The start
+may be far off and a good part of the rows grossly wrong: the first rounds weigh rows as least absolute deviations do.
 """
 
 from __future__ import annotations
@@ -10,23 +11,37 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.stats import chi2
 
-from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
+from counterflex.core.arrays import Bool, Float
 from counterflex.core.progress import Progress, silent
 from counterflex.identify.fit import Fit, Outlier
 from counterflex.identify.observability import examine
 from counterflex.identify.parameters import Parameters
 from counterflex.identify.residuals import Residuals
+from counterflex.identify.robust import excess, hampel_weights, median_weights, sizes, spread
+from counterflex.identify.stacked import Stacked
 
-USUAL = 0.999
-"""Share of good rows that keep full weight."""
-_ROUNDS = 30
-_RESTS = 1e-3
+OUTLIER: Final = 0.5
+"""Robust weight below which a row is named as an outlier."""
+_COARSE_ROUNDS = 15
+_COARSE_GAIN = 0.05
+_ROUNDS = 40
+_DAMPED_AFTER = 10
+_AT_REST = 1e-2
+_LOOSE = 1e-6
+_FEW = 10
+_AT_BOUND = 1e-4
+_HELD_BACK = 2.0
+_REASONS = {
+    0: "stopped after {n} evaluations of the last round without coming to rest: look at the residuals before using it",
+    1: "came to rest: no small change of the values improves the fit",
+    2: "came to rest: the misfit falls no further",
+    3: "came to rest: the values change no further",
+    4: "came to rest: neither misfit nor values change further",
+}
 
 
 @dataclass(frozen=True)
@@ -53,16 +68,16 @@ def solve(
 ) -> Fit:
     """Fit the free parameters to measurements and priors.
 
-    A row keeps weight 1 while its residual is among the :data:`USUAL` share of what noise gives, then loses it
-    (Hampel's three parts: constant influence up to twice that size, none beyond four times). Each block's residuals
-    are divided by a factor of at least 1 that makes their median what the stated standard deviations promise, so that
-    neither optimistic standard deviations nor what the model lacks makes the result look better than it is.
+    A row keeps weight 1 while its residual is among the usual share of what noise gives, then loses it
+    (:mod:`counterflex.identify.robust`). Each block's standard deviations are widened by a factor of at least 1 that
+    holds for what its residuals show, so that neither optimistic standard deviations, heavy tails, repeats with errors
+    in common nor what the model lacks makes the result look better than it is.
 
     Args:
         parameters: What to find.
         blocks: Measurements.
         robust: False gives every row full weight.
-        start: (p,) SI values to start from; None is nominal.
+        start: (p,) SI values to start from; None is nominal. Held parameters stay at nominal.
         stop: When to stop.
         progress: Told about rounds.
 
@@ -72,152 +87,163 @@ def solve(
     Raises:
         InputError: Nothing to fit, or residuals that are not finite at the start.
     """
-    free = np.flatnonzero(parameters.free)
-    if len(free) == 0 or not blocks or sum(len(b.group) for b in blocks) == 0:
-        raise InputError("there is nothing to fit", value=f"{len(free)} free parameters, {len(blocks)} blocks")
     stop = stop if stop is not None else Stop()
-    lower, upper = parameters.bounds()
-    prior = np.array([p.has_prior for p in parameters.items], dtype=np.bool_)[free].astype(np.float64)
-    full = parameters.coordinates(parameters.nominal if start is None else start)
-    counter = 0
-
-    def values(u: Float) -> Float:
-        full[free] = u
-        return parameters.values(full)
-
-    def weighted(rows: Float, weight: Float, factor: float) -> Float:
-        out: Float = (rows * np.sqrt(weight)[:, None] / factor).reshape(-1)
-        return out
-
-    weights = [np.ones(len(b.group)) for b in blocks]
-    factors = [1.0] * len(blocks)
-    u = np.clip(full[free], lower[free], upper[free])
-    first = [b.evaluate(values(u)) for b in blocks]
-    for block, rows in zip(blocks, first, strict=True):
-        if not np.all(np.isfinite(rows)):
-            row = int(np.argwhere(~np.isfinite(rows))[0, 0])
-            raise InputError("a residual is not finite", where=f"{block.name}: row {row}")
+    problem = Stacked(parameters, blocks, start)
+    problem.check_finite()
+    u = problem.start
     if robust:
-        factors = [_factor(rows) for rows in first]
-        weights = [_weights(rows, factor) for rows, factor in zip(first, factors, strict=True)]
+        u = _coarse(problem, u, stop, progress)
+    state = _settle(problem, _State.at(problem, u, robust), robust, stop, progress)
+    if _priors_may_hold_back(problem, state):
+        bold = _State.at(problem, state.u, robust)
+        bold.factors = [1.0 + 0.1 * (s - 1.0) for s in state.factors]
+        bold = _settle(problem, bold, robust, stop, progress)
+        if bold.surprise(problem) < state.surprise(problem):
+            state = bold
+    result = problem.fit(state.u, state.weights, state.factors, stop.tolerance, stop.evaluations)
+    state.u = np.asarray(result.x)
+    reason = _REASONS[int(result.status)].format(n=stop.evaluations)
+    if not state.rested:
+        reason += f"; the weights of the rows still changed after {_ROUNDS} rounds"
+    return _fit(problem, state, reason, int(result.status) > 0 and state.rested)
 
-    def cost(u: Float) -> Float:
-        nonlocal counter
-        counter += 1
-        x = values(u)
-        parts = [weighted(b.evaluate(x), w, s) for b, w, s in zip(blocks, weights, factors, strict=True)]
-        return np.concatenate([*parts, prior * u])
 
-    def slope(u: Float) -> Float:
-        x = values(u)
-        scale = parameters.slope(x)[free]
-        parts = [
-            (b.jacobian(x)[:, :, free] * scale * (np.sqrt(w) / s)[:, None, None]).reshape(-1, len(free))
-            for b, w, s in zip(blocks, weights, factors, strict=True)
-        ]
-        return np.concatenate([*parts, np.diag(prior)])
+class _State:
+    """Values, and the weights and factors that belong to them."""
 
-    reason = ""
-    for turn in range(_ROUNDS):
-        result = least_squares(
-            cost,
-            u,
-            slope,
-            bounds=(lower[free], upper[free]),
-            method="trf",
-            x_scale=1.0,
-            ftol=stop.tolerance,
-            xtol=stop.tolerance,
-            gtol=stop.tolerance,
-            max_nfev=stop.evaluations,
-        )
-        u, reason = np.asarray(result.x), str(result.message)
-        met = [b.evaluate(values(u)) for b in blocks]
-        new_factors = [_factor(r) for r in met]
-        new_weights = [_weights(r, s) if robust else np.ones(len(r)) for r, s in zip(met, new_factors, strict=True)]
-        change = max(
-            [float(np.max(np.abs(a - b), initial=0.0)) for a, b in zip(weights, new_weights, strict=True)]
-            + [abs(math.log(a / b)) for a, b in zip(factors, new_factors, strict=True)]
-        )
-        weights, factors = new_weights, new_factors
-        progress(min(0.95, (turn + 1) / 10), f"round {turn + 1}")
-        if change < _RESTS:
+    def __init__(self, u: Float, weights: list[Float], scales: list[float], factors: list[float]) -> None:
+        self.u, self.weights, self.scales, self.factors = u, weights, scales, factors
+        self.used = [0.0] * len(weights)
+        self.rested = False
+
+    @classmethod
+    def at(cls, problem: Stacked, u: Float, robust: bool) -> _State:
+        """Weights of the residuals at u, factors as large as their spread."""
+        rows = problem.rows(u)
+        scales = [spread(r) for r in rows]
+        weights = [hampel_weights(r, s) if robust else np.ones(len(r)) for r, s in zip(rows, scales, strict=True)]
+        return cls(u, weights, scales, list(scales))
+
+    def renew(self, problem: Stacked, robust: bool, damped: bool) -> None:
+        """Weights and factors of the residuals as they now are."""
+        rows = problem.rows(self.u)
+        _, self.used = problem.covariance(problem.weighted(self.u, self.weights, self.factors))
+        for b, (block, r) in enumerate(zip(problem.blocks, rows, strict=True)):
+            if robust:
+                self.scales[b] = spread(r, self.used[b])
+                weights = hampel_weights(r, self.scales[b])
+                self.weights[b] = np.sqrt(weights * self.weights[b]) if damped else weights
+            self.factors[b] = math.sqrt(excess(r, self.weights[b], self.scales[b], self.used[b], block.group))
+
+    def surprise(self, problem: Stacked) -> float:
+        """Minus the logarithm of the posterior with the factors at their best, but for a constant."""
+        counts = [float(np.sum(w)) * r.shape[1] for w, r in zip(self.weights, problem.rows(self.u), strict=True)]
+        spreads = sum(n * math.log(s) for n, s in zip(counts, self.factors, strict=True))
+        return spreads + 0.5 * float(np.sum((self.u * problem.known) ** 2))
+
+
+def _coarse(problem: Stacked, u: Float, stop: Stop, progress: Progress) -> Float:
+    """Towards the least absolute residuals, until their median hardly falls any more."""
+    typical = [spread(r) for r in problem.rows(u)]
+    for turn in range(_COARSE_ROUNDS):
+        weights = [median_weights(r) for r in problem.rows(u)]
+        result = problem.fit(u, weights, typical, _LOOSE, min(_FEW, stop.evaluations))
+        moved = np.asarray(result.x)
+        now = [spread(r) for r in problem.rows(moved)]
+        gain = max(math.log(a / b) for a, b in zip(typical, now, strict=True))
+        u, typical = moved, now
+        progress(0.3 * (turn + 1) / _COARSE_ROUNDS, f"start, round {turn + 1}")
+        if gain < _COARSE_GAIN:
             break
-    else:
-        reason += f" Weights still changed by {change:.2g} after {_ROUNDS} rounds."
-    x = values(u)
-    J = slope(u)
-    data_rows = J[: -len(free)]
-    information = data_rows.T @ data_rows
-    covariance = _inverse(information + np.diag(prior))
+    return u
+
+
+def _settle(problem: Stacked, state: _State, robust: bool, stop: Stop, progress: Progress) -> _State:
+    """Rounds of fitting and weighing until the values move by next to nothing of their standard deviations."""
+    for turn in range(_ROUNDS):
+        result = problem.fit(state.u, state.weights, state.factors, _LOOSE, min(_FEW, stop.evaluations))
+        step = np.asarray(result.x) - state.u
+        moved = math.sqrt(float(np.sum((np.asarray(result.jac) @ step) ** 2)) / len(step))
+        state.u = np.asarray(result.x)
+        before = list(state.factors)
+        state.renew(problem, robust, turn >= _DAMPED_AFTER)
+        progress(0.3 + 0.6 * (turn + 1) / _ROUNDS, f"round {turn + 1}")
+        grown = max(abs(math.log(a / b)) for a, b in zip(before, state.factors, strict=True))
+        if turn > 0 and moved < _AT_REST and grown < _AT_REST:
+            state.rested = True
+            break
+    return state
+
+
+def _priors_may_hold_back(problem: Stacked, state: _State) -> bool:
+    """Whether believing the data more would make their residuals much smaller, by the tangent at the solution.
+
+    Wide factors and narrow priors can hold each other up: residuals are large because the priors hold, and the priors
+    hold because the residuals are large.
+    """
+    if max(state.factors) < _HELD_BACK or not np.any(problem.known):
+        return False
+    rows = problem.rows(state.u)
+    tenth = [1.0 + 0.1 * (s - 1.0) for s in state.factors]
+    parts = problem.weighted(state.u, state.weights, tenth)
+    covariance, _ = problem.covariance(parts)
+    pulls = -problem.known * state.u
+    for part, r, w, s in zip(parts, rows, state.weights, tenth, strict=True):
+        pulls = pulls - part.T @ (r * (np.sqrt(w) / s)[:, None]).reshape(-1)
+    step = covariance @ pulls
+    left = [r + J @ step for r, J in zip(rows, problem.slopes(state.u), strict=True)]
+    return any(spread(a) > 1.3 * spread(b) for a, b in zip(rows, left, strict=True))
+
+
+def _fit(problem: Stacked, state: _State, reason: str, converged: bool) -> Fit:
+    parameters, free = problem.parameters, problem.free
+    rows = problem.rows(state.u)
+    parts = problem.weighted(state.u, state.weights, state.factors)
+    covariance, used = problem.covariance(parts)
+    x = problem.values(state.u)
     sigma_u = np.sqrt(np.diag(covariance))
     sigma = np.zeros(len(parameters))
     sigma[free] = sigma_u * parameters.slope(x)[free]
-    used = float(np.trace(covariance @ information))
-    squares = sum(float(np.sum(w[:, None] * r**2)) for w, r in zip(weights, met, strict=True))
-    count = sum(float(np.sum(w) * r.shape[1]) for w, r in zip(weights, met, strict=True))
-    dof = count - used
-    found = examine(parameters, free, data_rows, sigma_u, prior > 0.0)
+    squares = sum(float(np.sum(w[:, None] * r**2)) for w, r in zip(state.weights, rows, strict=True))
+    dof = sum(float(np.sum(w)) * r.shape[1] for w, r in zip(state.weights, rows, strict=True)) - sum(used)
+    found = examine(parameters, free, np.concatenate(parts), sigma_u, problem.known > 0.0)
     return Fit(
         parameters=parameters,
         values=x,
         sigma=sigma,
         covariance=covariance,
-        free_index=free.astype(np.int64),
+        free_index=free,
         seen=found.seen,
-        residuals=tuple(met),
-        weights=tuple(weights),
-        outliers=_outliers(blocks, met, weights, factors),
-        sigma_factors=tuple(factors),
+        residuals=tuple(rows),
+        weights=tuple(state.weights),
+        outliers=_outliers(problem.blocks, rows, state),
+        sigma_factors=tuple(state.factors),
         chi2_reduced=squares / dof if dof > 0.0 else math.nan,
         dof=dof,
         rank=found.rank,
         condition=found.condition,
         hidden=found.hidden,
         reason=reason,
-        evaluations=counter,
+        evaluations=problem.evaluations,
+        converged=converged,
+        at_bound=_at_bound(problem, state.u),
     )
 
 
-def _sizes(rows: Float) -> Float:
-    out: Float = np.sqrt(np.sum(rows**2, axis=1) / rows.shape[1])
-    return out
-
-
-def _factor(rows: Float) -> float:
-    """Median size of a block's residuals over what unit noise gives, at least 1."""
-    if len(rows) == 0:
-        return 1.0
-    expected = math.sqrt(float(chi2.ppf(0.5, rows.shape[1])) / rows.shape[1])
-    return max(1.0, float(np.median(_sizes(rows))) / expected)
-
-
-def _weights(rows: Float, factor: float) -> Float:
-    """Hampel's weights of rows: 1 up to the usual size t, t / size up to 2 t, falling to 0 at 4 t."""
-    t = math.sqrt(float(chi2.ppf(USUAL, rows.shape[1])) / rows.shape[1])
-    size = np.maximum(_sizes(rows) / factor / t, 1e-300)
-    out: Float = np.where(
-        size <= 1.0, 1.0, np.where(size <= 2.0, 1.0 / size, np.clip((4.0 - size) / 2.0, 0.0, 1.0) / size)
-    )
-    return out
-
-
-def _outliers(
-    blocks: Sequence[Residuals], rows: Sequence[Float], weights: Sequence[Float], factors: Sequence[float]
-) -> tuple[Outlier, ...]:
+def _outliers(blocks: Sequence[Residuals], rows: Sequence[Float], state: _State) -> tuple[Outlier, ...]:
     found = [
         Outlier(block.name, int(i), float(size[i]), float(weight[i]))
         for block, size, weight in (
-            (b, _sizes(r) / s, w) for b, r, w, s in zip(blocks, rows, weights, factors, strict=True)
+            (b, sizes(r) / s, w) for b, r, w, s in zip(blocks, rows, state.weights, state.scales, strict=True)
         )
-        for i in np.flatnonzero(weight < 0.5)
+        for i in np.flatnonzero(weight < OUTLIER)
     ]
     return tuple(sorted(found, key=lambda item: -item.size))
 
 
-def _inverse(A: Float) -> Float:
-    """Inverse of a symmetric positive semidefinite matrix; directions without information get a huge variance."""
-    values, vectors = np.linalg.eigh(0.5 * (A + A.T))
-    floor = max(float(values[-1]), 1e-300) * 1e-15
-    out: Float = (vectors / np.maximum(values, floor)) @ vectors.T
-    return out
+def _at_bound(problem: Stacked, u: Float) -> tuple[str, ...]:
+    """Names of the free parameters that rest against a bound."""
+    near: Bool = (u - problem.lower < _AT_BOUND * (1.0 + np.abs(problem.lower))) | (
+        problem.upper - u < _AT_BOUND * (1.0 + np.abs(problem.upper))
+    )
+    return tuple(problem.parameters.names[i] for i in problem.free[near])

@@ -11,7 +11,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM, UM
-from counterflex.identify import compliances
+from counterflex.identify import compliances, pull_proposal
 from counterflex.identify.compliances import springs
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
@@ -19,6 +19,7 @@ from counterflex.identify.holdout import HeldOut, cross_validate, position_error
 from counterflex.identify.known_frames import KnownFrames, known_frames
 from counterflex.identify.model import CellModel
 from counterflex.identify.pull_blocks import Layout, block, layout, refreshed
+from counterflex.identify.pull_proposal import propose_pulls
 from counterflex.identify.pull_residuals import PullResiduals
 from counterflex.identify.pulls import Pulls, read_pulls
 from counterflex.identify.recipe import Figure, Identification, Proposal, Recipe
@@ -131,12 +132,10 @@ def _frames(cell: CellModel, data: Sequence[Dataset]) -> KnownFrames | None:
 
 def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
     """Poses and loads; see :data:`counterflex.identify.recipe.Propose`."""
-    from counterflex.identify.pull_proposal import propose_pulls
-
     return propose_pulls(cell, count, {**SETTINGS, **settings})
 
 
-SETTINGS: Final[Mapping[str, float | int | str | bool]] = {**compliances.SETTINGS}
+SETTINGS: Final[Mapping[str, float | int | str | bool]] = {**compliances.SETTINGS, **pull_proposal.SETTINGS}
 RECIPE: Final = Recipe(
     "stiffness",
     "compliance of axes, links, sensor and holder from pulls at the tool",
