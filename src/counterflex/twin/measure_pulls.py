@@ -27,7 +27,7 @@ READINGS: Final = 10
 FORCE_SHARE: Final = 0.002
 """Standard deviation of the force that a cable and weight give, relative."""
 APPROACH_RAD: Final = -0.7 * MRAD
-_MOVE_S, _REST_S = 0.8, 0.6  # as slow as it takes for the arm not to ring: ringing would shake the friction loose
+_MOVE_S, _REST_S = 0.6, 0.6  # as slow as it takes for the arm not to ring: ringing would shake the friction loose
 
 
 def measure(
@@ -111,8 +111,9 @@ def pull(plant: Plant, q: Float, w_tcp_base: Float, approach: Float, history: st
     plant.reset(q + approach)
     plant.move(q, move_s=_MOVE_S, rest_s=_REST_S)
     unloaded = plant.tcp_pose()
-    plant.move(q, w_tcp_base, move_s=_MOVE_S, rest_s=_REST_S)
-    if history == HISTORIES[0]:
+    again = history == HISTORIES[0]
+    plant.move(q, w_tcp_base, move_s=_MOVE_S, rest_s=0.1 if again else _REST_S)
+    if again:
         plant.move(q + approach, w_tcp_base, move_s=_MOVE_S, rest_s=0.0)
         plant.move(q, w_tcp_base, move_s=_MOVE_S, rest_s=_REST_S)
     return np.stack([unloaded, plant.tcp_pose()])
