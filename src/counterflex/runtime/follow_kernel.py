@@ -1,0 +1,111 @@
+"""Where on the planned path the robot is, and what the plan says there and a little later.
+
+A plan is an array with one row per path point; its columns are the constants ``PLAN_...`` of this module.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from counterflex.core.arrays import Float
+from counterflex.core.jit import kernel
+
+PLAN_P: Final = 0  # 3: point as the program sends it, part frame, m
+PLAN_TIME: Final = 3  # planned time, s
+PLAN_V: Final = 4  # 3: unit feed direction, part axes; zero where nothing moves
+PLAN_W: Final = 7  # 6: predicted wrench on the tool about the TCP, part axes
+PLAN_CUT: Final = 13  # 1 where material is cut
+PLAN_C: Final = 14  # 6: correction that the program already contains, m and rotation vector, part axes
+PLAN_COLUMNS: Final = 20
+
+BEHIND: Final = 2
+"""Segments behind the last place that are looked at."""
+GIVE_UP_M: Final = 2e-3
+"""The search ends where the distance has grown by this over the least one found."""
+
+
+@kernel("Tuple((float64, float64))(float64[:, ::1], int64, float64, float64, float64)")
+def _on_segment(plan: Float, row: int, x: float, y: float, z: float) -> tuple[float, float]:
+    """Squared distance of a point from segment ``row`` -> ``row + 1``, and the place 0..1 of its foot."""
+    ax, ay, az = plan[row, 0], plan[row, 1], plan[row, 2]
+    bx, by, bz = plan[row + 1, 0] - ax, plan[row + 1, 1] - ay, plan[row + 1, 2] - az
+    dx, dy, dz = x - ax, y - ay, z - az
+    length = bx * bx + by * by + bz * bz
+    u = 0.0
+    if length > 0.0:
+        u = min(1.0, max(0.0, (dx * bx + dy * by + dz * bz) / length))
+    ex, ey, ez = dx - u * bx, dy - u * by, dz - u * bz
+    return ex * ex + ey * ey + ez * ez, u
+
+
+@kernel("float64(float64[:, ::1], float64[::1], float64, float64, float64, int64)")
+def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int) -> float:
+    """Bring the place on the path up to date.
+
+    Looks from two segments behind the last place up to ``window`` ahead, and no farther once the distance has grown by
+    2 mm over the least one: a path that comes back to the same spot later is not jumped to. The first call (place
+    below zero) looks at the whole path.
+
+    Args:
+        plan: (n, 20), n >= 2.
+        place: (2,) row and fraction of the segment that begins there; row -1 is unknown. Changed.
+        x: Commanded position, part frame, m.
+        y: Likewise.
+        z: Likewise.
+        window: Segments ahead.
+
+    Returns:
+        Distance from the path, m.
+    """
+    last = plan.shape[0] - 2
+    row = int(place[0])
+    begin, end = 0, last
+    anywhere = row < 0
+    if not anywhere:
+        begin, end = max(0, row - BEHIND), min(last, row + window)
+    best, found, at = math.inf, begin, 0.0
+    for i in range(begin, end + 1):
+        d, u = _on_segment(plan, i, x, y, z)
+        if d < best:
+            best, found, at = d, i, u
+        elif not anywhere and i > row and math.sqrt(d) > math.sqrt(best) + GIVE_UP_M:
+            break
+    if not anywhere and (found < row or (found == row and at < place[1])):
+        found, at = row, place[1]  # a program does not run backwards; noise of the position must not
+    place[0], place[1] = float(found), at
+    return math.sqrt(best)
+
+
+@kernel("float64(float64[:, ::1], float64[::1], float64, float64[::1])")
+def wrench_at(plan: Float, place: Float, lead_s: float, w: Float) -> float:
+    """Predicted wrench some time after the present place.
+
+    Args:
+        plan: (n, 20).
+        place: (2,) of :func:`follow`.
+        lead_s: How much later along the plan, >= 0.
+        w: (6,) N, N m, part axes; written. Zero where nothing is cut.
+
+    Returns:
+        1 where material is cut there, else 0.
+    """
+    n = plan.shape[0]
+    i = int(place[0])
+    u = place[1]
+    time = plan[i, PLAN_TIME] + u * (plan[i + 1, PLAN_TIME] - plan[i, PLAN_TIME]) + lead_s
+    while i < n - 2 and plan[i + 1, PLAN_TIME] < time:
+        i += 1
+    span = plan[i + 1, PLAN_TIME] - plan[i, PLAN_TIME]
+    u = min(1.0, max(0.0, (time - plan[i, PLAN_TIME]) / span)) if span > 0.0 else 1.0
+    for k in range(6):
+        w[k] = (1.0 - u) * plan[i, PLAN_W + k] + u * plan[i + 1, PLAN_W + k]
+    return float(plan[i + 1, PLAN_CUT])
+
+
+@kernel("void(float64[:, ::1], float64[::1], float64[::1])")
+def contained_at(plan: Float, place: Float, c: Float) -> None:
+    """Correction that the program contains at the present place, (6,) written."""
+    i, u = int(place[0]), place[1]
+    for k in range(6):
+        c[k] = (1.0 - u) * plan[i, PLAN_C + k] + u * plan[i + 1, PLAN_C + k]

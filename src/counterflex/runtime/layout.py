@@ -1,0 +1,122 @@
+"""Places of the step's numbers in its arrays: inputs, constants, state, output."""
+
+from __future__ import annotations
+
+from typing import Final
+
+# Inputs of a cycle, float64.
+G_NOMINAL: Final = 0  # 12: rotation by rows, position m: commanded pose without correction, part frame
+G_Q: Final = 12  # 6: axis angles, rad
+G_W: Final = 18  # 6: wrench of the process on the tool about the TCP, part axes, unfiltered
+G_ACTUAL: Final = 24  # 12: measured pose of the tool, part frame
+GIVEN: Final = 36
+
+# Inputs of a cycle, int64.
+F_ELAPSED: Final = 0  # cycles since the last telegram, 1 when none was lost; 0 for no telegram
+F_FORCE_AGE: Final = 1  # cycles since the last good force
+F_TRACKER_NEW: Final = 2  # 1: G_ACTUAL is new and good
+F_TRACKER_AGE: Final = 3  # cycles since the last good tracker sample
+F_HEALTHY: Final = 4
+F_ARM: Final = 5
+F_ENABLE: Final = 6
+F_STOP: Final = 7
+F_RESET: Final = 8
+F_SOFT: Final = 9  # cause found outside of the step, or 0
+F_HARD: Final = 10
+FLAGS: Final = 11
+
+# Constants, float64.
+C_PERIOD: Final = 0
+C_LEAD: Final = 1
+C_THRESHOLD: Final = 2
+C_BLEND: Final = 3  # change of the share per cycle
+C_KP: Final = 4
+C_KI: Final = 5  # times period
+C_KD: Final = 6  # by period
+C_TRANSLATION: Final = 7  # 3: radius, speed, acceleration
+C_ROTATION: Final = 10  # 3
+C_RAMP: Final = 13  # 3: limits of translation while ramping out
+C_HARD: Final = 16
+C_SCALE: Final = 17  # 4: tuning of learn_scale
+C_GAIN: Final = 21
+C_SATURATION: Final = 22  # 2: m, rad
+C_DRIFT: Final = 24  # 2: variance per cycle, m2, rad2
+C_NOISE: Final = 26  # 2: variance of a sample
+C_JUMP: Final = 28
+C_OFF_PATH: Final = 29
+C_ANSWER: Final = 30  # 5: robot_answer
+C_R_BASE_PART: Final = 35  # 9
+C_RAMP_ROTATION: Final = 44  # 3
+CONSTANTS: Final = 47
+
+# Choices, int64.
+W_FORCE: Final = 0
+W_TRACKER: Final = 1
+W_COMPENSATED: Final = 2
+W_NORMAL: Final = 3
+W_ORIENTATION: Final = 4
+W_PLAN: Final = 5  # 1: there is a plan
+W_STALE: Final = 6
+W_LOST: Final = 7
+W_NOMINAL_BACK: Final = 8  # cycles back to the nominal pose that a tracker sample belongs to
+W_CORRECTION_BACK: Final = 9  # cycles back to the correction whose answer it shows
+W_DEFLECTION_BACK: Final = 10
+W_WINDOW: Final = 11
+CHOICES: Final = 12
+
+# State, float64.
+S_Y: Final = 0  # 6: correction sent, m and rotation vector, part axes
+S_V: Final = 6  # 6: its change per second
+S_PLACE: Final = 12  # 2
+S_SHARE: Final = 14
+S_SCALE: Final = 15  # 3
+S_VARIANCE: Final = 18  # 3
+S_BEFORE: Final = 21  # 6: predicted wrench, filtered, of the last cycle
+S_INTEGRAL: Final = 27  # 3
+S_LAST: Final = 30  # 3: deflection of the last cycle
+S_OFFSET: Final = 33  # 6: deviation that force and plan do not explain
+S_OFFSET_VARIANCE: Final = 39  # 2
+S_SUM: Final = 41  # 6: integrator of the published tracker control
+S_ANSWER: Final = 47  # 24: memory of the robot's answer, four rows of six
+S_HELD: Final = 71  # 6: correction wanted
+S_IN_FORCE: Final = 77  # 6: correction in effect as the observer reckons it
+STATE: Final = 83
+
+# State, int64: 0..4 of the supervisor, then
+N_RING: Final = 5  # next row of the ring
+N_CYCLES: Final = 6  # cycles since the start
+N_LATE: Final = 7  # telegrams lost in a row
+N_INPUTS: Final = 8  # 10: inputs of the supervisor
+WHOLE: Final = 18
+
+RING_ROWS: Final = 128
+RING_NOMINAL: Final = 0  # 12
+RING_SENT: Final = 12  # 6
+RING_DEFLECTION: Final = 18  # 6
+RING: Final = 24
+
+# Results, float64.
+R_CORRECTION: Final = 0  # 6: what to send, m and rotation vector, part axes
+R_AXES: Final = 6  # 6: the same as change of the axis angles, rad
+R_WRENCH: Final = 12  # 6: force the correction is computed from, part axes
+R_PREDICTED: Final = 18  # 6: with lead
+R_MEASURED: Final = 24  # 6: filtered
+R_DEFLECTION: Final = 30  # 6: part axes
+R_WANTED: Final = 36  # 6: correction before limits
+R_DEVIATION: Final = 42  # 6: of the tracker
+R_PATH: Final = 48  # distance from the path
+R_SIGMA: Final = 49
+R_CUT: Final = 50
+RESULTS: Final = 51
+
+# Results, int64.
+O_STATE: Final = 0
+O_CAUSE: Final = 1
+O_FEED_HOLD: Final = 2
+O_STOP: Final = 3
+O_SILENT: Final = 4
+O_LIMITS: Final = 5  # bits of the limiter: translation, then rotation shifted by 4
+O_ELASTIC: Final = 6  # bits of the elastic step
+O_SOFT: Final = 7
+O_HARD: Final = 8
+OUTCOME: Final = 9

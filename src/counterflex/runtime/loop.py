@@ -1,0 +1,312 @@
+"""The online loop of one cell: owns the arrays of the step and gives them names. Knows no socket, clock or file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int, as_float
+from counterflex.core.errors import InputError
+from counterflex.robot.chain import ElasticChain
+from counterflex.robot.kernels_step import OUT_SIZE, SCRATCH
+from counterflex.runtime import layout as at
+from counterflex.runtime.follow_kernel import (
+    PLAN_C,
+    PLAN_COLUMNS,
+    PLAN_CUT,
+    PLAN_P,
+    PLAN_TIME,
+    PLAN_V,
+    PLAN_W,
+)
+from counterflex.runtime.settings import ForceMode, OnlineSettings, robot_answer
+from counterflex.runtime.step_kernel import step
+from counterflex.runtime.supervisor import Cause, State
+from counterflex.signals.filters import Smoother
+
+_WINDOW = 200
+_SCALE_VARIANCE = 0.25**2
+_OFFSET_M2 = (0.5e-3) ** 2
+_OFFSET_RAD2 = (5e-3) ** 2
+
+
+@dataclass(frozen=True, eq=False)
+class LoopPlan:
+    """What the loop knows of the program; n rows, part frame, SI.
+
+    Attributes:
+        p_part: (n, 3) points as the program sends them (its correction included).
+        time_s: (n,) planned time, not decreasing.
+        w_tcp_part: (n, 6) predicted wrench on the tool about its tip.
+        cutting: (n,) 1 where material is cut.
+        contained: (n, 6) correction that the program already contains, m and rotation vector.
+    """
+
+    p_part: Float
+    time_s: Float
+    w_tcp_part: Float
+    cutting: Float
+    contained: Float
+
+    def packed(self) -> Float:
+        """(n, 20) for the step, with feed directions.
+
+        Raises:
+            InputError: Fewer than two rows, wrong shapes, numbers that are not finite, time that runs backwards.
+        """
+        p = as_float("plan: p_part", self.p_part, (None, 3))
+        n = len(p)
+        if n < 2:
+            raise InputError("a plan needs two points", value=n)
+        time = as_float("plan: time_s", self.time_s, (n,))
+        if np.any(np.diff(time) < 0.0):
+            raise InputError("time of the plan runs backwards", value=f"row {int(np.argmin(np.diff(time))) + 1}")
+        out = np.zeros((n, PLAN_COLUMNS))
+        out[:, PLAN_P : PLAN_P + 3] = p
+        out[:, PLAN_TIME] = time
+        out[:, PLAN_W : PLAN_W + 6] = as_float("plan: w_tcp_part", self.w_tcp_part, (n, 6))
+        out[:, PLAN_CUT] = as_float("plan: cutting", self.cutting, (n,))
+        out[:, PLAN_C : PLAN_C + 6] = as_float("plan: contained", self.contained, (n, 6))
+        step_p = np.diff(p - out[:, PLAN_C : PLAN_C + 3], axis=0)
+        length = np.linalg.norm(step_p, axis=1, keepdims=True)
+        out[:-1, PLAN_V : PLAN_V + 3] = step_p / np.where(length > 0.0, length, 1.0)
+        out[-1, PLAN_V : PLAN_V + 3] = out[-2, PLAN_V : PLAN_V + 3]
+        return out
+
+
+class Loop:
+    """One online loop.
+
+    Fill ``given`` and ``flags`` (or use :meth:`feed`), call :meth:`run`, read ``correction``. Nothing is allocated in
+    :meth:`run`. Not safe to share between threads.
+
+    Args:
+        chain: Elastic chain of the cell, calibrated.
+        settings: What to do.
+        T_base_part: (4, 4) part frame, the frame of all poses.
+        plan: Or None: then only a measured force can be corrected, along the feed too.
+
+    Attributes:
+        given: (GIVEN,) inputs, see :mod:`counterflex.runtime.layout`.
+        flags: (FLAGS,) inputs.
+        results: (RESULTS,) results.
+        outcome: (OUTCOME,) results.
+        correction: (6,) view: what to send, m and rotation vector, part axes.
+        axes: (6,) view: the same as change of the axis angles, rad.
+        settings: As given.
+
+    Raises:
+        InputError: The settings need a plan and there is none.
+    """
+
+    def __init__(
+        self, chain: ElasticChain, settings: OnlineSettings, T_base_part: Float, plan: LoopPlan | None = None
+    ) -> None:
+        if plan is None and (settings.force in (ForceMode.PILOT, ForceMode.SCALE) or settings.compensated):
+            raise InputError(
+                "this way of correcting needs a plan", value=settings.force.name.lower(), hint="Give the plan file"
+            )
+        if plan is None and settings.normal_only:
+            raise InputError(
+                "without a plan the feed direction is not known",
+                hint="Give the plan file, or correct along the feed too",
+            )
+        self.settings = settings
+        compact = chain.compact
+        m = compact.stations
+        self._real, self._kind = compact.real, compact.kind
+        self._constants = _constants(settings, as_float("T_base_part", T_base_part, (4, 4)))
+        self._choices = _choices(settings, plan is not None)
+        self._supervisor = settings.supervisor.packed()
+        self._plan = np.zeros((2, PLAN_COLUMNS)) if plan is None else plan.packed()
+        self.given: Float = np.zeros(at.GIVEN)
+        self.flags: Int = np.zeros(at.FLAGS, dtype=np.int64)
+        self.results: Float = np.zeros(at.RESULTS)
+        self.outcome: Int = np.zeros(at.OUTCOME, dtype=np.int64)
+        self.correction: Float = self.results[at.R_CORRECTION : at.R_CORRECTION + 6]
+        self.axes: Float = self.results[at.R_AXES : at.R_AXES + 6]
+        self.measured_filter = Smoother(settings.smoothing, 6)
+        self.predicted_filter = Smoother(settings.smoothing, 6)
+        self._state: Float = np.zeros(at.STATE)
+        self._whole: Int = np.zeros(at.WHOLE, dtype=np.int64)
+        self._ring: Float = np.zeros((at.RING_ROWS, at.RING))
+        self._elastic: Float = np.zeros(OUT_SIZE)
+        self._frame: Float = np.zeros((m + 1, 12))
+        self._delta: Float = np.zeros((m, 6))
+        self._scratch: Float = np.zeros((SCRATCH, 36))
+        self._load: Float = np.zeros(12)
+        self._work: Float = np.zeros((8, 12))
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew: IDLE, correction zero, nothing learnt, place on the path unknown."""
+        self._state[:] = 0.0
+        self._state[at.S_PLACE] = -1.0
+        self._state[at.S_SCALE : at.S_SCALE + 3] = 1.0
+        self._state[at.S_VARIANCE : at.S_VARIANCE + 3] = _SCALE_VARIANCE
+        self._state[at.S_OFFSET_VARIANCE : at.S_OFFSET_VARIANCE + 2] = _OFFSET_M2, _OFFSET_RAD2
+        self._whole[:] = 0
+        self._ring[:] = 0.0
+        self.given[:] = 0.0
+        self.flags[:] = 0
+        self.measured_filter.reset(np.zeros(6))
+        self.predicted_filter.reset(np.zeros(6))
+
+    def feed(
+        self,
+        *,
+        T_part_tcp: Float,
+        q: Float,
+        w_tcp_part: Float | None = None,
+        T_part_actual: Float | None = None,
+        elapsed: int = 1,
+        force_age: int = 0,
+        tracker_age: int = 0,
+        healthy: bool = True,
+        arm: bool = False,
+        enable: bool = False,
+        stop: bool = False,
+        reset: bool = False,
+        soft: Cause = Cause.NONE,
+        hard: Cause = Cause.NONE,
+    ) -> None:
+        """Fill the inputs of a cycle; for tests, replays and experiments.
+
+        Args:
+            T_part_tcp: (4, 4) commanded pose without correction.
+            q: (6,) rad.
+            w_tcp_part: (6,) wrench of the process about the TCP, part axes; None leaves the last one.
+            T_part_actual: (4, 4) measured pose; None where there is none in this cycle.
+            elapsed: Cycles since the last telegram; 0 where none came.
+            force_age: Cycles since the last good force.
+            tracker_age: Cycles since the last good tracker sample.
+            healthy: Telegrams, sensors and self-tests are good.
+            arm: The operator arms.
+            enable: The robot program wants the correction.
+            stop: Stop.
+            reset: The operator resets a fault.
+            soft: Cause of a hold found elsewhere.
+            hard: Cause of a fault found elsewhere.
+        """
+        self.given[:9] = T_part_tcp[:3, :3].reshape(-1)
+        self.given[9:12] = T_part_tcp[:3, 3]
+        self.given[at.G_Q : at.G_Q + 6] = q
+        if w_tcp_part is not None:
+            self.given[at.G_W : at.G_W + 6] = w_tcp_part
+        if T_part_actual is not None:
+            self.given[at.G_ACTUAL : at.G_ACTUAL + 9] = T_part_actual[:3, :3].reshape(-1)
+            self.given[at.G_ACTUAL + 9 : at.G_ACTUAL + 12] = T_part_actual[:3, 3]
+        new = int(T_part_actual is not None)
+        self.flags[:] = (elapsed, force_age, new, tracker_age, healthy, arm, enable, stop, reset, soft, hard)
+
+    def run(self) -> None:
+        """One cycle."""
+        m, p = self.measured_filter, self.predicted_filter
+        step(
+            self.given,
+            self.flags,
+            self._constants,
+            self._choices,
+            self._supervisor,
+            self._plan,
+            self._real,
+            self._kind,
+            self._state,
+            self._whole,
+            self._ring,
+            m.coefficients,
+            m.memory,
+            m.ring,
+            m.place,
+            p.memory,
+            p.ring,
+            p.place,
+            self._elastic,
+            self._frame,
+            self._delta,
+            self._scratch,
+            self._load,
+            self.results,
+            self.outcome,
+            self._work,
+        )
+
+    @property
+    def state(self) -> State:
+        """State of the supervisor."""
+        return State(int(self.outcome[at.O_STATE]))
+
+    @property
+    def cause(self) -> Cause:
+        """Why it is in that state."""
+        return Cause(int(self.outcome[at.O_CAUSE]))
+
+    @property
+    def scale(self) -> Float:
+        """(3,) learnt factors of the force: feed, across, along the tool."""
+        return self._state[at.S_SCALE : at.S_SCALE + 3].copy()
+
+    @property
+    def offset(self) -> Float:
+        """(6,) deviation that force and plan do not explain, m and rad, part axes."""
+        return self._state[at.S_OFFSET : at.S_OFFSET + 6].copy()
+
+    @property
+    def place(self) -> float:
+        """Row of the plan, with fraction; -1 unknown."""
+        return float(self._state[at.S_PLACE] + self._state[at.S_PLACE + 1])
+
+
+def _constants(settings: OnlineSettings, T_base_part: Float) -> Float:
+    T, tuning = settings.period_s, settings.tuning
+    out = np.zeros(at.CONSTANTS)
+
+    def put(place: int, values: Sequence[float] | Float) -> None:
+        out[place : place + len(values)] = values
+
+    put(at.C_PERIOD, [T, settings.pilot.lead_s, settings.pilot.threshold_n, T / settings.pilot.blend_s])
+    put(at.C_KP, [settings.proportional, settings.integral_per_s * T, settings.derivative_s / T])
+    put(at.C_TRANSLATION, settings.translation.packed())
+    put(at.C_ROTATION, settings.rotation.packed())
+    share = settings.ramp_m_s / settings.translation.speed
+    put(at.C_RAMP, settings.translation.packed() * [1.0, share, 1.0])
+    put(at.C_RAMP_ROTATION, settings.rotation.packed() * [1.0, share, 1.0])
+    out[at.C_HARD] = settings.hard_factor
+    drift = settings.scale_drift**2 * T
+    put(at.C_SCALE, [settings.force_noise_n, settings.timing_s / T, drift, _SCALE_VARIANCE])
+    put(at.C_GAIN, [tuning.gain, tuning.saturation_m, tuning.saturation_rad])
+    put(at.C_DRIFT, [tuning.drift_m**2 * T, tuning.drift_rad**2 * T])
+    put(at.C_NOISE, [tuning.noise_m**2, tuning.noise_rad**2])
+    put(at.C_JUMP, [tuning.largest_jump_m, settings.off_path_m])
+    put(at.C_ANSWER, robot_answer(settings)[1])
+    put(at.C_R_BASE_PART, T_base_part[:3, :3].reshape(-1))
+    return out
+
+
+def _choices(settings: OnlineSettings, planned: bool) -> Int:
+    T, delays = settings.period_s, settings.delays
+    tracker = round(delays.tracker_s / T)
+    dead, _ = robot_answer(settings)
+    ahead = settings.pilot.lead_s if settings.force == ForceMode.SCALE else -settings.smoothing.delay_s
+    back = {
+        at.W_NOMINAL_BACK: round((delays.follow_s + delays.tracker_s) / T),
+        at.W_CORRECTION_BACK: dead + tracker,
+        at.W_DEFLECTION_BACK: max(0, round((ahead + delays.tracker_s) / T)),
+    }
+    if max(back.values()) >= at.RING_ROWS:
+        raise InputError(
+            "the delays are longer than the loop remembers",
+            value=f"{max(back.values())} cycles",
+            limit=f"< {at.RING_ROWS}",
+        )
+    out = np.zeros(at.CHOICES, dtype=np.int64)
+    out[at.W_FORCE], out[at.W_TRACKER] = settings.force, settings.tracker
+    out[at.W_COMPENSATED], out[at.W_NORMAL] = settings.compensated, settings.normal_only
+    out[at.W_ORIENTATION], out[at.W_PLAN] = settings.orientation, planned
+    out[at.W_STALE], out[at.W_LOST] = settings.stale_cycles, settings.lost_cycles
+    out[at.W_WINDOW] = _WINDOW
+    for place, value in back.items():
+        out[place] = value
+    return out

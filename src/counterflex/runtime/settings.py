@@ -1,0 +1,224 @@
+"""Settings of the online loop, checked, and packed for the step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_positive
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, MM, MS, UM
+from counterflex.runtime.supervisor import SupervisorSettings
+from counterflex.signals.filters import Smoothing
+from counterflex.signals.limiter import MotionLimit
+
+
+class ForceMode(IntEnum):
+    """Which force the correction is computed from."""
+
+    NONE = 0
+    MEASURED = 1
+    PILOT = 2
+    SCALE = 3
+
+
+class TrackerMode(IntEnum):
+    """What is done with a tracker."""
+
+    NONE = 0
+    INTEGRATOR = 1
+    """As published (Mandiola2023): ``c += sat(K e)``."""
+    OBSERVER = 2
+    """Estimates what force and plan do not explain, knowing the delay of the correction."""
+
+
+class Output(IntEnum):
+    """How the correction is sent."""
+
+    CARTESIAN = 0
+    AXES = 1
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """Pilot control (Haehn2020 section 2.8).
+
+    Attributes:
+        threshold_n: Difference of forces above which the prediction is blended in.
+        blend_s: Time of a whole blend.
+        lead_s: How much ahead of the robot the plan is read.
+    """
+
+    threshold_n: float = 150.0
+    blend_s: float = 80.0 * MS
+    lead_s: float = 40.0 * MS
+
+
+@dataclass(frozen=True)
+class Delays:
+    """What is known of time, from identification.
+
+    Attributes:
+        dead_s: From sending a correction until the robot begins to move.
+        natural_per_s: Natural frequency of the robot's answer to a correction (second order), rad/s.
+        damping: Its damping ratio.
+        follow_s: How late the robot follows its programmed path.
+        tracker_s: Age of a tracker sample when the loop sees it.
+    """
+
+    dead_s: float = 12.0 * MS
+    natural_per_s: float = 2.0 * np.pi * 5.0
+    damping: float = 0.7
+    follow_s: float = 0.0
+    tracker_s: float = 4.0 * MS
+
+    @property
+    def correction_s(self) -> float:
+        """How late slow corrections act: dead time plus ``2 zeta / w0``."""
+        return self.dead_s + 2.0 * self.damping / self.natural_per_s
+
+
+@dataclass(frozen=True)
+class TrackerTuning:
+    """Gains of the tracker loop.
+
+    Attributes:
+        gain: K of the integrator, per cycle.
+        saturation_m: Largest step of the integrator, per axis and cycle.
+        saturation_rad: Likewise for orientation.
+        drift_m: Standard deviation that the unexplained deviation gains per root second (observer).
+        noise_m: Standard deviation of a sample, timing of the robot included.
+        drift_rad: As ``drift_m``, orientation.
+        noise_rad: As ``noise_m``, orientation.
+        largest_jump_m: A sample farther than this from what is expected is not believed.
+    """
+
+    gain: float = 0.01
+    saturation_m: float = 50.0 * UM
+    saturation_rad: float = 0.005 * DEG
+    drift_m: float = 200.0 * UM
+    noise_m: float = 60.0 * UM
+    drift_rad: float = 0.02 * DEG
+    noise_rad: float = 0.02 * DEG
+    largest_jump_m: float = 2.0 * MM
+
+
+@dataclass(frozen=True)
+class OnlineSettings:
+    """Everything the loop can be told.
+
+    Attributes:
+        period_s: Cycle of the robot controller.
+        force: See :class:`ForceMode`.
+        tracker: See :class:`TrackerMode`.
+        output: See :class:`Output`.
+        compensated: The program already contains the correction of the predicted deflection: only the rest is sent.
+        normal_only: Leave out the component along the feed (Haehn2020 eq. 10-11).
+        orientation: Correct the orientation too.
+        proportional: Gain of the deflection under force; 1 undoes it.
+        integral_per_s: Integral gain.
+        derivative_s: Derivative gain.
+        smoothing: Filters of the force.
+        pilot: See :class:`Pilot`.
+        delays: See :class:`Delays`.
+        tuning: See :class:`TrackerTuning`.
+        force_noise_n: Standard deviation of a filtered force, for the scale's filter.
+        timing_s: Uncertainty of the timing between plan and force, likewise.
+        scale_drift: Standard deviation that a factor gains per root second.
+        translation: Limits of the correction.
+        rotation: Likewise.
+        hard_factor: A correction wanted beyond the limit times this is a fault.
+        ramp_m_s: Speed of ramping out.
+        supervisor: See there.
+        stale_cycles: Age of a force at which the loop holds.
+        lost_cycles: Telegrams lost in a row at which it holds; ten are a fault.
+        off_path_m: Distance of the commanded point from the planned path at which the plan is not believed.
+    """
+
+    period_s: float = 4.0 * MS
+    force: ForceMode = ForceMode.PILOT
+    tracker: TrackerMode = TrackerMode.NONE
+    output: Output = Output.CARTESIAN
+    compensated: bool = False
+    normal_only: bool = True
+    orientation: bool = False
+    proportional: float = 1.0
+    integral_per_s: float = 0.0
+    derivative_s: float = 0.0
+    smoothing: Smoothing = field(default_factory=lambda: Smoothing(8.0, 8, 4.0 * MS))
+    pilot: Pilot = field(default_factory=Pilot)
+    delays: Delays = field(default_factory=Delays)
+    tuning: TrackerTuning = field(default_factory=TrackerTuning)
+    force_noise_n: float = 8.0
+    timing_s: float = 10.0 * MS
+    scale_drift: float = 0.05
+    translation: MotionLimit = field(default_factory=lambda: MotionLimit(2.0 * MM, 20.0 * MM, 1.25))
+    rotation: MotionLimit = field(default_factory=lambda: MotionLimit(0.3 * DEG, 3.0 * DEG, 190.0 * DEG))
+    hard_factor: float = 1.5
+    ramp_m_s: float = 2.0 * MM
+    supervisor: SupervisorSettings = field(default_factory=SupervisorSettings)
+    stale_cycles: int = 3
+    lost_cycles: int = 3
+    off_path_m: float = 5.0 * MM
+
+    def __post_init__(self) -> None:
+        """Check that the numbers can belong together.
+
+        Raises:
+            InputError: Something is out of range or contradicts another setting.
+        """
+        for name in ("period_s", "hard_factor", "ramp_m_s", "off_path_m", "force_noise_n", "scale_drift"):
+            as_positive(f"online: {name}", getattr(self, name))
+        for name in ("proportional", "integral_per_s", "derivative_s", "timing_s"):
+            as_positive(f"online: {name}", getattr(self, name), zero=True)
+        for holder, names in (
+            (self.pilot, ("threshold_n", "blend_s")),
+            (self.delays, ("natural_per_s", "damping")),
+            (
+                self.tuning,
+                ("gain", "saturation_m", "saturation_rad", "drift_m", "noise_m", "drift_rad", "noise_rad"),
+            ),
+        ):
+            for name in names:
+                as_positive(f"online: {name}", getattr(holder, name))
+        as_positive("online: lead_s", self.pilot.lead_s, zero=True)
+        as_positive("online: dead_s", self.delays.dead_s, zero=True)
+        as_positive("online: tracker_s", self.delays.tracker_s, zero=True)
+        as_positive("online: follow_s", self.delays.follow_s, zero=True)
+        if abs(self.smoothing.period_s - self.period_s) > 1e-9:
+            raise InputError("the force filter has another period", value=self.smoothing.period_s, limit=self.period_s)
+        if self.hard_factor < 1.0:
+            raise InputError("hard_factor is below 1", value=self.hard_factor, limit=">= 1")
+        if self.ramp_m_s > self.translation.speed:
+            raise InputError(
+                "ramping out is faster than the limit of speed", value=self.ramp_m_s, limit=self.translation.speed
+            )
+        if self.stale_cycles < 1 or self.lost_cycles < 1:
+            raise InputError("cycles without data", value=min(self.stale_cycles, self.lost_cycles), limit=">= 1")
+        if self.force == ForceMode.NONE and self.tracker == TrackerMode.NONE:
+            raise InputError("nothing to correct from", value="neither force nor tracker", hint="Choose one of them")
+
+
+def lead(settings: OnlineSettings) -> float:
+    """Lead of the plan computed from the identified delays: how late a correction acts, s.
+
+    The prediction must be read so much ahead that the correction acts when the force does. The force itself bends the
+    robot at once, so the correction's whole delay counts and no filter of the force.
+    """
+    return settings.delays.correction_s
+
+
+def robot_answer(settings: OnlineSettings) -> tuple[int, Float]:
+    """How the robot answers a correction, sampled: whole cycles of dead time and ``b0 b1 b2 a1 a2``.
+
+    Second order, ``w0^2 / (s^2 + 2 zeta w0 s + w0^2)``, bilinear transform; the part of the dead time that is no whole
+    cycle is left out.
+    """
+    delays, T = settings.delays, settings.period_s
+    k = delays.natural_per_s * T / 2.0
+    norm = 1.0 + 2.0 * delays.damping * k + k * k
+    b = k * k / norm
+    a1, a2 = 2.0 * (k * k - 1.0) / norm, (1.0 - 2.0 * delays.damping * k + k * k) / norm
+    return round(delays.dead_s / T), np.array([b, 2.0 * b, b, a1, a2])
