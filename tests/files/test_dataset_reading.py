@@ -228,7 +228,7 @@ def test_frames_and_the_sign_of_forces(tmp_path: Path) -> None:
         lab(tmp_path, f"{FILE}{point}[frames.ros]\na_deg = 90\nx_mm = 100\n", a_csv="Fx,Fy,Fz\n1,2,3\n")
     )
     np.testing.assert_allclose(moved.values("p_base_tcp"), [[0.098, 0.001, 0.003]], atol=1e-15)
-    np.testing.assert_allclose(moved.channel("p_base_tcp").sigma, [[2e-3, 1e-3, 3e-3]], atol=1e-15)
+    np.testing.assert_allclose(moved.channel("p_base_tcp").need_sigma(), [[2e-3, 1e-3, 3e-3]], atol=1e-15)
     assert "no [frames.ros]" in fault(tmp_path, f'{FILE}{PULL}frame = "ros"\n', a_csv="Fx,Fy,Fz\n1,2,3\n")
 
 

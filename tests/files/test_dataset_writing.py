@@ -61,7 +61,7 @@ def test_written_data_are_read_back(rows: list[tuple[float, ...]], spread: float
         np.testing.assert_allclose(back.values(key), data.values(key), rtol=1e-14, atol=5e-12)
     assert data.channel("q").sigma is None
     expected = np.broadcast_to(sigma["p_tracker_target"], (len(rows), 3))
-    np.testing.assert_allclose(data.channel("p_tracker_target").sigma, expected, rtol=1e-11)
+    np.testing.assert_allclose(data.channel("p_tracker_target").need_sigma(), expected, rtol=1e-11)
     np.testing.assert_array_equal(data.group, group)
 
 

@@ -212,9 +212,16 @@ def _fill(row: Doc, values: Mapping[str, Any], source: str) -> None:
     row["source"] = source
 
 
+def _new_table() -> Any:
+    """An empty table with an empty line above it."""
+    table = tomlkit.table()
+    table.trivia.indent = "\n"
+    return table
+
+
 def _table(doc: Doc, key: str) -> Doc:
     if key not in doc:
-        doc[key] = tomlkit.table()
+        doc[key] = _new_table()
     found: Doc = doc[key]
     return found
 
@@ -229,7 +236,7 @@ def _row(parent: Doc, key: str, by: str, value: str | int) -> Doc:
             found: Doc = row
             return found
     inline = isinstance(rows, tomlkit.items.Array)
-    new = tomlkit.inline_table() if inline else tomlkit.table()
+    new = tomlkit.inline_table() if inline else _new_table()
     new[by] = value
     rows.append(new)
     made: Doc = rows[-1]
@@ -250,7 +257,7 @@ def _enter(doc: Doc, entry: IdentifiedTable) -> None:
     if "identified" not in doc:
         doc["identified"] = tomlkit.aot()
     rows = doc["identified"]
-    table = tomlkit.table()
+    table = _new_table()
     for key, value in entry.model_dump(mode="json").items():
         if key != "values":
             table[key] = value
