@@ -1,0 +1,56 @@
+"""What a tracker's deviation does: the published integrator, and an observer of what force and plan do not explain."""
+
+from __future__ import annotations
+
+import math
+
+from counterflex.core.arrays import Float
+from counterflex.core.jit import kernel
+from counterflex.runtime import layout as at
+
+
+@kernel("void(float64[::1], float64, float64[::1], float64[::1])")
+def sum_up(deviation: Float, gain: float, saturation: Float, state: Float) -> None:
+    """Integrator of Mandiola2023: ``c -= sat(K deviation)`` per component and cycle.
+
+    Args:
+        deviation: (6,) actual minus nominal, m and rad.
+        gain: K.
+        saturation: (2,) largest step, m and rad.
+        state: State of the step; its sum is changed.
+    """
+    for k in range(6):
+        largest = saturation[0 if k < 3 else 1]
+        state[at.S_SUM + k] -= min(largest, max(-largest, gain * deviation[k]))
+
+
+@kernel("boolean(float64[::1], float64[::1], float64[::1], float64, float64[::1])")
+def observe(deviation: Float, deflection: Float, noise: Float, largest_m: float, state: Float) -> bool:
+    """Kalman update of the offset b in ``deviation = correction in effect + deflection + b``.
+
+    The correction in effect is what was sent, delayed and smoothed as the robot does it; so a correction on its way is
+    not asked for twice, and the gain may be as high as the noise allows.
+
+    Args:
+        deviation: (12,) deviation (6); the innovation is written behind it.
+        deflection: (6,) expected at the time of the sample.
+        noise: (2,) variance of a sample, m2 and rad2.
+        largest_m: Innovation beyond which the sample is not believed.
+        state: State of the step; offset and its variances are changed.
+
+    Returns:
+        Whether the sample was believed.
+    """
+    gap = 0.0
+    for k in range(6):
+        deviation[6 + k] = deviation[k] - state[at.S_IN_FORCE + k] - deflection[k] - state[at.S_OFFSET + k]
+        gap += deviation[6 + k] ** 2 if k < 3 else 0.0
+    if not math.sqrt(gap) <= largest_m:
+        return False
+    for part in range(2):
+        variance = state[at.S_OFFSET_VARIANCE + part]
+        gain = variance / (variance + noise[part])
+        state[at.S_OFFSET_VARIANCE + part] = variance * (1.0 - gain)
+        for k in range(3 * part, 3 * part + 3):
+            state[at.S_OFFSET + k] += gain * deviation[6 + k]
+    return True
