@@ -33,6 +33,7 @@ from counterflex.files.identification_file import (
     plain_json,
     write_identification,
 )
+from counterflex.files.shop_unit import unit_of_name
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.recipe import Identification, Recipe
 from counterflex.identify.recipes import recipe as recipe_of
@@ -216,7 +217,8 @@ def check_better(found: Identification) -> None:
 def provenance(task: Task, found: Identification, date: str) -> IdentifiedTable:
     """The entry ``[[identified]]`` of the cell file."""
     head = found.headline[0]
-    before = "" if head.nominal is None else f", {head.nominal:.4g} before"
+    unit = unit_of_name(head.name)
+    before = "" if head.nominal is None else f" ({head.nominal:.4g} before)"
     how = "a separate file" if task.holdout else "folds of the data"
     values = tuple(
         IdentifiedValue(name=row["name"], value=row["value"], sigma=row["sigma"], unit=row["unit"], seen=row["seen"])
@@ -230,7 +232,7 @@ def provenance(task: Task, found: Identification, date: str) -> IdentifiedTable:
         data=tuple(Path(d.where).name for d in task.data),
         data_sha256=tuple(d.fingerprint for d in task.data),
         counterflex=__version__,
-        holdout=f"{head.name} = {head.value:.4g}{before}, on {how}",
+        holdout=f"{head.text}: {head.value:.4g} {unit}".rstrip() + f"{before}, on {how}",
         values=values,
     )
 

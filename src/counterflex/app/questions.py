@@ -189,6 +189,16 @@ def check_cell(path: str) -> dict[str, Any]:
         "sag_at_corners_um": [_round(row / UM, 1) for row in sag],
         "sag_variation_um": round(float(np.max(np.linalg.norm(spread, axis=1)) / UM), 1),
         "smallest_joint_margin_deg": round(min(min(entry.values()) for entry in margins), 2),
+        "identified": [
+            {
+                "recipe": entry.recipe,
+                "date": entry.date,
+                "data": list(entry.data),
+                "holdout": entry.holdout,
+                "values": [value.model_dump() for value in entry.values],
+            }
+            for entry in cell.tables.identified
+        ],
         "warnings": warnings,
     }
 

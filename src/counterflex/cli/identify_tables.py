@@ -8,6 +8,7 @@ from typing import Any
 import typer
 
 from counterflex.cli.output import print_table
+from counterflex.files.shop_unit import unit_of_name
 
 _OUTLIERS = 5
 
@@ -15,10 +16,10 @@ _OUTLIERS = 5
 def show_result(result: dict[str, Any], out: Path) -> None:
     """Figures, parameters, outliers, what is not seen."""
     rows = [
-        [f["text"], _number(f["value"], 4), _number(f["nominal"], 4), f["name"]]
+        [f["text"], _number(f["value"], 4), _number(f["nominal"], 4), unit_of_name(f["name"])]
         for f in (*result["headline"], *result["figures"])
     ]
-    print_table(f"{result['recipe']} of {result['cell']}", ["figure", "identified", "before", "key"], rows)
+    print_table(f"{result['recipe']} of {result['cell']}", ["figure", "identified", "before", "unit"], rows)
     for name, fit in result["fits"].items():
         free = [p for p in fit["parameters"] if p["free"]]
         print_table(

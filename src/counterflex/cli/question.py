@@ -246,9 +246,25 @@ def cell_check(
         note=f"Own-weight sag varies by {answer['sag_variation_um']:.0f} um over the stock. "
         f"Smallest joint margin {answer['smallest_joint_margin_deg']:.1f} deg.",
     )
+    if answer["identified"]:
+        print_table(
+            "Identified from measurements",
+            ["recipe", "date", "data", "error on data not used", "values seen", "not seen"],
+            [
+                [entry["recipe"], entry["date"], ", ".join(entry["data"]), entry["holdout"], *_seen(entry["values"])]
+                for entry in answer["identified"]
+            ],
+            note="Values with their standard deviations: counterflex cell check CELL --json.",
+        )
     for warning in answer["warnings"]:
         typer.echo(f"warning: {warning}")
     typer.echo("cell file ok" if not answer["warnings"] else f"cell file readable, {len(answer['warnings'])} warnings")
+
+
+def _seen(values: list[dict[str, Any]]) -> tuple[str, str]:
+    """How many values the data see, and how many stayed as they were known before."""
+    unseen = sum(value["seen"] == "prior" for value in values)
+    return str(len(values) - unseen), str(unseen)
 
 
 def cell_example(

@@ -24,3 +24,36 @@ SHOP: Final[dict[str, tuple[str, float]]] = {
 def shop(unit: str) -> tuple[str, float]:
     """Shop unit of an SI unit and the SI value of one of it."""
     return SHOP.get(unit, (unit, 1.0))
+
+_OF_NAMES: Final[dict[str, str]] = {
+    "_mm": "mm",
+    "_um": "um",
+    "_urad": "urad",
+    "_mrad": "mrad",
+    "_deg": "deg",
+    "_n": "N",
+    "_nm": "N m",
+    "_percent": "%",
+    "_s": "s",
+    "_ms": "ms",
+    "_us": "us",
+    "_hz": "Hz",
+    "_kg": "kg",
+    "_g": "g",
+    "_n_mm2": "N/mm2",
+    "_um_per_kn": "um/kN",
+    "_urad_per_knm": "urad/kNm",
+    "_per_s": "1/s",
+    "_mm_s": "mm/s",
+    "_um_m": "um/m",
+    "_degc": "degC",
+    "_c": "degC",
+}
+
+
+def unit_of_name(name: str) -> str:
+    """Unit that the name of a figure ends with: ``holdout_mean_mm`` is in mm; empty for counts and ratios."""
+    for suffix in sorted(_OF_NAMES, key=len, reverse=True):
+        if name.endswith(suffix):
+            return _OF_NAMES[suffix]
+    return ""

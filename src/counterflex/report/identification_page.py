@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from counterflex.files.identification_file import correlation
+from counterflex.files.shop_unit import unit_of_name
 from counterflex.identify.fit import Fit
 from counterflex.identify.recipe import Identification
 from counterflex.report.data import Fact
@@ -82,7 +83,7 @@ def identification_page(found: Identification, result: Mapping[str, Any]) -> str
         data=head,
         verdict=_verdict(result),
         cards=[_card(f) for f in result["headline"]],
-        numbers=result["figures"],
+        numbers=[{**f, "unit": _unit(f["name"])} for f in result["figures"]],
         fits=fits,
         pictures=[(f"picture{i}", p.title, p.note) for i, p in enumerate(found.pictures)],
         provenance=_provenance(result),
@@ -100,22 +101,23 @@ def fit_blocks(fit: Fit, table: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _verdict(result: Mapping[str, Any]) -> str:
     head = result["headline"][0]
-    text = f"{head['text'][:1].upper()}{head['text'][1:]}: {_number(head['value'])}"
+    unit = _unit(head["name"])
+    text = f"{head['text'][:1].upper()}{head['text'][1:]}: {_number(head['value'])} {unit}".rstrip()
     if head["nominal"]:
         part = head["value"] / head["nominal"]
-        text += f"; with the values before {_number(head['nominal'])}, so {100.0 * part:.0f} % of the error remains"
+        before = f"{_number(head['nominal'])} {unit}".rstrip()
+        text += f"; with the values before {before}, so {100.0 * part:.0f} % of it remains"
     return f"{text}. Judged on {result['holdout']}, which the fit had not seen."
 
 
 def _card(figure: Mapping[str, Any]) -> dict[str, Any]:
     before, value = figure["nominal"], figure["value"]
     share = None if not before else value / before
-    unit = figure["name"].rsplit("_", 1)[-1]
     return {
         "name": figure["text"],
         "before": None if before is None else _number(before),
         "after": _number(value),
-        "unit": unit.replace("um", "µm").replace("percent", "%"),
+        "unit": _unit(figure["name"]),
         "bar": None if share is None else f"{min(100.0 * share, 100.0):.1f}",
         "change": "" if share is None else f"{100.0 * (share - 1.0):+.0f} %".replace("-", "−"),
         "limit": None if figure["limit"] is None else _number(figure["limit"]),
@@ -157,6 +159,10 @@ def _provenance(result: Mapping[str, Any]) -> tuple[Fact, ...]:
     settings = ", ".join(f"{key} = {value}" for key, value in result["settings"].items())
     rows.append(Fact("Settings", settings or "none"))
     return tuple(rows)
+
+
+def _unit(name: str) -> str:
+    return unit_of_name(name).replace("um", "µm")
 
 
 def _number(value: float | None, digits: int = 4) -> str:
