@@ -30,8 +30,10 @@ SETTINGS: Final[Mapping[str, float | int | str | bool]] = {
     "held": "",
 }
 """Options of recipes that find compliances: relative prior standard deviation of an element; names of elements, or of
-single directions as ``axis2.rx``, whose values are assumed (``all``), and their prior; names of rigid directions to
-free; names of elements or directions to hold."""
+single directions as ``axis2.rx``, whose values are assumed, and their prior; names of rigid directions to free; names
+of elements or directions to hold. ``all`` stands for everything, ``torsion``, ``tilting`` and ``translation`` for the
+directions z; x and y; tx, ty, tz of all driven axes."""
+_OF_AXES: Final = {"torsion": (5,), "tilting": (3, 4), "translation": (0, 1, 2)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +135,7 @@ def springs(chain: ElasticChain, settings: Mapping[str, Any]) -> Springs:
 
 
 def named_directions(chain: ElasticChain, names: str) -> set[tuple[int, int]]:
-    """Elements and directions (segment, 0..5) that a text names: ``all``, ``axis2``, ``axis2.rx``.
+    """Elements and directions (segment, 0..5) that a text names: ``all``, ``tilting``, ``axis2``, ``axis2.rx``.
 
     Raises:
         InputError: A name that the chain does not have.
@@ -142,6 +144,9 @@ def named_directions(chain: ElasticChain, names: str) -> set[tuple[int, int]]:
     for word in names.replace(",", " ").split():
         if word == "all":
             return {(i, d) for i in range(chain.n) for d in range(6)}
+        if word in _OF_AXES:
+            found |= {(int(i), d) for i in np.flatnonzero(chain.joint >= 0) for d in _OF_AXES[word]}
+            continue
         element, _, letter = word.partition(".")
         if element not in chain.names or (letter and letter not in DIRECTIONS):
             known = [f"{name}.{d}" for name in chain.names for d in DIRECTIONS] if letter else list(chain.names)
@@ -149,7 +154,7 @@ def named_directions(chain: ElasticChain, names: str) -> set[tuple[int, int]]:
             raise InputError(
                 "the cell has no such elastic element or direction",
                 value=word,
-                limit=", ".join(chain.names) + "; directions " + " ".join(DIRECTIONS),
+                limit=", ".join((*chain.names, "all", *_OF_AXES)) + "; directions " + " ".join(DIRECTIONS),
                 hint=f"Did you mean '{close[0]}'?" if close else None,
             )
         i = chain.names.index(element)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -10,9 +11,9 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
-from counterflex.core.units import MM, UM
-from counterflex.identify import compliances, pull_proposal
-from counterflex.identify.compliances import springs
+from counterflex.core.units import UM
+from counterflex.identify import compliances, pull_checks, pull_proposal, pull_report, regions
+from counterflex.identify.compliances import springs, with_compliance
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
 from counterflex.identify.holdout import HeldOut, cross_validate, position_error, score_separate
@@ -22,10 +23,21 @@ from counterflex.identify.pull_blocks import Layout, block, layout, refreshed
 from counterflex.identify.pull_proposal import propose_pulls
 from counterflex.identify.pull_residuals import PullResiduals
 from counterflex.identify.pulls import Pulls, read_pulls
-from counterflex.identify.recipe import Figure, Identification, Proposal, Recipe
+from counterflex.identify.recipe import Identification, Proposal, Recipe
 from counterflex.identify.solve import solve
+from counterflex.identify.suspicion import Misfit, check_reading, misfit_of
 from counterflex.robot.chain import ElasticChain
 
+SETTINGS: Final[Mapping[str, float | int | str | bool]] = {
+    **compliances.SETTINGS,
+    "regions": True,
+    "folds": 5,
+    "as_stated": False,
+    **pull_proposal.SETTINGS,
+}
+"""Options: those of :mod:`counterflex.identify.compliances`; ``regions``, whether compliances may change with angle and
+load where the data demand it; ``folds`` of the hold-out; ``as_stated``, data that look wrong are used all the same; and
+those of :mod:`counterflex.identify.pull_proposal`."""
 _SETTLED_M: Final = 1.0 * UM
 _ROUNDS: Final = 5
 
@@ -37,88 +49,131 @@ def identify(
     settings: Mapping[str, Any],
     progress: Progress = silent,
 ) -> Identification:
-    """Compliances from pulls; see :data:`counterflex.identify.recipe.Identify`."""
+    """Find compliances from pulls.
+
+    Args:
+        cell: Geometry, compliances, masses, play; the tracker where displacements are in its axes.
+        data: Datasets of the kind ``pulls``.
+        holdout: Pulls that only judge; empty is k-fold on ``data``.
+        settings: See :data:`SETTINGS`.
+        progress: Told about rounds.
+
+    Returns:
+        The identification; its headline is the share of held-out deflection that is not explained.
+
+    Raises:
+        InputError: Data that look wrong (negative work, other units, signs, columns or axes), or nothing to fit.
+        FileFormatError: A channel or standard deviation is missing.
+    """
     options = {**SETTINGS, **settings}
-    chain = cell.chain
     if not data:
         raise InputError("stiffness needs at least one dataset of pulls")
+    chain, stated = cell.chain, bool(options["as_stated"])
     tracker = _frames(cell, [*data, *holdout])
-    R_base_tracker = None if tracker is None else tracker.T_base_tracker[:3, :3]
-    target = None if tracker is None else tracker.T_tcp_target[:3, 3]
-    pulls = [read_pulls(chain, d, target) for d in data]
-    unseen = [read_pulls(chain, d, target) for d in holdout]
-    turn_sigma = None if tracker is None or tracker.sigma is None else tracker.sigma[3:]
-    plan = layout(chain, springs(chain, options), [*pulls, *unseen], turn_sigma)
-    fit, blocks = settle(chain, plan, pulls, [block(chain, plan, p, R_base_tracker) for p in pulls], progress)
-    if unseen:
-        others = [refreshed(block(chain, plan, p, R_base_tracker), chain, plan, p, fit.values) for p in unseen]
-        held = score_separate(plan.parameters, blocks, others, needed=plan.frame_names, error=position_error)
-        measured = [b.measured for b in others]
-    else:
-        held = cross_validate(plan.parameters, blocks, needed=plan.frame_names, error=position_error)
-        measured = [b.measured for b in blocks]
+    said: list[str] = []
+    for d in [*data, *holdout]:
+        pull_checks.check_plain(d)
+    plan = layout(chain, springs(chain, options), [_read(chain, d, tracker) for d in [*data, *holdout]], _turn(tracker))
+    for d in [*data, *holdout]:
+        said += check_reading(d, pull_checks.readings(chain, d), _score(chain, plan, tracker), as_stated=stated)
+        said += pull_checks.check_work(chain, _read(chain, d, tracker), _axes(tracker), as_stated=stated)
+    pulls, unseen = ([_read(chain, d, tracker) for d in some] for some in (data, holdout))
+    fit, blocks = settle(chain, plan, pulls, [block(chain, plan, p, _axes(tracker)) for p in pulls], progress)
+    found = regions.search(chain, plan, pulls, blocks, fit, progress) if options["regions"] else None
+    parameters = plan.parameters
+    if found is not None and found.regions:
+        parameters, blocks = found.parameters, list(found.blocks)
+        fit = solve(parameters, blocks)
+    held, measured = _judged(chain, plan, found, fit, blocks, unseen, _axes(tracker), int(options["folds"]))
+    values = fit.values[: len(plan.springs)]
+    after = with_compliance(chain, plan.springs.compliance(chain, values))
     return Identification(
         recipe="stiffness",
         fits={"stiffness": fit},
-        headline=headline(held, measured),
-        figures=(),
-        changes=plan.springs.changes(chain, fit.values[: len(plan.springs)]),
-        remarks=tuple(fit.hidden),
+        headline=pull_report.headline(held, measured),
+        figures=pull_report.figures(after, pulls, fit, held),
+        changes=plan.springs.changes(chain, values),
+        remarks=(*said, *pull_report.remarks(chain, plan, fit, held, pulls, found)),
+        pictures=pull_report.pictures(held, measured, plan, fit),
     )
 
 
 def settle(
     chain: ElasticChain, plan: Layout, pulls: Sequence[Pulls], blocks: Sequence[PullResiduals], progress: Progress
 ) -> tuple[Fit, list[PullResiduals]]:
-    """Fit, with what is not linear in the compliances brought up to date until it rests within 1 um."""
+    """Fit, with what is not linear in the compliances brought up to date until it rests within 1 um.
+
+    Args:
+        chain: The cell's.
+        plan: Parameters.
+        pulls: Data.
+        blocks: Their residuals.
+        progress: Told about rounds.
+
+    Returns:
+        The fit, and the blocks with their offsets at its values.
+    """
     now = list(blocks)
+    fit = solve(plan.parameters, now, progress=progress)
     for _ in range(_ROUNDS):
-        fit = solve(plan.parameters, now, progress=progress)
         new = [refreshed(b, chain, plan, p, fit.values) for b, p in zip(now, pulls, strict=True)]
         change = max(
             float(np.max(np.abs(a.offset - b.offset)[:, :3], initial=0.0)) for a, b in zip(now, new, strict=True)
         )
         now = new
+        fit = solve(plan.parameters, now, start=fit.values, progress=progress)
         if change < _SETTLED_M:
             break
     return fit, now
 
 
-def headline(held: HeldOut, measured: Sequence[Float]) -> tuple[Figure, ...]:
-    """Error of held-out pulls: in all, at worst, and in the median."""
-    size = np.array([np.linalg.norm(measured[b][r, :3]) for b, r in zip(held.block, held.row, strict=True)])
-    keep = ~held.gross
-    total = float(np.sum(size[keep]))
-    errors = {"identified": held.identified[keep], "nominal": held.nominal[keep]}
-    share = {key: 100.0 * float(np.sum(e)) / total for key, e in errors.items()}
-    worst = {key: float(np.max(e)) / MM for key, e in errors.items()}
-    median = {key: 100.0 * float(np.median(e / size[keep])) for key, e in errors.items()}
-    return (
-        Figure(
-            "holdout_unexplained_percent",
-            "deflection of held-out pulls that the model does not explain, sum |measured - predicted| / sum |measured|",
-            share["identified"],
-            share["nominal"],
-        ),
-        Figure(
-            "holdout_explained_percent",
-            "deflection of held-out pulls explained",
-            100.0 - share["identified"],
-            100.0 - share["nominal"],
-        ),
-        Figure("holdout_worst_mm", "largest vector error of a held-out pull", worst["identified"], worst["nominal"]),
-        Figure(
-            "holdout_median_percent",
-            "median error of a held-out pull, relative to its deflection",
-            median["identified"],
-            median["nominal"],
-        ),
-    )
+def _judged(
+    chain: ElasticChain,
+    plan: Layout,
+    found: regions.Found | None,
+    fit: Fit,
+    blocks: Sequence[PullResiduals],
+    unseen: Sequence[Pulls],
+    R_base_tracker: Float | None,
+    folds: int,
+) -> tuple[HeldOut, list[Float]]:
+    """Errors on data not used, and the displacements they are errors of."""
+    parameters = plan.parameters if found is None else found.parameters
+    if not unseen:
+        held = cross_validate(parameters, blocks, needed=plan.frame_names, error=position_error, folds=folds)
+        return held, [b.measured for b in blocks]
+    others = [refreshed(block(chain, plan, p, R_base_tracker), chain, plan, p, fit.values) for p in unseen]
+    if found is not None and found.regions:
+        others = [regions.shaped_like(found, chain, plan, p, b) for p, b in zip(unseen, others, strict=True)]
+    held = score_separate(parameters, blocks, others, needed=plan.frame_names, error=position_error)
+    return held, [b.measured for b in others]
+
+
+def _score(chain: ElasticChain, plan: Layout, tracker: KnownFrames | None) -> Any:
+    """Quick fit of one dataset, as :data:`counterflex.identify.suspicion.Score`."""
+
+    def score(data: Dataset) -> Misfit:
+        pulls = _read(chain, data, tracker)
+        return misfit_of(solve(plan.parameters, [block(chain, plan, replace(pulls, history=""), _axes(tracker))]))
+
+    return score
+
+
+def _read(chain: ElasticChain, data: Dataset, tracker: KnownFrames | None) -> Pulls:
+    return read_pulls(chain, data, None if tracker is None else tracker.T_tcp_target[:3, 3])
+
+
+def _axes(tracker: KnownFrames | None) -> Float | None:
+    return None if tracker is None else tracker.T_base_tracker[:3, :3]
+
+
+def _turn(tracker: KnownFrames | None) -> Float | None:
+    return None if tracker is None or tracker.sigma is None else tracker.sigma[3:]
 
 
 def _frames(cell: CellModel, data: Sequence[Dataset]) -> KnownFrames | None:
     """The tracker, where displacements are written in its axes."""
-    if all(d.has("d_tcp_base") for d in data):
+    if all(d.has("d_tcp_base") or not d.has("d_tracker_target") for d in data):
         return None
     known = known_frames(cell)
     if known is None:
@@ -131,11 +186,10 @@ def _frames(cell: CellModel, data: Sequence[Dataset]) -> KnownFrames | None:
 
 
 def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
-    """Poses and loads; see :data:`counterflex.identify.recipe.Propose`."""
+    """Poses and loads; see :func:`counterflex.identify.pull_proposal.propose_pulls`."""
     return propose_pulls(cell, count, {**SETTINGS, **settings})
 
 
-SETTINGS: Final[Mapping[str, float | int | str | bool]] = {**compliances.SETTINGS, **pull_proposal.SETTINGS}
 RECIPE: Final = Recipe(
     "stiffness",
     "compliance of axes, links, sensor and holder from pulls at the tool",

@@ -1,0 +1,235 @@
+"""Compliances that change with the joint angle or the load, kept only where data not used bear them out.
+
+Candidates: for each spring, ``c (1 + a phi)`` with phi of the row: two halves of the angle of its axis or of the next
+one (-1/2, +1/2), linear in that angle, the sign of its load, the size of its load; all centred, so that c stays the
+mean. Each is screened by what one more parameter would gain in the residuals of the fit (F test, all candidates taken
+together), the best are fitted, and the best of these stays if the error on data not used falls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+from scipy.stats import f
+
+from counterflex.core.arrays import Float
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import DEG
+from counterflex.identify.compliances import DIRECTIONS
+from counterflex.identify.fit import Fit
+from counterflex.identify.holdout import HeldOut, cross_validate, position_error
+from counterflex.identify.parameters import Parameter, Parameters
+from counterflex.identify.pull_blocks import Layout
+from counterflex.identify.pull_residuals import PullResiduals, Shape
+from counterflex.identify.pulls import Pulls
+from counterflex.identify.solve import solve
+from counterflex.robot.chain import ElasticChain
+from counterflex.robot.compliance import element_loads
+
+CHANCE: Final = 1e-3
+"""Largest probability that the best of all candidates gains as much by chance."""
+GAIN: Final = 0.03
+"""Least relative decrease of the error on data not used."""
+TRIED: Final = 3
+"""Candidates that are fitted, those with the largest gain by the screening."""
+MOST: Final = 3
+"""Regions in all."""
+PRIOR: Final = 0.5
+"""Prior standard deviation of a: relative change of the compliance over the range of phi."""
+_LEAST_SPREAD = 0.05
+_LEAST_SIDE = 0.15
+
+
+Kind = Literal["half", "slope", "load_sign", "load_size"]
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """One compliance that changes with the row, ``phi = (raw - centre) / spread``.
+
+    Attributes:
+        spring: Place in the springs.
+        name: Of its parameter: ``axis2.rz.q2_half``.
+        text: In words.
+        kind: What ``raw`` is: +1/2 above and -1/2 below an angle, the angle (rad), +-1/2 by the sign of the load, or
+            its size over the largest.
+        axis: Driven axis 0..5 of the angle.
+        at: Angle between the halves (rad) or the largest load (N, N m).
+        centre: Mean of ``raw``, weighted by the square of the load.
+        spread: Range of ``raw``.
+    """
+
+    spring: int
+    name: str
+    text: str
+    kind: Kind
+    axis: int
+    at: float
+    centre: float = 0.0
+    spread: float = 1.0
+
+    def phi(self, chain: ElasticChain, plan: Layout, pulls: Pulls) -> Float:
+        """(n,) of some pulls."""
+        load = element_loads(chain, pulls.q, pulls.w_tcp_base)
+        own = load[:, plan.springs.segment[self.spring], plan.springs.direction[self.spring]]
+        return (self.raw(pulls.q, own) - self.centre) / self.spread
+
+    def raw(self, q: Float, load: Float) -> Float:
+        """(n,) before centring; q (n, 6) rad, load (n,) of the spring, N or N m."""
+        if self.kind == "half":
+            return np.where(q[:, self.axis] > self.at, 0.5, -0.5)
+        if self.kind == "slope":
+            return q[:, self.axis].copy()
+        out: Float = 0.5 * np.sign(load) if self.kind == "load_sign" else np.abs(load) / self.at
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What the search ended with.
+
+    Attributes:
+        regions: Kept ones, in the order found.
+        parameters: All parameters, those of the regions last.
+        blocks: With their shapes.
+        error: Mean error on data not used before any and after each region, m.
+    """
+
+    regions: tuple[Region, ...]
+    parameters: Parameters
+    blocks: tuple[PullResiduals, ...]
+    error: tuple[float, ...]
+
+
+def candidates(chain: ElasticChain, plan: Layout, pulls: Sequence[Pulls]) -> list[Region]:
+    """All regions that the poses and loads of some pulls tell apart."""
+    q = np.concatenate([p.q for p in pulls])
+    loads = np.concatenate([element_loads(chain, p.q, p.w_tcp_base) for p in pulls])
+    axis_of = np.maximum.accumulate(chain.joint)
+    out = []
+    for k, (segment, direction) in enumerate(zip(plan.springs.segment, plan.springs.direction, strict=True)):
+        load = loads[:, segment, direction]
+        largest = float(np.max(np.abs(load), initial=0.0))
+        if not plan.springs.parameters.items[k].free or largest == 0.0:
+            continue
+        spring = f"{chain.names[segment]}.{DIRECTIONS[direction]}"
+        own = int(axis_of[segment])
+        found = [
+            Region(k, f"{spring}.load_sign", f"{spring}, by the sign of its load", "load_sign", -1, 0.0),
+            Region(k, f"{spring}.load_size", f"{spring}, by the size of its load", "load_size", -1, largest),
+        ]
+        for axis in sorted({max(own, 0), min(own + 1, 5)}):
+            at, name = float(np.median(q[:, axis])), f"{spring}.q{axis + 1}"
+            words = f"{spring}, by the angle of axis {axis + 1}"
+            found.append(Region(k, f"{name}_half", f"{words} above and below {at / DEG:.0f} deg", "half", axis, at))
+            found.append(Region(k, f"{name}_slope", f"{words}, linear", "slope", axis, at))
+        for region in found:
+            raw = region.raw(q, load)
+            spread, weight = float(np.ptp(raw)), load**2 / float(np.sum(load**2))
+            centre = float(weight @ raw)
+            if spread > _LEAST_SPREAD and float(weight @ (raw - centre) ** 2) > (_LEAST_SIDE * spread) ** 2:
+                out.append(replace(region, centre=centre, spread=spread))
+    return out
+
+
+def search(
+    chain: ElasticChain,
+    plan: Layout,
+    pulls: Sequence[Pulls],
+    blocks: Sequence[PullResiduals],
+    fit: Fit,
+    progress: Progress = silent,
+) -> Found:
+    """Regions that the data demand.
+
+    Args:
+        chain: The cell's.
+        plan: Parameters without regions.
+        pulls: Data.
+        blocks: Their residuals, offsets up to date.
+        fit: To them.
+        progress: Told about regions.
+
+    Returns:
+        The regions kept; none where data not used do not bear one out.
+    """
+    parameters, now = plan.parameters, list(blocks)
+    kept: list[Region] = []
+    errors = [_error(parameters, now, plan)]
+    everything = candidates(chain, plan, pulls)
+    phi = {r.name: tuple(r.phi(chain, plan, p) for p in pulls) for r in everything}
+    for turn in range(MOST):
+        open_ = [r for r in everything if r.name not in {k.name for k in kept}]
+        gains = np.array([_gain(fit, now, r.spring, phi[r.name], parameters) for r in open_])
+        dof = max(fit.dof - 1.0, 1.0)
+        limit = float(f.isf(CHANCE / max(len(open_), 1), 1.0, dof))
+        best: tuple[float, Region, Parameters, list[PullResiduals]] | None = None
+        for i in np.argsort(-gains)[:TRIED]:
+            if gains[i] < limit:
+                break
+            wider, shaped = _with(parameters, now, open_[i], phi[open_[i].name])
+            error = _error(wider, shaped, plan)
+            if best is None or error < best[0]:
+                best = (error, open_[i], wider, shaped)
+        progress((turn + 1) / MOST, "regions of stiffness")
+        if best is None or best[0] > (1.0 - GAIN) * errors[-1]:
+            break
+        error, region, parameters, now = best
+        kept.append(region)
+        errors.append(error)
+        fit = solve(parameters, now, start=np.append(fit.values, 0.0))
+    return Found(tuple(kept), parameters, tuple(now), tuple(errors))
+
+
+def shaped_like(found: Found, chain: ElasticChain, plan: Layout, pulls: Pulls, block: PullResiduals) -> PullResiduals:
+    """Another block with the shapes of the regions kept."""
+    first = len(plan.parameters)
+    shapes = tuple(Shape(r.spring, first + i, r.phi(chain, plan, pulls)) for i, r in enumerate(found.regions))
+    return replace(block, shapes=shapes)
+
+
+def _with(
+    parameters: Parameters, blocks: Sequence[PullResiduals], region: Region, phi: Sequence[Float]
+) -> tuple[Parameters, list[PullResiduals]]:
+    wider = parameters + Parameters.of([Parameter(region.name, "1", 0.0, PRIOR, -1.9, 1.9, label=region.text)])
+    shaped = [
+        replace(b, shapes=(*b.shapes, Shape(region.spring, len(parameters), own)))
+        for b, own in zip(blocks, phi, strict=True)
+    ]
+    return wider, shaped
+
+
+def _error(parameters: Parameters, blocks: Sequence[PullResiduals], plan: Layout) -> float:
+    held: HeldOut = cross_validate(parameters, blocks, needed=plan.frame_names, error=position_error)
+    return held.mean()[0]
+
+
+def _gain(
+    fit: Fit, blocks: Sequence[PullResiduals], spring: int, phis: Sequence[Float], parameters: Parameters
+) -> float:
+    """F statistic of one more parameter at the fit: decrease of the sum of squares over the variance left."""
+    free = np.flatnonzero(parameters.free)
+    scale = parameters.slope(fit.values)[free]
+    r, J, z = [], [], []
+    for block, weight, factor, phi in zip(blocks, fit.weights, fit.sigma_factors, phis, strict=True):
+        root = (np.sqrt(weight) / factor)[:, None]
+        r.append((block.evaluate(fit.values) * root).reshape(-1))
+        J.append((block.jacobian(fit.values)[:, :, free] * scale * root[:, :, None]).reshape(-1, len(free)))
+        column = block.columns[spring]
+        own = block.jacobian(fit.values)[:, :, column] * fit.values[column]
+        z.append((own * phi[:, None] * root).reshape(-1))
+    rows, slope, extra = np.concatenate(r), np.concatenate(J), np.concatenate(z)
+    padded = np.vstack([slope, np.eye(len(free))])
+    Q, _ = np.linalg.qr(padded)
+    wide = np.concatenate([extra, np.zeros(len(free))])
+    left = wide - Q @ (Q.T @ wide)
+    size = float(left @ left)
+    if size <= 1e-12 * max(float(wide @ wide), 1e-300):
+        return 0.0
+    whole = np.concatenate([rows, parameters.coordinates(fit.values)[free]])
+    gain = float(left @ whole) ** 2 / size
+    variance = max(float(rows @ rows) / max(fit.dof, 1.0), 1e-300)
+    return gain / variance
