@@ -160,7 +160,7 @@ def run(
     with atomic.atomic_folder(folder) as staging:
         found = task.recipe.identify(model_of(task.cell), task.data, task.holdout, task.settings, progress)
         check_better(found)
-        date = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+        date = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
         entry = provenance(task, found, date)
         text = updated_text(task.cell, found.changes, entry, folder)
         result = result_of(task, found, date)

@@ -35,7 +35,7 @@ def run_name(date: str, recipe: str, taken: Path) -> str:
     """Name of the folder of a run: date, time and recipe, numbered where there is one already.
 
     Args:
-        date: ``2026-11-21 22:31 UTC``.
+        date: ``2026-11-21 22:31:05 UTC``.
         recipe: Its name.
         taken: Archive in which the name must be new.
     """
@@ -43,7 +43,7 @@ def run_name(date: str, recipe: str, taken: Path) -> str:
     name, number = stem, 1
     while (taken / name).exists():
         number += 1
-        name = f"{stem}_{number}"
+        name = f"{stem}_{number:02d}"
     return name
 
 
@@ -85,14 +85,15 @@ def runs_below(folder: Path) -> list[Run]:
     if not folder.is_dir():
         raise FileFormatError("no such folder", where=str(folder))
     found: dict[tuple[str, ...], Run] = {}
-    for path in sorted(folder.rglob(RESULT), key=lambda p: (INPUTS in p.parts, len(p.parts), str(p))):
+    # The copy in an archive comes before the one beside it: its name tells which of two in one second was later.
+    for path in sorted(folder.rglob(RESULT), key=lambda p: (-len(p.parts), str(p))):
         try:
             result = read_identification(path)
         except CounterflexError:
             continue
         key = (result["date"], result["recipe"], *(d["sha256"] for d in result["data"]), str(result["headline"]))
         found.setdefault(key, Run(path.parent, result))
-    return sorted(found.values(), key=lambda run: (run.result["date"], run.result["recipe"]))
+    return sorted(found.values(), key=lambda run: (run.result["date"], run.folder.name))
 
 
 def _bytes(path: Path) -> bytes:
