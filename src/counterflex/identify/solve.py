@@ -35,6 +35,7 @@ _LOOSE = 1e-6
 _FEW = 10
 _AT_BOUND = 1e-4
 _HELD_BACK = 2.0
+_BOLDER = (0.1, 0.0)
 _REASONS = {
     0: "stopped after {n} evaluations of the last round without coming to rest: look at the residuals before using it",
     1: "came to rest: no small change of the values improves the fit",
@@ -94,12 +95,13 @@ def solve(
     if robust:
         u = _coarse(problem, u, stop, progress)
     state = _settle(problem, _State.at(problem, u, robust), robust, stop, progress)
-    if _priors_may_hold_back(problem, state):
-        bold = _State.at(problem, state.u, robust)
-        bold.factors = [1.0 + 0.1 * (s - 1.0) for s in state.factors]
-        bold = _settle(problem, bold, robust, stop, progress)
-        if bold.surprise(problem) < state.surprise(problem):
-            state = bold
+    for share in _BOLDER:
+        if _priors_may_hold_back(problem, state, share):
+            bold = _State.at(problem, state.u, robust)
+            bold.factors = _believed_more(state.factors, share)
+            bold = _settle(problem, bold, robust, stop, progress)
+            if bold.surprise(problem) < state.surprise(problem):
+                state = bold
     result = problem.fit(state.u, state.weights, state.factors, stop.tolerance, stop.evaluations)
     state.u = np.asarray(result.x)
     reason = _REASONS[int(result.status)].format(n=stop.evaluations)
@@ -139,7 +141,7 @@ class _State:
         """Minus the logarithm of the posterior with the factors at their best, but for a constant."""
         counts = [float(np.sum(w)) * r.shape[1] for w, r in zip(self.weights, problem.rows(self.u), strict=True)]
         spreads = sum(n * math.log(s) for n, s in zip(counts, self.factors, strict=True))
-        return spreads + 0.5 * float(np.sum((self.u * problem.known) ** 2))
+        return float(spreads + 0.5 * np.sum((self.u * problem.known) ** 2))
 
 
 def _coarse(problem: Stacked, u: Float, stop: Stop, progress: Progress) -> Float:
@@ -175,7 +177,11 @@ def _settle(problem: Stacked, state: _State, robust: bool, stop: Stop, progress:
     return state
 
 
-def _priors_may_hold_back(problem: Stacked, state: _State) -> bool:
+def _believed_more(factors: Sequence[float], share: float) -> list[float]:
+    return [1.0 + share * (s - 1.0) for s in factors]
+
+
+def _priors_may_hold_back(problem: Stacked, state: _State, share: float) -> bool:
     """Whether believing the data more would make their residuals much smaller, by the tangent at the solution.
 
     Wide factors and narrow priors can hold each other up: residuals are large because the priors hold, and the priors
@@ -184,11 +190,11 @@ def _priors_may_hold_back(problem: Stacked, state: _State) -> bool:
     if max(state.factors) < _HELD_BACK or not np.any(problem.known):
         return False
     rows = problem.rows(state.u)
-    tenth = [1.0 + 0.1 * (s - 1.0) for s in state.factors]
-    parts = problem.weighted(state.u, state.weights, tenth)
+    less = _believed_more(state.factors, share)
+    parts = problem.weighted(state.u, state.weights, less)
     covariance, _ = problem.covariance(parts)
     pulls = -problem.known * state.u
-    for part, r, w, s in zip(parts, rows, state.weights, tenth, strict=True):
+    for part, r, w, s in zip(parts, rows, state.weights, less, strict=True):
         pulls = pulls - part.T @ (r * (np.sqrt(w) / s)[:, None]).reshape(-1)
     step = covariance @ pulls
     left = [r + J @ step for r, J in zip(rows, problem.slopes(state.u), strict=True)]
