@@ -75,9 +75,9 @@ def simulate(
     T_base_part, residual = as_float("T_base_part", controller.T_base_part, (4, 4)), np.zeros((0, 3))
     if datum_points_part is not None:
         T_base_part, residual = touched_part_frame(plant, controller, datum_points_part)
-    blank = _as_delivered(stock, truth.stock_top_offset_m)
+    blank = as_delivered(stock, truth.stock_top_offset_m)
     process = Process(blank, cutter, truth.cutting, step_s, T_base_part)
-    near = _near(reference.p_part_command, blank, cutter.radius_m)
+    near = near_stock(reference.p_part_command, blank, cutter.radius_m)
     run = _Run(plant, process, reference, path.spindle_rad_s[reference.source], near, substeps)
     for first, last in _stretches(near, controller.cycle_s, skip_air):
         run.stretch(first, last, progress)
@@ -115,7 +115,7 @@ def simulate(
     )
 
 
-def _as_delivered(stock: HeightMap, offset_m: float) -> HeightMap:
+def as_delivered(stock: HeightMap, offset_m: float) -> HeightMap:
     """The blank with its top where it really is; columns without material stay so."""
     blank = stock.copy()
     solid = blank.z > blank.bottom_m
@@ -124,7 +124,7 @@ def _as_delivered(stock: HeightMap, offset_m: float) -> HeightMap:
     return blank
 
 
-def _near(p_part: Float, stock: HeightMap, radius_m: float) -> Bool:
+def near_stock(p_part: Float, stock: HeightMap, radius_m: float) -> Bool:
     """Samples whose tool may touch the stock's box."""
     ny, nx = stock.z.shape
     low = np.array([stock.x0_m, stock.y0_m]) - radius_m - CLEARANCE_M
@@ -147,7 +147,7 @@ def _stretches(near: Bool, cycle_s: float, skip_air: bool) -> list[tuple[int, in
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - 1 > a]
 
 
-def _hermite(substeps: int, cycle_s: float) -> tuple[Float, Float]:
+def hermite(substeps: int, cycle_s: float) -> tuple[Float, Float]:
     """Weights (substeps, 4) of q0, qd0, q1, qd1 for position and speed within a cycle."""
     u = np.arange(substeps) / substeps
     place = np.stack(
@@ -168,7 +168,7 @@ class _Run:
         n = len(reference.time_s)
         self.plant, self.process, self.reference = plant, process, reference
         self.spindle, self.near, self.substeps = spindle, near, substeps
-        self.place, self.speed = _hermite(substeps, float(reference.time_s[1]))
+        self.place, self.speed = hermite(substeps, float(reference.time_s[1]))
         self.p_base_tcp: Float = np.zeros((n, 3))
         self.R_base_tcp: Float = np.zeros((n, 3, 3))
         self.q_motor: Float = np.zeros((n, 6))
