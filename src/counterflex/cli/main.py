@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, NoReturn
 import typer
 
 from counterflex import __version__
-from counterflex.cli import campaign, demo, identify, program, prove, question, twin
+from counterflex.cli import campaign, dataset, demo, identify, program, prove, question, twin
 from counterflex.cli.interrupt import interruptible
 from counterflex.core.errors import CounterflexError
 
@@ -35,6 +35,7 @@ app = typer.Typer(
 question.register(app)
 program.register(app)
 prove.register(app)
+dataset.register(app)
 identify.register(app)
 twin.register(app)
 campaign.register(app)
