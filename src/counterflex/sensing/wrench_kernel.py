@@ -1,0 +1,112 @@
+"""The flange sensor's reading as process wrench at the TCP, compiled for the online loop: one sample, no allocation.
+
+The same equations as :func:`counterflex.sensing.flange_sensor.tcp_wrench`, with the constants of
+:meth:`~counterflex.sensing.flange_sensor.FlangeSensor.packed`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.jit import kernel
+
+P_R: Final = 0
+P_ORIGIN: Final = 9
+P_MASS: Final = 12
+P_COM: Final = 13
+P_BIAS: Final = 22
+P_DRIFT: Final = 28
+P_KELVIN: Final = 34
+P_REFERENCE: Final = 40
+P_COUNT: Final = 41
+P_OFFSET: Final = 42
+
+_H = math.sqrt(0.5)
+_T = 1.0 / math.sqrt(6.0)
+_SYMMETRIC: Float = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0, _H, 0.0, _H, 0.0],
+        [0.0, 0.0, _H, 0.0, 0.0, 0.0, _H, 0.0, 0.0],
+        [0.0, _H, 0.0, _H, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [_H, 0.0, 0.0, 0.0, -_H, 0.0, 0.0, 0.0, 0.0],
+        [-_T, 0.0, 0.0, 0.0, -_T, 0.0, 0.0, 0.0, 2.0 * _T],
+    ]
+)
+
+
+@kernel("float64(float64[::1], int64, int64)")
+def _second(R: Float, a: int, b: int) -> float:
+    """``<S_a, R S_b R^T>`` of the orientation functions of degree 2."""
+    total = 0.0
+    for i in range(3):
+        for j in range(3):
+            s = _SYMMETRIC[a, 3 * i + j]
+            if s == 0.0:
+                continue
+            m = 0.0
+            for k in range(3):
+                for n in range(3):
+                    t = _SYMMETRIC[b, 3 * k + n]
+                    if t != 0.0:
+                        m += R[3 * i + k] * t * R[3 * j + n]
+            total += s * m
+    return total
+
+
+@kernel("void(float64[::1], float64[::1], float64[::1], float64, float64, float64[::1])")
+def idle(packed: Float, R: Float, gravity: Float, time_s: float, temperature_c: float, out: Float) -> None:
+    """What the sensor shows at rest without a process.
+
+    Args:
+        packed: Constants of the sensor.
+        R: (9,) R_base_sensor by rows, of the bent arm.
+        gravity: (3,) m/s2, base axes.
+        time_s: Since the sensor's zero.
+        temperature_c: NaN is the reference temperature.
+        out: (6,) N, N m about the sensor's origin in its axes; written.
+    """
+    warm = temperature_c - packed[P_REFERENCE] if math.isfinite(temperature_c) else 0.0
+    m = packed[P_MASS]
+    fx = m * (R[0] * gravity[0] + R[3] * gravity[1] + R[6] * gravity[2])
+    fy = m * (R[1] * gravity[0] + R[4] * gravity[1] + R[7] * gravity[2])
+    fz = m * (R[2] * gravity[0] + R[5] * gravity[1] + R[8] * gravity[2])
+    cx, cy, cz = packed[P_COM], packed[P_COM + 1], packed[P_COM + 2]
+    out[0], out[1], out[2] = fx, fy, fz
+    out[3], out[4], out[5] = cy * fz - cz * fy, cz * fx - cx * fz, cx * fy - cy * fx
+    for k in range(6):
+        out[k] += packed[P_BIAS + k] + time_s * packed[P_DRIFT + k] + warm * packed[P_KELVIN + k]
+    count = int(packed[P_COUNT])
+    for i in range(count):
+        value = math.sqrt(3.0) * R[i] if i < 9 else math.sqrt(5.0) * _second(R, (i - 9) // 5, (i - 9) % 5)
+        for k in range(6):
+            out[k] += value * packed[P_OFFSET + 6 * i + k]
+
+
+@kernel("void(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])")
+def to_tcp(w_sensor: Float, w_idle: Float, R: Float, p_sensor_tcp: Float, R_base_part: Float, out: Float) -> None:
+    """Reading to process wrench on the tool about the TCP in part axes (Haehn2020 eq. 18-20, with moments).
+
+    Args:
+        w_sensor: (6,) reading.
+        w_idle: (6,) of :func:`idle`.
+        R: (9,) R_base_sensor by rows.
+        p_sensor_tcp: (3,) m, TCP in the sensor's frame.
+        R_base_part: (9,) by rows.
+        out: (6,) N, N m; written.
+    """
+    fx, fy, fz = w_sensor[0] - w_idle[0], w_sensor[1] - w_idle[1], w_sensor[2] - w_idle[2]
+    px, py, pz = p_sensor_tcp[0], p_sensor_tcp[1], p_sensor_tcp[2]
+    mx = w_sensor[3] - w_idle[3] - (py * fz - pz * fy)
+    my = w_sensor[4] - w_idle[4] - (pz * fx - px * fz)
+    mz = w_sensor[5] - w_idle[5] - (px * fy - py * fx)
+    for part in range(2):
+        x, y, z = (fx, fy, fz) if part == 0 else (mx, my, mz)
+        bx = R[0] * x + R[1] * y + R[2] * z
+        by = R[3] * x + R[4] * y + R[5] * z
+        bz = R[6] * x + R[7] * y + R[8] * z
+        for k in range(3):
+            out[3 * part + k] = R_base_part[k] * bx + R_base_part[3 + k] * by + R_base_part[6 + k] * bz
