@@ -30,6 +30,8 @@ from counterflex.app.truth import truth_of
 from counterflex.files import plan_file, run_file
 from counterflex.files.cell import read_cell
 from counterflex.files.cell_schema import CellTables
+from counterflex.files.dataset_manifest import Manifest
+from counterflex.files.schema import PoseTable
 from counterflex.twin.truth_file import to_dict
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -177,6 +179,7 @@ def file_keys() -> dict[str, set[str]]:
     """Keys and columns of every file format, by the page that explains them."""
     return {
         "cell-file.md": cell_keys(),
+        "datasets.md": cell_keys(Manifest) - set(PoseTable.model_fields) - {"format", "version"},
         "plan-file.md": {column.name for column in plan_file.LAYOUT},
         "run-file.md": {column.name for column in run_file.LAYOUT},
         "truth-file.md": truth_keys(to_dict(truth_of(read_cell(CELL), 1))),
