@@ -39,6 +39,10 @@ def show_result(result: dict[str, Any], out: Path) -> None:
             note=f"Rank {fit['rank']} of {fit['free']}, condition {fit['condition']:.2g}, "
             f"{sum(fit['rows'])} rows, {len(fit['outliers'])} outliers. {fit['reason']}",
         )
+        if not fit["converged"]:
+            typer.echo("warning: the solver had not come to rest")
+        for name_at_bound in fit["at_bound"]:
+            typer.echo(f"warning: {name_at_bound} rests against its bound; the data would have it beyond")
         for outlier in fit["outliers"][:_OUTLIERS]:
             typer.echo(f"outlier: {outlier['where']}: {outlier['size']:.1f} times its standard deviation")
         if len(fit["outliers"]) > _OUTLIERS:

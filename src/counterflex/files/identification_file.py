@@ -17,13 +17,12 @@ from counterflex.core.similar import missing_file
 from counterflex.files.schema import check_header
 from counterflex.files.shop_unit import shop
 from counterflex.identify.fit import Fit
+from counterflex.identify.intervals import covariance_si, intervals
 from counterflex.identify.parameters import Parameter
 from counterflex.identify.recipe import Figure
 
 FORMAT: Final = "counterflex-identification"
 VERSION: Final = 1
-COVERAGE: Final = 1.959963984540054
-"""Half width of the 95 % interval in standard deviations."""
 Place = Callable[[str, int], str]
 """Where a row of a block stands: ``data.csv:12``."""
 
@@ -31,14 +30,15 @@ Place = Callable[[str, int], str]
 def parameter_rows(fit: Fit) -> list[dict[str, Any]]:
     """One row for each parameter: value, standard deviation and 95 % interval in its shop unit, prior, how it is seen.
 
-    Intervals are ``value +- 1.96 sigma``, of logarithmic parameters in the logarithm, of held ones None.
+    Intervals are those of :func:`counterflex.identify.intervals.intervals`; held parameters have none.
     """
     rows = []
+    ends = intervals(fit)
     for place, (item, value, sigma, seen) in enumerate(
         zip(fit.parameters, fit.values, fit.sigma, fit.seen, strict=True)
     ):
         unit, factor = shop(item.unit)
-        low, high = interval(item, float(value), float(sigma))
+        low, high = ends[place]
         rows.append(
             {
                 "name": item.name,
@@ -56,20 +56,6 @@ def parameter_rows(fit: Fit) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def interval(item: Parameter, value: float, sigma: float) -> tuple[float, float]:
-    """95 % interval of a parameter, in its unit.
-
-    Args:
-        item: The parameter.
-        value: Found.
-        sigma: Its standard deviation, same unit.
-    """
-    if not item.log:
-        return value - COVERAGE * sigma, value + COVERAGE * sigma
-    factor = math.exp(COVERAGE * sigma / value)
-    return value / factor, value * factor
 
 
 def _prior(item: Parameter) -> float:
@@ -110,22 +96,15 @@ def fit_table(fit: Fit, place: Place) -> dict[str, Any]:
         ],
         "reason": fit.reason,
         "evaluations": fit.evaluations,
+        "converged": fit.converged,
+        "at_bound": list(fit.at_bound),
     }
 
 
 def covariance_shop(fit: Fit) -> Float:
     """(f, f) covariance of the free parameters in their shop units."""
-    scale = fit.parameters.slope(fit.values)[fit.free_index]
     factors = np.array([shop(fit.parameters.items[i].unit)[1] for i in fit.free_index])
-    step = scale / factors
-    out: Float = fit.covariance * step[:, None] * step[None, :]
-    return out
-
-
-def correlation(fit: Fit) -> Float:
-    """(f, f) correlation of the free parameters."""
-    spread = np.sqrt(np.maximum(np.diag(fit.covariance), 1e-300))
-    out: Float = fit.covariance / spread[:, None] / spread[None, :]
+    out: Float = covariance_si(fit)[np.ix_(fit.free_index, fit.free_index)] / np.outer(factors, factors)
     return out
 
 

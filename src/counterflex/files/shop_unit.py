@@ -25,6 +25,7 @@ def shop(unit: str) -> tuple[str, float]:
     """Shop unit of an SI unit and the SI value of one of it."""
     return SHOP.get(unit, (unit, 1.0))
 
+
 _OF_NAMES: Final[dict[str, str]] = {
     "_mm": "mm",
     "_um": "um",

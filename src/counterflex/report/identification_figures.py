@@ -124,13 +124,8 @@ def residuals_figure(fit: Fit, names: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def correlation_figure(fit: Fit, correlation: Float) -> dict[str, Any] | None:
-    """Correlation of the free parameters as a map; None for fewer than two.
-
-    Args:
-        fit: What was found.
-        correlation: (f, f).
-    """
+def correlation_figure(fit: Fit) -> dict[str, Any] | None:
+    """Correlation of the free parameters as a map; None for fewer than two."""
     names = [fit.parameters.items[i].label or fit.parameters.items[i].name for i in fit.free_index]
     if len(names) < 2:
         return None
@@ -140,7 +135,7 @@ def correlation_figure(fit: Fit, correlation: Float) -> dict[str, Any] | None:
                 "type": "heatmap",
                 "x": names,
                 "y": names,
-                "z": [numbers(row, 3) for row in correlation],
+                "z": [numbers(row, 3) for row in fit.correlation],
                 "zmin": -1,
                 "zmax": 1,
                 "colorscale": [[0, "#c2410c"], [0.25, "#f3b08f"], [0.5, "#ffffff"], [0.75, "#9cc7e6"], [1, "#0369a1"]],

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from counterflex.files.identification_file import correlation
 from counterflex.files.shop_unit import unit_of_name
 from counterflex.identify.fit import Fit
 from counterflex.identify.recipe import Identification
@@ -51,7 +50,7 @@ def identification_page(found: Identification, result: Mapping[str, Any]) -> str
         shown = {
             f"intervals{i}": intervals_figure(fit),
             f"residuals{i}": residuals_figure(fit, fit_blocks(fit, table)),
-            f"correlation{i}": correlation_figure(fit, correlation(fit)),
+            f"correlation{i}": correlation_figure(fit),
         }
         figures.update({key: figure for key, figure in shown.items() if figure is not None})
         fits.append(
@@ -146,7 +145,8 @@ def _facts(table: Mapping[str, Any]) -> tuple[Fact, ...]:
         Fact("Condition", f"{table['condition']:.3g}", "", "largest by smallest singular value, in prior units"),
         Fact("Reduced chi square", f"{table['chi2_reduced']:.2f}", "", f"{table['dof']:.0f} degrees of freedom"),
         Fact("Residuals exceed the stated standard deviations by", factors, "", "per block; intervals are widened"),
-        Fact("Why the solver stopped", table["reason"]),
+        Fact("Why the solver stopped", table["reason"], "", "" if table["converged"] else "it had not come to rest"),
+        *((Fact("Against their bounds", ", ".join(table["at_bound"])),) if table["at_bound"] else ()),
     )
 
 
