@@ -1,0 +1,43 @@
+"""The reading of the flange sensor on the bent arm, against the array form."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import counterflex
+from counterflex.files.cell import read_cell
+from counterflex.geometry import pose, rotation, wrench
+from counterflex.runtime.sensor_wrench import SensorWrench
+from counterflex.sensing.carrier import carrier_pose, carrier_to_tcp
+from counterflex.sensing.flange_sensor import FlangeSensor, sensor_rotation, tcp_wrench
+
+DEMO = Path(counterflex.__file__).parent / "app" / "demo"
+
+
+@pytest.mark.parametrize("segment", ["sensor", "axis6"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_agrees_with_the_array_form(segment: str, seed: int) -> None:
+    cell = read_cell(DEMO / "cell.toml")
+    rng = np.random.default_rng(seed)
+    sensor = FlangeSensor(
+        segment=segment,
+        T_seg_sensor=pose.make(rotation.exp(0.3 * rng.normal(size=3)), 0.05 * rng.normal(size=3)),
+        mass_kg=75.0,
+        p_sensor_com=0.1 * rng.normal(size=3),
+        w_bias=rng.normal(size=6),
+        w_offset=0.1 * rng.normal(size=(9, 6)),
+    )
+    q = np.array([0.2, -1.4, 1.7, 0.3, 0.6, -0.5]) + 0.1 * rng.normal(size=6)
+    one = SensorWrench(cell.chain, sensor, cell.T_base_part)
+    w_before = 200.0 * rng.normal(size=6) * [1, 1, 1, 0.1, 0.1, 0.1]
+    one.w_base[:] = w_before
+    w_sensor = 300.0 * rng.normal(size=6)
+    found = one(q, w_sensor)
+    R_base_sensor = sensor_rotation(sensor, carrier_pose(cell.chain, segment, q, w_before))
+    np.testing.assert_allclose(one.R_base_sensor, R_base_sensor, atol=1e-12)
+    w_base = tcp_wrench(sensor, w_sensor, R_base_sensor, carrier_to_tcp(cell.chain, segment))
+    np.testing.assert_allclose(found, wrench.rotate(cell.T_base_part[:3, :3].T, w_base), rtol=1e-9, atol=1e-8)
+    np.testing.assert_allclose(one.w_base, w_base, rtol=1e-9, atol=1e-8)
