@@ -191,7 +191,7 @@ def twin_run(hose: str, share: float = 1.0) -> tuple[Identification, float]:
     truth = truth_of(cell(), 3)
     equipment = laboratory(5)
     parts = []
-    for count, seed in ((40, 0), (14, 7)):
+    for count, seed in ((40, 0), (30, 7)):
         columns = {f"q{i + 1}_rad": orientations(count, seed)[:, i] for i in range(6)}
         day = replace(equipment, session=str(seed))
         measured = measure(truth, day, columns, {"hose_share": share}, silent)

@@ -45,7 +45,7 @@ def model_of(cell: Cell) -> CellModel:
         datum_points_part=cell.datum_points_part if cell.tables.part.measured_with == "robot" else None,
         tables={
             **{name: tables[name] for name in tables if name not in _ELSEWHERE},
-            **sensing_of(cell.tables.sensor, cell.chain),
+            **sensing_of(cell.tables.sensor, cell.tables.holder, cell.chain),
         },
     )
 

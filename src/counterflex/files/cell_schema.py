@@ -8,8 +8,9 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from counterflex.files.cell_drive_error import DriveErrorTable
 from counterflex.files.cell_measured import CalibrationTable, IdentifiedTable
-from counterflex.files.cell_sensing import SensorTable
+from counterflex.files.cell_sensing import HolderTable, SensorTable
 from counterflex.files.cell_timing import TimingTable
 from counterflex.files.cell_tracker import TrackerTable
 from counterflex.files.schema import Angle, ComplianceTable, Length, PoseTable, Table, Versioned
@@ -323,7 +324,9 @@ class CellTables(Versioned):
     dynamics: DynamicsTable = DynamicsTable()
     limits: LimitsTable = LimitsTable()
     sensor: SensorTable | None = None
+    holder: HolderTable | None = None
     tracker: TrackerTable | None = None
+    drive_error: DriveErrorTable | None = None
     timing: TimingTable | None = None
     identified: tuple[IdentifiedTable, ...] = ()
 

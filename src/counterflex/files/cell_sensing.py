@@ -1,22 +1,26 @@
-"""Table ``[sensor]`` of a cell file: how its forces are measured, in shop units."""
+"""Tables ``[sensor]`` and ``[holder]`` of a cell file: how its forces are measured, in shop units."""
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from dataclasses import replace
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from counterflex.core.arrays import Float
-from counterflex.core.units import MINUTE, MM
-from counterflex.files.schema import PoseTable
+from counterflex.core.units import DEG, KN, MICRO, MINUTE, MM, N_PER_MM2
+from counterflex.files.schema import Angle, Length, PoseTable, Table
 from counterflex.robot.chain import ElasticChain
 from counterflex.sensing.carrier import behind
 from counterflex.sensing.flange_sensor import FlangeSensor
+from counterflex.sensing.holder_beam import Gauge, HolderBeam
+from counterflex.sensing.strain_holder import StrainHolder
 
 Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
 _HOUR = 60.0 * MINUTE
+_GPA = KN * N_PER_MM2
 _SHAPE = "expected 0, 9 or 34 rows of six numbers"
 
 
@@ -43,6 +47,48 @@ class SensorTable(PoseTable):
             raise ValueError("mass_kg and com_mm of what hangs behind the sensor belong together; give both or none")
         if len(self.offset) not in (0, 9, 34):
             raise ValueError(f"offset has {len(self.offset)} rows; {_SHAPE}")
+        return self
+
+
+class GaugeTable(Table):
+    """One strain-gauge bridge: where its active gauges sit on the holder, and which way they look."""
+
+    x_mm: Length
+    y_mm: Length
+    z_mm: Length
+    angle_deg: Angle = 0.0
+    factor: Annotated[float, Field(gt=0.0, le=20.0)] = 1.0
+
+
+class HolderTable(Table):
+    """The instrumented spindle holder: two cheeks between the clamped end and the spindle, and its bridges.
+
+    The holder frame: z along the cheeks from the clamped end to the spindle, x through both cheeks, y across.
+    """
+
+    length_mm: Annotated[float, Field(gt=1.0, le=2000.0)]
+    cheek_distance_mm: Annotated[float, Field(gt=1.0, le=2000.0)]
+    cheek_thickness_mm: Annotated[float, Field(gt=0.5, le=500.0)]
+    cheek_width_mm: Annotated[float, Field(gt=1.0, le=2000.0)]
+    youngs_modulus_gpa: Annotated[float, Field(gt=1.0, le=1000.0)] = 210.0
+    poisson_ratio: Annotated[float, Field(ge=0.0, lt=0.5)] = 0.3
+    segment: str = ""
+    gauges: Annotated[tuple[GaugeTable, ...], Field(min_length=3, max_length=12)]
+    tcp_mm: Three
+    sensitivity_um_m_per_kn: tuple[Six, ...] = ()
+    bias_um_m: tuple[float, ...] = ()
+    temperature_um_m_per_k: tuple[float, ...] = ()
+    reference_c: Annotated[float, Field(ge=-50.0, le=150.0)] = 20.0
+    noise_um_m: Annotated[float, Field(gt=0.0, le=1000.0)] = 0.2
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _rows(self) -> Self:
+        n = len(self.gauges)
+        for key in ("sensitivity_um_m_per_kn", "bias_um_m", "temperature_um_m_per_k"):
+            found = len(getattr(self, key))
+            if found not in (0, n):
+                raise ValueError(f"{key} has {found} rows; expected one for each of the {n} gauges, or none")
         return self
 
 
@@ -81,15 +127,50 @@ def flange_sensor(table: SensorTable | None, chain: ElasticChain) -> FlangeSenso
     )
 
 
-def sensing_of(sensor: SensorTable | None, chain: ElasticChain) -> dict[str, FlangeSensor]:
+def strain_holder(table: HolderTable | None) -> StrainHolder | None:
+    """The instrumented holder of a cell in SI.
+
+    Args:
+        table: Of the file; None where the cell has none. What it does not say of the bridges' sensitivity is computed
+            from the drawing.
+
+    Raises:
+        InputError: A gauge sits on no surface of the holder.
+    """
+    if table is None:
+        return None
+    beam = HolderBeam(
+        length_m=table.length_mm * MM,
+        distance_m=table.cheek_distance_mm * MM,
+        thickness_m=table.cheek_thickness_mm * MM,
+        width_m=table.cheek_width_mm * MM,
+        e_pa=table.youngs_modulus_gpa * _GPA,
+        poisson_ratio=table.poisson_ratio,
+    )
+    gauges = tuple(Gauge((g.x_mm * MM, g.y_mm * MM, g.z_mm * MM), g.angle_deg * DEG, g.factor) for g in table.gauges)
+    designed = StrainHolder.designed(beam, gauges, np.array(table.tcp_mm) * MM, table.noise_um_m * MICRO, table.segment)
+    zero = designed.bias
+    return replace(
+        designed,
+        sensitivity=np.array(table.sensitivity_um_m_per_kn) * (MICRO / KN)
+        if table.sensitivity_um_m_per_kn
+        else designed.sensitivity,
+        bias=np.array(table.bias_um_m) * MICRO if table.bias_um_m else zero,
+        per_kelvin=np.array(table.temperature_um_m_per_k) * MICRO if table.temperature_um_m_per_k else zero,
+        reference_c=table.reference_c,
+    )
+
+
+def sensing_of(sensor: SensorTable | None, holder: HolderTable | None, chain: ElasticChain) -> dict[str, Any]:
     """What measures forces in a cell, as objects, by the name of its table; nothing for tables that are not there.
 
     Args:
         sensor: Table of the flange sensor.
+        holder: Table of the instrumented holder.
         chain: Of the cell.
 
     Raises:
-        InputError: The end effector has no such body.
+        InputError: The end effector has no such body, or a gauge sits on no surface of the holder.
     """
-    found = flange_sensor(sensor, chain)
-    return {} if found is None else {"sensor": found}
+    found = {"sensor": flange_sensor(sensor, chain), "holder": strain_holder(holder)}
+    return {name: value for name, value in found.items() if value is not None}

@@ -12,6 +12,7 @@ MODULES: Final[dict[str, str]] = {
     "pulls": "measure_pulls",
     "slots": "measure_slots",
     "sensor_poses": "measure_sensor_poses",
+    "holder_loads": "measure_holder_loads",
     "tracker_poses": "measure_tracker_poses",
     "fiducials": "measure_fiducials",
 }

@@ -1,0 +1,146 @@
+"""Causal filters from strain to force that know their delay: Kalman observer and Gauss-Markov prediction.
+
+The force is a first-order Gauss-Markov process, ``f_k+1 = a f_k + w``, ``a = exp(-T / tau)``, with variance P in rest
+(``a = 1``: random walk, the plain observer); beside it each bridge's zero walks slowly where asked. Measured are
+strains ``s_k = K f_k + zero_k + v``. The gain is that of the steady state (discrete Riccati equation). A prediction over the
+horizon is ``a^(horizon / T) f``. The filter is linear and does not change in time, so its delay at low frequency is a
+number: the group delay of strain to force, minus the horizon.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from counterflex.core.arrays import Float, as_float, as_positive
+from counterflex.core.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class ForceFilter:
+    """A filter with constant gains: ``x = A x + L (s - H A x)``, force ``= C x``.
+
+    Attributes:
+        A: (m, m) transition of the state over one sample.
+        L: (m, n) gain.
+        H: (n, m) strain of the state.
+        C: (3, m) force of the state, prediction included.
+        step_s: Sampling time.
+        delay_s: (3,) late_s > 0: delay of each force component at low frequency, prediction subtracted.
+        sigma_n: (3,) N standard deviation of the estimate in steady state, prediction error included.
+    """
+
+    A: Float
+    L: Float
+    H: Float
+    C: Float
+    step_s: float
+    delay_s: Float
+    sigma_n: Float
+
+    def run(self, strain: Float, start: Float | None = None) -> Float:
+        """Filter a record.
+
+        Args:
+            strain: (m, n) without bias.
+            start: (3,) N force to start from; None is none.
+
+        Returns:
+            (m, 3) N; each row uses its own and earlier rows only.
+        """
+        s = as_float("strain", strain, (None, self.H.shape[0]))
+        x = np.zeros(len(self.A))
+        if start is not None:
+            x[:3] = start
+        step = self.A - self.L @ self.H @ self.A
+        out = np.empty((len(s), 3))
+        for k, row in enumerate(s):
+            x = step @ x + self.L @ row
+            out[k] = self.C @ x
+        return out
+
+
+def kalman_observer(
+    K: Float, noise_covariance: Float, *, step_s: float, slew_n: Float | float, wander: Float | None = None
+) -> ForceFilter:
+    """Kalman observer of a force that walks at random.
+
+    Args:
+        K: (n, 3) 1/N strain per force.
+        noise_covariance: (n, n) of one sample.
+        step_s: Sampling time, s.
+        slew_n: Standard deviation of the force's change over one second of random walk, N; one or (3,).
+        wander: (n,) standard deviation of each zero's walk over one second; None has no zeros in the state. With more
+            bridges than forces it separates what no force can explain; the rest of the zeros must be taken in air.
+
+    Raises:
+        InputError: Wrong shapes or times.
+    """
+    P = np.broadcast_to(as_float("slew_n", slew_n), (3,)) ** 2 * as_positive("step_s", step_s)
+    return _steady(K, noise_covariance, step_s, 1.0, np.diag(P), wander, 0.0)
+
+
+def gauss_markov(
+    K: Float,
+    noise_covariance: Float,
+    *,
+    step_s: float,
+    size_n: Float | float,
+    memory_s: float,
+    horizon_s: float = 0.0,
+    wander: Float | None = None,
+) -> ForceFilter:
+    """Filter and prediction of a force of known size and memory.
+
+    Args:
+        K: (n, 3) 1/N.
+        noise_covariance: (n, n) of one sample.
+        step_s: Sampling time, s.
+        size_n: Standard deviation of the force about zero, N; one or (3,).
+        memory_s: tau, correlation time.
+        horizon_s: How far ahead the force is predicted.
+        wander: See :func:`kalman_observer`.
+
+    Raises:
+        InputError: Wrong shapes or times.
+    """
+    a = math.exp(-as_positive("step_s", step_s) / as_positive("memory_s", memory_s))
+    P = np.broadcast_to(as_float("size_n", size_n), (3,)) ** 2 * (1.0 - a * a)
+    return _steady(K, noise_covariance, step_s, a, np.diag(P), wander, as_positive("horizon_s", horizon_s, zero=True))
+
+
+def _steady(
+    K: Float, noise: Float, step_s: float, a: float, Q: Float, wander: Float | None, horizon_s: float
+) -> ForceFilter:
+    K = as_float("K", K, (None, 3))
+    n = len(K)
+    noise = as_float("noise_covariance", noise, (n, n))
+    H = K
+    A = a * np.eye(3)
+    if wander is not None:
+        walk = np.broadcast_to(as_float("wander", wander), (n,))
+        if np.any(walk <= 0.0):
+            raise InputError("wander of a zero", value=float(walk.min()), limit="> 0, or None")
+        H = np.hstack([K, np.eye(n)])
+        A = np.diag(np.r_[np.full(3, a), np.full(n, 1.0 - 1e-9)])
+        Q = np.diag(np.r_[np.diag(Q), walk**2 * step_s])
+    scale = np.sqrt(np.diag(noise))
+    Hs, Rs = H / scale[:, None], noise / scale[:, None] / scale
+    X = solve_discrete_are(A.T, Hs.T, Q, Rs)
+    L = X @ Hs.T @ np.linalg.inv(Hs @ X @ Hs.T + Rs) / scale
+    m = len(A)
+    after = (np.eye(m) - L @ H) @ X
+    ahead = a ** (horizon_s / step_s)
+    C = np.hstack([ahead * np.eye(3), np.zeros((3, m - 3))])
+    step = A - L @ H @ A
+    B = L @ K
+    inverse = np.linalg.inv(np.eye(m) - step)
+    gain = (C @ inverse @ B).diagonal()
+    slope = (C @ inverse @ step @ inverse @ B).diagonal()
+    predicted = ahead**2 * after[:3, :3].diagonal()
+    if a < 1.0:
+        predicted = predicted + (1.0 - ahead**2) * Q[:3, :3].diagonal() / (1.0 - a * a)
+    return ForceFilter(A, L, H, C, step_s, slope / gain * step_s - horizon_s, np.sqrt(predicted))
