@@ -9,6 +9,7 @@ Source: Hampel et al. 1986, Robust Statistics, sections 2.6 and 6.3; Huber 1981,
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -29,9 +30,10 @@ def sizes(rows: Float) -> Float:
     return out
 
 
-def usual_size(components: int) -> float:
-    """Size up to which a row keeps full weight: the :data:`USUAL` quantile for noise of unit variance."""
-    return math.sqrt(float(chi2.ppf(USUAL, components)) / components)
+@cache
+def usual_size(components: int, share: float = USUAL) -> float:
+    """Size that this share of rows of so many components stays below, for noise of unit variance."""
+    return math.sqrt(float(chi2.ppf(share, components)) / components)
 
 
 def spread(rows: Float, used: float = 0.0) -> float:
@@ -47,9 +49,8 @@ def spread(rows: Float, used: float = 0.0) -> float:
     n, k = rows.shape
     if n == 0 or k == 0:
         return 1.0
-    expected = math.sqrt(float(chi2.ppf(0.5, k)) / k)
     left = max(1.0 - used / (n * k), 1.0 / _LARGEST_SHRINK**2)
-    return max(1.0, float(np.median(sizes(rows))) / expected / math.sqrt(left))
+    return max(1.0, float(np.median(sizes(rows))) / usual_size(k, 0.5) / math.sqrt(left))
 
 
 def median_weights(rows: Float) -> Float:
