@@ -1,20 +1,34 @@
-"""What measurements can see: rank, condition, and which parameters hide behind which, in words."""
+"""What measurements can see: rank, condition, and which parameters hide behind which, in words.
+
+Parameters without prior (frames, offsets of instruments) are first projected out of the weighted Jacobian; what is left
+tells how much the data say about the others once those are free to follow. A *weak direction* is a combination of the
+others that the data see less well than the priors know it (singular value below 1 in fit coordinates). The weak
+directions are brought into echelon form, so that each names one parameter and what can stand in for it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
+from scipy.linalg import qr
 
 from counterflex.core.arrays import Bool, Float, Int
-from counterflex.identify.fit import Seen
-from counterflex.identify.parameters import Parameters
+from counterflex.core.units import DEG, MM, PERCENT
+from counterflex.identify.fit import Fit, Seen
+from counterflex.identify.parameters import Parameter, Parameters
 
-DETERMINED = 0.5
+DETERMINED: Final = 0.5
 """Posterior by prior sigma below which the data determine a parameter."""
-UNSEEN = 0.9
+UNSEEN: Final = 0.9
+"""Posterior by prior sigma above which they do not see it."""
+RELATED: Final = 0.95
+"""Correlation from which two parameters are said to be found only together."""
 _RANK = 1e-9
 _PARTNER = 0.25
+_BLIND = 1.0
 
 
 @dataclass(frozen=True)
@@ -38,31 +52,133 @@ def examine(parameters: Parameters, free: Int, jacobian: Float, sigma_u: Float, 
         prior: (f,) which have a prior.
 
     Returns:
-        The findings. A weak direction is named where the data tell less about it than the priors (singular value
-        below 1) or, without priors, nothing at all.
+        The findings.
     """
-    tall = len(jacobian) > len(free)  # the triangular factor has the same singular values and right vectors
-    _, s, vt = np.linalg.svd(np.linalg.qr(jacobian, mode="r") if tall else jacobian, full_matrices=True)
-    spectrum = np.zeros(len(free))
-    spectrum[: len(s)] = s
-    largest = float(spectrum[0]) if len(spectrum) else 0.0
+    f = len(free)
+    padded = np.concatenate([jacobian, np.zeros((max(f - len(jacobian), 0), f))])
+    (R,) = qr(padded, mode="r", check_finite=False)
+    R = R[:f]
+    spectrum = np.linalg.svd(R, compute_uv=False)
+    largest = float(spectrum[0]) if f else 0.0
     rank = int(np.sum(spectrum > largest * _RANK))
-    condition = largest / float(spectrum[-1]) if spectrum[-1] > 0.0 else float("inf")
+    condition = largest / float(spectrum[-1]) if f and spectrum[-1] > largest * 1e-300 else float("inf")
     seen: list[Seen] = ["held"] * len(parameters)
-    for place, sigma, known in zip(free, sigma_u, prior, strict=True):
-        if not known:
-            seen[place] = "determined" if sigma < 1e6 else "prior"
+    for place, sigma in zip(free, sigma_u, strict=True):
+        seen[place] = "determined" if sigma < DETERMINED else ("prior" if sigma > UNSEEN else "partly")
+    items = [parameters.items[i] for i in free]
+    return Observability(tuple(seen), rank, condition, _hidden(items, R, np.asarray(prior, dtype=np.bool_)))
+
+
+def related(fit: Fit, threshold: float = RELATED) -> tuple[str, ...]:
+    """Pairs of parameters that the data determine, but only together: strongly correlated ones, strongest first.
+
+    Args:
+        fit: The fit.
+        threshold: Least correlation.
+    """
+    C = np.abs(np.triu(fit.correlation, 1))
+    pairs = np.argwhere(threshold <= C)
+    pairs = pairs[np.argsort(-C[pairs[:, 0], pairs[:, 1]], kind="stable")]
+    out = []
+    for a, b in pairs:
+        i, j = int(fit.free_index[a]), int(fit.free_index[b])
+        if fit.seen[i] == fit.seen[j] == "determined":
+            one, other = _name(fit.parameters.items[i]), _name(fit.parameters.items[j])
+            out.append(f"{one} and {other} are found together better than each alone (correlation {C[a, b]:.3f})")
+    return tuple(out)
+
+
+def _hidden(items: Sequence[Parameter], R: Float, prior: Bool) -> tuple[str, ...]:
+    loose, known = np.flatnonzero(~prior), np.flatnonzero(prior)
+    reach = np.linalg.norm(R, axis=0)
+    lost = _lost_among(R[:, loose])
+    directions = [np.zeros(len(items)) for _ in range(lost.shape[1])]
+    for direction, column in zip(directions, lost.T, strict=True):
+        direction[loose] = column
+    follow = np.linalg.pinv(R[:, loose], rcond=_RANK) @ R[:, known] if len(loose) else np.zeros((0, len(known)))
+    left = R[:, known] - R[:, loose] @ follow
+    for column in _weak(left).T:
+        direction = np.zeros(len(items))
+        direction[known] = column
+        direction[loose] = -follow @ column
+        directions.append(direction)
+    blind, sentences = [], []
+    for direction in directions:
+        lead, partners = _partners(direction, reach, prior)
+        held = "its value is what was known before" if prior[lead] else "nothing holds it: its value means nothing"
+        if not partners:
+            blind.append((_name(items[lead]), bool(prior[lead])))
+        elif len(partners) == 1:
+            other = partners[0]
+            sentences.append(
+                f"{_name(items[lead])} hides behind {_name(items[other])}: "
+                f"{_change(items[lead], direction[lead])} of one look like "
+                f"{_change(items[other], -direction[other])} of the other; {held}"
+            )
         else:
-            seen[place] = "determined" if sigma < DETERMINED else ("prior" if sigma > UNSEEN else "partly")
-    names = [parameters.items[i].label or parameters.items[i].name for i in free]
-    hidden = []
-    for value, direction in zip(spectrum[::-1], vt[::-1], strict=True):
-        if value >= 1.0 and value > largest * _RANK:
-            break
-        parts = [int(i) for i in np.argsort(-np.abs(direction)) if abs(direction[i]) > _PARTNER]
-        if len(parts) == 1:
-            hidden.append(f"{names[parts[0]]} is not seen by these measurements")
-        elif parts:
-            lead, rest = names[parts[0]], " and ".join(names[i] for i in parts[1:])
-            hidden.append(f"{lead} hides behind {rest}: only their combination is seen")
-    return Observability(tuple(seen), rank, condition, tuple(hidden))
+            names = ", ".join(_name(items[i]) for i in partners[:-1]) + f" and {_name(items[partners[-1]])}"
+            sentences.append(f"{_name(items[lead])} hides behind {names} together: only combinations are seen; {held}")
+    out = []
+    for has_prior, text in ((True, "the values are what was known before"), (False, "nothing holds the values")):
+        lost = [name for name, known_before in blind if known_before == has_prior]
+        if lost:
+            out.append(f"not seen by these measurements: {', '.join(lost)} ({text})")
+    return (*out, *sentences)
+
+
+def _lost_among(R: Float) -> Float:
+    """(l, d) directions among parameters without prior that the data do not see at all, in echelon form."""
+    if R.shape[1] == 0:
+        return np.zeros((0, 0))
+    scale = np.linalg.norm(R, axis=0)
+    scale[scale == 0.0] = 1.0
+    _, s, vt = np.linalg.svd(R / scale, full_matrices=True)
+    full = np.zeros(R.shape[1])
+    full[: len(s)] = s
+    return _echelon(vt[full <= max(float(full[0]), 1e-300) * _RANK].T / scale[:, None])
+
+
+def _weak(R: Float) -> Float:
+    """(k, d) directions in prior units that the data see less well than the priors, in echelon form."""
+    if R.shape[1] == 0:
+        return np.zeros((0, 0))
+    _, s, vt = np.linalg.svd(R, full_matrices=True)
+    full = np.zeros(R.shape[1])
+    full[: len(s)] = s
+    return _echelon(vt[full < _BLIND].T)
+
+
+def _echelon(basis: Float) -> Float:
+    """The same space (k, d) spanned by columns that each have one leading entry 1 where all others have 0."""
+    if basis.shape[1] == 0:
+        return basis
+    _, _, order = qr(basis.T, mode="economic", pivoting=True)
+    lead = order[: basis.shape[1]]
+    out: Float = basis @ np.linalg.inv(basis[lead])
+    return out
+
+
+def _partners(direction: Float, reach: Float, prior: Bool) -> tuple[int, list[int]]:
+    """The parameter that a direction is about, and what stands in for it, by their part in what would be seen.
+
+    A parameter with prior leads, since those without can only follow; one that moves nothing stands alone.
+    """
+    able = prior if np.any(np.abs(direction[prior]) > _PARTNER) else np.ones(len(prior), dtype=np.bool_)
+    lead = int(np.argmax(np.where(able, np.abs(direction), -1.0)))
+    felt = np.abs(direction) * reach
+    if felt[lead] < _BLIND * (abs(direction[lead]) if prior[lead] else 0.0) or felt[lead] == 0.0:
+        return lead, []
+    return lead, [int(i) for i in np.argsort(-felt) if i != lead and felt[i] > _PARTNER * felt[lead]]
+
+
+def _name(item: Parameter) -> str:
+    return item.label or item.name
+
+
+def _change(item: Parameter, coordinate: float) -> str:
+    """A change of a fit coordinate in the unit of the shop."""
+    size = coordinate * item.unit_step
+    if item.log:
+        return f"{size / PERCENT:.3g} %"
+    factor, unit = {"m": (MM, "mm"), "rad": (DEG, "deg"), "1": (1.0, "")}.get(item.unit, (1.0, item.unit))
+    return f"{size / factor:.3g} {unit}".rstrip()
