@@ -120,9 +120,9 @@ def _hidden(items: Sequence[Parameter], R: Float, prior: Bool) -> tuple[str, ...
             sentences.append(f"{_name(items[lead])} hides behind {names} together: only combinations are seen; {held}")
     out = []
     for has_prior, text in ((True, "the values are what was known before"), (False, "nothing holds the values")):
-        lost = [name for name, known_before in blind if known_before == has_prior]
-        if lost:
-            out.append(f"not seen by these measurements: {', '.join(lost)} ({text})")
+        unseen = [name for name, known_before in blind if known_before == has_prior]
+        if unseen:
+            out.append(f"not seen by these measurements: {', '.join(unseen)} ({text})")
     return (*out, *sentences)
 
 
