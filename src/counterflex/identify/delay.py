@@ -17,7 +17,7 @@ from counterflex.identify.delay_residuals import Basis, DelayResiduals, Order, P
 from counterflex.identify.fit import Fit
 from counterflex.identify.holdout import HeldOut, cross_validate
 from counterflex.identify.parameters import Parameter, Parameters
-from counterflex.identify.solve import solve
+from counterflex.identify.solve import Stop, solve
 from counterflex.identify.stamped import Stamped
 from counterflex.signals.alignment import coarse_shift
 
@@ -26,13 +26,14 @@ STRETCHES: Final = 20
 """Stretches of a record that hold-out keeps together."""
 SAME_CLOCK_S: Final = 1.0
 """Largest delay that is looked for between channels of one clock."""
-MOST_ROWS: Final = 2500
-"""Samples of the answer that are used; of longer records every second, third, ... one."""
-KEPT_WEIGHT: Final = 0.5
-"""Robust weight below which a sample is left out as an outlier."""
+MOST_ROWS: Final = {"own": 3000, "matrix": 1000}
+"""Samples of the answer that are used, by mixing; of longer records every second, third, ... one."""
+GROSS: Final = 10.0
+"""Samples whose residual exceeds this many times the median are left out as outliers."""
 _GRID_PER_SAMPLE = 2
 _MOST_GRID = 400_000
 _SIGNIFICANT = 3.0
+_STEPS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +72,7 @@ class Pair:
             frequency and must not be taken for a lag.
         extras: Further known signals.
         delay_s: Known before, s.
+        lag: A lag large enough to be told from a dead time is to be expected.
     """
 
     name: str
@@ -84,6 +86,7 @@ class Pair:
     inertia: bool = False
     extras: tuple[Extra, ...] = ()
     delay_s: float = 0.0
+    lag: bool = False
 
     @property
     def same_clock(self) -> bool:
@@ -125,7 +128,8 @@ def find_delay(pair: Pair, order: Order | Literal["auto"] = "auto", *, robust: b
 
     Args:
         pair: The channels.
-        order: Of the lag; ``auto`` takes first order where its time stands three standard deviations clear of zero.
+        order: Of the lag; ``auto`` takes first order where one is to be expected and its time stands three standard
+            deviations clear of zero. Without a lag the delay is that of slow motion, dead time and lag together.
         robust: See :func:`counterflex.identify.solve.solve`.
 
     Returns:
@@ -136,8 +140,8 @@ def find_delay(pair: Pair, order: Order | Literal["auto"] = "auto", *, robust: b
         InputError: The reference does not move, or the records do not overlap.
     """
     shift = _coarse(pair)
-    if order != "auto":
-        return _fitted(pair, order, shift, robust)
+    if order != "auto" or not pair.lag:
+        return _fitted(pair, "none" if order == "auto" else order, shift, robust)
     plain = _fitted(pair, "none", shift, robust)
     lagged = _fitted(pair, "first", shift, robust)
     clear = lagged.value("lag") > _SIGNIFICANT * lagged.sigma("lag") and lagged.value("lag") > 10.0 * LAG_BOUNDS_S[0]
@@ -163,7 +167,7 @@ def build(pair: Pair, order: Order, shift_s: float) -> tuple[Parameters, DelayRe
         raise InputError(
             "the records hardly overlap", where=answer.where, value=f"{int(rows.sum())} samples", limit=f">= {10 * m}"
         )
-    rows = np.flatnonzero(rows)[:: max(1, -(-int(rows.sum()) // MOST_ROWS))]
+    rows = np.flatnonzero(rows)[:: max(1, -(-int(rows.sum()) // MOST_ROWS[pair.mixing]))]
     time, values = answer.time_s[rows], answer.values[rows]
     size = np.maximum(np.std(values, axis=0), 1e-12)
     items: list[Parameter] = []
@@ -227,12 +231,44 @@ def build(pair: Pair, order: Order, shift_s: float) -> tuple[Parameters, DelayRe
 
 def _fitted(pair: Pair, order: Order, shift: float, robust: bool) -> Delay:
     parameters, block, start, needed = build(pair, order, shift)
+    start = _refined(parameters, block, start)
     if robust:
-        rough = solve(parameters, [block], start=start)
-        block, start = block.subset(rough.weights[0] >= KEPT_WEIGHT), rough.values
-    fit = with_correlation(solve(parameters, [block], robust=False, start=start), [block])
-    held_out = cross_validate(parameters, [block], needed=needed, start=fit.values, robust=False)
+        size = np.sqrt(np.mean(block.evaluate(start) ** 2, axis=1))
+        block = block.subset(size <= GROSS * float(np.median(size)))
+        start = _refined(parameters, block, start)
+    stop = Stop(tolerance=1e-9, evaluations=20)
+    fit = with_correlation(solve(parameters, [block], robust=False, start=start, stop=stop), [block])
+    held_out = cross_validate(
+        parameters, [block], needed=needed, start=fit.values, robust=False, stop=Stop(tolerance=1e-7, evaluations=10)
+    )
     return Delay(pair, block, parameters, _with_jackknife(fit, held_out.fits), order, held_out)
+
+
+def _refined(parameters: Parameters, block: DelayResiduals, start: Float) -> Float:
+    """A few Gauss-Newton steps within the bounds: all but two of the kinds of parameters are linear."""
+    x = start.copy()
+    low = np.array([p.lower for p in parameters])
+    high = np.array([p.upper for p in parameters])
+    best = float(np.sum(block.evaluate(x) ** 2))
+    for _ in range(_STEPS):
+        r = block.evaluate(x).reshape(-1)
+        J = block.jacobian(x).reshape(len(r), -1)
+        scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+        A = J / scale
+        move = np.linalg.lstsq(A.T @ A, -(A.T @ r), rcond=1e-12)[0] / scale
+        share = 1.0
+        while share > 1e-3:
+            trial = np.clip(x + share * move, low, high)
+            cost = float(np.sum(block.evaluate(trial) ** 2))
+            if cost < best:
+                break
+            share *= 0.5
+        else:
+            break
+        gain, x, best = 1.0 - cost / best, trial, cost
+        if gain < 1e-9:
+            break
+    return x
 
 
 def _with_jackknife(fit: Fit, parts: Sequence[Fit]) -> Fit:
