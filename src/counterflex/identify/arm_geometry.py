@@ -8,8 +8,8 @@ displacement (:mod:`counterflex.robot.calibration`)::
     theta_i = sign_i (q_j + sum_k (g_jk,sin sin(k q_j) + g_jk,cos (cos(k q_j) - 1))) + offset_i
 
 ``l_i`` are the loads of own weight on element i, ``c_i`` its compliance; ``g`` are periodic errors of the drives.
-Parameters are the displacements ``D``, single compliances and the ``g``; derivatives are exact (the loads are those of
-the compliances known before: the change of loads by a change of sag is of second order).
+Parameters are the displacements ``D``, single compliances, masses and the ``g``; derivatives are exact (loads
+are taken where bodies hang at the compliances known before: what a change of sag changes is of second order).
 """
 
 from __future__ import annotations
@@ -54,12 +54,14 @@ class ArmLayout:
         displaced: Places (6,) of the displacement behind a segment, or of ``base`` and ``tcp``; -1 stays as known.
         known: (6,) m, rad displacements that are no parameters, by the same names.
         soft: Places of single compliances, by segment and direction 0..5.
+        mass: Places of the masses of bodies, by segment.
         periodic: Errors of drives.
     """
 
     displaced: dict[str, Int] = field(default_factory=dict)
     known: dict[str, Float] = field(default_factory=dict)
     soft: dict[tuple[int, int], int] = field(default_factory=dict)
+    mass: dict[int, int] = field(default_factory=dict)
     periodic: tuple[PeriodicTerm, ...] = ()
 
     def displacement_at(self, name: str, x: Float) -> Float | None:
@@ -81,16 +83,23 @@ class ArmGeometry:
         layout: Where its parameters are.
         q: (m, 6) rad.
         loads: (m, n, 6) of own weight on each element, N, N m, or None where sag is left out.
+        unit_loads: (m, b, n, 6) of one kilogram of each of the b bodies whose mass is a parameter, or None.
     """
 
     chain: ElasticChain
     layout: ArmLayout
     q: Float
     loads: Float | None = None
+    unit_loads: Float | None = None
 
     def subset(self, rows: Bool) -> ArmGeometry:
         """The marked poses only."""
-        return replace(self, q=self.q[rows], loads=None if self.loads is None else self.loads[rows])
+        return replace(
+            self,
+            q=self.q[rows],
+            loads=None if self.loads is None else self.loads[rows],
+            unit_loads=None if self.unit_loads is None else self.unit_loads[rows],
+        )
 
     def poses(self, x: Float) -> Float:
         """T_base_tcp (m, 4, 4) at the values x (p,) of all parameters."""
@@ -109,74 +118,73 @@ class ArmGeometry:
         drives, ends, T_last, T = self._frames(x)
         tip = T[:, :3, 3]
         lay, chain = self.layout, self.chain
-        places: list[int] = []
-        columns: list[Float] = []
-
-        def turn(axis: Float, centre: Float, place: int) -> None:
-            places.append(place)
-            columns.append(np.concatenate([np.cross(axis, tip - centre), axis], axis=-1))
-
-        def shift(axis: Float, place: int) -> None:
-            places.append(place)
-            columns.append(np.concatenate([axis, np.zeros_like(axis)], axis=-1))
-
-        def displaced(name: str, before: Float) -> None:
-            index, d = lay.displaced.get(name), lay.displacement_at(name, x)
-            if index is None or d is None:
-                return
-            R = before[:, :3, :3]
-            centre = before[:, :3, 3] + R @ d[:3]
-            axes = R @ left_jacobian(d[3:])
-            for c in range(6):
-                if index[c] >= 0 and c < 3:
-                    shift(R[:, :, c], int(index[c]))
-                elif index[c] >= 0:
-                    turn(axes[:, :, c - 3], centre, int(index[c]))
-
-        delta = self._sag(x)
-        displaced(BASE, np.broadcast_to(np.eye(4), (len(self.q), 4, 4)))
+        loads, compliance = self._loads(x), self._compliance(x)
+        found = _Columns(tip)
+        heavy = np.zeros((len(self.q), 6, len(lay.mass)))
+        found.displaced(lay, BASE, np.broadcast_to(np.eye(4), T.shape), x)
         for i, name in enumerate(chain.names):
-            driven = drives[i]
+            R, p = drives[i][:, :3, :3], drives[i][:, :3, 3]
             for term in lay.periodic:
                 if term.axis == chain.joint[i]:
                     angle = term.order * self.q[:, term.axis]
-                    axis = chain.sign[i] * driven[:, :3, 2]
-                    turn(axis * np.sin(angle)[:, None], driven[:, :3, 3], term.sine)
-                    turn(axis * (np.cos(angle) - 1.0)[:, None], driven[:, :3, 3], term.cosine)
-            soft = [(d, place) for (segment, d), place in lay.soft.items() if segment == i]
-            if soft and self.loads is not None and delta is not None:
-                R, e = driven[:, :3, :3], delta[:, i]
-                centre = driven[:, :3, 3] + (R @ e[:, :3, None])[..., 0]
-                for d, place in soft:
-                    load = self.loads[:, i, d, None]
+                    amount = chain.sign[i] * np.stack([np.sin(angle), np.cos(angle) - 1.0], axis=-1)
+                    found.turns(R[:, :, 2:] * amount[:, None, :], p, np.array([term.sine, term.cosine]))
+            soft = {d: place for (segment, d), place in lay.soft.items() if segment == i}
+            if loads is not None and (soft or (lay.mass and np.any(compliance[i] > 0.0))):
+                e = compliance[i] * loads[:, i]
+                centre = p + (R @ e[:, :3, None])[..., 0]
+                axes = R @ _elastic_axes(e)
+                for d, place in soft.items():
+                    column = (R if d < 3 else axes)[:, :, d % 3, None] * loads[:, i, d, None, None]
                     if d < 3:
-                        shift(R[:, :, d] * load, place)
+                        found.shifts(column, np.array([place]))
                     else:
-                        turn((R @ _elastic_axis(e, d)[..., None])[..., 0] * load, centre, place)
-            displaced(name, ends[i])
-        displaced(TCP, T_last)
-        if not columns:
-            return T, np.zeros(0, dtype=np.int64), np.zeros((len(T), 6, 0))
-        return T, np.array(places, dtype=np.int64), np.stack(columns, axis=-1)
+                        found.turns(column, centre, np.array([place]))
+                if self.unit_loads is not None and np.any(compliance[i] > 0.0):
+                    by = compliance[i] * self.unit_loads[:, :, i]  # (m, bodies, 6)
+                    turn = axes @ np.swapaxes(by[:, :, 3:], 1, 2)
+                    heavy[:, :3] += R @ np.swapaxes(by[:, :, :3], 1, 2) - rotation.skew(tip - centre) @ turn
+                    heavy[:, 3:] += turn
+            found.displaced(lay, name, ends[i], x)
+        found.displaced(lay, TCP, T_last, x)
+        if loads is not None and lay.mass:
+            found.add(heavy, np.array(list(lay.mass.values())))
+        return T, *found.all()
 
     def settled(self) -> ArmGeometry:
         """The same poses with the loads of own weight where the bodies are after sag (at the known compliances)."""
         if not np.any(self.chain.mass > 0.0):
             return replace(self, loads=None)
-        plain = replace(self, layout=ArmLayout(known=self.layout.known), loads=weight_loads(self.chain, self.q))
+        bare = ArmLayout(known=self.layout.known)
+        plain = replace(self, layout=bare, loads=weight_loads(self.chain, self.q), unit_loads=None)
+        ends = np.stack(plain._frames(np.zeros(0))[1], axis=1)
         for _ in range(_SETTLING_ROUNDS):
-            ends = np.stack(plain._frames(np.zeros(0))[1], axis=1)
             plain = replace(plain, loads=weight_loads(self.chain, self.q, ends))
-        return replace(self, loads=plain.loads)
+            ends = np.stack(plain._frames(np.zeros(0))[1], axis=1)
+        units = None
+        if self.layout.mass:
+            each = np.eye(self.chain.n)
+            ones = [replace(self.chain, mass=each[body], counterbalance=None) for body in self.layout.mass]
+            units = np.stack([weight_loads(one, self.q, ends) for one in ones], axis=1)
+        return replace(self, loads=plain.loads, unit_loads=units)
 
-    def _sag(self, x: Float) -> Float | None:
-        if self.loads is None:
-            return None
+    def _loads(self, x: Float) -> Float | None:
+        if self.loads is None or self.unit_loads is None:
+            return self.loads
+        bodies = list(self.layout.mass)
+        more = x[list(self.layout.mass.values())] - self.chain.mass[bodies]
+        out: Float = self.loads + np.einsum("b,mbnd->mnd", more, self.unit_loads)
+        return out
+
+    def _compliance(self, x: Float) -> Float:
         compliance = np.array(self.chain.compliance)
         for (segment, direction), place in self.layout.soft.items():
             compliance[segment, direction] = x[place]
-        out: Float = compliance * self.loads
-        return out
+        return compliance
+
+    def _sag(self, x: Float) -> Float | None:
+        loads = self._loads(x)
+        return None if loads is None else self._compliance(x) * loads
 
     def _frames(self, x: Float) -> tuple[list[Float], list[Float], Float, Float]:
         """Frames behind every drive, behind every sag, of the TCP before its displacement, and of the TCP."""
@@ -231,12 +239,49 @@ def _elastic(delta: Float) -> Float:
     return pose.make(rotation.from_zyx(delta[:, [5, 4, 3]]), delta[:, :3])
 
 
-def _elastic_axis(delta: Float, direction: int) -> Float:
-    """(m, 3) axis in the element's frame that the rotation of a direction 3..5 turns about."""
-    if direction == 5:
-        return np.broadcast_to(np.array([0.0, 0.0, 1.0]), (len(delta), 3))
+def _elastic_axes(delta: Float) -> Float:
+    """(m, 3, 3) axes in the element's frame that its rotations rx, ry, rz turn about, as columns."""
+    out = np.zeros((len(delta), 3, 3))
+    out[:, 2, 2] = 1.0
     R = rotation.about_z(delta[:, 5])
-    if direction == 4:
-        return R[:, :, 1]
-    out: Float = (R @ rotation.about_y(delta[:, 4]))[:, :, 0]
+    out[:, :, 1] = R[:, :, 1]
+    out[:, :, 0] = (R @ rotation.about_y(delta[:, 4]))[:, :, 0]
     return out
+
+
+class _Columns:
+    """Twists of the TCP per unit of each parameter, collected."""
+
+    def __init__(self, tip: Float) -> None:
+        self.tip = tip
+        self.blocks: list[Float] = []
+        self.places: list[Int] = []
+
+    def add(self, columns: Float, places: Int) -> None:
+        """Twists (m, 6, k)."""
+        self.blocks.append(columns)
+        self.places.append(places)
+
+    def shifts(self, axes: Float, places: Int) -> None:
+        """Translations along axes (m, 3, k)."""
+        self.add(np.concatenate([axes, np.zeros_like(axes)], axis=1), places)
+
+    def turns(self, axes: Float, centre: Float, places: Int) -> None:
+        """Rotations about axes (m, 3, k) through centres (m, 3)."""
+        self.add(np.concatenate([-rotation.skew(self.tip - centre) @ axes, axes], axis=1), places)
+
+    def displaced(self, layout: ArmLayout, name: str, before: Float, x: Float) -> None:
+        """The displacement behind frames (m, 4, 4)."""
+        index, d = layout.displaced.get(name), layout.displacement_at(name, x)
+        if index is None or d is None:
+            return
+        R = before[:, :3, :3]
+        first, last = index[:3] >= 0, index[3:] >= 0
+        self.shifts(R[:, :, first], index[:3][first])
+        self.turns((R @ left_jacobian(d[3:]))[:, :, last], before[:, :3, 3] + R @ d[:3], index[3:][last])
+
+    def all(self) -> tuple[Int, Float]:
+        """Places (k,) and twists (m, 6, k)."""
+        if not self.blocks:
+            return np.zeros(0, dtype=np.int64), np.zeros((len(self.tip), 6, 0))
+        return np.concatenate(self.places).astype(np.int64), np.concatenate(self.blocks, axis=-1)

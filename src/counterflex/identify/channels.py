@@ -250,6 +250,9 @@ CHANNELS_OF: Final[dict[str, tuple[str, ...]]] = {
 SETTINGS: Final[dict[str, str]] = {
     "payload_kg": "mass that hung on the flange beyond what the cell file says",
     "remark": "anything worth keeping",
+    "tracker": "name of the tracker's place, where other data were measured from elsewhere",
+    "target": "name of the target or reflector, where other data were measured with another",
+    "probe_sigma_m": "standard deviation with which the probe touches a plane",
     "p_tcp_load_m": "where the cable pulls, in the frame of the tool tip",
     "p_tcp_measured_m": "the point whose displacement was measured, in the frame of the tool tip",
     "history": "what the axes did before a loaded reading: 'approached again', 'held' or 'relaxed'",

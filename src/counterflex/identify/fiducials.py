@@ -12,10 +12,9 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import INCH, MM
 from counterflex.geometry import pose, rotation
 from counterflex.geometry.registration import register
+from counterflex.identify.dataset import Dataset
 from counterflex.identify.placed_frame import PlacedFrame
 
-THIN: Final = 0.03
-"""Spread across a line by spread along it below which points do not fix the rotation about it."""
 _MIRROR = 0.3
 _CLEAR_SIGMAS = 5.0
 _SCALES: Final = {
@@ -79,35 +78,13 @@ class FiducialResiduals:
         )
 
 
-def check_spread(p: Float, what: str, where: str) -> None:
-    """Refuse points that fix no frame.
-
-    Args:
-        p: (m, 3) m.
-        what: What the points are, for the message.
-        where: Of the data.
-
-    Raises:
-        InputError: Fewer than three different points, or all near one line.
-    """
-    different = np.unique(np.round(p, 4), axis=0)
-    if len(different) < 3:
-        raise InputError(
-            f"too few {what} to fix a frame",
-            where=where,
-            value=len(different),
-            limit="3 or more at different places",
-            hint="Measure more of them, spread around the robot",
-        )
-    spread = np.linalg.svd(different - different.mean(axis=0), compute_uv=False)
-    if spread[1] < THIN * spread[0]:
-        raise InputError(
-            f"the {what} lie on one line, so the rotation about it is free",
-            where=where,
-            value=f"{spread[1] / MM:.3g} mm across, {spread[0] / MM:.4g} mm along",
-            limit=f"at least {THIN:.0%} across",
-            hint="Add one well beside the line",
-        )
+def fiducial_sigma(d: Dataset) -> Float:
+    """(m, 3) m, standard deviation of known minus measured place of a dataset of fiducials."""
+    measured = d.channel("p_tracker_fiducial").need_sigma()
+    known = d.channel("p_base_fiducial").sigma
+    # The tracker's axes are not the base's: its largest component stands for all of them.
+    spread = np.broadcast_to(np.max(measured, axis=1, keepdims=True), measured.shape)
+    return spread.copy() if known is None else np.sqrt(spread**2 + known**2)
 
 
 def check_sense(p_base: Float, p_tracker: Float, sigma_m: float, where: str) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_float
 from counterflex.core.errors import InputError
-from counterflex.geometry import pose, rotation
+from counterflex.geometry import pose
 
 FEWEST: Final = 3
 TRIALS: Final = 200
@@ -133,13 +133,14 @@ def of_points(Ts_base_tcp: Float, p_tracker_target: Float, p_tcp_target: Float |
     return T_base_tracker, pose.make(p=offset)
 
 
-def robust_of_poses(Ts_base_tcp: Float, Ts_tracker_target: Float, *, seed: int = 0) -> HandEye:
+def robust_of_poses(Ts_base_tcp: Float, Ts_tracker_target: Float, *, seed: int = 0, trials: int = TRIALS) -> HandEye:
     """:func:`of_poses` that survives up to about 40 % of gross errors: the best of many small samples, then refined.
 
     Args:
         Ts_base_tcp: (m, 4, 4) robot poses, m.
         Ts_tracker_target: (m, 4, 4) measured poses.
         seed: Of the samples.
+        trials: Samples; 0 is plain least squares, then refined.
 
     Raises:
         InputError: As :func:`of_poses`.
@@ -152,12 +153,22 @@ def robust_of_poses(Ts_base_tcp: Float, Ts_tracker_target: Float, *, seed: int =
         return out
 
     return _best(
-        len(Ts_base_tcp), _SAMPLE, lambda rows: of_poses(Ts_base_tcp[rows], Ts_tracker_target[rows]), error, seed
+        len(Ts_base_tcp),
+        _SAMPLE,
+        lambda rows: of_poses(Ts_base_tcp[rows], Ts_tracker_target[rows]),
+        error,
+        seed,
+        trials,
     )
 
 
 def robust_of_points(
-    Ts_base_tcp: Float, p_tracker_target: Float, p_tcp_target: Float | None = None, *, seed: int = 0
+    Ts_base_tcp: Float,
+    p_tracker_target: Float,
+    p_tcp_target: Float | None = None,
+    *,
+    seed: int = 0,
+    trials: int = TRIALS,
 ) -> HandEye:
     """:func:`of_points` that survives gross errors. Arguments and errors as there."""
 
@@ -169,7 +180,7 @@ def robust_of_points(
     def fit(rows: Int | Bool) -> tuple[Float, Float]:
         return of_points(Ts_base_tcp[rows], p_tracker_target[rows], p_tcp_target)
 
-    return _best(len(Ts_base_tcp), _POINT_SAMPLE, fit, error, seed)
+    return _best(len(Ts_base_tcp), _POINT_SAMPLE, fit, error, seed, trials)
 
 
 def _best(
@@ -178,12 +189,13 @@ def _best(
     fit: Callable[[Int | Bool], tuple[Float, Float]],
     error: Callable[[Float, Float], Float],
     seed: int,
+    trials: int,
 ) -> HandEye:
     """Least median of errors over random samples, then least squares over what agrees with the best."""
     Z, X = fit(np.ones(count, dtype=np.bool_))
     best = error(Z, X)
     rng = np.random.default_rng(seed)
-    for _ in range(TRIALS if count > sample else 0):
+    for _ in range(trials if count > sample else 0):
         try:
             trial = fit(rng.choice(count, sample, replace=False).astype(np.int64))
         except InputError:  # a sample that does not turn enough says nothing
@@ -202,17 +214,3 @@ def _best(
             break
         (Z, X), best = trial, errors
     return HandEye(Z, X, best, best <= _INLIER * max(float(np.median(best)), 1e-12))
-
-
-def mirrored(Ts: Float) -> Float:
-    """The poses (m, 4, 4) as a left-handed frame would show them: z of the tracker turned round, read as proper poses.
-
-    A mirrored rotation ``S R`` is no rotation; what an instrument with one axis reversed reports is ``S R S``.
-    """
-    S = np.diag([1.0, 1.0, -1.0])
-    return pose.make(S @ Ts[:, :3, :3] @ S, Ts[:, :3, 3] @ S)
-
-
-def rotation_spread(R: Float) -> float:
-    """Largest angle between two of the rotations (m, 3, 3), as seen from the first, rad."""
-    return float(np.max(np.linalg.norm(rotation.log(np.swapaxes(R[:1], -1, -2) @ R), axis=-1), initial=0.0))

@@ -2,26 +2,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.units import INCH, MM
-from counterflex.geometry import pose
+from counterflex.core.units import MM
+from counterflex.geometry import pose, rotation
 from counterflex.identify.arm_geometry import ArmGeometry, displaced_arm
+from counterflex.identify.data_checks import check_finite, check_repeats
 from counterflex.identify.dataset import Dataset
-from counterflex.identify.hand_eye import HandEye, robust_of_points, robust_of_poses
+from counterflex.identify.hand_eye import TRIALS, HandEye, robust_of_points, robust_of_poses
+from counterflex.identify.known_drives import known_drive_errors
 from counterflex.identify.model import CellModel
 from counterflex.identify.placed_frame import PlacedFrame
 from counterflex.identify.pose_residuals import TrackerResiduals
+from counterflex.identify.readings import (
+    Reading,
+    inverted_pose,
+    left_handed,
+    row_mistakes,
+    sign_mistakes,
+    swapped_columns,
+    transposed,
+    unit_mistakes,
+)
+from counterflex.identify.suspicion import Misfit, check_reading, thinned
 
-_FEWEST = 4
-_WORSE_M = 20.0 * MM
+FEWEST: Final = 4
+ROBOT_M: Final = 5.0 * MM
+"""What an uncalibrated robot may be off by; twice that in the median and other readings of the data are tried."""
+POINT: Final = "p_tracker_target"
+ORIENTATION: Final = "R_tracker_target"
 
 
 def has_orientation(d: Dataset) -> bool:
     """Whether the target's orientation was measured."""
-    return d.has("R_tracker_target")
+    return d.has(ORIENTATION)
+
+
+def arm_as_known(cell: CellModel, q: Float) -> ArmGeometry:
+    """The arm in poses q (m, 6) rad with all that the cell file says: calibration, drive errors, sag."""
+    return displaced_arm(cell.nominal_chain, known_drive_errors(cell).link_angles(q), dict(cell.calibration))
 
 
 def tracker_residuals(d: Dataset, arm: ArmGeometry, tracker: PlacedFrame, target: PlacedFrame) -> TrackerResiduals:
@@ -30,93 +55,148 @@ def tracker_residuals(d: Dataset, arm: ArmGeometry, tracker: PlacedFrame, target
     Raises:
         FileFormatError: A channel or its standard deviation is missing.
     """
-    position = d.channel("p_tracker_target")
+    position = d.channel(POINT)
     sigma = position.need_sigma()
     R = None
     if has_orientation(d):
-        orientation = d.channel("R_tracker_target")
+        orientation = d.channel(ORIENTATION)
         R = orientation.values
         sigma = np.concatenate([sigma, orientation.need_sigma()], axis=1)
     return TrackerResiduals(d.name, d.group, sigma, arm, tracker, target, position.values, R)
 
 
-def start_frames(cell: CellModel, d: Dataset, p_tcp_target: Float | None = None) -> HandEye:
-    """Robust first estimate of tracker and target from a dataset of poses or points.
+def check_tracker_data(cell: CellModel, d: Dataset, *, as_stated: bool = False) -> tuple[str, ...]:
+    """Refuse what a fit would hide: gaps, too few poses, contradicting repeats, another reading that fits far better.
+
+    Args:
+        cell: Its robot predicts the poses.
+        d: Poses or points.
+        as_stated: The user insists on the data as they are.
+
+    Returns:
+        Remarks.
 
     Raises:
-        InputError: Too few poses; poses that do not turn; data that contradict the robot, with what would explain it
-            (angles in deg, lengths in mm, a mirrored frame, another convention of angles).
+        InputError: See above; the message names what was found.
+        FileFormatError: A channel is missing.
     """
-    q, p = d.values("q"), d.values("p_tracker_target")
-    distinct = len(np.unique(np.round(q, 5), axis=0))
-    if distinct < _FEWEST:
+    channels = ["q", POINT] + ([ORIENTATION] if has_orientation(d) else [])
+    check_finite(d, channels)
+    distinct = len(np.unique(np.round(d.values("q"), 5), axis=0))
+    if distinct < FEWEST:
         raise InputError(
             "too few different poses",
-            where=d.where,
+            where=d.where or d.name,
             value=f"{distinct} of {len(d)} rows",
-            limit=f"{_FEWEST} or more",
+            limit=f"{FEWEST} or more",
             hint="Measure poses that differ in position and orientation",
         )
-    Ts = _poses(cell, q)
-    R = d.values("R_tracker_target") if has_orientation(d) else None
-    found = robust_of_points(Ts, p, p_tcp_target) if R is None else robust_of_poses(Ts, pose.make(R, p))
-    if found.median_m > _WORSE_M:
-        _explain(cell, d, found)
-    return found
-
-
-def _poses(cell: CellModel, q: Float) -> Float:
-    return displaced_arm(cell.nominal_chain, q, dict(cell.calibration)).poses(np.zeros(0))
-
-
-def _explain(cell: CellModel, d: Dataset, found: HandEye) -> None:
-    """Name what would make data agree that contradict the robot."""
-    q, p = d.values("q"), d.values("p_tracker_target")
-    R = d.values("R_tracker_target") if has_orientation(d) else None
-    S = np.diag([1.0, 1.0, -1.0])
-    trials: list[tuple[str, Float, Float, Float | None]] = [
-        ("joint angles are in deg but were read as rad", np.radians(q), p, R),
-        ("joint angles are in rad but were read as deg", np.degrees(q), p, R),
-        ("positions are in mm but were read as m", q, p * MM, R),
-        ("positions are in m but were read as mm", q, p / MM, R),
-        ("positions are in inches but were read as mm", q, p * INCH / MM, R),
-        ("the tracker's frame is left-handed, or two columns are swapped", q, p @ S, None if R is None else S @ R @ S),
-    ]
-    if R is not None:
-        T = pose.inverse(pose.make(R, p))
-        back = np.swapaxes(R, -1, -2)
-        trials += [
-            ("the pose of the tracker in the target was given instead of the target in the tracker", q, T[:, :3, 3],
-             T[:, :3, :3]),
-            ("rotations are transposed", q, p, back),
-        ]  # fmt: skip
-    best: tuple[float, str] | None = None
-    for words, q_, p_, R_ in trials:
-        try:
-            Ts = _poses(cell, q_)
-            trial = robust_of_points(Ts, p_) if R_ is None else robust_of_poses(Ts, pose.make(R_, p_))
-        except InputError:
-            continue
-        if best is None or trial.median_m < best[0]:
-            best = (trial.median_m, words)
-    if R is not None:
-        alone = robust_of_points(_poses(cell, q), p)
-        if alone.median_m < 0.2 * found.median_m and (best is None or alone.median_m < best[0]):
-            best = (
-                alone.median_m,
-                "positions agree with the robot but orientations do not, so another convention of angles was meant",
+    check_repeats(d, POINT)
+    _check_poses_fix(cell, d)
+    remarks = check_reading(d, readings_of(d), lambda sample: _misfit(cell, sample), as_stated=as_stated)
+    if not remarks and not as_stated:
+        sample = thinned(d)
+        left = float(np.median(start_frames(cell, sample).error_m))
+        if left > 2.0 * ROBOT_M:
+            raise InputError(
+                "the measurements contradict the robot",
+                where=d.where or d.name,
+                value=f"median error {left / MM:.4g} mm",
+                limit=f"{2.0 * ROBOT_M / MM:g} mm",
+                hint="Check robot, order and signs of the joint angles, units and columns; or add --set as_stated=true",
             )
-    if best is not None and best[0] < 0.2 * found.median_m:
-        raise InputError(
-            "the measurements contradict the robot",
-            where=d.where,
-            value=f"median error {found.median_m / MM:.4g} mm",
-            hint=f"They agree to {best[0] / MM:.3g} mm if {best[1]}: correct the manifest",
-        )
-    raise InputError(
-        "the measurements contradict the robot",
-        where=d.where,
-        value=f"median error {found.median_m / MM:.4g} mm",
-        limit=f"{_WORSE_M / MM:g} mm",
-        hint="Check the order and signs of the joint angles, the robot, units and columns",
+    return remarks
+
+
+def _check_poses_fix(cell: CellModel, d: Dataset) -> None:
+    """Poses that leave a frame open are refused by the hand-eye calibration with its reason."""
+    start_frames(cell, thinned(d), quick=True)
+
+
+def start_frames(cell: CellModel, d: Dataset, *, quick: bool = False) -> HandEye:
+    """Robust first estimate of tracker and target from a dataset of poses or points.
+
+    Args:
+        cell: Its robot predicts the poses.
+        d: Poses or points.
+        quick: Plain least squares, for a check.
+
+    Raises:
+        InputError: Poses that do not turn, too few, on one line.
+    """
+    Ts, p = arm_as_known(cell, d.values("q")).poses(np.zeros(0)), d.values(POINT)
+    trials = 0 if quick else TRIALS
+    if has_orientation(d):
+        return robust_of_poses(Ts, pose.make(d.values(ORIENTATION), p), trials=trials)
+    return robust_of_points(Ts, p, trials=trials)
+
+
+def _misfit(cell: CellModel, d: Dataset) -> Misfit:
+    found = start_frames(cell, d)
+    numbers = len(d) * (6 if has_orientation(d) else 3)
+    return Misfit(found.error_m / ROBOT_M, np.zeros(0), float(max(numbers - 12, 1)))
+
+
+def readings_of(d: Dataset) -> tuple[Reading, ...]:
+    """What else a table of tracker poses or points may mean."""
+    out = [
+        *unit_mistakes(d, "q"),
+        *unit_mistakes(d, POINT),
+        *swapped_columns(d, "q"),
+        *sign_mistakes(d, "q"),
+        *row_mistakes(POINT),
+    ]
+    if not has_orientation(d):
+        return (*out, *left_handed((POINT,)))
+    return (
+        *out,
+        *left_handed((POINT,), (ORIENTATION,)),
+        *swapped_columns(d, POINT),
+        *sign_mistakes(d, POINT),
+        inverted_pose(POINT, ORIENTATION),
+        transposed(ORIENTATION),
+        *euler_mistakes(ORIENTATION),
     )
+
+
+_FORMS: Final[dict[str, tuple[Callable[[Float], Float], Callable[[Float], Float]]]] = {
+    "angles about x, y', z''": (
+        lambda R: -rotation.to_zyx(np.swapaxes(R, -1, -2))[..., ::-1],
+        lambda a: np.swapaxes(rotation.from_zyx(-a[..., ::-1]), -1, -2),
+    ),
+    "angles about z, y', x'' in the order x, y, z": (
+        lambda R: rotation.to_zyx(R)[..., ::-1],
+        lambda a: rotation.from_zyx(a[..., ::-1]),
+    ),
+    "angles about z, y', x'' in the order z, y, x": (rotation.to_zyx, rotation.from_zyx),
+    "a rotation vector": (rotation.log, rotation.exp),
+}
+"""Three numbers of a rotation, and back."""
+
+
+def euler_mistakes(channel: str) -> tuple[Reading, ...]:
+    """The three numbers of the orientation read by another convention than meant, or in deg for rad and reverse."""
+    out = []
+    for read, (numbers, _) in _FORMS.items():
+        for meant, (_, matrix) in _FORMS.items():
+            if read != meant:
+                out.append(
+                    Reading(
+                        channel,
+                        f"the numbers of '{channel}' are {meant}, not {read}",
+                        f"state that under [channels.{channel}]: rotation = ...",
+                        _reread(channel, numbers, matrix),
+                    )
+                )
+    return tuple(out)
+
+
+def _reread(
+    channel: str, numbers: Callable[[Float], Float], matrix: Callable[[Float], Float]
+) -> Callable[[Dataset], Dataset]:
+    def change(d: Dataset) -> Dataset:
+        old = d.channel(channel)
+        values = np.ascontiguousarray(matrix(numbers(old.values)))
+        return replace(d, channels={**d.channels, channel: replace(old, values=values)})
+
+    return change

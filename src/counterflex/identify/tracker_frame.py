@@ -11,18 +11,20 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress
 from counterflex.core.units import MM, UM, URAD
-from counterflex.identify.arm_geometry import displaced_arm
+from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model
+from counterflex.identify.data_checks import check_finite, check_spread
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fiducials import (
     FiducialResiduals,
     check_sense,
-    check_spread,
     displacement_between,
+    fiducial_sigma,
     robust_register,
 )
 from counterflex.identify.fit import Fit
 from counterflex.identify.frame_drift import Drift, drifts, rounds_of
 from counterflex.identify.holdout import HeldOut, cross_validate, position_error, score_separate
+from counterflex.identify.known_drives import known_drive_errors
 from counterflex.identify.known_frames import KnownFrames, known_frames, tracker_table
 from counterflex.identify.model import CellModel
 from counterflex.identify.parameters import Parameters
@@ -31,7 +33,7 @@ from counterflex.identify.pose_residuals import TrackerResiduals
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
 from counterflex.identify.residuals import Residuals
 from counterflex.identify.solve import solve
-from counterflex.identify.tracker_data import start_frames, tracker_residuals
+from counterflex.identify.tracker_data import check_tracker_data, start_frames, tracker_residuals
 from counterflex.identify.tracker_proposal import propose
 
 FEWEST_FIDUCIALS: Final = 4
@@ -44,7 +46,7 @@ def identify(
     cell: CellModel,
     data: Sequence[Dataset],
     holdout: Sequence[Dataset],
-    settings: Mapping[str, Any],  # noqa: ARG001
+    settings: Mapping[str, Any],
     progress: Progress,
 ) -> Identification:
     """Find T_base_tracker from fiducials, poses or both, and T_tcp_target from poses.
@@ -59,20 +61,24 @@ def identify(
     Raises:
         InputError: Too few or collinear fiducials, a mirrored frame, units mixed up, poses that do not turn.
     """
+    told = _check(cell, [*data, *holdout], as_stated=bool(settings.get("as_stated", False)))
     known = known_frames(cell)
     start_tracker, start_target = _start(cell, data)
     T0 = start_tracker if known is None else known.T_base_tracker
     X0 = start_target if known is None or start_target is None else known.T_tcp_target
+    # The robot's own errors are free within their priors, so that they do not pass for accuracy of the frames.
+    model = None if X0 is None else arm_model(cell, ArmPriors(), sag="auto")
+    first = 0 if model is None else len(model.parameters)
     items = frame_parameters(TRACKER, "tracker in the base")
     if X0 is not None:
         items += frame_parameters(TARGET, "target on the tool")
-    parameters = Parameters.of(items)
-    tracker = PlacedFrame(T0, np.arange(6, dtype=np.int64))
-    target = None if X0 is None else PlacedFrame(X0, np.arange(6, 12, dtype=np.int64))
+    parameters = Parameters.of([*(() if model is None else model.parameters), *items])
+    tracker = PlacedFrame(T0, np.arange(first, first + 6, dtype=np.int64))
+    target = None if X0 is None else PlacedFrame(X0, np.arange(first + 6, first + 12, dtype=np.int64))
     watch = _drift(data)
-    blocks = _blocks(cell, data, tracker, target, last=any(d.significant for d in watch))
+    blocks = _blocks(cell, data, model, tracker, target, last=any(d.significant for d in watch))
     start = np.concatenate(
-        [displacement_between(T0, start_tracker)]
+        [parameters.nominal[:first], displacement_between(T0, start_tracker)]
         + ([] if X0 is None or start_target is None else [displacement_between(X0, start_target)])
     )
     progress(0.2, "registered")
@@ -80,7 +86,7 @@ def identify(
     progress(0.5, "held out")
     scored = [i for i, b in enumerate(blocks) if isinstance(b, FiducialResiduals)] or list(range(len(blocks)))
     if holdout:
-        unseen = _blocks(cell, holdout, tracker, target, last=False)
+        unseen = _blocks(cell, holdout, model, tracker, target, last=False)
         held = score_separate(parameters, blocks, unseen, error=position_error, start=start)
     else:
         held = cross_validate(parameters, blocks, error=position_error, scored=scored, start=start)
@@ -88,62 +94,70 @@ def identify(
     T_tcp_target = None if target is None else target.at(fit.values)
     change = tracker_table(
         T_base_tracker,
-        fit.sigma[:6],
+        fit.sigma[tracker.index],
         T_tcp_target,
-        None if target is None else fit.sigma[6:12],
+        None if target is None else fit.sigma[target.index],
         "counterflex identify tracker-frame",
     )
     return Identification(
         recipe="tracker-frame",
         fits={"tracker-frame": fit},
         headline=_headline(held, known),
-        figures=(*_figures(fit, blocks, watch), *_frame_figures(fit, target is not None)),
+        figures=(*_figures(fit, blocks, watch), *_frame_figures(fit, tracker, target)),
         changes=(change,),
-        remarks=_remarks(fit, blocks, watch, target is not None),
+        remarks=(*told, *_remarks(fit, blocks, watch, target is not None)),
         pictures=_pictures(fit, blocks),
     )
 
 
-def _start(cell: CellModel, data: Sequence[Dataset]) -> tuple[Float, Float | None]:
-    """Robust first estimates, after the checks that a fit would hide."""
-    fiducials = [d for d in data if d.kind == "fiducials"]
+def _check(cell: CellModel, data: Sequence[Dataset], *, as_stated: bool) -> tuple[str, ...]:
+    """Refuse what a fit would hide; remarks."""
+    told: tuple[str, ...] = ()
     poses = [d for d in data if d.kind == "tracker_poses"]
-    if not fiducials and not poses:
+    fiducials = [d for d in data if d.kind == "fiducials"]
+    if not poses and not fiducials:
         raise InputError("the tracker's frame needs fiducials or tracker poses", value=[d.kind for d in data])
-    found = None
+    for d in poses:
+        told = (*told, *check_tracker_data(cell, d, as_stated=as_stated))
     for d in fiducials:
-        p_base, p_tracker = d.values("p_base_fiducial"), d.values("p_tracker_fiducial")
+        check_finite(d, ["p_base_fiducial", "p_tracker_fiducial"])
         different = len(np.unique(d.group))
         if different < FEWEST_FIDUCIALS and not poses:
             raise InputError(
                 "too few fiducials",
-                where=d.where,
+                where=d.where or d.name,
                 value=different,
                 limit=f"{FEWEST_FIDUCIALS} or more: with three none can be predicted from the others",
                 hint="Measure more fiducials, spread around the robot",
             )
-        check_spread(p_base, "fiducials", d.where)
-        sigma_m = float(np.median(_fiducial_sigma(d)))
-        check_sense(p_base, p_tracker, sigma_m, d.where)
-        check_spread(p_tracker, "measured fiducials", d.where)
-        found = robust_register(p_base, p_tracker) if found is None else found
-    if not poses:
-        return (np.eye(4) if found is None else found), None
-    frames = start_frames(cell, poses[0])
-    return (frames.T_base_tracker if found is None else found), frames.T_tcp_target
+        p_base, p_tracker = d.values("p_base_fiducial"), d.values("p_tracker_fiducial")
+        check_spread(p_base, "fiducials", where=d.where or d.name)
+        check_spread(p_tracker, "fiducials as measured", where=d.where or d.name)
+        check_sense(p_base, p_tracker, float(np.median(fiducial_sigma(d))), d.where or d.name)
+    return told
 
 
-def _fiducial_sigma(d: Dataset) -> Float:
-    """(m, 3) standard deviation of known minus measured place."""
-    measured = d.channel("p_tracker_fiducial").need_sigma()
-    known = d.channel("p_base_fiducial").sigma
-    # The tracker's axes are not the base's: its largest component stands for all of them.
-    spread = np.broadcast_to(np.max(measured, axis=1, keepdims=True), measured.shape)
-    return spread.copy() if known is None else np.sqrt(spread**2 + known**2)
+def _start(cell: CellModel, data: Sequence[Dataset]) -> tuple[Float, Float | None]:
+    """Robust first estimates of tracker and, where poses were measured, target."""
+    placed = None
+    for d in data:
+        if d.kind == "fiducials" and placed is None:
+            placed = robust_register(d.values("p_base_fiducial"), d.values("p_tracker_fiducial"))
+    for d in data:
+        if d.kind == "tracker_poses":
+            frames = start_frames(cell, d)
+            return (frames.T_base_tracker if placed is None else placed), frames.T_tcp_target
+    return (np.eye(4) if placed is None else placed), None
 
 
 def _blocks(
-    cell: CellModel, data: Sequence[Dataset], tracker: PlacedFrame, target: PlacedFrame | None, *, last: bool
+    cell: CellModel,
+    data: Sequence[Dataset],
+    model: ArmModel | None,
+    tracker: PlacedFrame,
+    target: PlacedFrame | None,
+    *,
+    last: bool,
 ) -> list[Residuals]:
     out: list[Residuals] = []
     for d in data:
@@ -158,14 +172,14 @@ def _blocks(
                 FiducialResiduals(
                     name=d.name,
                     group=kept.group,
-                    sigma=_fiducial_sigma(kept),
+                    sigma=fiducial_sigma(kept),
                     tracker=tracker,
                     p_base=kept.values("p_base_fiducial"),
                     p_tracker=kept.values("p_tracker_fiducial"),
                 )
             )
-        elif target is not None:
-            arm = displaced_arm(cell.nominal_chain, d.values("q"), dict(cell.calibration))
+        elif target is not None and model is not None:
+            arm = model.at(known_drive_errors(cell).link_angles(d.values("q")))
             out.append(tracker_residuals(d, arm, tracker, target))
     return out
 
@@ -203,16 +217,17 @@ def _headline(held: HeldOut, known: KnownFrames | None) -> tuple[Figure, ...]:
     )
 
 
-def _frame_figures(fit: Fit, target: bool) -> tuple[Figure, ...]:
-    s = fit.sigma
+def _frame_figures(fit: Fit, tracker: PlacedFrame, target: PlacedFrame | None) -> tuple[Figure, ...]:
+    s = fit.sigma[tracker.index]
     out = [
         Figure("tracker_sigma_um", "standard deviation of the tracker's place", _length(s[:3]) / UM),
-        Figure("tracker_sigma_urad", "standard deviation of its rotation", _length(s[3:6]) / URAD),
+        Figure("tracker_sigma_urad", "standard deviation of its rotation", _length(s[3:]) / URAD),
     ]
-    if target:
+    if target is not None:
+        t = fit.sigma[target.index]
         out += [
-            Figure("target_sigma_um", "standard deviation of the target's place on the tool", _length(s[6:9]) / UM),
-            Figure("target_sigma_urad", "standard deviation of its rotation", _length(s[9:12]) / URAD),
+            Figure("target_sigma_um", "standard deviation of the target's place on the tool", _length(t[:3]) / UM),
+            Figure("target_sigma_urad", "standard deviation of its rotation", _length(t[3:]) / URAD),
         ]
     return tuple(out)
 
@@ -254,8 +269,8 @@ def _remarks(fit: Fit, blocks: Sequence[Residuals], watch: Sequence[Drift], targ
         out.append(f"{what} of {o.block} is off by {size / MM:.3g} mm and was given the weight {o.weight:.2g}.")
     if any(isinstance(b, TrackerResiduals) for b in blocks):
         out.append(
-            "Poses carry the robot's own errors of geometry: the kinematics recipe finds them together with the "
-            "frames, which then come out better."
+            "Poses carry the robot's own errors of geometry, which were free within their priors here; the kinematics "
+            "recipe finds them from more poses."
         )
     for d in watch:
         told = (
@@ -288,7 +303,7 @@ RECIPE: Final = Recipe(
     name="tracker-frame",
     title="Tracker in the robot base, target on the tool, drift of the tracker",
     kinds=("fiducials", "tracker_poses"),
-    settings={"measure": "poses", "seed": 0},
+    settings={"measure": "poses", "as_stated": False, "seed": 0},
     identify=identify,
     propose=propose,
 )

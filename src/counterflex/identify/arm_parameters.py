@@ -1,0 +1,180 @@
+"""Parameters of an arm's geometry: displacements behind its driven segments, masses or torsion for its sag, drives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM, MRAD
+from counterflex.identify.arm_geometry import ArmGeometry, ArmLayout, PeriodicTerm
+from counterflex.identify.model import CellModel
+from counterflex.identify.parameters import Parameter, Parameters
+from counterflex.identify.placed_frame import COMPONENTS
+from counterflex.robot.calibration import BASE, LARGEST_M, LARGEST_RAD, TCP
+from counterflex.robot.chain import ElasticChain
+
+Sag = Literal["off", "cell", "masses", "torsion"]
+SAGS: Final = ("auto", "off", "cell", "masses", "torsion")
+TORSION: Final = 5e-5
+"""Prior standard deviation of an unknown torsion compliance, rad/(N m): 20 kN m/rad."""
+
+
+@dataclass(frozen=True)
+class ArmPriors:
+    """What is known about an arm before it is measured: standard deviations.
+
+    Attributes:
+        length_m: Of each displacement.
+        angle_rad: Of each rotation.
+        mass: Of each mass, relative.
+        periodic_rad: Of each amplitude of a drive's periodic error.
+    """
+
+    length_m: float = 0.5 * MM
+    angle_rad: float = 0.5 * MRAD
+    mass: float = 0.1
+    periodic_rad: float = 0.3 * MRAD
+
+    def __post_init__(self) -> None:
+        """Check that all are above zero."""
+        for name in ("length_m", "angle_rad", "mass", "periodic_rad"):
+            if not getattr(self, name) > 0.0:
+                raise InputError("a prior standard deviation must be above zero", where=name, value=getattr(self, name))
+
+
+@dataclass(frozen=True, eq=False)
+class ArmModel:
+    """An arm ready to be placed in poses.
+
+    Attributes:
+        chain: Nominal chain with the cell's compliances and masses.
+        layout: Places of its parameters; they are the first of all.
+        parameters: These.
+        sag: How own weight is treated.
+    """
+
+    chain: ElasticChain
+    layout: ArmLayout
+    parameters: Parameters
+    sag: Sag
+
+    def at(self, q: Float) -> ArmGeometry:
+        """The arm in poses q (m, 6) rad."""
+        arm = ArmGeometry(self.chain, self.layout, np.asarray(q, dtype=np.float64))
+        return arm if self.sag == "off" else arm.settled()
+
+    def with_periodic(self, orders: int, axes: Sequence[int], prior: float) -> ArmModel:
+        """The same with periodic errors of orders 1..orders of the given axes."""
+        items, terms, place = [], [], len(self.parameters)
+        for axis in axes:
+            for k in range(1, orders + 1):
+                terms.append(PeriodicTerm(axis, k, place, place + 1))
+                place += 2
+                items += [
+                    Parameter(
+                        name=f"drive{axis + 1}.{part}{k}",
+                        unit="rad",
+                        nominal=0.0,
+                        prior_sigma=prior,
+                        label=f"drive {axis + 1}, {part} of {k} times its angle",
+                    )
+                    for part in ("sin", "cos")
+                ]
+        return replace(
+            self,
+            layout=replace(self.layout, periodic=(*self.layout.periodic, *terms)),
+            parameters=self.parameters + Parameters.of(items),
+        )
+
+
+def sag_of(chain: ElasticChain, asked: str) -> Sag:
+    """How own weight is treated.
+
+    Args:
+        chain: The chain.
+        asked: ``auto`` finds masses where the cell knows how soft the arm is, torsion where it knows only masses, and
+            leaves sag out where it knows no masses; or one of the others.
+
+    Raises:
+        InputError: Another word, or one that the chain's masses and compliances do not allow.
+    """
+    if asked not in SAGS:
+        raise InputError("unknown treatment of own weight", where="sag", value=asked, limit=", ".join(SAGS))
+    heavy, soft = bool(np.any(chain.mass > 0.0)), bool(np.any(chain.compliance > 0.0))
+    if asked == "auto":
+        return "off" if not heavy else ("masses" if soft else "torsion")
+    if asked in ("masses", "cell") and not (heavy and soft):
+        raise InputError(
+            "the cell has no masses or no compliances to compute sag from",
+            where=f"sag = {asked}",
+            hint="Give mass_kg and compliances in the cell file, or set sag=off",
+        )
+    if asked == "torsion" and not heavy:
+        raise InputError("the cell has no masses", where="sag = torsion", hint="Give mass_kg in the cell file")
+    return "off" if asked == "off" else "cell" if asked == "cell" else "masses" if asked == "masses" else "torsion"
+
+
+def arm_model(
+    cell: CellModel,
+    priors: ArmPriors,
+    *,
+    sag: str = "auto",
+    base: bool = False,
+    flange: bool = False,
+    tool: bool = False,
+) -> ArmModel:
+    """The arm of a cell with parameters for what its geometry may be off by.
+
+    Args:
+        cell: Earlier calibrations are where the displacements start.
+        priors: Standard deviations.
+        sag: See :func:`sag_of`.
+        base: The whole arm may be displaced in its base; only something known in the base tells.
+        flange: What follows axis 6 may be displaced; only a target or tool known in the flange or tool tells.
+        tool: The tool centre point may be displaced in its body; only what the tip itself touches tells.
+    """
+    chain = cell.nominal_chain
+    driven = [chain.names[i] for i in np.flatnonzero(chain.joint >= 0)]
+    names = [*([BASE] if base else []), *(driven if flange else driven[:-1]), *([TCP] if tool else [])]
+    items: list[Parameter] = []
+    displaced = {}
+    for name in names:
+        displaced[name] = np.arange(len(items), len(items) + 6, dtype=np.int64)
+        before = cell.calibration.get(name, np.zeros(6))
+        for c, component in enumerate(COMPONENTS):
+            largest = LARGEST_M if c < 3 else LARGEST_RAD
+            items.append(
+                Parameter(
+                    name=f"{name}.d{component}",
+                    unit="m" if c < 3 else "rad",
+                    nominal=float(before[c]),
+                    prior_sigma=priors.length_m if c < 3 else priors.angle_rad,
+                    lower=-largest,
+                    upper=largest,
+                    label=f"displacement behind {name}, {component}",
+                )
+            )
+    known = {name: np.asarray(d) for name, d in cell.calibration.items() if name not in displaced}
+    how = sag_of(chain, sag)
+    soft, mass = {}, {}
+    if how == "masses":
+        for i in np.flatnonzero(chain.mass > 0.0):
+            mass[int(i)] = len(items)
+            items.append(
+                Parameter(f"{chain.names[i]}.mass", "kg", float(chain.mass[i]), priors.mass, 0.0, log=True,
+                          label=f"mass of {chain.names[i]}")
+            )  # fmt: skip
+    if how == "torsion":
+        for i in np.flatnonzero(chain.joint >= 0):
+            before_c = float(chain.compliance[i, 5])
+            soft[(int(i), 5)] = len(items)
+            items.append(
+                Parameter(f"{chain.names[i]}.rz", "rad/(N m)", before_c, TORSION, 0.0,
+                          label=f"torsion compliance of {chain.names[i]}")
+            )  # fmt: skip
+    return ArmModel(chain, ArmLayout(displaced, known, soft, mass), Parameters.of(items), how)

@@ -1,0 +1,216 @@
+"""Recipe ``kinematics``: geometric calibration of the arm from tracker poses, points, distances and planes, mixed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress
+from counterflex.core.units import MM, MRAD, URAD
+from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model
+from counterflex.identify.changes import BodyMass, Calibration, Change, ElementCompliance
+from counterflex.identify.data_checks import check_enough, check_finite
+from counterflex.identify.dataset import Dataset
+from counterflex.identify.fit import Fit
+from counterflex.identify.geometry_setup import KINDS, POSE_KINDS, TARGET, TRACKER, Setup, set_up
+from counterflex.identify.holdout import HeldOut, cross_validate, position_error, score_separate
+from counterflex.identify.kinematics_proposal import propose
+from counterflex.identify.kinematics_report import figures, headline, pictures, remarks
+from counterflex.identify.known_drives import drive_error_table, known_drive_errors
+from counterflex.identify.known_frames import known_frames, tracker_table
+from counterflex.identify.model import CellModel
+from counterflex.identify.periodic_choice import choose_orders
+from counterflex.identify.pose_residuals import TrackerResiduals
+from counterflex.identify.recipe import Identification, Recipe
+from counterflex.identify.solve import solve
+from counterflex.identify.tracker_data import check_tracker_data
+from counterflex.robot.drive_error import DriveError
+
+SOURCE: Final = "counterflex identify kinematics"
+
+
+def identify(
+    cell: CellModel,
+    data: Sequence[Dataset],
+    holdout: Sequence[Dataset],
+    settings: Mapping[str, Any],
+    progress: Progress,
+) -> Identification:
+    """Find the displacements behind the segments, masses or torsion for the sag, and periodic errors of the drives.
+
+    Args:
+        cell: The cell; earlier calibrations are where the displacements start.
+        data: Datasets of the kinds :data:`counterflex.identify.geometry_setup.KINDS`, mixed.
+        holdout: Of the same kinds, or empty for folds.
+        settings: See :data:`RECIPE`.
+        progress: Told about steps.
+
+    Raises:
+        InputError: Unusable data (see :func:`counterflex.identify.tracker_data.check_tracker_data`) or settings.
+        FileFormatError: A channel is missing.
+    """
+    options = {**RECIPE.settings, **settings}
+    told = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]))
+    progress(0.1, "checked")
+    priors = priors_of(options)
+    known = known_frames(cell) if options["frames"] == "known" else None
+    if options["frames"] not in ("free", "known"):
+        raise InputError("unknown setting", where="frames", value=options["frames"], limit="free or known")
+    model = model_of_data(cell, [*data, *holdout], priors, str(options["sag"]), tied=known is not None)
+    setup = set_up(cell, model, data, holdout, known=known)
+    check_enough(setup.parameters, setup.blocks)
+    fit = solve(setup.parameters.held(setup.local), setup.blocks)
+    progress(0.4, "geometry found")
+    orders = _orders(str(options["periodic"]), setup, fit, priors)
+    start: Float | None = None
+    if orders:
+        first = len(setup.model.parameters)
+        for axis, k in orders.items():
+            model = model.with_periodic(k, [axis], priors.periodic_rad)
+        start = np.concatenate([fit.values[:first], np.zeros(len(model.parameters) - first), fit.values[first:]])
+        setup = set_up(cell, model, data, holdout, known=known)
+        fit = solve(setup.parameters.held(setup.local), setup.blocks, start=start)
+    progress(0.6, "fitted")
+    held = _held(setup, holdout, int(options["folds"]), fit.values)
+    return Identification(
+        recipe="kinematics",
+        fits={"kinematics": fit},
+        headline=headline(setup, held),
+        figures=figures(setup, fit, orders),
+        changes=_changes(cell, setup, fit),
+        remarks=(*told, *remarks(setup, fit, held, orders)),
+        pictures=pictures(setup, fit, held),
+    )
+
+
+def _check(cell: CellModel, data: Sequence[Dataset], *, as_stated: bool) -> tuple[str, ...]:
+    told: tuple[str, ...] = ()
+    for d in data:
+        if d.kind not in KINDS:
+            raise InputError(
+                "the kinematics recipe cannot use this dataset", where=d.where or d.name, value=d.kind,
+                limit=", ".join(KINDS),
+            )  # fmt: skip
+        if d.kind in POSE_KINDS:
+            told = (*told, *check_tracker_data(cell, d, as_stated=as_stated))
+        elif d.kind == "fiducials":
+            check_finite(d, ["p_base_fiducial", "p_tracker_fiducial"])
+        else:
+            check_finite(d, ["q", *(["distance"] if d.kind == "distances" else [])])
+    if not any(d.kind != "fiducials" for d in data):
+        raise InputError("the geometry of the arm needs poses, points, distances or planes", value="only fiducials")
+    return told
+
+
+def priors_of(options: Mapping[str, Any]) -> ArmPriors:
+    """Standard deviations from the recipe's settings."""
+    return ArmPriors(
+        length_m=float(options["length_sigma_mm"]) * MM,
+        angle_rad=float(options["angle_sigma_mrad"]) * MRAD,
+        mass=float(options["mass_sigma"]),
+        periodic_rad=float(options["periodic_sigma_urad"]) * URAD,
+    )
+
+
+def model_of_data(cell: CellModel, data: Sequence[Dataset], priors: ArmPriors, sag: str, *, tied: bool) -> ArmModel:
+    """The arm with the displacements that the kinds of data can tell from their own frames.
+
+    Args:
+        cell: The cell.
+        data: All datasets.
+        priors: Standard deviations.
+        sag: See :func:`counterflex.identify.arm_parameters.sag_of`.
+        tied: Tracker and target are known beforehand.
+    """
+    kinds = {d.kind for d in data}
+    touching = bool(kinds & {"distances", "planes"})
+    return arm_model(
+        cell,
+        priors,
+        sag=sag,
+        base=tied or "fiducials" in kinds,
+        flange=tied or touching,
+        tool=tied or touching,
+    )
+
+
+def _orders(asked: str, setup: Setup, fit: Fit, priors: ArmPriors) -> dict[int, int]:
+    if asked == "off":
+        return {}
+    if asked == "auto":
+        return choose_orders(setup, fit, priors.periodic_rad)
+    try:
+        order = int(asked)
+    except ValueError as fault:
+        raise InputError("unknown setting", where="periodic", value=asked, limit="auto, off or an order") from fault
+    return dict.fromkeys(range(6), order) if order > 0 else {}
+
+
+def _held(setup: Setup, holdout: Sequence[Dataset], folds: int, start: Float) -> HeldOut:
+    if holdout:
+        return score_separate(
+            setup.parameters, setup.blocks, setup.unseen, needed=setup.needed, local=setup.local,
+            error=position_error, start=start,
+        )  # fmt: skip
+    scored = [i for i, b in enumerate(setup.blocks) if isinstance(b, TrackerResiduals)]
+    judged = scored or [i for i, b in enumerate(setup.blocks) if b.components[0] in ("distance m", "height m")]
+    return cross_validate(
+        setup.parameters, setup.blocks, needed=setup.needed, error=position_error, scored=judged, folds=folds,
+        start=start,
+    )  # fmt: skip
+
+
+def _changes(cell: CellModel, setup: Setup, fit: Fit) -> tuple[Change, ...]:
+    lay, x = setup.model.layout, fit.values
+    out: list[Change] = [
+        Calibration(name, d) for name in lay.displaced if (d := lay.displacement_at(name, x)) is not None
+    ]
+    segments = {s.name: s for s in (*cell.nominal_robot.segments, *cell.nominal_end_effector.segments)}
+    names = setup.model.chain.names
+    for i, place in lay.mass.items():
+        out.append(BodyMass(names[i], float(x[place]), segments[names[i]].p_seg_com))
+    for (i, direction), place in lay.soft.items():
+        compliance = np.array(setup.model.chain.compliance[i])
+        compliance[direction] = x[place]
+        out.append(ElementCompliance(names[i], compliance))
+    if lay.periodic:
+        found = [DriveError(t.axis, t.order, float(x[t.sine]), float(x[t.cosine])) for t in lay.periodic]
+        out.append(drive_error_table(known_drive_errors(cell), found, SOURCE))
+    tracker, target = setup.frames.get(TRACKER), setup.frames.get(TARGET)
+    if tracker is not None:
+        whole = target if target is not None and np.all(target.index >= 0) else None
+        out.append(
+            tracker_table(
+                tracker.at(x),
+                fit.sigma[tracker.index],
+                None if whole is None else whole.at(x),
+                None if whole is None else fit.sigma[whole.index],
+                SOURCE,
+            )
+        )
+    return tuple(out)
+
+
+RECIPE: Final = Recipe(
+    name="kinematics",
+    title="Geometric calibration of the arm, with its sag and its drives",
+    kinds=KINDS,
+    settings={
+        "sag": "auto",
+        "periodic": "auto",
+        "frames": "free",
+        "length_sigma_mm": 0.5,
+        "angle_sigma_mrad": 0.5,
+        "mass_sigma": 0.1,
+        "periodic_sigma_urad": 300.0,
+        "folds": 5,
+        "as_stated": False,
+        "seed": 0,
+    },
+    identify=identify,
+    propose=propose,
+)

@@ -1,0 +1,110 @@
+"""What a geometric calibration tells its user: figures, remarks, pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM, MRAD
+from counterflex.identify.fit import Fit
+from counterflex.identify.geometry_setup import Setup
+from counterflex.identify.holdout import HeldOut
+from counterflex.identify.pose_residuals import TrackerResiduals
+from counterflex.identify.recipe import Curve, Figure, Picture
+
+_MOST_NAMED = 10
+
+
+def headline(setup: Setup, held: HeldOut) -> tuple[Figure, ...]:
+    """Errors of held-out rows, with the nominal arm in frames of its own beside them."""
+    poses = any(isinstance(b, TrackerResiduals) for b in setup.blocks)
+    what = "position error of held-out poses" if poses else "error of held-out distances or planes"
+    rows = (
+        ("holdout_mean_mm", f"mean {what}", held.mean()),
+        ("holdout_median_mm", f"median {what}", held.quantile(0.5)),
+        ("holdout_p95_mm", f"{what}, 95 %", held.quantile(0.95)),
+        ("holdout_largest_mm", f"largest {what}", held.largest()),
+    )
+    return (
+        *(Figure(name, text, found / MM, before / MM) for name, text, (found, before) in rows),
+        Figure("holdout_count", "rows predicted", float(held.count)),
+        Figure("gross_count", "gross errors of the measurement left out", float(np.sum(held.gross))),
+    )
+
+
+def figures(setup: Setup, fit: Fit, orders: Mapping[int, int]) -> tuple[Figure, ...]:
+    """Residuals of the fit, factors of the stated standard deviations, sizes of what was found."""
+    out = []
+    for k, (block, residuals, factor) in enumerate(zip(setup.blocks, fit.residuals, fit.sigma_factors, strict=True)):
+        off = residuals * block.sigma
+        name = f"block{k + 1}"
+        length = np.linalg.norm(off[:, :3], axis=1)
+        out.append(Figure(f"{name}_median_mm", f"{block.name}: median residual", float(np.median(length)) / MM))
+        if off.shape[1] == 6:
+            turn = np.linalg.norm(off[:, 3:], axis=1)
+            out.append(
+                Figure(f"{name}_median_mrad", f"{block.name}: median residual, rotation", float(np.median(turn)) / MRAD)
+            )
+        out.append(Figure(f"{name}_factor", f"{block.name}: residuals by stated standard deviation", float(factor)))
+    out += [
+        Figure(f"drive{axis + 1}_order", f"highest order of the periodic error of drive {axis + 1}", float(k))
+        for axis, k in sorted(orders.items())
+    ]
+    out.append(Figure("outliers", "rows with less than half their weight", float(len(fit.outliers))))
+    return tuple(out)
+
+
+def remarks(setup: Setup, fit: Fit, held: HeldOut, orders: Mapping[int, int]) -> tuple[str, ...]:
+    """Sentences for the report."""
+    out = []
+    for o in fit.outliers[:_MOST_NAMED]:
+        index = next(i for i, b in enumerate(setup.blocks) if b.name == o.block)
+        block = setup.blocks[index]
+        size = float(np.linalg.norm((fit.residuals[index][o.row] * block.sigma[o.row])[:3]))
+        group = int(block.group[o.row])
+        out.append(f"{o.block}, row {o.row + 1} (group {group}) is off by {size / MM:.3g} mm; weight {o.weight:.2g}.")
+    if len(fit.outliers) > _MOST_NAMED:
+        out.append(f"{len(fit.outliers) - _MOST_NAMED} further rows were given less than half their weight.")
+    how = {
+        "off": "Own weight was left out: the cell file has no masses, or it was asked for.",
+        "cell": "Sag under own weight was taken from the cell file as it is.",
+        "masses": "Sag under own weight was adapted by the masses of the bodies; compliances are the cell file's.",
+        "torsion": "Sag under own weight was adapted by the torsion compliance of the driven axes.",
+    }[setup.model.sag]
+    out.append(how)
+    if orders:
+        named = ", ".join(f"axis {axis + 1} up to order {k}" for axis, k in sorted(orders.items()))
+        out.append(
+            f"Periodic errors of the drives lower the error of held-out poses and were kept: {named}. They hold for "
+            "the angles that were measured."
+        )
+    if len(held.fits) > 1:
+        out.append("What of the periodic errors is kept was decided on other folds of the same poses.")
+    return tuple(out)
+
+
+def pictures(setup: Setup, fit: Fit, held: HeldOut) -> tuple[Picture, ...]:
+    """Errors of held-out rows in order of size, and residuals over the angles of the axes."""
+    good = ~held.gross
+    share = np.linspace(0.0, 100.0, int(np.sum(good)))
+    out = [
+        Picture(
+            "Errors of rows that their fit had not seen",
+            "share of rows, %",
+            "error, mm",
+            (
+                Curve("nominal, frames fitted", share, np.sort(held.nominal[good]) / MM, line=True),
+                Curve("calibrated", share, np.sort(held.identified[good]) / MM, line=True),
+            ),
+        )
+    ]
+    pairs = [(b, r) for b, r in zip(setup.blocks, fit.residuals, strict=True) if isinstance(b, TrackerResiduals)]
+    if pairs:
+        q: Float = np.concatenate([b.arm.q for b, _ in pairs])
+        off = np.concatenate([np.linalg.norm((r * b.sigma)[:, :3], axis=1) for b, r in pairs]) / MM
+        usual = off <= 10.0 * np.median(off)
+        curves = tuple(Curve(f"axis {i + 1}", np.degrees(q[usual, i]), off[usual]) for i in range(3))
+        out.append(Picture("Residuals over the angles of axes 1 to 3", "angle, deg", "position residual, mm", curves))
+    return tuple(out)

@@ -1,0 +1,116 @@
+"""Periodic errors of drives: the angle that a link truly has at the angle that the controller shows.
+
+``q_link = q + sum_k (s_k sin(k q) + c_k (cos(k q) - 1))`` for each axis by itself: eccentric gears, encoder discs and
+cyclic errors of their reading. Zero at q = 0, which leaves constant offsets to the geometry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_float
+from counterflex.core.errors import ModelError
+
+STEEPEST: Final = 0.5
+"""Largest slope of the error that is accepted: beyond it the map from link to controller angle is in doubt."""
+_ROUNDS = 60
+_REST_RAD = 1e-13
+
+
+@dataclass(frozen=True)
+class DriveError:
+    """One harmonic of one axis.
+
+    Attributes:
+        axis: 0..5.
+        order: k, periods per turn of the axis.
+        sine_rad: s_k.
+        cosine_rad: c_k.
+    """
+
+    axis: int
+    order: int
+    sine_rad: float
+    cosine_rad: float
+
+
+@dataclass(frozen=True)
+class DriveErrors:
+    """The periodic errors of all axes.
+
+    Attributes:
+        terms: Any number per axis.
+    """
+
+    terms: tuple[DriveError, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check that each axis keeps turning forward.
+
+        Raises:
+            ModelError: An axis that does not exist, an order below 1, or amplitudes that are far too large.
+        """
+        slope = np.zeros(6)
+        for term in self.terms:
+            if not 0 <= term.axis <= 5 or term.order < 1:
+                raise ModelError("a drive error names no harmonic of an axis", value=(term.axis + 1, term.order))
+            slope[term.axis] += term.order * float(np.hypot(term.sine_rad, term.cosine_rad))
+        if np.any(slope > STEEPEST):
+            axis = int(np.argmax(slope))
+            raise ModelError(
+                "the periodic errors of a drive are far too large",
+                where=f"axis {axis + 1}",
+                value=f"{slope[axis]:.3g} rad per rad",
+                limit=f"<= {STEEPEST:g}",
+                hint="Check the unit: urad",
+            )
+
+    def link_angles(self, q: Float) -> Float:
+        """Angles that the links truly have.
+
+        Args:
+            q: (..., 6) rad, shown by the controller.
+
+        Returns:
+            (..., 6) rad.
+        """
+        q = as_float("q", q)
+        out: Float = q + self._of(q)
+        return out
+
+    def controller_angles(self, q_link: Float) -> Float:
+        """Angles to command so that the links get where they should: the inverse of :meth:`link_angles`.
+
+        Args:
+            q_link: (..., 6) rad, true angles.
+
+        Returns:
+            (..., 6) rad; exact to rounding (fixed-point iteration, a contraction by the check on slopes).
+        """
+        wanted = as_float("q_link", q_link)
+        q = wanted
+        for _ in range(_ROUNDS):
+            step = wanted - self._of(q)
+            if float(np.max(np.abs(step - q), initial=0.0)) < _REST_RAD:
+                return step
+            q = step
+        return q
+
+    def merged(self, others: Iterable[DriveError]) -> DriveErrors:
+        """These and others, amplitudes of the same harmonic added."""
+        sums: dict[tuple[int, int], tuple[float, float]] = {}
+        for term in (*self.terms, *others):
+            s, c = sums.get((term.axis, term.order), (0.0, 0.0))
+            sums[(term.axis, term.order)] = (s + term.sine_rad, c + term.cosine_rad)
+        return DriveErrors(tuple(DriveError(a, k, s, c) for (a, k), (s, c) in sorted(sums.items())))
+
+    def _of(self, q: Float) -> Float:
+        out = np.zeros_like(q)
+        for term in self.terms:
+            angle = term.order * q[..., term.axis]
+            out[..., term.axis] += term.sine_rad * np.sin(angle) + term.cosine_rad * (np.cos(angle) - 1.0)
+        return out
