@@ -1,0 +1,255 @@
+"""In which order to take poses: short ways, and every axis approached from the same side, so that play cancels.
+
+An axis with play rests on one side of its dead band or the other, depending on how it came. An order cannot bring
+every axis to every pose from the same side, but a good one does so far more often than chance; where it does not, an
+approach point before the pose does.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int, as_float
+from counterflex.core.errors import InputError, ReachError
+from counterflex.core.units import DEG
+
+BAND_RAD: Final = 0.1 * DEG
+"""Move of an axis that surely takes up its play."""
+APPROACH_RAD: Final = 2.0 * DEG
+"""How far back an approach point lies."""
+REVERSAL_S: Final = 0.5
+"""Time that an axis arriving from the wrong side counts for, against time of travel."""
+STOP_S: Final = 0.3
+"""Time that starting and stopping adds to every move."""
+_STILL_RAD: Final = 1e-9
+
+
+def travel_s(q: Float, speeds_rad_s: Float, start: Float | None = None) -> float:
+    """Time of travel through poses: of each move the slowest axis at full speed, plus :data:`STOP_S`.
+
+    Args:
+        q: (n, 6) rad, in order.
+        speeds_rad_s: (6,) rad/s.
+        start: (6,) rad, where the robot comes from; None starts at the first pose.
+    """
+    way = q if start is None else np.vstack([start, q])
+    moves = np.max(np.abs(np.diff(way, axis=0)) / speeds_rad_s, axis=1)
+    return float(np.sum(moves + STOP_S * (moves > 0.0)))
+
+
+def wrong_sides(q: Float, *, start: Float | None = None, wanted: Float | None = None, band: float = BAND_RAD) -> Bool:
+    """Which axes rest on the other side of their play than wanted, pose by pose.
+
+    Args:
+        q: (n, 6) rad, in order.
+        start: (6,) rad, where the robot comes from, with its play anywhere; None takes every axis to be on the wanted
+            side at the first pose.
+        wanted: (6,) +1 arrives with growing angle (default), -1 with falling.
+        band: rad; a smaller move in the wanted direction does not surely take up the play, any move in the other
+            direction gives it up.
+
+    Returns:
+        (n, 6).
+    """
+    q = as_float("q", q, (None, 6))
+    aim = _sides(wanted)
+    before = q[0] if start is None else as_float("start", start, (6,))
+    right = np.full(6, start is None)
+    out = np.zeros(q.shape, dtype=np.bool_)
+    for k, here in enumerate(q):
+        right = _right(right, (here - before) * aim, band)
+        out[k] = ~right
+        before = here
+    return out
+
+
+def order_of_poses(
+    q: Float,
+    speeds_rad_s: Float,
+    *,
+    start: Float | None = None,
+    wanted: Float | None = None,
+    weight: Float | None = None,
+    reversal_s: float = REVERSAL_S,
+) -> Int:
+    """An order with short travel in which few axes arrive from the wrong side.
+
+    Least sum over the moves of time of travel plus ``reversal_s`` times the weights of the axes that arrive from the
+    wrong side: nearest neighbour from several beginnings, improved by turning round and moving stretches (2-opt and
+    or-opt on the directed costs) until neither helps.
+
+    Args:
+        q: (n, 6) rad poses; equal ones stay together.
+        speeds_rad_s: (6,) rad/s.
+        start: (6,) rad, where the robot comes from; None begins anywhere.
+        wanted: (6,) side from which to arrive, see :func:`wrong_sides`.
+        weight: (6,) how much each axis counts; 0 for one that its weight always keeps on one side.
+        reversal_s: See above; 0 only shortens the travel.
+
+    Returns:
+        (n,) indices into ``q``, in order.
+
+    Raises:
+        InputError: A speed that is not above zero.
+    """
+    q = as_float("q", q, (None, 6))
+    speeds = as_float("speeds_rad_s", speeds_rad_s, (6,))
+    if not np.all(speeds > 0.0):
+        raise InputError("the speed of an axis must be above zero", value=speeds.tolist())
+    n = len(q)
+    if n <= 2 and start is None:
+        return np.arange(n, dtype=np.int64)
+    way = q if start is None else np.vstack([as_float("start", start, (6,)), q])
+    cost = _costs(way, speeds, _sides(wanted), np.ones(6) if weight is None else weight, reversal_s)
+    if start is None:
+        # A place to come from that costs nothing.
+        cost = np.block([[np.zeros((1, 1)), np.zeros((1, n))], [np.full((n, 1), np.inf), cost]])
+    starts = range(1, n + 1) if n <= 40 else np.unique(np.linspace(1, n, 10).astype(np.int64))
+    tours = [_improved(_nearest(cost, int(first)), cost) for first in starts] if start is None else []
+    tours.append(_improved(_nearest(cost, None), cost))
+    best = min(tours, key=lambda tour: _length(tour, cost))
+    return np.array(best[1:], dtype=np.int64) - 1
+
+
+def approach_points(
+    q: Float,
+    limits_rad: Float,
+    *,
+    start: Float | None = None,
+    wanted: Float | None = None,
+    band: float = BAND_RAD,
+    back: float = APPROACH_RAD,
+) -> Float:
+    """Where to come from, so that every axis arrives from the wanted side.
+
+    Axes that would arrive from the wrong side are first moved past the pose by ``back`` and then return; the others
+    come straight.
+
+    Args:
+        q: (n, 6) rad, in order.
+        limits_rad: (6, 2) rad.
+        start: (6,) rad, as in :func:`wrong_sides`.
+        wanted: (6,) see :func:`wrong_sides`.
+        band: See :func:`wrong_sides`.
+        back: rad.
+
+    Returns:
+        (n, 6) rad; equal to the pose where it may be approached directly.
+
+    Raises:
+        ReachError: An approach point would lie beyond a joint limit; names the axis.
+    """
+    q = as_float("q", q, (None, 6))
+    limits = as_float("limits_rad", limits_rad, (6, 2))
+    aim = _sides(wanted)
+    before = q[0] if start is None else as_float("start", start, (6,))
+    right = np.full(6, start is None)
+    out = q.copy()
+    for k, here in enumerate(q):
+        wrong = ~_right(right, (here - before) * aim, band)
+        out[k, wrong] -= aim[wrong] * back
+        beyond = wrong & ((out[k] < limits[:, 0]) | (out[k] > limits[:, 1]))
+        if np.any(beyond):
+            axis = int(np.flatnonzero(beyond)[0])
+            raise ReachError(
+                f"the approach point of axis {axis + 1} lies beyond its limit",
+                where=f"pose {k + 1}",
+                value=f"{out[k, axis] / DEG:.2f} deg",
+                limit=f"{limits[axis, 0] / DEG:.2f} .. {limits[axis, 1] / DEG:.2f} deg",
+                hint="Keep the poses further from the joint limits",
+            )
+        right, before = np.ones(6, dtype=np.bool_), here
+    return out
+
+
+def _right(before: Bool, forward: Float, band: float) -> Bool:
+    """Which axes rest on the wanted side after a move: (6,) rad, positive in the wanted direction."""
+    out: Bool = (forward > band) | (before & (forward >= -_STILL_RAD))
+    return out
+
+
+def _sides(wanted: Float | None) -> Float:
+    aim = np.ones(6) if wanted is None else as_float("wanted", wanted, (6,))
+    if not np.all(np.abs(aim) == 1.0):
+        raise InputError("a side is +1 or -1", value=aim.tolist())
+    return aim
+
+
+def _costs(way: Float, speeds: Float, aim: Float, weight: Float, reversal_s: float) -> Float:
+    """(m, m) of going from row to row."""
+    move = way[None, :, :] - way[:, None, :]
+    travel = np.max(np.abs(move) / speeds, axis=2)
+    wrong = (move * aim < -_STILL_RAD) @ np.asarray(weight, dtype=np.float64)
+    out: Float = travel + STOP_S * (travel > 0.0) + reversal_s * wrong
+    return out
+
+
+def _nearest(cost: Float, first: int | None) -> list[int]:
+    left = np.ones(len(cost), dtype=np.bool_)
+    left[0] = False
+    tour = [0]
+    while np.any(left):
+        here = int(np.argmin(np.where(left, cost[tour[-1]], np.inf))) if first is None or len(tour) > 1 else first
+        tour.append(here)
+        left[here] = False
+    return tour
+
+
+def _length(tour: list[int], cost: Float) -> float:
+    return float(np.sum(cost[tour[:-1], tour[1:]]))
+
+
+def _improved(tour: list[int], cost: Float) -> list[int]:
+    for _ in range(20 * len(tour)):
+        better = _turned(tour, cost) or _moved(tour, cost)
+        if better is None:
+            break
+        tour = better
+    return tour
+
+
+def _turned(tour: list[int], cost: Float) -> list[int] | None:
+    """The best turning round of a stretch i..j, where one helps (the first place stays)."""
+    t = np.array(tour)
+    n = len(t)
+    ahead = np.concatenate([[0.0], np.cumsum(cost[t[:-1], t[1:]])])
+    # From the free beginning nothing leads back to it; no stretch contains it.
+    back = np.concatenate([[0.0, 0.0], np.cumsum(cost[t[2:], t[1:-1]])]) if n > 2 else np.zeros(n)
+    i, j = np.triu_indices(n, 1)
+    keep = i >= 1
+    i, j = i[keep], j[keep]
+    if len(i) == 0:
+        return None
+    after = np.minimum(j + 1, n - 1)
+    ends = j + 1 < n
+    old = cost[t[i - 1], t[i]] + (ahead[j] - ahead[i]) + np.where(ends, cost[t[j], t[after]], 0.0)
+    new = cost[t[i - 1], t[j]] + (back[j] - back[i]) + np.where(ends, cost[t[i], t[after]], 0.0)
+    best = int(np.argmin(new - old))
+    if not new[best] - old[best] < -1e-9:
+        return None
+    a, b = int(i[best]), int(j[best])
+    return [*tour[:a], *tour[a : b + 1][::-1], *tour[b + 1 :]]
+
+
+def _moved(tour: list[int], cost: Float) -> list[int] | None:
+    """The best move of a stretch of up to three poses elsewhere, as it stands, where one helps."""
+    t = np.array(tour)
+    n = len(t)
+    step = cost[t[:-1], t[1:]]
+    found: tuple[float, list[int]] | None = None
+    for size in (1, 2, 3):
+        for a in range(1, n - size + 1):
+            b = a + size - 1
+            joined = cost[t[a - 1], t[b + 1]] if b + 1 < n else 0.0
+            out = step[a - 1] + (step[b] if b + 1 < n else 0.0) - joined
+            rest = np.concatenate([t[:a], t[b + 1 :]])
+            inner = cost[rest[:-1], rest[1:]]
+            into = cost[rest, t[a]]
+            into[:-1] += cost[t[b], rest[1:]] - inner
+            k = int(np.argmin(into))
+            gain = out - into[k]
+            if gain > 1e-9 and (found is None or gain > found[0]):
+                found = (gain, [*rest[: k + 1].tolist(), *tour[a : b + 1], *rest[k + 1 :].tolist()])
+    return None if found is None else found[1]
