@@ -23,13 +23,14 @@ from counterflex.identify.changes import CuttingLaw
 from counterflex.identify.cutting_report import Chosen, figures, pictures, remarks
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
-from counterflex.identify.force_forms import FORMS, Form, form
+from counterflex.identify.force_forms import EDGES, FORMS, Form, form
 from counterflex.identify.holdout import HeldOut, cross_validate, score_separate
 from counterflex.identify.model import CellModel
 from counterflex.identify.parameters import Parameters
 from counterflex.identify.recipe import Figure, Identification, Recipe
 from counterflex.identify.residuals import Residuals
 from counterflex.identify.slot_pieces import Cutting, Found, pieces_of
+from counterflex.identify.slot_program import SETTINGS as PROPOSAL
 from counterflex.identify.slot_program import propose
 from counterflex.identify.slot_reading import check
 from counterflex.identify.slot_residuals import LAW, TOP_SIGMA_M, SlotResiduals, geometry_parameters
@@ -86,7 +87,7 @@ def identify(
     wanted = FORMS if options["form"] == "auto" else (form(str(options["form"])),)
     trials = problem.trials(wanted, int(options["folds"]), int(options["seed"]), progress)
     best = _simplest(trials)
-    fit = solve(problem.parameters(best.form), [problem.train(best.form)])
+    fit = solve_physical(problem.parameters(best.form), problem.train(best.form))
     judged, before = problem.judged(best, bool(holdout))
     progress(0.97, "reporting")
     chosen = Chosen(found, problem.train(best.form), best.form, fit, problem.h_ref_m, problem.range_m)
@@ -109,6 +110,19 @@ def row_error(block: Residuals, x: Float) -> Float:
     force = block.pieces.force
     out: Float = np.linalg.norm(force - block.predict(x), axis=1) / np.maximum(np.linalg.norm(force, axis=1), 1e-9)
     return out
+
+
+def solve_physical(parameters: Parameters, block: SlotResiduals) -> Fit:
+    """Fit the constants; an edge force that comes out below zero, which no edge has, is held at zero."""
+    fit = solve(parameters, [block])
+    for _ in EDGES:
+        negative = [name for name in EDGES if fit.value(name) < 0.0]
+        if not negative:
+            break
+        least = min(negative, key=fit.value)
+        parameters = parameters.with_nominal({least: 0.0}).held([least])
+        fit = solve(parameters, [block])
+    return fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +272,7 @@ RECIPE = Recipe(
     name="cutting",
     title="Force constants of tool and material from test cuts",
     kinds=(KIND,),
-    settings=SETTINGS,
+    settings={**PROPOSAL, **SETTINGS},
     identify=identify,
     propose=propose,
 )

@@ -26,6 +26,8 @@ from counterflex.identify.parameters import Parameter, Parameters
 DIRECTIONS: Final = ("c", "r", "a")
 NAMES: Final = ("kc", "kr", "ka", "mc", "mr", "ma", "ec", "er", "ea")
 """Names of the nine constants in the order of the parameters."""
+EDGES: Final = NAMES[6:]
+"""Names of the edge forces."""
 _WORDS: Final = ("cutting", "radial", "axial")
 _K_SIGMA: Final = (0.5, 0.3, 0.2)  # of k_c, known beforehand
 _M_SIGMA: Final = (0.15, 0.25, 0.25)
@@ -86,7 +88,7 @@ class Form:
         ]  # fmt: skip
         items += [
             Parameter(
-                NAMES[6 + i], "N/m", e[i], _E_SIGMA[i], lower=min(0.0, e[i]), free=self.edge,
+                NAMES[6 + i], "N/m", e[i], _E_SIGMA[i], free=self.edge,
                 label=f"{_WORDS[i]} edge force e{DIRECTIONS[i]}",
             )
             for i in range(3)

@@ -22,15 +22,16 @@ from counterflex.identify.slot_settings import machine_settings
 SETTINGS: dict[str, float | int | str | bool] = {
     "spindle_rad_s": 13000.0 * RPM,
     "feed_tooth_max_m": 80.0 * UM,
-    "feed_ratio": 8.0,
+    "feed_ratio": 5.0,
     "depth_max_m": 0.0,
     "force_max_n": 500.0,
     "side_share": 0.25,
-    "measure_depth": False,
+    "measure_depth": True,
 }
 """Settings of a proposal; ``depth_max_m`` 0 means 0.3 diameters."""
 GAP_M = 3.0 * MM
-_RUN_IN_M = 12.0 * MM
+_RUN_IN_M = 10.0 * MM
+_RUN_IN_S = 0.5
 _STEADY_M = 12.0 * MM
 
 
@@ -124,8 +125,8 @@ class _Layout:
         self.feed_most = float(options["feed_tooth_max_m"])
         self.feed_least = self.feed_most / float(options["feed_ratio"])
         self.spindle = float(options["spindle_rad_s"])
-        speed = self.feed_most * cutter.flutes * self.spindle / (2.0 * math.pi)
-        least = 2.0 * diameter + 0.4 * speed + _STEADY_M
+        self.teeth_per_s = cutter.flutes * self.spindle / (2.0 * math.pi)
+        least = 2.0 * diameter + 0.4 * self.speed(self.feed_most) + _STEADY_M
         self.per_cut = max(1, int(self.length / least))
         if self.length < diameter + _STEADY_M or self.breadth < diameter + 2.0 * GAP_M:
             raise InputError(
@@ -143,7 +144,10 @@ class _Layout:
     def moves(self) -> list[Move]:
         """All motions, in order."""
         spread = np.linspace(0.0, 1.0, self.count) if self.count > 1 else np.ones(1)
-        feeds = list(self.feed_least * (self.feed_most / self.feed_least) ** self.rng.permutation(spread))
+        rising = self.feed_least * (self.feed_most / self.feed_least) ** spread
+        upper = self.rng.permutation(rising[len(rising) // 3 :])  # side cuts have thinner chips: not the least feeds
+        rest = self.rng.permutation(np.concatenate([rising[: len(rising) // 3], upper[: len(upper) - self.sides]]))
+        feeds = [*rest.tolist(), *upper[len(upper) - self.sides :].tolist()]
         out: list[Move] = []
         cut, blank = 0, 0
         side, lanes = 0, self._lanes()
@@ -164,6 +168,10 @@ class _Layout:
             lane, cut = lane + 1, cut + 1
         return out
 
+    def speed(self, feed_tooth_m: float) -> float:
+        """Feed in m/s."""
+        return feed_tooth_m * self.teeth_per_s
+
     def _lanes(self) -> list[float]:
         """Centre lines of slots across the blank."""
         diameter = self.cutter.diameter_m
@@ -180,11 +188,12 @@ class _Layout:
     def _along(self, blank: int, cut: int, lines: list[float], feeds: list[float], widths: Float | None) -> list[Move]:
         """One cut through the blank, piece after piece; up or down along a side, either way in a slot."""
         forward = bool(self.rng.integers(0, 2))
-        begin, end = -self.cutter.radius_m - _RUN_IN_M, self.length + self.cutter.radius_m + _RUN_IN_M
+        before, after = (self.cutter.radius_m + _RUN_IN_M + _RUN_IN_S * self.speed(f) for f in (feeds[0], feeds[-1]))
+        begin, end = (-before, self.length + after) if forward else (-after, self.length + before)
         inner = np.linspace(0.0, self.length, len(feeds) + 1)
         bounds = [begin, *inner[1:-1].tolist(), end]
         if not forward:
-            bounds = [self.length - b for b in bounds]
+            bounds.reverse()
         depth = self._depth(max(feeds), widths)
         out: list[Move] = []
         for i, (feed, line) in enumerate(zip(feeds, lines, strict=True)):

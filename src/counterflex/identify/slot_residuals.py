@@ -26,7 +26,7 @@ LAW: Final = 9
 GIVE: Final = "give"
 TOP_SIGMA_M: Final = 0.1 * MM
 GIVE_SIGMA: Final = 0.15
-DEPTH_SIGMA_M: Final = 15.0 * UM
+DEPTH_SIGMA_M: Final = 40.0 * UM
 WIDTH_SIGMA_M: Final = 50.0 * UM
 
 

@@ -200,15 +200,14 @@ class _Columns:
         return Measured(joined, sigma, np.concatenate(group))
 
     def _of_cut(self, number: int, touching: Bool) -> Int:
-        """Rows of a cut from a second before the first touch to a second after the last."""
+        """Rows of a cut, from a second of feed motion before the first touch to one after the last."""
         mine = np.flatnonzero(touching & (self.cuts.cut[np.maximum(self.row, 0)] == number))
         if len(mine) == 0:
             return np.zeros(0, dtype=np.int64)
         time = self.record.time_s
         begin, end = float(time[mine[0]]) - _AIR_S, float(time[mine[-1]]) + _AIR_S
-        same = self.cuts.cut[np.maximum(self.row, 0)] == number
-        clear = ~touching | same
-        out: Int = np.flatnonzero((time >= begin) & (time <= end) & clear)
+        feeding = (self.row >= 0) & (self.cuts.cut[np.maximum(self.row, 0)] == number)
+        out: Int = np.flatnonzero((time >= begin) & (time <= end) & feeding)
         return out
 
 
