@@ -41,8 +41,8 @@ ORDER: Final = (
     Measurement("timing", 1, 1),
     Measurement("servo", 1, 1),
     Measurement("holder", 40, 20),
-    Measurement("stiffness", 90, 30),
-    Measurement("cutting", 12, 6),
+    Measurement("stiffness", 60, 20),
+    Measurement("cutting", 16, 8, {"feed_ratio": 20.0}),
 )
 """Frames first, then geometry, what hangs on the flange, drives, elasticity (which needs what drives lose), force."""
 
