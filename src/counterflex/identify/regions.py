@@ -33,8 +33,8 @@ CHANCE: Final = 1e-3
 """Largest probability that the best of all candidates gains as much by chance."""
 GAIN: Final = 0.03
 """Least relative decrease of the error on data not used."""
-TRIED: Final = 3
-"""Candidates that are fitted, those with the largest gain by the screening."""
+TRIED: Final = 2
+"""Candidates that are fitted, those with the largest gain in the screening."""
 MOST: Final = 3
 """Regions in all."""
 PRIOR: Final = 0.5
@@ -95,7 +95,7 @@ class Found:
         regions: Kept ones, in the order found.
         parameters: All parameters, those of the regions last.
         blocks: With their shapes.
-        error: Mean error on data not used before any and after each region, m.
+        error: Mean error on data not used before any and after each region, m; empty where none was promising.
     """
 
     regions: tuple[Region, ...]
@@ -158,27 +158,28 @@ def search(
     """
     parameters, now = plan.parameters, list(blocks)
     kept: list[Region] = []
-    errors = [_error(parameters, now, plan)]
-    everything = candidates(chain, plan, pulls)
-    phi = {r.name: tuple(r.phi(chain, plan, p) for p in pulls) for r in everything}
+    errors: list[float] = []
+    open_ = candidates(chain, plan, pulls)
+    phi = {r.name: tuple(r.phi(chain, plan, p) for p in pulls) for r in open_}
     for turn in range(MOST):
-        open_ = [r for r in everything if r.name not in {k.name for k in kept}]
-        gains = np.array([_gain(fit, now, r.spring, phi[r.name], parameters) for r in open_])
-        dof = max(fit.dof - 1.0, 1.0)
-        limit = float(f.isf(CHANCE / max(len(open_), 1), 1.0, dof))
-        best: tuple[float, Region, Parameters, list[PullResiduals]] | None = None
-        for i in np.argsort(-gains)[:TRIED]:
-            if gains[i] < limit:
-                break
-            wider, shaped = _with(parameters, now, open_[i], phi[open_[i].name])
-            error = _error(wider, shaped, plan)
-            if best is None or error < best[0]:
-                best = (error, open_[i], wider, shaped)
-        progress((turn + 1) / MOST, "regions of stiffness")
-        if best is None or best[0] > (1.0 - GAIN) * errors[-1]:
+        gains = _gains(fit, now, [(r.spring, phi[r.name]) for r in open_], parameters)
+        limit = float(f.isf(CHANCE / max(len(open_), 1), 1.0, max(fit.dof - 1.0, 1.0)))
+        promising = [int(i) for i in np.argsort(-gains)[:TRIED] if gains[i] >= limit]
+        if not promising:
             break
-        error, region, parameters, now = best
+        if not errors:
+            errors.append(_error(parameters, now, plan))
+        trials = []
+        for i in promising:
+            wider, shaped = _with(parameters, now, open_[i], phi[open_[i].name])
+            trials.append((_error(wider, shaped, plan), open_[i], wider, shaped))
+        progress((turn + 1) / MOST, "regions of stiffness")
+        error, region, wider, shaped = min(trials, key=lambda trial: trial[0])
+        if error > (1.0 - GAIN) * errors[-1]:
+            break
+        parameters, now = wider, shaped
         kept.append(region)
+        open_.remove(region)
         errors.append(error)
         fit = solve(parameters, now, start=np.append(fit.values, 0.0))
     return Found(tuple(kept), parameters, tuple(now), tuple(errors))
@@ -207,29 +208,30 @@ def _error(parameters: Parameters, blocks: Sequence[PullResiduals], plan: Layout
     return held.mean()[0]
 
 
-def _gain(
-    fit: Fit, blocks: Sequence[PullResiduals], spring: int, phis: Sequence[Float], parameters: Parameters
-) -> float:
-    """F statistic of one more parameter at the fit: decrease of the sum of squares over the variance left."""
+def _gains(
+    fit: Fit, blocks: Sequence[PullResiduals], tried: Sequence[tuple[int, Sequence[Float]]], parameters: Parameters
+) -> Float:
+    """F statistic of each one more parameter at the fit: decrease of the sum of squares over the variance left."""
     free = np.flatnonzero(parameters.free)
     scale = parameters.slope(fit.values)[free]
-    r, J, z = [], [], []
-    for block, weight, factor, phi in zip(blocks, fit.weights, fit.sigma_factors, phis, strict=True):
-        root = (np.sqrt(weight) / factor)[:, None]
-        r.append((block.evaluate(fit.values) * root).reshape(-1))
-        J.append((block.jacobian(fit.values)[:, :, free] * scale * root[:, :, None]).reshape(-1, len(free)))
-        column = block.columns[spring]
-        own = block.jacobian(fit.values)[:, :, column] * fit.values[column]
-        z.append((own * phi[:, None] * root).reshape(-1))
-    rows, slope, extra = np.concatenate(r), np.concatenate(J), np.concatenate(z)
-    padded = np.vstack([slope, np.eye(len(free))])
-    Q, _ = np.linalg.qr(padded)
-    wide = np.concatenate([extra, np.zeros(len(free))])
-    left = wide - Q @ (Q.T @ wide)
-    size = float(left @ left)
-    if size <= 1e-12 * max(float(wide @ wide), 1e-300):
-        return 0.0
+    roots = [np.sqrt(weight)[:, None] / factor for weight, factor in zip(fit.weights, fit.sigma_factors, strict=True)]
+    slopes = [b.jacobian(fit.values) for b in blocks]
+    rows = np.concatenate([(b.evaluate(fit.values) * r).reshape(-1) for b, r in zip(blocks, roots, strict=True)])
+    J = np.concatenate(
+        [(s[:, :, free] * scale * r[:, :, None]).reshape(-1, len(free)) for s, r in zip(slopes, roots, strict=True)]
+    )
+    Q, _ = np.linalg.qr(np.vstack([J, np.eye(len(free))]))
     whole = np.concatenate([rows, parameters.coordinates(fit.values)[free]])
-    gain = float(left @ whole) ** 2 / size
     variance = max(float(rows @ rows) / max(fit.dof, 1.0), 1e-300)
-    return gain / variance
+    extra = np.zeros((len(whole), len(tried)))
+    for i, (spring, phis) in enumerate(tried):
+        parts = [
+            (s[:, :, b.columns[spring]] * fit.values[b.columns[spring]] * phi[:, None] * r).reshape(-1)
+            for s, b, phi, r in zip(slopes, blocks, phis, roots, strict=True)
+        ]
+        extra[: len(rows), i] = np.concatenate(parts)
+    left = extra - Q @ (Q.T @ extra)
+    size, before = np.sum(left**2, axis=0), np.sum(extra**2, axis=0)
+    seen = size > 1e-12 * np.maximum(before, 1e-300)
+    out: Float = np.where(seen, (left.T @ whole) ** 2 / np.where(seen, size, 1.0) / variance, 0.0)
+    return out
