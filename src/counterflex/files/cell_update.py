@@ -7,6 +7,7 @@ from collections.abc import Mapping, MutableMapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
@@ -34,6 +35,7 @@ COMPLIANCE_KEYS: Final = (
     *((f"r{a}_urad_per_knm", URAD_PER_KNM) for a in "xyz"),
 )
 _CALIBRATION_KEYS: Final = (*((f"{a}_mm", MM) for a in "xyz"), *((f"r{a}_mrad", MRAD) for a in "xyz"))
+_SAME_PLACE_M: Final = 1e-9
 _PATHS: Final = (("robot", "urdf"), ("part", "stock", "stl"), ("part", "stock", "result"))
 Doc = MutableMapping[str, Any]
 
@@ -161,8 +163,16 @@ def _compliance(doc: Doc, change: ElementCompliance, cell: Cell, source: str) ->
 
 
 def _mass(doc: Doc, change: BodyMass, cell: Cell, source: str) -> None:
-    if any(segment.name == change.segment for segment in cell.robot.segments):
-        raise InputError("the centre of gravity of a robot segment has no place in a cell file", value=change.segment)
+    for segment in cell.robot.segments:
+        if segment.name == change.segment:
+            if np.max(np.abs(change.p_seg_com - segment.p_seg_com)) > _SAME_PLACE_M:
+                raise InputError(
+                    "the centre of gravity of a robot segment has no place in a cell file", value=change.segment
+                )
+            row = _row(_table(doc, "robot"), "elastic", "segment", change.segment)
+            row["mass_kg"] = _written(change.mass_kg, 1.0)
+            row["source"] = source
+            return
     row = _body(doc, change.segment, cell)
     row["mass_kg"] = _written(change.mass_kg, 1.0)
     for axis, value in zip("xyz", change.p_seg_com, strict=True):
