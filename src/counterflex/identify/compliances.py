@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int, frozen
 from counterflex.core.errors import InputError
 from counterflex.core.similar import close_to
-from counterflex.core.units import UM_PER_KN, URAD_PER_KNM
+from counterflex.core.units import MM, UM_PER_KN, URAD_PER_KNM
 from counterflex.identify.changes import ElementCompliance
 from counterflex.identify.parameters import Parameter, Parameters
 from counterflex.robot.chain import ElasticChain
@@ -26,13 +26,16 @@ SETTINGS: Final[Mapping[str, float | int | str | bool]] = {
     "prior": 0.3,
     "wide": "",
     "wide_prior": 1.0,
+    "known": "",
+    "known_prior": 0.05,
     "free": "",
     "held": "",
+    "bearing_mm": 10.0,
 }
 """Options of recipes that find compliances: relative prior standard deviation of an element; names of elements, or of
-single directions as ``axis2.rx``, whose values are assumed, and their prior; names of rigid directions to free; names
-of elements or directions to hold. ``all`` stands for everything, ``torsion``, ``tilting`` and ``translation`` for the
-directions z; x and y; tx, ty, tz of all driven axes."""
+single directions as ``axis2.rx``, whose values are assumed, and their prior; the same for what a data sheet or a bench
+says; names of rigid directions to free; names of elements or directions to hold. ``all`` stands for everything,
+``torsion``, ``tilting`` and ``translation`` for the directions z; x and y; tx, ty, tz of all driven axes. ``bearing_mm``: how well the centres of the elements are known."""
 _OF_AXES: Final = {"torsion": (5,), "tilting": (3, 4), "translation": (0, 1, 2)}
 
 
@@ -71,6 +74,18 @@ class Springs:
         return tuple(ElementCompliance(chain.names[i], whole[i]) for i in touched)
 
 
+def bearing_of(settings: Mapping[str, Any]) -> float:
+    """The setting ``bearing_mm`` in m.
+
+    Raises:
+        InputError: Negative or beyond 200 mm.
+    """
+    value = settings.get("bearing_mm", SETTINGS["bearing_mm"])
+    if not (isinstance(value, int | float) and 0.0 <= float(value) <= 200.0):
+        raise InputError("setting bearing_mm", value=value, limit="0 .. 200 mm")
+    return float(value) * MM
+
+
 def with_compliance(chain: ElasticChain, compliance: Float) -> ElasticChain:
     """The same chain with other compliances (n, 6), m/N and rad/(N m)."""
     return replace(chain, compliance=frozen(compliance))
@@ -93,10 +108,10 @@ def springs(chain: ElasticChain, settings: Mapping[str, Any]) -> Springs:
         InputError: A name that the chain does not have, a prior that is not positive, or nothing elastic at all.
     """
     options = {**SETTINGS, **settings}
-    for key in ("prior", "wide_prior"):
+    for key in ("prior", "wide_prior", "known_prior"):
         if not (isinstance(options[key], int | float) and 0.0 < float(options[key]) <= 10.0):
             raise InputError(f"setting {key}", value=options[key], limit="a relative standard deviation above 0, <= 10")
-    wide, free, held = (named_directions(chain, str(options[key])) for key in ("wide", "free", "held"))
+    wide, known, free, held = (named_directions(chain, str(options[key])) for key in ("wide", "known", "free", "held"))
     items, segment, direction = [], [], []
     for i, name in enumerate(chain.names):
         for d, letter in enumerate(DIRECTIONS):
@@ -104,7 +119,8 @@ def springs(chain: ElasticChain, settings: Mapping[str, Any]) -> Springs:
             unit = "m/N" if d < 3 else "rad/(N m)"
             label = f"{name} {'translation' if d < 3 else 'rotation'} {letter[1]}"
             if value > 0.0:
-                sigma = float(options["wide_prior"] if place in wide else options["prior"])
+                kind = "known_prior" if place in known else "wide_prior" if place in wide else "prior"
+                sigma = float(options[kind])
                 item = Parameter(
                     f"{name}.{letter}",
                     unit,

@@ -9,15 +9,17 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
-from counterflex.core.units import DEG
+from counterflex.core.units import DEG, MM
 from counterflex.identify.compliances import Springs, with_compliance
 from counterflex.identify.parameters import Parameter, Parameters
-from counterflex.identify.pull_history import band_slopes, lost_angles, uncertain, unknown_history
-from counterflex.identify.pull_residuals import COMPONENTS, PullResiduals, carried, gains
+from counterflex.identify.pull_history import band_slopes, lost_angles, lost_sigma
+from counterflex.identify.pull_residuals import COMPONENTS, PullResiduals, carried, gains, misplaced
 from counterflex.identify.pulls import Pulls
 from counterflex.robot.chain import ElasticChain, jacobian
 from counterflex.robot.compliance import cartesian_compliance, linear_gap
 
+BEARING_M: Final = 10.0 * MM
+"""How well the centre is known that an elastic element turns about, per axis."""
 BAND_PRIOR: Final = 0.5
 """Relative prior standard deviation of the half band of an axis' play."""
 TURN_PRIOR_RAD: Final = 2.0 * DEG
@@ -33,12 +35,14 @@ class Layout:
         parameters: All of them; the springs first.
         bands: (6,) places of the half bands, -1 where not fitted.
         turn: (3,) places of the turn of the tracker's axes, or None.
+        bearing_m: How well the points are known that the elements turn about, per axis.
     """
 
     springs: Springs
     parameters: Parameters
     bands: Int
     turn: Int | None
+    bearing_m: float
 
     @property
     def frame_names(self) -> tuple[str, ...]:
@@ -46,7 +50,14 @@ class Layout:
         return () if self.turn is None else tuple(self.parameters.names[i] for i in self.turn)
 
 
-def layout(chain: ElasticChain, springs: Springs, pulls: Sequence[Pulls], turn_sigma: Float | None = None) -> Layout:
+def layout(
+    chain: ElasticChain,
+    springs: Springs,
+    pulls: Sequence[Pulls],
+    turn_sigma: Float | None = None,
+    *,
+    bearing_m: float = BEARING_M,
+) -> Layout:
     """Parameters for some pulls.
 
     Half bands are parameters where a history is known (elsewhere play only adds to the standard deviation); the turn
@@ -57,6 +68,7 @@ def layout(chain: ElasticChain, springs: Springs, pulls: Sequence[Pulls], turn_s
         springs: Its compliances.
         pulls: Data and held-out data.
         turn_sigma: (3,) rad, prior standard deviation of the tracker's axes; None is :data:`TURN_PRIOR_RAD`.
+        bearing_m: See :class:`Layout`.
     """
     items: list[Parameter] = []
     bands = np.full(6, -1, dtype=np.int64)
@@ -84,15 +96,15 @@ def layout(chain: ElasticChain, springs: Springs, pulls: Sequence[Pulls], turn_s
             Parameter(f"T_base_tracker.r{c}", "rad", 0.0, float(s), label=f"turn of the tracker about its {c}")
             for c, s in zip("xyz", np.full(3, TURN_PRIOR_RAD) if turn_sigma is None else turn_sigma, strict=True)
         ]
-    return Layout(springs, springs.parameters + Parameters.of(items), bands, turn)
+    return Layout(springs, springs.parameters + Parameters.of(items), bands, turn, bearing_m)
 
 
 def block(chain: ElasticChain, plan: Layout, pulls: Pulls, R_base_tracker: Float | None) -> PullResiduals:
     """Residuals of pulls around what the cell file says.
 
-    Standard deviations: of the displacement as stated, of the load times the compliance of the arm, and of the lost
-    motion: what the model may be off (:func:`counterflex.identify.pull_history.uncertain`) or, where the history is
-    not known, what friction can do (:func:`counterflex.identify.pull_history.unknown_history`).
+    Standard deviations: of the displacement as stated, of the load times the compliance of the arm, of the lost motion
+    (:func:`counterflex.identify.pull_history.lost_sigma`), and of bearings that are not where they are thought to be
+    (:func:`counterflex.identify.pull_residuals.misplaced`).
 
     Args:
         chain: The cell's.
@@ -109,7 +121,8 @@ def block(chain: ElasticChain, plan: Layout, pulls: Pulls, R_base_tracker: Float
     variance = np.zeros((len(pulls), 6))
     if np.any(pulls.w_sigma > 0.0):
         variance += (_compliance_at(chain, pulls) ** 2 @ (pulls.w_sigma**2)[:, :, None])[..., 0]
-    variance += (uncertain(chain, pulls) if pulls.history else unknown_history(chain, pulls)) ** 2
+    variance += lost_sigma(chain, pulls) ** 2
+    variance += misplaced(chain, plan.springs, pulls.q, pulls.w_tcp_base, point, plan.bearing_m) ** 2
     added = variance[:, :c]
     R = None
     if pulls.in_tracker and R_base_tracker is not None:

@@ -92,7 +92,7 @@ def band_slopes(chain: ElasticChain, pulls: Pulls) -> Float:
     return out
 
 
-def uncertain(chain: ElasticChain, pulls: Pulls) -> Float:
+def uncertain_angles(chain: ElasticChain, pulls: Pulls) -> Float:
     """Standard deviation of the lost motion where play and friction are known but not exactly.
 
     Half the range of :func:`lost_angles` over friction and weights that are off by :data:`FRICTION_SIGMA` and
@@ -103,7 +103,7 @@ def uncertain(chain: ElasticChain, pulls: Pulls) -> Float:
         pulls: With a history.
 
     Returns:
-        (n, 6) m, rad at the TCP, base axes.
+        (n, 6) rad.
     """
     if chain.play is None:
         return np.zeros((len(pulls), 6))
@@ -112,34 +112,40 @@ def uncertain(chain: ElasticChain, pulls: Pulls) -> Float:
         for dry in (1.0 - FRICTION_SIGMA, 1.0 + FRICTION_SIGMA)
         for weight in (1.0 - WEIGHT_SIGMA, 1.0 + WEIGHT_SIGMA)
     ]
-    half = 0.5 * (np.max(found, axis=0) - np.min(found, axis=0))
-    out: Float = np.sqrt(np.sum((jacobian(chain, pulls.q) * half[:, None, :]) ** 2, axis=2))
+    out: Float = 0.5 * (np.max(found, axis=0) - np.min(found, axis=0))
     return out
 
 
-def unknown_history(chain: ElasticChain, pulls: Pulls) -> Float:
-    """Standard deviation that friction and play add to the displacement of the TCP where the history is not known.
+def unknown_angles(chain: ElasticChain) -> Float:
+    """Standard deviation (6,) rad that friction and play add to each axis where the history is not known.
 
-    Anything between ``-(b + c F)`` and ``b + c F`` of each axis is equally likely (half band b, friction F, torsion
-    compliance c), so the standard deviation is that over root 3, carried to the tool.
+    Anything between ``-(b + c F)`` and ``b + c F`` is equally likely (half band b, friction F, torsion compliance c),
+    so the standard deviation is that over root 3.
+    """
+    if chain.play is None:
+        return np.zeros(6)
+    soft = chain.compliance[chain.torsion, 5]
+    most = [
+        0.0 if entry is None else entry.half_band_rad + c * sum(entry.friction_nm)
+        for entry, c in zip(chain.play, soft, strict=True)
+    ]
+    return np.array(most) / math.sqrt(3.0)
+
+
+def lost_sigma(chain: ElasticChain, pulls: Pulls) -> Float:
+    """Standard deviation that lost motion adds to the displacement of the TCP.
+
+    :func:`uncertain_angles` where the history is known, :func:`unknown_angles` where it is not, carried to the tool.
 
     Args:
         chain: With play or None.
-        pulls: Their poses.
+        pulls: The rows.
 
     Returns:
         (n, 6) m, rad, base axes.
     """
-    if chain.play is None:
-        return np.zeros((len(pulls), 6))
-    soft = chain.compliance[chain.torsion, 5]
-    most = np.array(
-        [
-            0.0 if entry is None else entry.half_band_rad + c * sum(entry.friction_nm)
-            for entry, c in zip(chain.play, soft, strict=True)
-        ]
-    )
-    out: Float = np.sqrt(np.sum((jacobian(chain, pulls.q) * (most / math.sqrt(3.0))) ** 2, axis=2))
+    angles = uncertain_angles(chain, pulls) if pulls.history else unknown_angles(chain)[None, :]
+    out: Float = np.sqrt(np.sum((jacobian(chain, pulls.q) * angles[:, None, :]) ** 2, axis=2))
     return out
 
 

@@ -11,7 +11,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, UM
 from counterflex.identify.choice import candidates_of, choose, expected_sigma, prior_information
-from counterflex.identify.compliances import springs
+from counterflex.identify.compliances import bearing_of, springs
 from counterflex.identify.known_frames import known_frames
 from counterflex.identify.model import CellModel
 from counterflex.identify.pose_candidates import measurable
@@ -83,7 +83,7 @@ def propose_pulls(cell: CellModel, count: int, settings: Mapping[str, Any]) -> P
     axes = np.array([DIRECTIONS[name] for name in names], dtype=np.float64)
     direction = np.tile(np.arange(len(names)), len(q))
     candidates = _pulls("candidates", np.repeat(q, len(names), axis=0), force * axes[direction], sigma, history)
-    plan = layout(chain, springs(chain, options), [candidates])
+    plan = layout(chain, springs(chain, options), [candidates], bearing_m=bearing_of(options))
     information = candidates_of(plan.parameters, [block(chain, plan, candidates, None)])
     chosen = choose(
         information.jacobian,

@@ -41,6 +41,38 @@ def gains(chain: ElasticChain, springs: Springs, q: Float, w_tcp_base: Float, p_
     return out
 
 
+def misplaced(
+    chain: ElasticChain, springs: Springs, q: Float, w_tcp_base: Float, p_tcp_point: Float, bearing_m: float
+) -> Float:
+    """Standard deviation of a displacement where the elements turn about points that are known to ``bearing_m`` only.
+
+    A bearing that sits beside where it is thought to be feels another moment (``b |f|``), and carries the tool along
+    another lever (b times its angle)::
+
+        s^2 = sum_k (J_k c_k b |f|)^2 + (b c_k J_k^T w)^2    (the latter for the translation only)
+
+    Args:
+        chain: The cell's.
+        springs: k of them; only the rotations matter.
+        q: (n, 6) rad.
+        w_tcp_base: (n, 6) N, N m.
+        p_tcp_point: (3,) m, in the frame of the TCP.
+        bearing_m: b, per axis.
+
+    Returns:
+        (n, 6) m, rad, base axes.
+    """
+    turning = springs.direction >= 3
+    columns = element_jacobians(chain, q)[:, springs.segment[turning], :, springs.direction[turning]]
+    J = np.moveaxis(columns, 0, -1)
+    c = springs.of_chain(chain)[turning]
+    angle = np.einsum("nck,nc->nk", J, w_tcp_base) * c
+    moment = bearing_m * np.linalg.norm(w_tcp_base[:, :3], axis=1)
+    variance = np.sum((carried(chain, q, J, p_tcp_point) * c * moment[:, None, None]) ** 2, axis=2)
+    variance[:, :3] += (bearing_m**2 * np.sum(angle**2, axis=1))[:, None]
+    return np.sqrt(variance)
+
+
 def carried(chain: ElasticChain, q: Float, twists: Float, p_tcp_point: Float) -> Float:
     """Twists (n, 6, k) given at the TCP, taken at a point beside it: ``v + omega x r``."""
     if not np.any(p_tcp_point):

@@ -79,8 +79,36 @@ def read_pulls(chain: ElasticChain, data: Dataset, p_tcp_target: Float | None = 
     Raises:
         FileFormatError: A channel is missing or without standard deviation, a setting makes no sense.
     """
+    q, w, w_sigma = read_load(chain, data)
+    in_tracker = not data.has("d_tcp_base") and data.has("d_tracker_target")
+    moved = data.channel("d_tracker_target" if in_tracker else "d_tcp_base")
+    history, approach = read_path(data)
+    if len(q) == 0:
+        raise InputError("the dataset has no rows", where=data.where)
+    return Pulls(
+        name=data.name,
+        q=q,
+        w_tcp_base=w,
+        w_sigma=w_sigma,
+        d=moved.values,
+        d_sigma=moved.need_sigma(),
+        in_tracker=in_tracker,
+        p_tcp_measured=_point(data, "p_tcp_measured_m", p_tcp_target if in_tracker else None),
+        approach=approach,
+        history=history,
+        group=data.group,
+        line=data.line,
+        where=data.where,
+    )
+
+
+def read_load(chain: ElasticChain, data: Dataset) -> tuple[Float, Float, Float]:
+    """Poses (n, 6) rad, loads about the TCP in base axes (n, 6) N, N m, and their standard deviations.
+
+    Raises:
+        FileFormatError: A channel is missing, or ``p_tcp_load_m`` is no point.
+    """
     q = data.values("q")
-    T_base_tcp = forward(chain, q)
     if data.has("w_tcp_base"):
         load = data.channel("w_tcp_base")
         w, w_sigma = load.values, np.zeros_like(load.values) if load.sigma is None else load.sigma
@@ -88,9 +116,16 @@ def read_pulls(chain: ElasticChain, data: Dataset, p_tcp_target: Float | None = 
         load = data.channel("f_tcp_base")
         none = np.zeros_like(load.values)
         w, w_sigma = np.hstack([load.values, none]), np.hstack([none if load.sigma is None else load.sigma, none])
-    lever = (T_base_tcp[:, :3, :3] @ _point(data, "p_tcp_load_m")[:, None])[..., 0]
-    in_tracker = not data.has("d_tcp_base") and data.has("d_tracker_target")
-    moved = data.channel("d_tracker_target" if in_tracker else "d_tcp_base")
+    lever = (forward(chain, q)[:, :3, :3] @ _point(data, "p_tcp_load_m")[:, None])[..., 0]
+    return q, wrench.shift(w, lever), w_sigma
+
+
+def read_path(data: Dataset) -> tuple[str, Float | None]:
+    """How the axes moved between the readings: history, and approach (n, 6) rad or None.
+
+    Raises:
+        FileFormatError: There is no such history, or it lacks the approach.
+    """
     history = str(data.settings.get("history", ""))
     if history and history not in HISTORIES:
         raise FileFormatError(
@@ -104,23 +139,7 @@ def read_pulls(chain: ElasticChain, data: Dataset, p_tcp_target: Float | None = 
             value=history,
             hint="Map it in the manifest, or leave settings.history out",
         )
-    if len(q) == 0:
-        raise InputError("the dataset has no rows", where=data.where)
-    return Pulls(
-        name=data.name,
-        q=q,
-        w_tcp_base=wrench.shift(w, lever),
-        w_sigma=w_sigma,
-        d=moved.values,
-        d_sigma=moved.need_sigma(),
-        in_tracker=in_tracker,
-        p_tcp_measured=_point(data, "p_tcp_measured_m", p_tcp_target if in_tracker else None),
-        approach=approach,
-        history=history,
-        group=data.group,
-        line=data.line,
-        where=data.where,
-    )
+    return history, approach
 
 
 def _point(data: Dataset, key: str, default: Float | None = None) -> Float:

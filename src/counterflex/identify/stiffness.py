@@ -13,7 +13,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import UM
 from counterflex.identify import compliances, pull_checks, pull_proposal, pull_report, regions
-from counterflex.identify.compliances import springs, with_compliance
+from counterflex.identify.compliances import bearing_of, springs, with_compliance
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
 from counterflex.identify.holdout import HeldOut, cross_validate, position_error, score_separate
@@ -73,7 +73,8 @@ def identify(
     said: list[str] = []
     for d in [*data, *holdout]:
         pull_checks.check_plain(d)
-    plan = layout(chain, springs(chain, options), [_read(chain, d, tracker) for d in [*data, *holdout]], _turn(tracker))
+    everything = [_read(chain, d, tracker) for d in [*data, *holdout]]
+    plan = layout(chain, springs(chain, options), everything, _turn(tracker), bearing_m=bearing_of(options))
     for d in [*data, *holdout]:
         said += check_reading(d, pull_checks.readings(chain, d), _score(chain, plan, tracker), as_stated=stated)
         said += pull_checks.check_work(chain, _read(chain, d, tracker), _axes(tracker), as_stated=stated)

@@ -7,12 +7,12 @@ is left and approached once more the same way before the second reading.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, as_float
+from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MRAD
@@ -73,7 +73,7 @@ def measure(
     ends = np.empty((n, 2, 4, 4))
     for row in range(n):
         load = np.concatenate([applied[row], np.zeros(3)])
-        ends[row] = pull(plant, q[row], load, approach[row], history)
+        ends[row] = pull(plant, q[row], load, approach[row], history, plant.tcp_pose)
         progress((row + 1) / n, f"pull {row + 1} of {n}")
     T_tracker_base = pose.inverse(laboratory.T_base_tracker)
     T_tcp_target = laboratory.T_tcp_target
@@ -88,13 +88,15 @@ def measure(
     return Measured(
         channels={"q": q, "approach": np.array(approach), "f_tcp_base": force, name: d},
         sigma={name: sigma, "f_tcp_base": np.maximum(FORCE_SHARE * np.abs(force), 0.1)},
-        group=_groups(q),
+        group=groups_of(q),
         settings=recorded,
     )
 
 
-def pull(plant: Plant, q: Float, w_tcp_base: Float, approach: Float, history: str) -> Float:
-    """Poses of the tool tip without and with load.
+def pull(
+    plant: Plant, q: Float, w_tcp_base: Float, approach: Float, history: str, read: Callable[[], Float]
+) -> tuple[Float, Float]:
+    """Readings without and with load.
 
     Args:
         plant: The cell.
@@ -102,21 +104,25 @@ def pull(plant: Plant, q: Float, w_tcp_base: Float, approach: Float, history: st
         w_tcp_base: (6,) N, N m on the tool about its tip in base axes.
         approach: (6,) rad, from where the pose is approached, minus ``q``.
         history: One of :data:`HISTORIES`.
+        read: Takes a reading of the plant as it is.
 
     Returns:
-        (2, 4, 4) T_base_tcp.
+        The reading without load and the one with it.
     """
     if history == "relaxed":
-        return np.stack([plant.equilibrium(q), plant.equilibrium(q, w_tcp_base)])
+        plant.reset(q)
+        unloaded = read()
+        plant.reset(q, w_tcp_base)
+        return unloaded, read()
     plant.reset(q + approach)
     plant.move(q, move_s=_MOVE_S, rest_s=_REST_S)
-    unloaded = plant.tcp_pose()
+    unloaded = read()
     again = history == HISTORIES[0]
     plant.move(q, w_tcp_base, move_s=_MOVE_S, rest_s=0.1 if again else _REST_S)
     if again:
         plant.move(q + approach, w_tcp_base, move_s=_MOVE_S, rest_s=0.0)
         plant.move(q, w_tcp_base, move_s=_MOVE_S, rest_s=_REST_S)
-    return np.stack([unloaded, plant.tcp_pose()])
+    return unloaded, read()
 
 
 def columns(request: Mapping[str, Float], name: str, letters: str) -> Float:
@@ -132,7 +138,7 @@ def columns(request: Mapping[str, Float], name: str, letters: str) -> Float:
     return np.stack([as_float(key, request[key], (None,)) for key in names], axis=1)
 
 
-def _groups(q: Float) -> Any:
+def groups_of(q: Float) -> Int:
     """Ids of rows at the same pose."""
     _, ids = np.unique(np.round(q, 9), axis=0, return_inverse=True)
     return np.asarray(ids, dtype=np.int64).reshape(-1)

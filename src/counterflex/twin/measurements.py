@@ -9,12 +9,16 @@ from counterflex.core.errors import InputError
 from counterflex.twin.laboratory import Measure
 
 MODULES: Final[dict[str, str]] = {
+    "cubes": "measure_cubes",
     "pulls": "measure_pulls",
     "slots": "measure_slots",
     "sensor_poses": "measure_sensor_poses",
     "holder_loads": "measure_holder_loads",
     "tracker_poses": "measure_tracker_poses",
     "fiducials": "measure_fiducials",
+    "record": "measure_record",
+    "reversals": "measure_reversals",
+    "servo_steps": "measure_servo_steps",
 }
 """Kind of dataset: module of this package whose ``measure`` takes it, see :data:`.laboratory.Measure`."""
 
