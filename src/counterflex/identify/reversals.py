@@ -1,0 +1,285 @@
+"""Recipe ``play``: dead band and dry friction of the axes from slow reversals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import MRAD, MS, URAD
+from counterflex.identify.changes import AxisPlay
+from counterflex.identify.correlated import with_correlation
+from counterflex.identify.dataset import Dataset
+from counterflex.identify.fit import Fit
+from counterflex.identify.holdout import HeldOut, cross_validate, score_separate
+from counterflex.identify.model import CellModel
+from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
+from counterflex.identify.residuals import Residuals
+from counterflex.identify.reversal_data import Motion, motions
+from counterflex.identify.reversal_parameters import axis_play, blocks, compliance, parameters
+from counterflex.identify.reversal_residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
+from counterflex.identify.reversals_proposal import propose
+from counterflex.identify.solve import Stop, solve
+from counterflex.robot.description import Play
+
+_STOP: Final = Stop(tolerance=1e-8, evaluations=60)
+_DOUBT = 4.0
+_SHOWN = 800
+
+
+def angle_error(block: Residuals, x: Float) -> Float:
+    """Error of the link's angle by the model, rad: (rows,)."""
+    if not isinstance(block, AxisResiduals):
+        raise InputError("the error of an angle is that of reversal motions", where=block.name)
+    return block.angle_error(x)
+
+
+def identify(
+    cell: CellModel,
+    data: Sequence[Dataset],
+    holdout: Sequence[Dataset],
+    settings: Mapping[str, Any],
+    progress: Progress = silent,
+) -> Identification:
+    """Find play and friction axis by axis; see :mod:`counterflex.identify.reversal_residuals` for the model.
+
+    Args:
+        cell: Compliance and weights; play known before.
+        data: Of kind ``reversals``.
+        holdout: Motions to predict; empty means motions of ``data`` held out in turn.
+        settings: ``as_stated``.
+        progress: Told about axes.
+
+    Returns:
+        A fit for each axis that moved, ``[[robot.play]]`` of these.
+
+    Raises:
+        FileFormatError: See :func:`counterflex.identify.reversal_data.motions`.
+        InputError: See there; or torque and motion contradict each other.
+    """
+    found = motions(cell, data)
+    unseen = motions(cell, holdout, len(found))
+    axes = sorted({m.axis for m in found})
+    fits: dict[str, Fit] = {}
+    errors: list[HeldOut] = []
+    changes: list[AxisPlay] = []
+    figures: list[Figure] = []
+    remarks: list[str] = []
+    pictures: list[Picture] = []
+    for done, axis in enumerate(axes):
+        mine = [m for m in found if m.axis == axis]
+        other = [m for m in unseen if m.axis == axis]
+        remarks += _turned_torque(mine, bool(settings.get("as_stated", False)))
+        large = any(m.by == "encoder" and float(np.ptp(m.q)) > LARGE_RAD for m in mine)
+        p, places = parameters(cell, axis, free_compliance=large, delay=all(m.time_s is not None for m in mine))
+        rows = [AxisResiduals(tuple(blocks(mine, places)))]
+        fit = with_correlation(solve(p, rows, robust=False, stop=_STOP), rows)
+        needed = [name for name in p.names if name.endswith(".delay")]
+        if other:
+            errors.append(
+                score_separate(
+                    p,
+                    rows,
+                    [AxisResiduals(tuple(blocks(other, places)))],
+                    needed=needed,
+                    error=angle_error,
+                    robust=False,
+                    stop=_STOP,
+                )
+            )
+        elif len(mine) > 1:
+            folds = min(4, len(mine))
+            held = cross_validate(
+                p, rows, needed=needed, error=angle_error, folds=folds, robust=False, stop=_STOP, start=fit.values
+            )
+            errors.append(held)
+            spread = np.array([part.values for part in held.fits])
+            k = len(spread)
+            jack = np.sqrt((k - 1) / k * np.sum((spread - spread.mean(axis=0)) ** 2, axis=0))
+            fit = replace(
+                fit, sigma=np.where(fit.sigma > 0.0, np.maximum(fit.sigma, np.minimum(jack, 3.0 * fit.sigma)), 0.0)
+            )
+        fits[f"axis {axis + 1}"] = fit
+        play = _play(fit, axis)
+        changes.append(AxisPlay(axis, play))
+        figures += _figures(cell, fit, axis, play, mine)
+        remarks += _remarks(cell, fit, axis, play, mine)
+        pictures += [_loop(b, fit, m) for b, m in list(zip(rows[0].parts, mine, strict=True))[:2]]
+        progress((done + 1) / len(axes), f"axis {axis + 1}")
+    if not errors:
+        raise InputError(
+            "each axis has one motion only, so none can be held out",
+            value=len(found),
+            limit="two motions of an axis",
+            hint="Record a second motion (another pose, speed or amplitude), or give a separate file with --holdout",
+        )
+    return Identification(
+        "play", fits, _headline(errors), tuple(figures), tuple(changes), tuple(remarks), tuple(pictures)
+    )
+
+
+def _play(fit: Fit, axis: int) -> Play:
+    name = f"axis{axis + 1}"
+    count = sum(n.startswith(f"{name}.friction") for n in fit.parameters.names)
+    return Play(
+        max(fit.value(f"{name}.half_band"), 0.0),
+        tuple(fit.value(f"{name}.friction{e + 1}") for e in range(count)),
+        tuple(fit.value(f"{name}.slip{e + 1}") for e in range(count)),
+    )
+
+
+def _headline(errors: Sequence[HeldOut]) -> tuple[Figure, ...]:
+    identified = np.concatenate([e.identified for e in errors]) / URAD
+    nominal = np.concatenate([e.nominal for e in errors]) / URAD
+    return (
+        Figure(
+            "holdout_rms_urad",
+            "angle of the link predicted for motions not used, root mean square error (noise of the measurement "
+            "included), urad",
+            float(np.sqrt(np.mean(identified**2))),
+            float(np.sqrt(np.mean(nominal**2))),
+        ),
+        Figure(
+            "holdout_p95_urad",
+            "the same, not exceeded by 95 %, urad",
+            float(np.quantile(identified, 0.95)),
+            float(np.quantile(nominal, 0.95)),
+        ),
+    )
+
+
+def loop_half_width(fit: Fit, axis: int) -> tuple[float, float]:
+    """Half the width of the loop that friction opens on a loaded axis, ``c sum F``, and its standard deviation, rad."""
+    name = f"axis{axis + 1}"
+    p = fit.parameters
+    names = [n for n in p.names if n.startswith(f"{name}.friction")]
+    soft = fit.value(f"{name}.compliance")
+    places = [int(np.flatnonzero(fit.free_index == p.index(n))[0]) for n in names]
+    slope = np.array([fit.value(n) * p.items[p.index(n)].unit_step for n in names])
+    part = fit.covariance[np.ix_(places, places)]
+    return soft * sum(fit.value(n) for n in names), soft * float(np.sqrt(slope @ part @ slope))
+
+
+def _figures(cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Motion]) -> list[Figure]:
+    name, before = f"axis{axis + 1}", axis_play(cell, axis)[0]
+    width, sigma = loop_half_width(fit, axis)
+    old = compliance(cell, axis) * sum(before.friction_nm)
+    out = [
+        Figure(
+            f"{name}_half_band_urad",
+            f"half dead band of axis {axis + 1}, urad",
+            play.half_band_rad / URAD,
+            before.half_band_rad / URAD,
+        ),
+        Figure(
+            f"{name}_half_band_sigma_urad", "its standard deviation, urad", fit.sigma_of(f"{name}.half_band") / URAD
+        ),
+        Figure(
+            f"{name}_friction_turn_urad",
+            f"torsion by dry friction of axis {axis + 1}, half the loop, urad",
+            width / URAD,
+            old / URAD,
+        ),
+        Figure(f"{name}_friction_turn_sigma_urad", "its standard deviation, urad", sigma / URAD),
+    ]
+    if f"{name}.delay" in fit.parameters.names:
+        out.append(
+            Figure(f"{name}_delay_ms", "delay of what saw the link, taken out, ms", fit.value(f"{name}.delay") / MS)
+        )
+    torque = motor_friction(mine)
+    if torque is not None:
+        out.append(
+            Figure(
+                f"{name}_motor_loop_nm",
+                f"half the loop of the motor's torque of axis {axis + 1}: dry friction of link and motor, N m",
+                torque,
+            )
+        )
+    return out
+
+
+def motor_friction(mine: Sequence[Motion]) -> float | None:
+    """Half the difference of the motor's torque between the directions of motion, N m; None if it was not recorded."""
+    halves = []
+    for m in mine:
+        if m.motor_torque is None or m.time_s is None:
+            continue
+        speed = np.gradient(m.q, m.time_s)
+        quick = np.abs(speed) > 0.5 * np.percentile(np.abs(speed), 90)
+        up, down = quick & (speed > 0.0), quick & (speed < 0.0)
+        if up.sum() < 5 or down.sum() < 5:
+            continue
+        B = np.stack([np.ones(len(m.q)), m.q - m.q.mean(), np.sign(speed)], axis=1)[quick]
+        halves.append(float(np.linalg.lstsq(B, m.motor_torque[quick], rcond=None)[0][2]))
+    return float(np.mean(halves)) if halves else None
+
+
+def _turned_torque(mine: Sequence[Motion], as_stated: bool) -> list[str]:
+    half = motor_friction(mine)
+    if half is None or half > 0.0:
+        return []
+    says = (
+        f"the motor of axis {mine[0].axis + 1} pushes against its own motion ({half:.3g} N m): "
+        "the sign of 'tau_motor' looks turned round"
+    )
+    if as_stated:
+        return [f"{says}; used as stated all the same, as asked"]
+    raise InputError(
+        says,
+        where=mine[0].where,
+        hint="Write signs = [...] under [channels.tau_motor]. If the data are right as they stand, add "
+        "--set as_stated=true",
+    )
+
+
+def _remarks(cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Motion]) -> list[str]:
+    out = [f"axis {axis + 1}: {sentence}" for sentence in fit.hidden]
+    total = sum(play.friction_nm)
+    crossed = any(float(np.min(np.abs(m.torque))) < 0.7 * total for m in mine)
+    if not crossed:
+        least = min(float(np.min(np.abs(m.torque))) for m in mine)
+        out.append(
+            f"axis {axis + 1}: its weight ({least:.0f} N m at least) never let the gear change flanks, so the dead band "
+            "was not seen; measure in a pose where the axis is balanced"
+        )
+    if fit.parameters.items[0].free is False:
+        out.append(
+            f"axis {axis + 1}: friction is given for the torsion compliance of the cell file "
+            f"({compliance(cell, axis) * 1e9:.3g} urad/(kN m)); what was seen is their product"
+        )
+    torque = motor_friction(mine)
+    if torque is not None:
+        out.append(
+            f"axis {axis + 1}: the motor's torque shows {torque:.3g} N m of dry friction in all, of which "
+            f"{total:.3g} N m on the side of the link: {max(torque - total, 0.0):.3g} N m are the motor's (friction_nm of "
+            "[[robot.servo]])"
+        )
+    return out
+
+
+def _loop(block: ReversalResiduals, fit: Fit, motion: Motion) -> Picture:
+    by_model, measured = block.shape(fit.values)
+    every = slice(None, None, max(1, len(by_model) // _SHOWN))
+    x = (block.q - block.q.mean())[every] / MRAD
+    return Picture(
+        f"Axis {motion.axis + 1}, motion {motion.run + 1}: lost motion over motor angle",
+        "motor angle, mrad",
+        "link minus motor without elastic torsion, urad",
+        (Curve("measured", x, measured[every] / URAD), Curve("model", x, by_model[every] / URAD, True)),
+        note=f"Torque of the weight {float(np.mean(motion.torque)):.0f} N m; the delay is taken out.",
+    )
+
+
+RECIPE: Final = Recipe(
+    name="play",
+    title="Dead band and dry friction of the axes from slow reversals",
+    kinds=("reversals",),
+    settings={"as_stated": False},
+    identify=identify,
+    propose=propose,
+)
