@@ -58,7 +58,7 @@ def run(
         "rows": len(next(iter(found.columns.values()))),
         "expected": rows,
         "remarks": list(found.remarks),
-        "files": [ROWS, PROPOSAL, *form],
+        "files": [ROWS, PROPOSAL, *found.files, *form],
     }
 
 

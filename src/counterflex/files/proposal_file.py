@@ -67,6 +67,8 @@ def write_proposal(folder: Path, proposal: Proposal) -> Path:
         "settings": dict(settings_shop(key, value) for key, value in proposal.settings.items()),
     }
     write_toml(folder / PROPOSAL, data, comment="Expected standard deviations are in SI units.")
+    for name, text in proposal.files.items():
+        atomic.write_text(folder / name, text)
     _write_form(folder, proposal, dict(zip(names, cells, strict=True)))
     return folder / PROPOSAL
 

@@ -89,6 +89,7 @@ class Proposal:
         remarks: How to measure, in words.
         settings: Further facts for the measurement, as in :class:`counterflex.identify.dataset.Dataset`.
         units: SI unit of each entry of ``expected`` (``m``, ``rad/(N m)``, ...), where the recipe states it.
+        files: Texts that go beside the proposal, by file name: a program that takes the measurements.
     """
 
     recipe: str
@@ -98,6 +99,7 @@ class Proposal:
     remarks: tuple[str, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 Identify = Callable[[CellModel, Sequence[Dataset], Sequence[Dataset], Mapping[str, Any], Progress], Identification]

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from counterflex.core.arrays import Float
+from counterflex.core.units import UM
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.force_forms import FORMS
 from counterflex.identify.model import CellModel
@@ -16,6 +17,10 @@ from counterflex.identify.slot_residuals import SlotResiduals, geometry_paramete
 
 FORCE_N = 0.5
 """Standard deviation of the mean of a settled piece that is assumed."""
+
+
+GAUGE_M = 20.0 * UM
+"""Standard deviation of a gauged depth that is assumed."""
 
 
 class PlannedMove(Protocol):
@@ -46,7 +51,7 @@ class PlannedMove(Protocol):
         """Whether it is a test piece."""
 
 
-def planned_pieces(cutter: Cutter, moves: Sequence[PlannedMove]) -> Pieces:
+def planned_pieces(cutter: Cutter, moves: Sequence[PlannedMove], gauged: bool) -> Pieces:
     """Pieces of proposed motions, without forces."""
     own = [m for m in moves if m.piece]
     n, R = len(own), cutter.radius_m
@@ -57,14 +62,15 @@ def planned_pieces(cutter: Cutter, moves: Sequence[PlannedMove]) -> Pieces:
         force=np.ones((n, 3)),
         sigma=np.full((n, 3), FORCE_N),
         depth_m=np.array([m.depth_m for m in own]),
-        depth_sigma_m=np.zeros(n),
-        measured=np.zeros(n, dtype=np.bool_),
+        depth_sigma_m=np.full(n, GAUGE_M if gauged else 0.0),
+        measured=np.full(n, gauged),
         left_m=np.where(down, -R - width, R),
         right_m=np.where(up, R - width, -R),
         left_wall=down,
         right_wall=up,
         feed_tooth_m=np.array([m.feed_tooth_m for m in own]),
         drop_tooth_m=np.zeros(n),
+        drop_sigma_m=np.zeros(n),
         give_m=np.zeros((n, 3)),
         elastic=np.zeros(n, dtype=np.bool_),
         cut=np.array([m.cut for m in own], dtype=np.int64),
@@ -75,13 +81,13 @@ def planned_pieces(cutter: Cutter, moves: Sequence[PlannedMove]) -> Pieces:
     )
 
 
-def expected_sigma(cell: CellModel, cutter: Cutter, moves: Sequence[PlannedMove]) -> dict[str, float]:
+def expected_sigma(cell: CellModel, cutter: Cutter, moves: Sequence[PlannedMove], *, gauged: bool) -> dict[str, float]:
     """Standard deviation of each constant of the fullest form of the law and of the tops of the blanks, SI.
 
     The covariance of ``J^T J`` plus the priors at the law known so far; forces of :data:`FORCE_N`, depths and widths
     as uncertain as :mod:`counterflex.identify.slot_residuals` takes them.
     """
-    pieces, form = planned_pieces(cutter, moves), FORMS[-1]
+    pieces, form = planned_pieces(cutter, moves, gauged), FORMS[-1]
     blanks = int(np.max(pieces.blank)) + 1
     rough = SlotResiduals(pieces, cutter, form, 50e-6, cell.force_law, blanks)
     h_ref = float(np.exp(np.mean(np.log(rough.thickness()))))

@@ -55,7 +55,8 @@ class Pieces:
         left_wall: (n,) whether the left bound is the work's edge (down-milling), which does not move with the tool.
         right_wall: (n,) whether the right bound is (up-milling).
         feed_tooth_m: (n,) horizontal feed per tooth.
-        drop_tooth_m: (n,) descent per tooth.
+        drop_tooth_m: (n,) descent per tooth; of the measured floor where the depth was measured.
+        drop_sigma_m: (n,) its standard deviation.
         give_m: (n, 3) displacement of the tool under the measured force by the elastic model; 0 where unknown.
         elastic: (n,) whether it is known.
         cut: (n,) id of the cut, over all datasets.
@@ -76,6 +77,7 @@ class Pieces:
     right_wall: Bool
     feed_tooth_m: Float
     drop_tooth_m: Float
+    drop_sigma_m: Float
     give_m: Float
     elastic: Bool
     cut: Int
@@ -261,9 +263,14 @@ class _Reader:
         if not self.series:
             rows = np.flatnonzero(self.depth > 0.0)
             sigma = self.dataset.channel(self.force_name).need_sigma()
+            level = (0.0, SLOPE_SIGMA)
             return [
-                (self._piece(rows[i : i + 1], self.wrench[row], sigma[row], 0.0, 0.0), self.dataset.place(row), blank)
-                for i, (row, blank) in enumerate(zip(rows.tolist(), self.blank[rows].astype(int).tolist(), strict=True))
+                (
+                    self._piece(rows[i : i + 1], self.wrench[row], sigma[row], level, 0.0),
+                    self.dataset.place(int(row)),
+                    int(self.blank[row]),
+                )
+                for i, row in enumerate(rows)
             ]
         return self._from_series()
 
@@ -294,9 +301,11 @@ class _Reader:
                     stated = None if self.sigma is None else self.sigma[rows[part]]
                     mean, sigma = mean_with_sigma(shown[part], stated)
                     sigma = np.hypot(sigma, base.sigma)
-                    slope = _slope(travel[part], self.depth[rows[part]])
+                    floor = self.depth[rows[part]] if self.gauge is None else self.gauge.values[rows[part], 0]
+                    slope = _slope(travel[part], floor)
+                    span = float(np.ptp(travel[part]))
                     before = run + float(np.sum(np.diff(travel[: part[0] + 1]) * touching[1 : part[0] + 1]))
-                    piece = self._piece(rows[part], mean, sigma, slope, before)
+                    piece = self._piece(rows[part], mean, sigma, (slope, self._slope_sigma(span)), before)
                     out.append((piece, self.dataset.place(int(rows[part[0]])), int(self.blank[rows[part[0]]])))
             run += float(np.sum(np.diff(travel) * touching[1:]))
             if len(out) == begin:
@@ -307,7 +316,14 @@ class _Reader:
             )
         return out
 
-    def _piece(self, rows: Int, wrench: Float, sigma: Float, slope: float, run: float) -> dict[str, object]:
+    def _slope_sigma(self, span_m: float) -> float:
+        if self.gauge is None:
+            return SLOPE_SIGMA
+        return min(SLOPE_SIGMA, float(np.sqrt(2.0) * np.median(self.gauge.need_sigma()) / max(span_m, 1e-9)))
+
+    def _piece(
+        self, rows: Int, wrench: Float, sigma: Float, slope: tuple[float, float], run: float
+    ) -> dict[str, object]:
         R = self._feed_axes(int(rows[0]))
         T = self.cell.T_base_part[:3, :3]
         in_part = np.eye(3) if self.force_name == "f_tcp_part" else T.T
@@ -340,7 +356,8 @@ class _Reader:
             "left_wall": not slot and width < 0.0,
             "right_wall": not slot and width > 0.0,
             "feed_tooth_m": feed,
-            "drop_tooth_m": slope * feed,
+            "drop_tooth_m": slope[0] * feed,
+            "drop_sigma_m": slope[1] * feed,
             "give_m": give,
             "elastic": self.q is not None,
             "cut": int(self.dataset.group[first]),
@@ -353,13 +370,14 @@ class _Reader:
         return np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
 
 
+SLOPE_SIGMA = 1e-3
+"""Standard deviation of the slope of a slot's floor that nobody measured: the robot gives way differently along it."""
 AT_LEAST = 4
 """Fewest rows of a record that make a piece."""
 
 
 def _slope(travel: Float, depth: Float) -> float:
-    """Change of depth per travel; 0 where it is level to a tenth of a per mille."""
+    """Change of depth per travel."""
     u = travel - travel.mean()
     square = float(u @ u)
-    slope = float(u @ depth) / square if square > 0.0 else 0.0
-    return slope if abs(slope) > 1e-4 else 0.0
+    return float(u @ depth) / square if square > 0.0 else 0.0

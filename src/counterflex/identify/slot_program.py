@@ -29,6 +29,8 @@ SETTINGS: dict[str, float | int | str | bool] = {
     "measure_depth": True,
 }
 """Settings of a proposal; ``depth_max_m`` 0 means 0.3 diameters."""
+UNITS = {"kc": "Pa", "kr": "Pa", "ka": "Pa", "mc": "1", "mr": "1", "ma": "1", "ec": "N/m", "er": "N/m", "ea": "N/m"}
+"""Units of the constants, for the report."""
 GAP_M = 3.0 * MM
 _RUN_IN_M = 10.0 * MM
 _RUN_IN_S = 0.5
@@ -92,24 +94,26 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     columns = _columns(moves, cell.blank_part[1, 2], cutter, float(options["spindle_rad_s"]))
     pieces = [m for m in moves if m.piece]
     feeds = [m.feed_tooth_m for m in pieces]
-    thickness = _peak_force(cell, cutter, pieces)
+    largest = _peak_force(cell, cutter, pieces)
+    expected = expected_sigma(cell, cutter, moves, gauged=bool(options["measure_depth"]))
     program = program_text(moves, float(cell.blank_part[1, 2]), tool, cutter, float(options["spindle_rad_s"]))
     return Proposal(
         recipe="cutting",
         kind="slots",
         columns=columns,
-        expected=expected_sigma(cell, cutter, moves),
+        expected=expected,
         remarks=(
             f"{len(pieces)} pieces in {len({m.cut for m in moves})} cuts on {len({m.blank for m in moves})} blank(s), "
             f"feed per tooth {min(feeds) / UM:.1f} to {max(feeds) / UM:.1f} um, largest expected force "
-            f"{thickness:.0f} N",
+            f"{largest:.0f} N",
             "Clamp a blank of the size of the cell's, touch it off, record force and joint angles over the whole "
             "program, some time in air before and after each cut included: the zero is taken from there",
             "Measure the depth of the slots afterwards where you can (channel depth_measured)",
         ),
-        settings={**machine_settings(cell, tool, cutter), "measure_depth": bool(options["measure_depth"]),
-                  "program": program},
-    )  # fmt: skip
+        settings={**machine_settings(cell, tool, cutter), "measure_depth": bool(options["measure_depth"])},
+        units=UNITS | {name: "m" for name in expected if name.startswith("top.")},
+        files={"test_cuts.ngc": program},
+    )
 
 
 class _Layout:

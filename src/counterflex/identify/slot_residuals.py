@@ -7,7 +7,7 @@ times a factor for what the elastic model gets wrong.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -24,6 +24,8 @@ from counterflex.identify.slot_pieces import Pieces
 LAW: Final = 9
 """Number of constants of the law, which come first among the parameters."""
 GIVE: Final = "give"
+THRUST_SHARE: Final = 0.3
+"""Relative standard deviation of the thrust of a sinking end face."""
 TOP_SIGMA_M: Final = 0.1 * MM
 GIVE_SIGMA: Final = 0.15
 DEPTH_SIGMA_M: Final = 40.0 * UM
@@ -135,6 +137,23 @@ class SlotResiduals:
         depth = np.where(pieces.measured, np.maximum(pieces.depth_sigma_m, 0.0), depth_sigma)
         across = width_sigma * (by_entry * shape.left_by[:, None] + by_exit * shape.right_by[:, None])
         out: Float = np.sqrt(pieces.sigma**2 + (by_depth * depth[:, None]) ** 2 + across**2)
+        if self.cutter.is_flat:
+            out[:, 2] = np.hypot(out[:, 2], self._thrust_sigma(shape.cuts))
+        return out
+
+    def _thrust_sigma(self, cuts: ArcCuts) -> Float:
+        """What is not known of the thrust of an end face that sinks a little: chips far thinner than any tested."""
+        drop, spread = np.maximum(self.pieces.drop_tooth_m, 0.0), self.pieces.drop_sigma_m
+        thrust, more = self._thrust(cuts, drop), self._thrust(cuts, drop + spread)
+        out: Float = np.hypot(THRUST_SHARE * thrust, more - thrust)
+        return out
+
+    def _thrust(self, cuts: ArcCuts, drop: Float) -> Float:
+        out = np.zeros(len(cuts))
+        for sinking, sign in ((drop, 1.0), (np.zeros(len(cuts)), -1.0)):
+            own = replace(cuts, drop_tooth_m=sinking)
+            for p, *k in self.law.terms():
+                out += sign * term_force(own, float(p)).value[:, 2] @ np.array(k)
         return out
 
     def shape(self, x: Float) -> Shape:

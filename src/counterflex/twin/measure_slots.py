@@ -38,6 +38,7 @@ RATE_HZ = 50.0
 DEPTH_GAUGE_M = 15.0 * UM
 _SENSOR = "sensor"
 _AIR_S = 1.0
+_CALM_S = 0.3  # after a stretch of the simulation begins: its start is no motion of a real machine
 
 
 def measure(
@@ -107,7 +108,7 @@ def _one_blank(
         raise InputError("the test cuts never come near the blank", hint="Check start, end and blank of the request")
     force = _reading(truth, laboratory, record, controller, bias, rng)
     low, high = _box(settings)
-    gauge = DEPTH_GAUGE_M * rng.standard_normal(len(cuts)) if settings.get("measure_depth", False) else None
+    gauge = DEPTH_GAUGE_M * rng.standard_normal((len(cuts), 2)) if settings.get("measure_depth", False) else None
     columns = _Columns(record, cuts, row_of[record.row], force, low, high, cutter.radius_m, gauge)
     return columns.measured(tool, float(settings.get("rate_hz", RATE_HZ)), laboratory.force_n, controller.cycle_s)
 
@@ -187,7 +188,7 @@ class _Columns:
                 "blank": cuts.blank[place].astype(np.float64),
             }
             if self.gauge is not None:
-                new["depth_measured"] = record.depth_m[blocks].mean(axis=1) + self.gauge[place]
+                new["depth_measured"] = record.depth_m[blocks].mean(axis=1) + self._gauged(blocks, place)
             for name, values in new.items():
                 channels.setdefault(name, []).append(values)
             group.append(np.full(count, number, dtype=np.int64))
@@ -199,6 +200,16 @@ class _Columns:
         joined = {name: np.concatenate(parts) for name, parts in channels.items()}
         return Measured(joined, sigma, np.concatenate(group))
 
+    def _gauged(self, blocks: Int, place: Int) -> Float:
+        """Error of the depth gauge, read at both ends of every motion and drawn straight between."""
+        if self.gauge is None:
+            return np.zeros(len(place))
+        begin, end = self.cuts.start_part[place], self.cuts.end_part[place]
+        gone = np.linalg.norm(self.record.p_part_command[blocks[:, 0]] - begin, axis=1)
+        share = np.clip(gone / np.linalg.norm(end - begin, axis=1), 0.0, 1.0)
+        out: Float = (1.0 - share) * self.gauge[place, 0] + share * self.gauge[place, 1]
+        return out
+
     def _of_cut(self, number: int, touching: Bool) -> Int:
         """Rows of a cut, from a second of feed motion before the first touch to one after the last."""
         mine = np.flatnonzero(touching & (self.cuts.cut[np.maximum(self.row, 0)] == number))
@@ -207,7 +218,9 @@ class _Columns:
         time = self.record.time_s
         begin, end = float(time[mine[0]]) - _AIR_S, float(time[mine[-1]]) + _AIR_S
         feeding = (self.row >= 0) & (self.cuts.cut[np.maximum(self.row, 0)] == number)
-        out: Int = np.flatnonzero((time >= begin) & (time <= end) & feeding)
+        starts = np.flatnonzero(np.diff(time, prepend=-np.inf) > 1.5 * float(np.min(np.diff(time))))
+        begun = time[starts[np.searchsorted(starts, np.arange(len(time)), side="right") - 1]]
+        out: Int = np.flatnonzero((time >= begin) & (time <= end) & feeding & (time - begun >= _CALM_S))
         return out
 
 
