@@ -10,6 +10,8 @@ import signal
 from collections.abc import Iterator
 from typing import Final
 
+ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+"""What keeps libraries of linear algebra to one thread: several workers with several each would wait for each other."""
 MOST: Final = 61
 """More processes Windows cannot wait for."""
 
@@ -41,7 +43,22 @@ def _ignore_interrupts() -> None:
 
 @contextlib.contextmanager
 def pool_of(count: int) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
-    """Worker processes that are ended at once when the job is interrupted."""
+    """Worker processes, one thread each, that are ended at once when the job is interrupted."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # read once, when a worker starts
+    try:
+        with _pool_of(count) as pool:
+            yield pool
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextlib.contextmanager
+def _pool_of(count: int) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
     pool = concurrent.futures.ProcessPoolExecutor(
         count, mp_context=multiprocessing.get_context("spawn"), initializer=_ignore_interrupts
     )

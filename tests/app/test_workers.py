@@ -1,0 +1,38 @@
+"""Worker processes: one thread of linear algebra each, as many as there is work for, the job's own settings kept."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from counterflex.app.workers import MOST, ONE_THREAD, count_of, pool_of
+
+
+def settings() -> dict[str, str | None]:
+    return {name: os.environ.get(name) for name in ONE_THREAD}
+
+
+def test_workers_have_one_thread_and_the_job_keeps_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(ONE_THREAD[0], "7")
+    monkeypatch.delenv(ONE_THREAD[1], raising=False)
+    with pool_of(1) as pool:
+        assert pool.submit(settings).result() == dict.fromkeys(ONE_THREAD, "1")
+    assert os.environ[ONE_THREAD[0]] == "7"
+    assert ONE_THREAD[1] not in os.environ
+
+
+def test_a_fault_ends_the_workers_and_restores_the_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(ONE_THREAD[0], raising=False)
+    with pytest.raises(ValueError, match="stop"), pool_of(1) as pool:
+        pool.submit(settings).result()
+        raise ValueError("stop")
+    assert ONE_THREAD[0] not in os.environ
+
+
+def test_number_of_workers() -> None:
+    assert count_of(None, 1) == 1
+    assert count_of(8, 3) == 3
+    assert count_of(500, 1000) == MOST
+    assert count_of(2, 0) == 1
+    assert 1 <= count_of(None, 1000) <= MOST
