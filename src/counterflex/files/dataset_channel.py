@@ -315,8 +315,10 @@ def _check_natures(kind: ChannelKind, table: ChannelTable, where: str) -> None:
                 '"quat_xyzw" or "matrix"',
             )
         raise FileFormatError("the channel is no rotation", where=f"{where}.rotation", value=table.rotation)
-    if (table.signs or table.offsets_deg or table.coupling) and kind.nature != "joints":
-        raise FileFormatError("signs, offsets_deg and coupling are for joint angles", where=where)
+    if (table.offsets_deg or table.coupling) and kind.nature != "joints":
+        raise FileFormatError("offsets_deg and coupling are for joint angles", where=where)
+    if table.signs and kind.nature == "rotation":
+        raise FileFormatError("signs are for numbers, not for rotations", where=where)
     if table.acts_on == "surroundings" and kind.nature not in ("wrench", "vector"):
         raise FileFormatError("acts_on is for forces", where=where)
     if table.frame is not None and kind.nature in ("scalars", "joints"):
