@@ -2,9 +2,9 @@
 
 The force is a first-order Gauss-Markov process, ``f_k+1 = a f_k + w``, ``a = exp(-T / tau)``, with variance P in rest
 (``a = 1``: random walk, the plain observer); beside it each bridge's zero walks slowly where asked. Measured are
-strains ``s_k = K f_k + zero_k + v``. The gain is that of the steady state (discrete Riccati equation). A prediction over the
-horizon is ``a^(horizon / T) f``. The filter is linear and does not change in time, so its delay at low frequency is a
-number: the group delay of strain to force, minus the horizon.
+strains ``s_k = K f_k + zero_k + v``. The gain is that of the steady state (discrete Riccati equation). A prediction
+over the horizon is ``a^(horizon / T) f``. The filter is linear and does not change in time, so its delay is a
+number: the phase of force to estimate at 2 Hz over the frequency, less the horizon of a prediction.
 """
 
 from __future__ import annotations
@@ -18,6 +18,11 @@ from scipy.linalg import solve_discrete_are
 from counterflex.core.arrays import Float, as_float, as_positive
 from counterflex.core.errors import InputError
 
+ZERO_MEMORY_S = 600.0
+"""Time over which a wandering zero forgets; it is set anew in air far more often."""
+DELAY_HZ = 2.0
+"""Frequency at which delays are stated: the pace at which a robot can follow a correction."""
+
 
 @dataclass(frozen=True, eq=False)
 class ForceFilter:
@@ -29,7 +34,7 @@ class ForceFilter:
         H: (n, m) strain of the state.
         C: (3, m) force of the state, prediction included.
         step_s: Sampling time.
-        delay_s: (3,) late_s > 0: delay of each force component at low frequency, prediction subtracted.
+        delay_s: (3,) s, > 0 is late: delay of each force component at :data:`DELAY_HZ`, horizon subtracted.
         sigma_n: (3,) N standard deviation of the estimate in steady state, prediction error included.
     """
 
@@ -125,7 +130,7 @@ def _steady(
         if np.any(walk <= 0.0):
             raise InputError("wander of a zero", value=float(walk.min()), limit="> 0, or None")
         H = np.hstack([K, np.eye(n)])
-        A = np.diag(np.r_[np.full(3, a), np.full(n, 1.0 - 1e-9)])
+        A = np.diag(np.r_[np.full(3, a), np.full(n, math.exp(-step_s / ZERO_MEMORY_S))])
         Q = np.diag(np.r_[np.diag(Q), walk**2 * step_s])
     scale = np.sqrt(np.diag(noise))
     Hs, Rs = H / scale[:, None], noise / scale[:, None] / scale
@@ -137,10 +142,11 @@ def _steady(
     C = np.hstack([ahead * np.eye(3), np.zeros((3, m - 3))])
     step = A - L @ H @ A
     B = L @ K
-    inverse = np.linalg.inv(np.eye(m) - step)
-    gain = (C @ inverse @ B).diagonal()
-    slope = (C @ inverse @ step @ inverse @ B).diagonal()
+    omega = 2.0 * math.pi * DELAY_HZ
+    late = np.exp(-1j * omega * step_s)
+    answer = np.diagonal(C @ np.linalg.solve(np.eye(m) - late * step, B.astype(np.complex128)))
+    delay_s = -np.angle(answer) / omega - horizon_s
     predicted = ahead**2 * after[:3, :3].diagonal()
     if a < 1.0:
         predicted = predicted + (1.0 - ahead**2) * Q[:3, :3].diagonal() / (1.0 - a * a)
-    return ForceFilter(A, L, H, C, step_s, slope / gain * step_s - horizon_s, np.sqrt(predicted))
+    return ForceFilter(A, L, H, C, step_s, np.asarray(delay_s, dtype=np.float64), np.sqrt(predicted))

@@ -1,8 +1,8 @@
 """A milling cut under the instrumented holder: tooth-resolved force, and what the bridges show of it.
 
 Cutter with helix in steps along its axis, circular tooth path ``h = f_z sin(phi)``, Kienzle's law; at entry and exit
-the width of cut grows and falls over the length of contact. The cut of Denkena2015 section 4: aluminium, 12000 rpm, 3000 mm/min,
-1 mm wide, 10 mm deep, three flutes, 12 mm.
+the width of cut grows and falls over the length of contact. The cut of Denkena2015 section 4: aluminium,
+12000 rpm, 3000 mm/min, 1 mm wide, 10 mm deep, three flutes, 12 mm.
 """
 
 from __future__ import annotations
@@ -103,6 +103,6 @@ def cut_record(
         (0.75 * length_s - fine) / ramp_s, 0.0, 1.0
     )
     force: Float = cut.force(fine, engaged).reshape(count, _FINE, 3).mean(axis=1)
-    time_s: Float = SAMPLE_S * (np.arange(count) + 1.0)
-    warm: Float = 22.0 + warmer_k * time_s / length_s
+    time_s = np.asarray(SAMPLE_S * (np.arange(count) + 1.0), dtype=np.float64)
+    warm = np.asarray(22.0 + warmer_k * time_s / length_s, dtype=np.float64)
     return time_s, force, holder.record(force, p_holder_tcp, warm, rng), warm

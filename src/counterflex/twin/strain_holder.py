@@ -20,15 +20,15 @@ from counterflex.twin.strain_frame import HolderShape, StrainFrame, strain_frame
 
 SAMPLE_S = 1e-3
 """Sampling of the bridge amplifiers."""
-NOISE, WANDER = 0.08e-6, 0.048e-6
+NOISE, WANDER = 0.22e-6, 0.015e-6
 """Standard deviation of a sample; of the wander over one second."""
 PLACE_M, ANGLE_RAD, FACTOR_SHARE, NOTCH_SHARE = 0.4 * MM, 1.0 * DEG, 0.01, 0.05
-KELVIN = 0.2 * UM
+KELVIN = 0.05 * UM
 HYSTERESIS_SHARE, HYSTERESIS_AT = 0.004, (0.5e-6, 2.0e-6, 6.0e-6)
 REFERENCE_C = 22.0
 FORCE_N = 0.5
 """Noise of the reference dynamometer."""
-PAPER_GAUGES = tuple((side * 0.0875, side * y * MM, 0.09, 0.0, 2.0) for side in (-1.0, 1.0) for y in (6.0, -6.0, 4.5))
+PAPER_GAUGES = tuple((side * 0.0875, side * y * MM, 0.09, 0.0, 2.0) for side in (-1.0, 1.0) for y in (10.0, -10.0, 7.5))
 """Six bridges in notches half way up the outer faces of the cheeks, along them: a layout that makes the matrix and the
 errors what Denkena2015 prints; the paper's own places were lost with its figures."""
 PAPER_TCP_M = (0.07, 0.0, 0.42)
