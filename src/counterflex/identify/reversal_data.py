@@ -35,7 +35,8 @@ class Motion:
         axis: 0..5.
         by: What saw the link.
         q: (n,) rad, motor angle.
-        torque: (n,) N m about the axis by weight and cylinder.
+        torque: (n,) N m about the axis by weight and cylinder; its mean by the motor's torque where that was recorded,
+            because masses are hardly known well enough to say which flank of the gear bears.
         time_s: (n,) or None.
         measured: (n,) rad link minus motor, or m along the motion of the tool.
         sigma: (n,).
@@ -138,6 +139,8 @@ def _motion(cell: CellModel, dataset: Dataset, rows: np.ndarray, lead: str, seen
             )
     torque = axis_torque(cell.chain, q)[:, axis]
     motor = dataset.values("tau_motor")[rows, axis] if dataset.has("tau_motor") else None
+    if motor is not None and time is not None:
+        torque = torque - np.mean(torque) - balance(q[:, axis], time, motor)[0]
     channel = dataset.channel(seen)
     sigma = channel.need_sigma()[rows]
     if seen == "q_link":
@@ -173,3 +176,26 @@ def _motion(cell: CellModel, dataset: Dataset, rows: np.ndarray, lead: str, seen
         )
     along = slope / lever
     return Motion(run, axis, "tracker", q[:, axis], torque, time, p @ along, np.sqrt(sigma**2 @ along**2), motor, place)
+
+
+def balance(q: Float, time_s: Float, motor: Float) -> tuple[float, float]:
+    """What the motor's torque says of a slow motion: the torque that holds the weight, and dry friction.
+
+    Least squares of ``tau = t_0 + k (q - mean q) + t_1 sgn(dq/dt)`` where the axis moves.
+
+    Args:
+        q: (n,) rad.
+        time_s: (n,) s.
+        motor: (n,) N m.
+
+    Returns:
+        t_0 (the weight turns the axis with ``-t_0``) and t_1, half the loop: dry friction of link and motor, N m; NaN
+        for t_1 where the motion does not run both ways.
+    """
+    speed = np.gradient(q, time_s)
+    quick = np.abs(speed) > 0.5 * np.percentile(np.abs(speed), 90)
+    if (quick & (speed > 0.0)).sum() < 5 or (quick & (speed < 0.0)).sum() < 5:
+        return float(np.mean(motor)), float("nan")
+    B = np.stack([np.ones(len(q)), q - q.mean(), np.sign(speed)], axis=1)[quick]
+    t = np.linalg.lstsq(B / np.linalg.norm(B, axis=0), motor[quick], rcond=None)[0] / np.linalg.norm(B, axis=0)
+    return float(t[0]), float(t[2])

@@ -20,7 +20,7 @@ from counterflex.identify.holdout import HeldOut, cross_validate, score_separate
 from counterflex.identify.model import CellModel
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
 from counterflex.identify.residuals import Residuals
-from counterflex.identify.reversal_data import Motion, motions
+from counterflex.identify.reversal_data import Motion, balance, motions
 from counterflex.identify.reversal_parameters import axis_play, blocks, compliance, parameters
 from counterflex.identify.reversal_residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
 from counterflex.identify.reversals_proposal import propose
@@ -205,18 +205,11 @@ def _figures(cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Mo
 
 def motor_friction(mine: Sequence[Motion]) -> float | None:
     """Half the difference of the motor's torque between the directions of motion, N m; None if it was not recorded."""
-    halves = []
-    for m in mine:
-        if m.motor_torque is None or m.time_s is None:
-            continue
-        speed = np.gradient(m.q, m.time_s)
-        quick = np.abs(speed) > 0.5 * np.percentile(np.abs(speed), 90)
-        up, down = quick & (speed > 0.0), quick & (speed < 0.0)
-        if up.sum() < 5 or down.sum() < 5:
-            continue
-        B = np.stack([np.ones(len(m.q)), m.q - m.q.mean(), np.sign(speed)], axis=1)[quick]
-        halves.append(float(np.linalg.lstsq(B, m.motor_torque[quick], rcond=None)[0][2]))
-    return float(np.mean(halves)) if halves else None
+    halves = [
+        balance(m.q, m.time_s, m.motor_torque)[1] for m in mine if m.motor_torque is not None and m.time_s is not None
+    ]
+    seen = [half for half in halves if np.isfinite(half)]
+    return float(np.mean(seen)) if seen else None
 
 
 def _turned_torque(mine: Sequence[Motion], as_stated: bool) -> list[str]:
@@ -244,8 +237,8 @@ def _remarks(cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Mo
     if not crossed:
         least = min(float(np.min(np.abs(m.torque))) for m in mine)
         out.append(
-            f"axis {axis + 1}: its weight ({least:.0f} N m at least) never let the gear change flanks, so the dead band "
-            "was not seen; measure in a pose where the axis is balanced"
+            f"axis {axis + 1}: its weight ({least:.0f} N m at least) never let the gear change flanks, so the dead "
+            "band was not seen; measure in a pose where the axis is balanced"
         )
     if fit.parameters.items[0].free is False:
         out.append(
@@ -256,8 +249,8 @@ def _remarks(cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Mo
     if torque is not None:
         out.append(
             f"axis {axis + 1}: the motor's torque shows {torque:.3g} N m of dry friction in all, of which "
-            f"{total:.3g} N m on the side of the link: {max(torque - total, 0.0):.3g} N m are the motor's (friction_nm of "
-            "[[robot.servo]])"
+            f"{total:.3g} N m on the side of the link: {max(torque - total, 0.0):.3g} N m are the motor's "
+            "(friction_nm of [[robot.servo]])"
         )
     return out
 
