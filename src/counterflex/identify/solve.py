@@ -54,7 +54,7 @@ class Stop:
         evaluations: Most evaluations of one inner solve.
     """
 
-    tolerance: float = 1e-10
+    tolerance: float = 1e-9
     evaluations: int = 200
 
 
@@ -103,11 +103,11 @@ def solve(
             if bold.surprise(problem) < state.surprise(problem):
                 state = bold
     result = problem.fit(state.u, state.weights, state.factors, stop.tolerance, stop.evaluations)
-    state.u = np.asarray(result.x)
-    reason = _REASONS[int(result.status)].format(n=stop.evaluations)
+    state.u = result.x
+    reason = _REASONS[result.status].format(n=stop.evaluations)
     if not state.rested:
         reason += f"; the weights of the rows still changed after {_ROUNDS} rounds"
-    return _fit(problem, state, reason, int(result.status) > 0 and state.rested)
+    return _fit(problem, state, reason, result.status > 0 and state.rested)
 
 
 class _State:
@@ -129,7 +129,7 @@ class _State:
     def renew(self, problem: Stacked, robust: bool, damped: bool) -> None:
         """Weights and factors of the residuals as they now are."""
         rows = problem.rows(self.u)
-        _, self.used = problem.covariance(problem.weighted(self.u, self.weights, self.factors))
+        _, self.used = problem.covariance(problem.triangles(self.u, self.weights, self.factors))
         for b, (block, r) in enumerate(zip(problem.blocks, rows, strict=True)):
             if robust:
                 self.scales[b] = spread(r, self.used[b])
@@ -150,7 +150,7 @@ def _coarse(problem: Stacked, u: Float, stop: Stop, progress: Progress) -> Float
     for turn in range(_COARSE_ROUNDS):
         weights = [median_weights(r) for r in problem.rows(u)]
         result = problem.fit(u, weights, typical, _LOOSE, min(_FEW, stop.evaluations))
-        moved = np.asarray(result.x)
+        moved = result.x
         now = [spread(r) for r in problem.rows(moved)]
         gain = max(math.log(a / b) for a, b in zip(typical, now, strict=True))
         u, typical = moved, now
@@ -164,9 +164,9 @@ def _settle(problem: Stacked, state: _State, robust: bool, stop: Stop, progress:
     """Rounds of fitting and weighing until the values move by next to nothing of their standard deviations."""
     for turn in range(_ROUNDS):
         result = problem.fit(state.u, state.weights, state.factors, _LOOSE, min(_FEW, stop.evaluations))
-        step = np.asarray(result.x) - state.u
-        moved = math.sqrt(float(np.sum((np.asarray(result.jac) @ step) ** 2)) / len(step))
-        state.u = np.asarray(result.x)
+        step = result.x - state.u
+        moved = math.sqrt(float(np.sum((result.jac @ step) ** 2)) / len(step))
+        state.u = result.x
         before = list(state.factors)
         state.renew(problem, robust, turn >= _DAMPED_AFTER)
         progress(0.3 + 0.6 * (turn + 1) / _ROUNDS, f"round {turn + 1}")
@@ -189,22 +189,25 @@ def _priors_may_hold_back(problem: Stacked, state: _State, share: float) -> bool
     """
     if max(state.factors) < _HELD_BACK or not np.any(problem.known):
         return False
-    rows = problem.rows(state.u)
     less = _believed_more(state.factors, share)
-    parts = problem.weighted(state.u, state.weights, less)
+    parts = problem.triangles(state.u, state.weights, less)
     covariance, _ = problem.covariance(parts)
-    pulls = -problem.known * state.u
-    for part, r, w, s in zip(parts, rows, state.weights, less, strict=True):
-        pulls = pulls - part.T @ (r * (np.sqrt(w) / s)[:, None]).reshape(-1)
-    step = covariance @ pulls
-    left = [r + J @ step for r, J in zip(rows, problem.slopes(state.u), strict=True)]
+    pull = problem.known * state.u
+    for part in parts:
+        pull = pull + part[:, :-1].T @ part[:, -1]
+    step = covariance @ pull
+    rows = problem.rows(state.u)
+    left = [
+        (both[:, -1] - both[:, :-1] @ step).reshape(r.shape)
+        for both, r in zip(problem.slopes(state.u), rows, strict=True)
+    ]
     return any(spread(a) > 1.3 * spread(b) for a, b in zip(rows, left, strict=True))
 
 
 def _fit(problem: Stacked, state: _State, reason: str, converged: bool) -> Fit:
     parameters, free = problem.parameters, problem.free
     rows = problem.rows(state.u)
-    parts = problem.weighted(state.u, state.weights, state.factors)
+    parts = problem.triangles(state.u, state.weights, state.factors)
     covariance, used = problem.covariance(parts)
     x = problem.values(state.u)
     sigma_u = np.sqrt(np.diag(covariance))
@@ -212,7 +215,7 @@ def _fit(problem: Stacked, state: _State, reason: str, converged: bool) -> Fit:
     sigma[free] = sigma_u * parameters.slope(x)[free]
     squares = sum(float(np.sum(w[:, None] * r**2)) for w, r in zip(state.weights, rows, strict=True))
     dof = sum(float(np.sum(w)) * r.shape[1] for w, r in zip(state.weights, rows, strict=True)) - sum(used)
-    found = examine(parameters, free, np.concatenate(parts), sigma_u, problem.known > 0.0)
+    found = examine(parameters, free, np.concatenate(parts)[:, :-1], sigma_u, problem.known > 0.0)
     return Fit(
         parameters=parameters,
         values=x,
