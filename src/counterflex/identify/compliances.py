@@ -35,7 +35,8 @@ SETTINGS: Final[Mapping[str, float | int | str | bool]] = {
 """Options of recipes that find compliances: relative prior standard deviation of an element; names of elements, or of
 single directions as ``axis2.rx``, whose values are assumed, and their prior; the same for what a data sheet or a bench
 says; names of rigid directions to free; names of elements or directions to hold. ``all`` stands for everything,
-``torsion``, ``tilting`` and ``translation`` for the directions z; x and y; tx, ty, tz of all driven axes. ``bearing_mm``: how well the centres of the elements are known."""
+``torsion``, ``tilting`` and ``translation`` for the directions z; x and y; tx, ty, tz of all driven axes.
+``bearing_mm``: how well the centres of the elements are known, per axis."""
 _OF_AXES: Final = {"torsion": (5,), "tilting": (3, 4), "translation": (0, 1, 2)}
 
 

@@ -23,7 +23,7 @@ from counterflex.core.errors import FileFormatError
 from counterflex.geometry import pose, rotation
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.pull_blocks import Layout
-from counterflex.identify.pull_history import lost_angles, uncertain_angles, unknown_angles
+from counterflex.identify.pull_history import band_slopes, lost_angles, uncertain_angles, unknown_angles
 from counterflex.identify.pull_residuals import COMPONENTS, PullResiduals
 from counterflex.identify.pulls import Pulls, read_load, read_path
 from counterflex.robot.chain import ElasticChain, forward, jacobian
@@ -133,7 +133,7 @@ def block(chain: ElasticChain, plan: Layout, motions: CubeMotions) -> PullResidu
 
     Args:
         chain: The cell's.
-        plan: Parameters; half bands of the play are not fitted from cubes.
+        plan: Parameters.
         motions: The rows.
     """
     pulls = motions.pulls
@@ -142,12 +142,12 @@ def block(chain: ElasticChain, plan: Layout, motions: CubeMotions) -> PullResidu
     J = np.moveaxis(columns, 0, -1)
     felt = np.einsum("nck,nc->nk", J, pulls.w_tcp_base) * _between(motions, plan.springs.segment)
     axes = _at(jacobian(chain, pulls.q), lever) * _between(motions, chain.torsion)[:, None, :]
-    lost, doubt = np.zeros((len(pulls), 6)), np.zeros((len(pulls), 6))
-    if pulls.history:
-        lost = lost_angles(chain, pulls)
-        doubt = uncertain_angles(chain, pulls)
-    else:
-        doubt = np.broadcast_to(unknown_angles(chain), doubt.shape)
+    lost, slope = np.zeros((len(pulls), 6)), np.zeros((len(pulls), 6))
+    if pulls.history and chain.play is not None:
+        bands = np.array([0.0 if e is None else e.half_band_rad for e in chain.play])
+        slope = band_slopes(chain, pulls) * (plan.bands >= 0)
+        lost = lost_angles(chain, pulls) - slope * bands
+    doubt = uncertain_angles(chain, pulls) if pulls.history else np.tile(unknown_angles(chain), (len(pulls), 1))
     between = _between(motions, plan.springs.segment) & (plan.springs.direction >= 3)
     soft = plan.springs.of_chain(chain)
     turned = J * soft * between[:, None, :]
@@ -163,8 +163,8 @@ def block(chain: ElasticChain, plan: Layout, motions: CubeMotions) -> PullResidu
         gain=_at(J, lever) * felt[:, None, :],
         columns=np.arange(len(plan.springs), dtype=np.int64),
         offset=(axes @ lost[:, :, None])[..., 0],
-        band_gain=np.zeros((len(pulls), 6, 6)),
-        band_columns=np.full(6, -1, dtype=np.int64),
+        band_gain=axes * slope[:, None, :],
+        band_columns=plan.bands,
     )
 
 

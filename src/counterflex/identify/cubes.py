@@ -66,7 +66,7 @@ def identify(
         raise InputError("cubes need at least one dataset")
     chain, options = cell.chain, cube_options(cell.chain, settings)
     motions, unseen = ([read_cubes(chain, d) for d in some] for some in (data, holdout))
-    plan = layout(chain, springs(chain, options), [], bearing_m=bearing_of(options))
+    plan = layout(chain, springs(chain, options), [m.pulls for m in [*motions, *unseen]], bearing_m=bearing_of(options))
     said: list[str] = []
     for d in [*data, *holdout]:
         pull_checks.check_plain(d)
@@ -84,7 +84,7 @@ def identify(
         fits={"cubes": fit},
         headline=_headline(held, [b.measured for b in measured]),
         figures=(Figure("motions", "relative motions used", float(sum(len(m.pair) for m in motions))),),
-        changes=plan.springs.changes(chain, fit.values),
+        changes=plan.springs.changes(chain, fit.values[: len(plan.springs)]),
         remarks=(*said, *_remarks(chain, plan, fit, motions)),
     )
 

@@ -70,7 +70,8 @@ def misplaced(
     moment = bearing_m * np.linalg.norm(w_tcp_base[:, :3], axis=1)
     variance = np.sum((carried(chain, q, J, p_tcp_point) * c * moment[:, None, None]) ** 2, axis=2)
     variance[:, :3] += (bearing_m**2 * np.sum(angle**2, axis=1))[:, None]
-    return np.sqrt(variance)
+    out: Float = np.sqrt(variance)
+    return out
 
 
 def carried(chain: ElasticChain, q: Float, twists: Float, p_tcp_point: Float) -> Float:
@@ -139,11 +140,12 @@ class PullResiduals:
 
     def predicted(self, x: Float) -> Float:
         """(n, c) predicted displacement in the axes it was measured in, m and rad."""
-        return self._seen(self._in_base(x), x)
+        out: Float = self._seen(self._in_base(x), x)
+        return out
 
     def _in_base(self, x: Float) -> Float:
         effective = x[self.columns] * self._growth(x)
-        out = np.einsum("nck,nk->nc", self.gain, effective) + self.offset
+        out: Float = np.einsum("nck,nk->nc", self.gain, effective) + self.offset
         fitted = self.band_columns >= 0
         if np.any(fitted):
             out = out + self.band_gain[:, :, fitted] @ x[self.band_columns[fitted]]
