@@ -264,6 +264,7 @@ SETTINGS: Final[dict[str, str]] = {
     "clock_link": "name of the clock that stamped time_link_s",
     "cycle_s": "true time between rows, where the stamps of the file are damaged",
     "rotor_inertia_kg_m2": "inertia of the motors seen on the link side, one number per axis of tau_motor",
+    "gear_ratio": "turns of the motor per turn of the axis, where tau_motor was recorded on the side of the motor",
     "driven_axes": "numbers of the axes that the components of the joint channels belong to",
 }
 """Further facts that a manifest may state under ``[settings]``, by SI name (files say ``_mm`` for ``_m``, ``_deg`` for

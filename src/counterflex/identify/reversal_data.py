@@ -13,7 +13,7 @@ from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import DEG, MM, MRAD, URAD
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.model import CellModel
-from counterflex.robot.play import axis_torque
+from counterflex.robot.play import FLOATING_NM, axis_torque
 
 FEWEST: Final = 30
 """Rows of a motion."""
@@ -36,7 +36,8 @@ class Motion:
         by: What saw the link.
         q: (n,) rad, motor angle.
         torque: (n,) N m about the axis by weight and cylinder; its mean by the motor's torque where that was recorded,
-            because masses are hardly known well enough to say which flank of the gear bears.
+            because masses are hardly known well enough to say which flank of the gear bears (an upright axis bears no
+            weight at all, and keeps that).
         time_s: (n,) or None.
         measured: (n,) rad link minus motor, or m along the motion of the tool.
         sigma: (n,).
@@ -139,7 +140,7 @@ def _motion(cell: CellModel, dataset: Dataset, rows: np.ndarray, lead: str, seen
             )
     torque = axis_torque(cell.chain, q)[:, axis]
     motor = dataset.values("tau_motor")[rows, axis] if dataset.has("tau_motor") else None
-    if motor is not None and time is not None:
+    if motor is not None and time is not None and float(np.max(np.abs(torque))) > FLOATING_NM:
         torque = torque - np.mean(torque) - balance(q[:, axis], time, motor)[0]
     channel = dataset.channel(seen)
     sigma = channel.need_sigma()[rows]

@@ -24,7 +24,9 @@ AMPLITUDE_RAD: Final = (0.4 * MRAD, 0.4 * MRAD, 0.4 * MRAD, 0.6 * MRAD, 0.6 * MR
 SPEEDS_RAD_S: Final = ((0.25 * MRAD, 0.5 * MRAD),) * 3 + ((0.5 * MRAD, 1.0 * MRAD),) * 3
 """Slow enough that the link, caught by the gear at the end of its play, hardly rings: the amplitude is speed over the
 lowest mode's angular frequency."""
-CANDIDATES: Final = 400
+CANDIDATES: Final = 1000
+FIRM: Final = 1.4
+"""Weight over dry friction from which an axis that stands still keeps its flank while another one moves."""
 _STEP_S = 0.02
 _TRACKER_M = 4.0 * UM
 
@@ -33,7 +35,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     """Poses and speeds of ``count`` motions, dealt to the six axes in turn.
 
     Per axis the first pose is balanced (its weight turns the gear neither way, so that the dead band shows), the next
-    one loaded, each at two speeds (a delay grows with the speed, play does not); of the poses that qualify the one
+    one loaded, the other axes firmly on one flank of their gears, each at two speeds (a delay grows with the speed, play does not); of the poses that qualify the one
     with the longest lever.
 
     Args:
@@ -62,7 +64,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     for k in range(count):
         axis, turn = k % 6, k // 6
         if turn % 2 == 0:
-            pose, balanced = _choose(cell, axis, torque[:, axis], lever[:, axis], turn // 2, used[axis])
+            pose, balanced = _choose(cell, axis, torque, lever[:, axis], turn // 2, used[axis])
             used[axis].add(pose)
             if turn % 4 == 0 and not balanced:
                 unbalanced.append(axis + 1)
@@ -97,20 +99,20 @@ def motion(amplitude_rad: float, speed_rad_s: float) -> tuple[Float, Float]:
 
 
 def _choose(cell: CellModel, axis: int, torque: Float, lever: Float, turn: int, used: set[int]) -> tuple[int, bool]:
-    """A candidate: balanced for even turns, loaded for odd ones."""
-    friction = sum(axis_play(cell, axis)[0].friction_nm)
+    """A candidate: balanced for even turns, loaded for odd ones; the other axes firmly on one flank where possible."""
+    friction = np.array([sum(axis_play(cell, a)[0].friction_nm) for a in range(6)])
+    others = [a for a in range(1, 6) if a != axis]
+    firm = np.min(np.abs(torque[:, others]) / friction[others], axis=1)
     free = np.array([i not in used for i in range(len(torque))])
-    size = np.abs(torque)
-    if turn % 2 == 0:
-        good = free & (size < 0.3 * friction)
-        if not good.any():
-            best = int(np.argmin(np.where(free, size, np.inf)))
-            return best, bool(size[best] < 0.7 * friction)
-        return int(np.argmax(np.where(good, lever, -1.0))), True
-    wanted = 2.0 * friction
-    good = free & (size > wanted)
-    score = lever if good.any() else -np.abs(size - wanted)
-    return int(np.argmax(np.where(good if good.any() else free, score, -np.inf))), True
+    size = np.abs(torque[:, axis]) / friction[axis]
+    fits = free & (size < 0.3 if turn % 2 == 0 else size > 2.0)
+    if not fits.any():
+        best = int(np.argmin(np.where(free, size if turn % 2 == 0 else -size, np.inf)))
+        return best, bool(size[best] < 0.7)
+    steady = fits & (firm > FIRM)
+    if not steady.any():
+        return int(np.argmax(np.where(fits, firm, -1.0))), True
+    return int(np.argmax(np.where(steady, lever, -1.0))), True
 
 
 def _expected(cell: CellModel, chain: ElasticChain, q: Float, axes: Float, speeds: Float) -> dict[str, float]:

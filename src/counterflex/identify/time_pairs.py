@@ -128,7 +128,8 @@ def torsion_compliance(chain: ElasticChain) -> Float:
 def gear_torque(dataset: Dataset, motor: Stamped) -> Float | None:
     """Torque (n, m) N m that the motors give into the gears, less what turns their own inertia; None if not measured.
 
-    ``tau = tau_motor - J d2q/dt2`` with J the setting ``rotor_inertia_kg_m2`` (seen on the link side; 0 if not stated).
+    ``tau = i tau_motor - J d2q/dt2`` with the settings ``gear_ratio`` i (1 if not stated) and ``rotor_inertia_kg_m2`` J
+    (seen on the link side; 0 if not stated).
     """
     if not dataset.has("tau_motor"):
         return None
@@ -140,14 +141,21 @@ def gear_torque(dataset: Dataset, motor: Stamped) -> Float | None:
             value=tau.values.shape[1],
             limit=motor.values.shape[1],
         )
-    inertia = np.asarray(dataset.settings.get("rotor_inertia_kg_m2", 0.0), dtype=np.float64)
-    if inertia.ndim and inertia.shape != (motor.values.shape[1],):
-        raise InputError(
-            "settings.rotor_inertia_kg_m2 needs one number for each axis", where=dataset.where, value=inertia.tolist()
-        )
+    ratio, inertia = _per_axis(dataset, "gear_ratio", 1.0, motor), _per_axis(dataset, "rotor_inertia_kg_m2", 0.0, motor)
     speed = np.gradient(motor.values, motor.time_s, axis=0)
-    out: Float = tau.values - inertia * np.gradient(speed, motor.time_s, axis=0)
+    out: Float = ratio * tau.values - inertia * np.gradient(speed, motor.time_s, axis=0)
     return out
+
+
+def _per_axis(dataset: Dataset, key: str, default: float, motor: Stamped) -> Float:
+    given = np.asarray(dataset.settings.get(key, default), dtype=np.float64)
+    if given.ndim and given.shape != (motor.values.shape[1],):
+        raise InputError(
+            f"settings.{key} needs one number, or one for each axis of q_motor",
+            where=dataset.where,
+            value=given.tolist(),
+        )
+    return given
 
 
 def direction(motor: Stamped) -> Float:
