@@ -8,7 +8,7 @@ from typing import Any
 import typer
 
 from counterflex.cli.output import print_table
-from counterflex.files.shop_unit import unit_of_name
+from counterflex.files.shop_unit import digits_of, unit_of_name
 
 _OUTLIERS = 5
 
@@ -48,7 +48,8 @@ def show_result(result: dict[str, Any], out: Path) -> None:
         if len(fit["outliers"]) > _OUTLIERS:
             typer.echo(f"outlier: {len(fit['outliers']) - _OUTLIERS} more in result.json")
         for sentence in fit["hidden"]:
-            typer.echo(f"not seen: {sentence}")
+            if sentence not in result["remarks"]:
+                typer.echo(f"note: {sentence}")
     for remark in result["remarks"]:
         typer.echo(f"note: {remark}")
     typer.echo(f"wrote {out}: cell.toml, result.json, report.html ({result['seconds']:.1f} s)")
@@ -119,4 +120,4 @@ def show_history(found: dict[str, Any]) -> None:
 
 
 def _number(value: float | None, digits: int) -> str:
-    return "" if value is None else f"{value:.{digits}g}"
+    return "" if value is None else digits_of(value, digits)

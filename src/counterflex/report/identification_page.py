@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from counterflex.files.shop_unit import unit_of_name
+from counterflex.files.shop_unit import digits_of, unit_of_name
 from counterflex.identify.fit import Fit
 from counterflex.identify.recipe import Identification
 from counterflex.report.data import Fact
@@ -168,4 +168,4 @@ def _unit(name: str) -> str:
 def _number(value: float | None, digits: int = 4) -> str:
     if value is None:
         return "n/a"
-    return f"{value:.{digits}g}".replace("-", "−")
+    return digits_of(value, digits).replace("-", "−")
