@@ -1,0 +1,118 @@
+"""Table ``[online]`` of a cell file: how the online loop corrects, in shop units."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from counterflex.core.units import DEG, MM, MS, UM
+from counterflex.files.cell_timing import TimingTable
+from counterflex.files.schema import Table
+from counterflex.runtime.settings import (
+    Delays,
+    ForceMode,
+    OnlineSettings,
+    Output,
+    Pilot,
+    TrackerMode,
+    TrackerTuning,
+)
+from counterflex.signals.filters import Smoothing
+from counterflex.signals.limiter import MotionLimit
+
+Above = Annotated[float, Field(gt=0.0, le=1e6)]
+Level = Annotated[float, Field(ge=0.0, le=1e6)]
+
+
+class OnlineTable(Table):
+    """Which signals correct, through which filters, within which limits."""
+
+    force: Literal["none", "measured", "pilot", "scale"] = "pilot"
+    tracker: Literal["none", "integrator", "observer"] = "none"
+    output: Literal["cartesian", "axes"] = "cartesian"
+    period_ms: Literal[4, 12] = 4
+    along_feed: bool = False
+    orientation: bool = False
+    proportional: Annotated[float, Field(ge=0.0, le=2.0)] = 1.0
+    integral_per_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
+    derivative_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
+    corner_hz: Annotated[float, Field(ge=0.0, le=100.0)] = 8.0
+    average: Annotated[int, Field(ge=1, le=250)] = 8
+    threshold_n: Above = 150.0
+    blend_ms: Above = 80.0
+    lead_ms: Level | None = None
+    dead_ms: Level = 12.0
+    natural_hz: Above = 5.0
+    damping: Above = 0.7
+    follow_ms: Level = 0.0
+    tracker_age_ms: Level = 4.0
+    tracker_gain: Annotated[float, Field(gt=0.0, le=1.0)] = 0.01
+    tracker_step_um: Above = 50.0
+    drift_um: Above = 200.0
+    noise_um: Above = 60.0
+    correction_mm: Above = 2.0
+    correction_deg: Above = 0.3
+    speed_mm_s: Above = 20.0
+    acceleration_mm_s2: Above = 1250.0
+    hard_factor: Annotated[float, Field(ge=1.0, le=3.0)] = 1.5
+    ramp_mm_s: Above = 2.0
+
+    def settings(self, timing: TimingTable | None, *, compensated: bool) -> OnlineSettings:
+        """The loop's settings; delays that were identified take the place of those of this table.
+
+        Args:
+            timing: Identified timing of the cell, or None.
+            compensated: The program contains the correction of the predicted deflection.
+
+        Raises:
+            InputError: Values that contradict each other.
+        """
+        period = self.period_ms * MS
+        delays = self._delays(timing)
+        rotation = self.correction_deg * DEG
+        share = rotation / (self.correction_mm * MM)
+        return OnlineSettings(
+            period_s=period,
+            force=ForceMode[self.force.upper()],
+            tracker=TrackerMode[self.tracker.upper()],
+            output=Output[self.output.upper()],
+            compensated=compensated,
+            normal_only=not self.along_feed,
+            orientation=self.orientation,
+            proportional=self.proportional,
+            integral_per_s=self.integral_per_s,
+            derivative_s=self.derivative_ms * MS,
+            smoothing=Smoothing(self.corner_hz, self.average, period),
+            pilot=Pilot(
+                self.threshold_n,
+                self.blend_ms * MS,
+                delays.correction_s if self.lead_ms is None else self.lead_ms * MS,
+            ),
+            delays=delays,
+            tuning=TrackerTuning(
+                gain=self.tracker_gain,
+                saturation_m=self.tracker_step_um * UM,
+                drift_m=self.drift_um * UM,
+                noise_m=self.noise_um * UM,
+            ),
+            translation=MotionLimit(self.correction_mm * MM, self.speed_mm_s * MM, self.acceleration_mm_s2 * MM),
+            rotation=MotionLimit(rotation, self.speed_mm_s * MM * share, self.acceleration_mm_s2 * MM * share),
+            hard_factor=self.hard_factor,
+            ramp_m_s=self.ramp_mm_s * MM,
+        )
+
+    def _delays(self, timing: TimingTable | None) -> Delays:
+        dead, natural, damping = self.dead_ms * MS, 2.0 * math.pi * self.natural_hz, self.damping
+        follow, age = self.follow_ms * MS, self.tracker_age_ms * MS
+        if timing is not None:
+            correction = timing.correction
+            if correction.dead_time_ms:
+                dead = max(0.0, sum(correction.dead_time_ms) / len(correction.dead_time_ms)) * MS
+            if correction.lag_ms > 0.0:
+                damping = correction.lag_damping or damping
+                natural = 2.0 * damping / (correction.lag_ms * MS)
+            if timing.tracker.dead_time_ms:
+                age = max(0.0, timing.tracker.dead_time_ms[0]) * MS
+        return Delays(dead, natural, damping, follow, age)

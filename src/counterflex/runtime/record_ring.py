@@ -1,0 +1,108 @@
+"""From the loop to the recorder: a ring of records in shared memory. Writing never waits and never fails.
+
+The loop writes whole rows and then their number; the reader takes what is new. A reader that is too slow loses the
+oldest rows and is told how many; the loop notices nothing.
+"""
+
+from __future__ import annotations
+
+from multiprocessing import shared_memory
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError
+from counterflex.runtime import layout as at
+
+ROWS: Final = 4096
+"""16 s at 250 Hz."""
+_HEAD: Final = 64  # bytes
+
+
+def _columns() -> tuple[str, ...]:
+    pose = [f"R{i}{j}" for i in range(3) for j in range(3)] + ["x", "y", "z"]
+    six = ("x", "y", "z", "rx", "ry", "rz")
+    wrench = ("fx", "fy", "fz", "mx", "my", "mz")
+    names = ["counter_ms", "received_ns", "sent_ns", "elapsed", "w_good"]
+    names += [f"sensor_{a}" for a in wrench]
+    names += [f"nominal_{p}" for p in pose] + [f"q{i}" for i in range(1, 7)]
+    names += [f"wrench_{a}" for a in wrench] + [f"actual_{p}" for p in pose]
+    flags = ("elapsed", "force_age", "tracker_new", "tracker_age", "healthy", "arm", "enable", "stop", "reset")
+    names += [f"flag_{f}" for f in (*flags, "soft", "hard")]
+    names += [f"correction_{a}" for a in six] + [f"axis_{i}" for i in range(1, 7)]
+    names += [f"used_{a}" for a in wrench] + [f"predicted_{a}" for a in wrench] + [f"filtered_{a}" for a in wrench]
+    names += [f"deflection_{a}" for a in six] + [f"wanted_{a}" for a in six] + [f"deviation_{a}" for a in six]
+    names += ["path_distance", "sigma", "cutting"]
+    outcome = ("state", "cause", "feed_hold", "stop", "silent", "limits", "elastic", "soft", "hard")
+    return (*names, *(f"out_{o}" for o in outcome))
+
+
+COLUMNS: Final = _columns()
+"""Names of a record's numbers: SI, part axes, angles in rad."""
+SENSOR: Final = 5
+GIVEN: Final = SENSOR + 6
+FLAGS: Final = GIVEN + at.GIVEN
+RESULTS: Final = FLAGS + at.FLAGS
+OUTCOME: Final = RESULTS + at.RESULTS
+WIDTH: Final = OUTCOME + at.OUTCOME
+
+
+class RecordRing:
+    """The ring; made by one process, joined by the other by name.
+
+    Args:
+        name: None makes a new one; the name of an existing one joins it.
+
+    Attributes:
+        name: To join it.
+        dropped: Reader: rows lost because it was too slow.
+
+    Raises:
+        InputError: There is no ring of that name.
+    """
+
+    def __init__(self, name: str | None = None) -> None:
+        size = _HEAD + ROWS * WIDTH * 8
+        try:
+            self._memory = shared_memory.SharedMemory(name=name, create=name is None, size=size if name is None else 0)
+        except FileNotFoundError as fault:
+            raise InputError("there is no such ring of records", value=name) from fault
+        self._owner = name is None
+        self.name = self._memory.name
+        self._count: Int = np.ndarray((1,), dtype=np.int64, buffer=self._memory.buf)
+        self._rows: Float = np.ndarray((ROWS, WIDTH), dtype=np.float64, buffer=self._memory.buf, offset=_HEAD)
+        if self._owner:
+            self._count[0] = 0
+        self._read = int(self._count[0]) if not self._owner else 0
+        self.dropped = 0
+
+    def row(self) -> Float:
+        """(WIDTH,) the row to be written next; then call :meth:`commit`."""
+        out: Float = self._rows[int(self._count[0]) % ROWS]
+        return out
+
+    def commit(self) -> None:
+        """Hand the row over."""
+        self._count[0] += 1
+
+    def take(self) -> Float:
+        """(n, WIDTH) copies of the rows that are new since the last call."""
+        count = int(self._count[0])
+        first = max(self._read, count - ROWS + ROWS // 8)  # the oldest may be overwritten while they are copied
+        self.dropped += first - self._read
+        places = np.arange(first, count) % ROWS
+        out: Float = self._rows[places].copy()
+        self._read = count
+        return out
+
+    def rewind(self) -> None:
+        """Reader: take also what was written before it joined."""
+        self._read = 0
+
+    def close(self) -> None:
+        """Leave the ring; the maker removes it."""
+        del self._count, self._rows
+        self._memory.close()
+        if self._owner:
+            self._memory.unlink()
