@@ -25,6 +25,9 @@ _FLOOR: Final = 1e-13
 _ALONE: Final = 8000
 """Numbers in a slice and its triangle that BLAS does not share out."""
 _FEWEST_ROWS: Final = 32
+_WIDE: Final = 60
+"""Columns beyond which slices shorter than the triangle would cost more than threads do."""
+_ABSURD: Final = 1e60
 
 
 def triangle(rows: Float, scale: Float) -> Float:
@@ -35,7 +38,7 @@ def triangle(rows: Float, scale: Float) -> Float:
         scale: (m,) factor of each row.
     """
     m, k = rows.shape
-    step = max(_FEWEST_ROWS, _ALONE // k - k)
+    step = max(_FEWEST_ROWS, _ALONE // k - k, k if k > _WIDE else 0)
     work = np.zeros((k + step, k), order="F")
     size = int(dgeqrf_lwork(k + step, k)[0])
     R, upper = np.zeros((k, k)), np.triu(np.ones((k, k)))
@@ -94,8 +97,10 @@ class Stacked:
         key = u.tobytes()
         if self._rows is None or self._rows[0] != key:
             self.evaluations += 1
-            x = self.values(u)
-            self._rows = (key, [b.evaluate(x) for b in self.blocks])
+            # A step too far is refused for what it gives, not by a warning.
+            with np.errstate(over="ignore", invalid="ignore"):
+                x = self.values(u)
+                self._rows = (key, [b.evaluate(x) for b in self.blocks])
         return self._rows[1]
 
     def slopes(self, u: Float) -> list[Float]:
@@ -105,11 +110,12 @@ class Stacked:
             rows, x, f = self.rows(u), self.values(u), len(self.free)
             scale = self.parameters.slope(x)[self.free]
             out = []
-            for block, r in zip(self.blocks, rows, strict=True):
-                both = np.empty((r.size, f + 1))
-                np.multiply(block.jacobian(x)[:, :, self.free].reshape(-1, f), scale, out=both[:, :f])
-                both[:, f] = r.reshape(-1)
-                out.append(both)
+            with np.errstate(over="ignore", invalid="ignore"):
+                for block, r in zip(self.blocks, rows, strict=True):
+                    both = np.empty((r.size, f + 1))
+                    np.multiply(block.jacobian(x)[:, :, self.free].reshape(-1, f), scale, out=both[:, :f])
+                    both[:, f] = r.reshape(-1)
+                    out.append(both)
             self._slopes = (key, out)
         return self._slopes[1]
 
@@ -153,15 +159,16 @@ class Stacked:
         last: tuple[bytes, Float | None] = (b"", None)
 
         def reduced(u: Float) -> Float | None:
-            """None where a residual is not finite: the trust region then refuses the step."""
+            """None where a residual is absurd or not finite: the trust region then refuses the step."""
             nonlocal last
             key = u.tobytes()
             if last[0] != key:
-                stack = None
-                if all(np.all(np.isfinite(r)) for r in self.rows(u)):
+                last = (key, None)
+                if all(np.all(np.abs(r) < _ABSURD) for r in self.rows(u)):
                     prior = np.column_stack([np.diag(self.known), self.known * u])
                     stack = np.concatenate([*self.triangles(u, weights, factors), prior])
-                last = (key, None if stack is None else triangle(stack, np.ones(len(stack))))
+                    if np.all(np.abs(stack) < _ABSURD):
+                        last = (key, triangle(stack, np.ones(len(stack))))
             return last[1]
 
         def cost(u: Float) -> Float:
