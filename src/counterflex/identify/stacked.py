@@ -27,7 +27,7 @@ _ALONE: Final = 8000
 _FEWEST_ROWS: Final = 32
 _WIDE: Final = 60
 """Columns beyond which slices shorter than the triangle would cost more than threads do."""
-_ABSURD: Final = 1e60
+_ABSURD: Final = 1e30
 
 
 def triangle(rows: Float, scale: Float) -> Float:
