@@ -23,6 +23,7 @@ from counterflex.robot import catalog, opw_chain
 from counterflex.robot.calibration import calibrated
 from counterflex.robot.chain import ElasticChain
 from counterflex.robot.description import EndEffector, Opw, Play, Robot, Segment, Servo
+from counterflex.robot.drive_error import DriveErrors
 
 KIND = "counterflex-cell"
 VERSION = 1
@@ -66,6 +67,12 @@ class Cell:
     def calibration(self) -> dict[str, Float]:
         """(6,) m, rad: displacement behind each calibrated segment."""
         return _calibration(self.tables)
+
+    @cached_property
+    def drive_errors(self) -> DriveErrors:
+        """Periodic errors of the drives: from controller angles to those of ``chain`` and back."""
+        table = self.tables.drive_error
+        return DriveErrors() if table is None else table.errors()
 
     @cached_property
     def T_base_part(self) -> Float:
@@ -159,6 +166,8 @@ def resolve(tables: CellTables, path: Path) -> Cell:
         cell = Cell(tables, path, true_robot, true_end_effector, chain, robot, end_effector)
     with _said_of(f"{where}: material"):
         _ = cell.force_law
+    with _said_of(f"{where}: drive_error"):
+        _ = cell.drive_errors
     for tool in tables.tools:
         with _said_of(f"{where}: tool T{tool.number}"):
             cell.cutter(tool.number)
@@ -187,6 +196,9 @@ def _robot(tables: CellTables, path: Path) -> Robot:
     if table.geometry is not None:
         with _said_of(f"{path}: robot.geometry"):
             return _own_robot(table.geometry, tables.name)
+    if table.dh is not None:
+        with _said_of(f"{path}: robot.dh"):
+            return table.dh.robot(tables.name)
     from counterflex.robot import urdf  # heavy, optional dependency
 
     with _said_of(f"{path}: robot.urdf"):

@@ -8,8 +8,10 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from counterflex.files.cell_dh import DhTable
 from counterflex.files.cell_drive_error import DriveErrorTable
 from counterflex.files.cell_measured import CalibrationTable, IdentifiedTable
+from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_sensing import HolderTable, SensorTable
 from counterflex.files.cell_timing import TimingTable
 from counterflex.files.cell_tracker import TrackerTable
@@ -88,10 +90,11 @@ class ServoTable(Table):
 
 
 class RobotTable(Table):
-    """Which robot: by catalogue name, by own geometry, or from a URDF file."""
+    """Which robot: by catalogue name, by own geometry, by Denavit-Hartenberg rows, or from a URDF file."""
 
     catalog: str | None = None
     geometry: OpwTable | None = None
+    dh: DhTable | None = None
     urdf: str | None = None
     urdf_tip: str | None = None
     elastic: tuple[ElasticTable, ...] = ()
@@ -113,10 +116,10 @@ class RobotTable(Table):
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotTable:
-        given = [key for key in ("catalog", "geometry", "urdf") if getattr(self, key) is not None]
+        given = [key for key in ("catalog", "geometry", "dh", "urdf") if getattr(self, key) is not None]
         if len(given) != 1:
             found = " and ".join(given) or "none of them"
-            raise ValueError(f"a robot comes from exactly one of catalog, geometry and urdf; got {found}")
+            raise ValueError(f"a robot comes from exactly one of catalog, geometry, dh and urdf; got {found}")
         return self
 
 
@@ -328,6 +331,7 @@ class CellTables(Versioned):
     tracker: TrackerTable | None = None
     drive_error: DriveErrorTable | None = None
     timing: TimingTable | None = None
+    online: OnlineTable | None = None
     identified: tuple[IdentifiedTable, ...] = ()
 
     @model_validator(mode="after")

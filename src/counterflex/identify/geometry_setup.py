@@ -11,6 +11,7 @@ from counterflex.core.arrays import Float, Int, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, MRAD
 from counterflex.identify.arm_parameters import ArmModel
+from counterflex.identify.data_checks import SAME_POSE_RAD
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.distance_residuals import DistanceResiduals, find_anchor
 from counterflex.identify.fiducials import FiducialResiduals, fiducial_sigma, robust_register
@@ -222,6 +223,11 @@ def _distances(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> 
         n = len(part)
         if part.has("q_second"):
             second = model.at(angles(part.values("q_second")))
+            same = np.all(np.abs(part.values("q") - part.values("q_second")) < SAME_POSE_RAD, axis=1)
+            if np.any(same):
+                raise InputError(
+                    "a distance between a pose and itself", where=part.place(int(np.flatnonzero(same)[0])), value=0
+                )
             anchor0, index = np.zeros((n, 3)), np.zeros((n, 3), dtype=np.int64)
         else:
             second, name = None, _named(f"anchor of {d.name}", number)

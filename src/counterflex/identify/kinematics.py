@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from dataclasses import replace
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -26,11 +27,12 @@ from counterflex.identify.model import CellModel
 from counterflex.identify.periodic_choice import choose_orders
 from counterflex.identify.pose_residuals import TrackerResiduals
 from counterflex.identify.recipe import Identification, Recipe
-from counterflex.identify.solve import solve
+from counterflex.identify.solve import Stop, solve
 from counterflex.identify.tracker_data import check_tracker_data
 from counterflex.robot.drive_error import DriveError
 
 SOURCE: Final = "counterflex identify kinematics"
+_NO_WEIGHT = 1e-10
 
 
 def identify(
@@ -75,7 +77,7 @@ def identify(
         setup = set_up(cell, model, data, holdout, known=known)
         fit = solve(setup.parameters.held(setup.local), setup.blocks, start=start)
     progress(0.6, "fitted")
-    held = _held(setup, holdout, int(options["folds"]), fit.values)
+    held = _held(setup, holdout, int(options["folds"]), fit)
     return Identification(
         recipe="kinematics",
         fits={"kinematics": fit},
@@ -150,17 +152,22 @@ def _orders(asked: str, setup: Setup, fit: Fit, priors: ArmPriors) -> dict[int, 
     return dict.fromkeys(range(6), order) if order > 0 else {}
 
 
-def _held(setup: Setup, holdout: Sequence[Dataset], folds: int, start: Float) -> HeldOut:
+def _held(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit) -> HeldOut:
     if holdout:
         return score_separate(
             setup.parameters, setup.blocks, setup.unseen, needed=setup.needed, local=setup.local,
-            error=position_error, start=start,
+            error=position_error, start=fit.values,
         )  # fmt: skip
     scored = [i for i, b in enumerate(setup.blocks) if isinstance(b, TrackerResiduals)]
     judged = scored or [i for i, b in enumerate(setup.blocks) if b.components[0] in ("distance m", "height m")]
+    # What is a gross error has been decided with all rows; the folds only have to stay clear of it.
+    weighted = [
+        replace(cast(Any, b), sigma=b.sigma / np.sqrt(np.maximum(w, _NO_WEIGHT))[:, None])
+        for b, w in zip(setup.blocks, fit.weights, strict=True)
+    ]
     return cross_validate(
-        setup.parameters, setup.blocks, needed=setup.needed, error=position_error, scored=judged, folds=folds,
-        start=start,
+        setup.parameters, weighted, needed=setup.needed, error=position_error, scored=judged, folds=folds,
+        start=fit.values, robust=False, stop=Stop(tolerance=1e-7),
     )  # fmt: skip
 
 

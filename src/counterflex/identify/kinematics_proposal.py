@@ -13,6 +13,7 @@ from counterflex.identify.arm_parameters import ArmPriors, arm_model
 from counterflex.identify.choice import candidates_of, choose, expected_sigma, prior_information
 from counterflex.identify.known_frames import known_frames
 from counterflex.identify.model import CellModel
+from counterflex.identify.order import order_of_poses, wrong_sides
 from counterflex.identify.parameters import Parameters
 from counterflex.identify.placed_frame import PlacedFrame, frame_parameters
 from counterflex.identify.pose_candidates import measurable
@@ -69,7 +70,9 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     )
     candidates = candidates_of(parameters, [block])
     choice = choose(candidates.jacobian, count, prior_information(parameters))
+    speeds = model.chain.joint_speeds_rad_s
     chosen = q[choice.indices]
+    chosen = chosen[order_of_poses(chosen, np.ones(6) if speeds is None else speeds)]
     return Proposal(
         recipe="kinematics",
         kind="tracker_poses",
@@ -78,6 +81,8 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
         remarks=(
             f"{count} of {len(q)} poses within limits, above the floor and clear of the column"
             + (", seen by the tracker." if known is not None else "; line of sight is not checked without [tracker]."),
+            f"{int(np.sum(wrong_sides(chosen)))} of {6 * count} times an axis arrives with falling angle in this order; "
+            "to take up its play, approach such poses from 2 deg below.",
             "Let the robot rest for a second before each measurement.",
         ),
     )

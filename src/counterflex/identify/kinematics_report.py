@@ -8,6 +8,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MRAD
+from counterflex.identify.arm_geometry import ArmGeometry
 from counterflex.identify.fit import Fit
 from counterflex.identify.geometry_setup import Setup
 from counterflex.identify.holdout import HeldOut
@@ -100,10 +101,14 @@ def pictures(setup: Setup, fit: Fit, held: HeldOut) -> tuple[Picture, ...]:
             ),
         )
     ]
-    pairs = [(b, r) for b, r in zip(setup.blocks, fit.residuals, strict=True) if isinstance(b, TrackerResiduals)]
+    pairs = [
+        (b.arm.q, np.linalg.norm((r * b.sigma)[:, :3], axis=1))
+        for b, r in zip(setup.blocks, fit.residuals, strict=True)
+        if isinstance(b, TrackerResiduals) and isinstance(b.arm, ArmGeometry)
+    ]
     if pairs:
-        q: Float = np.concatenate([b.arm.q for b, _ in pairs])
-        off = np.concatenate([np.linalg.norm((r * b.sigma)[:, :3], axis=1) for b, r in pairs]) / MM
+        q: Float = np.concatenate([angles for angles, _ in pairs])
+        off = np.concatenate([length for _, length in pairs]) / MM
         usual = off <= 10.0 * np.median(off)
         curves = tuple(Curve(f"axis {i + 1}", np.degrees(q[usual, i]), off[usual]) for i in range(3))
         out.append(Picture("Residuals over the angles of axes 1 to 3", "angle, deg", "position residual, mm", curves))

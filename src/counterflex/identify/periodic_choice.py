@@ -14,13 +14,13 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
-from counterflex.identify.arm_geometry import PeriodicTerm
+from counterflex.identify.arm_geometry import ArmGeometry, PeriodicTerm
 from counterflex.identify.fit import Fit
 from counterflex.identify.geometry_setup import Setup
 from counterflex.identify.holdout import fold_of_groups
 from counterflex.identify.pose_residuals import TrackerResiduals
 
-LADDER: Final = (0, 1, 2, 4, 8, 12, 16, 20, 25, 30)
+LADDER: Final = (0, 1, 2, 4, 8, 12, 16, 20, 24)
 GAIN: Final = 0.02
 ENOUGH: Final = 150
 """Fewest poses with which periodic errors are looked for at all."""
@@ -57,6 +57,8 @@ def choose_orders(setup: Setup, fit: Fit, prior_rad: float) -> dict[int, int]:
     folds = fold_of_groups([b.group for b, _ in pairs], seed=_SEED)
     tables = []
     for (block, weight), factor, fold in zip(pairs, _factors(setup, fit), folds, strict=True):
+        if not isinstance(block.arm, ArmGeometry):
+            continue
         wide = replace(block, arm=replace(block.arm, layout=replace(block.arm.layout, periodic=terms)))
         J = -wide.jacobian(x) * scale
         tables.append((J, block.evaluate(fit.values), np.sqrt(weight) / factor, block.sigma[:, :3], fold))

@@ -7,16 +7,29 @@ position and, for poses, the rotation vector of measured against predicted orien
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.geometry import pose, rotation
 from counterflex.geometry.rotation_derivative import inverse_left_jacobian, left_jacobian
-from counterflex.identify.arm_geometry import ArmGeometry
 from counterflex.identify.placed_frame import PlacedFrame, components
 
 _POSE = ("x m", "y m", "z m", "rx rad", "ry rad", "rz rad")
+
+
+class PosedArm(Protocol):
+    """An arm in poses, see :class:`counterflex.identify.arm_geometry.ArmGeometry`."""
+
+    def poses(self, x: Float) -> Float:
+        """T_base_tcp (m, 4, 4)."""
+
+    def moved(self, x: Float) -> tuple[Float, Int, Float]:
+        """T_base_tcp, places of parameters, and their twists (m, 6, k)."""
+
+    def subset(self, rows: Bool) -> PosedArm:
+        """The marked poses only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +50,7 @@ class TrackerResiduals:
     name: str
     group: Int
     sigma: Float
-    arm: ArmGeometry
+    arm: PosedArm
     tracker: PlacedFrame
     target: PlacedFrame
     p: Float

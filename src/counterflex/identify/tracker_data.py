@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.geometry import pose, rotation
@@ -39,6 +39,41 @@ POINT: Final = "p_tracker_target"
 ORIENTATION: Final = "R_tracker_target"
 
 
+class GivenPoses:
+    """An arm whose poses the controller has told: nothing about it has parameters.
+
+    Attributes:
+        Ts_base_tcp: (m, 4, 4).
+    """
+
+    def __init__(self, Ts_base_tcp: Float) -> None:
+        self.Ts_base_tcp = Ts_base_tcp
+
+    def poses(self, x: Float) -> Float:  # noqa: ARG002
+        """The poses, whatever the parameters."""
+        return self.Ts_base_tcp
+
+    def moved(self, x: Float) -> tuple[Float, Int, Float]:  # noqa: ARG002
+        """The poses; no parameter moves them."""
+        return self.Ts_base_tcp, np.zeros(0, dtype=np.int64), np.zeros((len(self.Ts_base_tcp), 6, 0))
+
+    def subset(self, rows: Bool) -> GivenPoses:
+        """The marked poses only."""
+        return GivenPoses(self.Ts_base_tcp[rows])
+
+
+def arm_of(cell: CellModel, d: Dataset) -> ArmGeometry | GivenPoses:
+    """The arm in the poses of a dataset: by its joint angles, or by the flange poses that the controller shows.
+
+    Raises:
+        FileFormatError: The dataset has neither ``q`` nor ``p_base_flange`` with ``R_base_flange``.
+    """
+    if not d.has("q") and d.has("p_base_flange") and d.has("R_base_flange"):
+        Ts_base_flange = pose.make(d.values("R_base_flange"), d.values("p_base_flange"))
+        return GivenPoses(Ts_base_flange @ cell.nominal_chain.T_flange_tcp)
+    return arm_as_known(cell, d.values("q"))
+
+
 def has_orientation(d: Dataset) -> bool:
     """Whether the target's orientation was measured."""
     return d.has(ORIENTATION)
@@ -49,7 +84,9 @@ def arm_as_known(cell: CellModel, q: Float) -> ArmGeometry:
     return displaced_arm(cell.nominal_chain, known_drive_errors(cell).link_angles(q), dict(cell.calibration))
 
 
-def tracker_residuals(d: Dataset, arm: ArmGeometry, tracker: PlacedFrame, target: PlacedFrame) -> TrackerResiduals:
+def tracker_residuals(
+    d: Dataset, arm: ArmGeometry | GivenPoses, tracker: PlacedFrame, target: PlacedFrame
+) -> TrackerResiduals:
     """Residuals of a dataset of poses or points.
 
     Raises:
@@ -80,9 +117,10 @@ def check_tracker_data(cell: CellModel, d: Dataset, *, as_stated: bool = False) 
         InputError: See above; the message names what was found.
         FileFormatError: A channel is missing.
     """
-    channels = ["q", POINT] + ([ORIENTATION] if has_orientation(d) else [])
+    told = "q" if d.has("q") or not d.has("p_base_flange") else "p_base_flange"
+    channels = [told, POINT] + ([ORIENTATION] if has_orientation(d) else [])
     check_finite(d, channels)
-    distinct = len(np.unique(np.round(d.values("q"), 5), axis=0))
+    distinct = len(np.unique(np.round(d.values(told), 5), axis=0))
     if distinct < FEWEST:
         raise InputError(
             "too few different poses",
@@ -91,7 +129,7 @@ def check_tracker_data(cell: CellModel, d: Dataset, *, as_stated: bool = False) 
             limit=f"{FEWEST} or more",
             hint="Measure poses that differ in position and orientation",
         )
-    check_repeats(d, POINT)
+    check_repeats(d, POINT, same=(told,))
     _check_poses_fix(cell, d)
     remarks = check_reading(d, readings_of(d), lambda sample: _misfit(cell, sample), as_stated=as_stated)
     if not remarks and not as_stated:
@@ -124,7 +162,7 @@ def start_frames(cell: CellModel, d: Dataset, *, quick: bool = False) -> HandEye
     Raises:
         InputError: Poses that do not turn, too few, on one line.
     """
-    Ts, p = arm_as_known(cell, d.values("q")).poses(np.zeros(0)), d.values(POINT)
+    Ts, p = arm_of(cell, d).poses(np.zeros(0)), d.values(POINT)
     trials = 0 if quick else TRIALS
     if has_orientation(d):
         return robust_of_poses(Ts, pose.make(d.values(ORIENTATION), p), trials=trials)
@@ -139,11 +177,12 @@ def _misfit(cell: CellModel, d: Dataset) -> Misfit:
 
 def readings_of(d: Dataset) -> tuple[Reading, ...]:
     """What else a table of tracker poses or points may mean."""
+    told = "q" if d.has("q") else "p_base_flange"
     out = [
-        *unit_mistakes(d, "q"),
+        *unit_mistakes(d, told),
         *unit_mistakes(d, POINT),
-        *swapped_columns(d, "q"),
-        *sign_mistakes(d, "q"),
+        *swapped_columns(d, told),
+        *sign_mistakes(d, told),
         *row_mistakes(POINT),
     ]
     if not has_orientation(d):

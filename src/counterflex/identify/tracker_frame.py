@@ -33,7 +33,7 @@ from counterflex.identify.pose_residuals import TrackerResiduals
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
 from counterflex.identify.residuals import Residuals
 from counterflex.identify.solve import solve
-from counterflex.identify.tracker_data import check_tracker_data, start_frames, tracker_residuals
+from counterflex.identify.tracker_data import GivenPoses, arm_of, check_tracker_data, start_frames, tracker_residuals
 from counterflex.identify.tracker_proposal import propose
 
 FEWEST_FIDUCIALS: Final = 4
@@ -179,7 +179,9 @@ def _blocks(
                 )
             )
         elif target is not None and model is not None:
-            arm = model.at(known_drive_errors(cell).link_angles(d.values("q")))
+            given = arm_of(cell, d)
+            angles = known_drive_errors(cell).link_angles
+            arm = given if isinstance(given, GivenPoses) else model.at(angles(d.values("q")))
             out.append(tracker_residuals(d, arm, tracker, target))
     return out
 
