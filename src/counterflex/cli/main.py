@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import Annotated, Any, Final, NoReturn
 
@@ -62,6 +63,9 @@ def run() -> None:
 
     A fault of the program itself is not hidden: it shows its traceback and ends with status 1.
     """
+    # Matrices are small here: on a busy machine the threads of BLAS wait for one another, fifty times longer than they
+    # compute. Must be said before NumPy is imported.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with interruptible():
         try:
             status = app(prog_name="counterflex", standalone_mode=False)

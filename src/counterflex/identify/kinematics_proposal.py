@@ -81,7 +81,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
         remarks=(
             f"{count} of {len(q)} poses within limits, above the floor and clear of the column"
             + (", seen by the tracker." if known is not None else "; line of sight is not checked without [tracker]."),
-            f"{int(np.sum(wrong_sides(chosen)))} of {6 * count} times an axis arrives with falling angle in this order; "
+            f"{int(np.sum(wrong_sides(chosen)))} of {6 * count} times an axis arrives with falling angle; "
             "to take up its play, approach such poses from 2 deg below.",
             "Let the robot rest for a second before each measurement.",
         ),

@@ -24,6 +24,7 @@ REVERSAL_S: Final = 0.5
 STOP_S: Final = 0.3
 """Time that starting and stopping adds to every move."""
 _STILL_RAD: Final = 1e-9
+_STARTS: Final = 10
 
 
 def travel_s(q: Float, speeds_rad_s: Float, start: Float | None = None) -> float:
@@ -106,7 +107,7 @@ def order_of_poses(
     if start is None:
         # A place to come from that costs nothing.
         cost = np.block([[np.zeros((1, 1)), np.zeros((1, n))], [np.full((n, 1), np.inf), cost]])
-    starts = range(1, n + 1) if n <= 40 else np.unique(np.linspace(1, n, 10).astype(np.int64))
+    starts = np.unique(np.linspace(1, n, min(n, _STARTS)).astype(np.int64))
     tours = [_improved(_nearest(cost, int(first)), cost) for first in starts] if start is None else []
     tours.append(_improved(_nearest(cost, None), cost))
     best = min(tours, key=lambda tour: _length(tour, cost))
