@@ -21,6 +21,7 @@ TRANSLATION_M_N: Final = 5.0 * UM_PER_KN
 """Compliance that a freed rigid direction is expected to have at most, one standard deviation, m/N."""
 ROTATION_RAD_NM: Final = 100.0 * URAD_PER_KNM
 """The same for rotations, rad/(N m): a stiffness of 1e7 N m/rad."""
+_RIGID: Final = 1e-12  # m/N, rad/(N m): what is stiffer is written as rigid
 _RANGE: Final = 1e3  # a compliance stays within this factor of what the cell file says
 SETTINGS: Final[Mapping[str, float | int | str | bool]] = {
     "prior": 0.3,
@@ -70,7 +71,7 @@ class Springs:
 
     def changes(self, chain: ElasticChain, values: Float) -> tuple[ElementCompliance, ...]:
         """What goes into the cell file: every element with a free parameter, whole."""
-        whole = self.compliance(chain, values)
+        whole = self.compliance(chain, np.where(values < _RIGID, 0.0, values))
         touched = sorted({int(s) for s, p in zip(self.segment, self.parameters, strict=True) if p.free})
         return tuple(ElementCompliance(chain.names[i], whole[i]) for i in touched)
 

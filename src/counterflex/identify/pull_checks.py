@@ -26,6 +26,8 @@ from counterflex.robot.chain import ElasticChain, flange, forward
 
 MOST_NEGATIVE: Final = 0.3
 """Share of rows with negative work above which the data are refused."""
+ALL_BUT: Final = 0.8
+"""Share above which a sign is wrong, and no other reading needs to be tried."""
 _SURE: Final = 3.0  # standard deviations of the work
 _LEAST_FORCE_N: Final = 1.0
 _MOVES_RAD: Final = 1e-3
@@ -92,11 +94,23 @@ def impossible(chain: ElasticChain, pulls: Pulls, R_base_tracker: Float | None) 
     return out
 
 
-def check_work(chain: ElasticChain, pulls: Pulls, R_base_tracker: Float | None, *, as_stated: bool) -> tuple[str, ...]:
+def check_work(
+    chain: ElasticChain, pulls: Pulls, R_base_tracker: Float | None, *, as_stated: bool, most: float = MOST_NEGATIVE
+) -> tuple[str, ...]:
     """Name rows with negative work; refuse data that are mostly so.
 
+    Args:
+        chain: The cell's.
+        pulls: The rows.
+        R_base_tracker: (3, 3), where the displacement is in tracker axes.
+        as_stated: The user insists: the finding is a remark.
+        most: Share of the rows above which the data are refused.
+
+    Returns:
+        Remarks for the report.
+
     Raises:
-        InputError: More than :data:`MOST_NEGATIVE` of the rows, and the user does not insist.
+        InputError: More rows than ``most``, and the user does not insist.
     """
     bad = impossible(chain, pulls, R_base_tracker)
     count, n = int(np.sum(bad)), len(pulls)
@@ -104,7 +118,7 @@ def check_work(chain: ElasticChain, pulls: Pulls, R_base_tracker: Float | None, 
         return ()
     rows = np.flatnonzero(bad)
     lines = ", ".join(str(int(pulls.line[i])) for i in rows[:8]) + (" ..." if count > 8 else "")
-    if count > MOST_NEGATIVE * n and not as_stated:
+    if count > most * n and not as_stated:
         first = int(rows[0])
         raise InputError(
             f"{count} of {n} displacements point against their loads: negative work, which no passive arm does",

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.units import MM, UM
+from counterflex.core.units import MM, UM, UM_PER_KN
 from counterflex.identify.fit import Fit
 from counterflex.identify.holdout import HeldOut
 from counterflex.identify.pull_blocks import Layout
@@ -132,8 +132,11 @@ def _determined(plan: Layout, fit: Fit, held: HeldOut) -> list[str]:
         value = max(float(fit.values[k]), 1e-300)
         spread = _between_folds(held, k)
         relative = float(fit.sigma[k]) / value
-        text = f"{item.name} ({100.0 * min(relative, 9.99):.0f} %"
-        text += f", {100.0 * min(spread, 9.99):.0f} % between folds)" if np.isfinite(spread) else ")"
+        text = f"{item.name} ({100.0 * relative:.0f} %"
+        text += f", {100.0 * spread:.0f} % between folds)" if np.isfinite(spread) else ")"
+        if relative > 1.0:
+            most, unit = fit.values[k] + 2.0 * fit.sigma[k], "um/kN" if item.unit == "m/N" else "urad/kNm"
+            text = f"{item.name} (at most {most / UM_PER_KN:.3g} {unit})"
         if fit.seen[k] == "prior":
             unseen.append(item.name)
         elif max(relative, spread if np.isfinite(spread) else 0.0) <= WELL and fit.seen[k] == "determined":

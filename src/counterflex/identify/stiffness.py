@@ -75,10 +75,11 @@ def identify(
         pull_checks.check_plain(d)
     everything = [_read(chain, d, tracker) for d in [*data, *holdout]]
     plan = layout(chain, springs(chain, options), everything, _turn(tracker), bearing_m=bearing_of(options))
-    for d in [*data, *holdout]:
+    for d, p in zip([*data, *holdout], everything, strict=True):
+        pull_checks.check_work(chain, p, _axes(tracker), as_stated=stated, most=pull_checks.ALL_BUT)
         said += check_reading(d, pull_checks.readings(chain, d), _score(chain, plan, tracker), as_stated=stated)
-        said += pull_checks.check_work(chain, _read(chain, d, tracker), _axes(tracker), as_stated=stated)
-    pulls, unseen = ([_read(chain, d, tracker) for d in some] for some in (data, holdout))
+        said += pull_checks.check_work(chain, p, _axes(tracker), as_stated=stated)
+    pulls, unseen = everything[: len(data)], everything[len(data) :]
     fit, blocks = settle(chain, plan, pulls, [block(chain, plan, p, _axes(tracker)) for p in pulls], progress)
     found = regions.search(chain, plan, pulls, blocks, fit, progress) if options["regions"] else None
     parameters = plan.parameters
