@@ -38,6 +38,8 @@ SETTINGS: Final[Mapping[str, float | int | str | bool]] = {
 the element ``sensor`` known from its data sheet where the cell has one of that name); ``folds``; ``as_stated``; and
 those of :mod:`counterflex.identify.cube_proposal`."""
 
+_TRIED: Final = 30  # rows that other readings of the data are tried on
+
 
 def identify(
     cell: CellModel,
@@ -70,7 +72,7 @@ def identify(
     said: list[str] = []
     for d in [*data, *holdout]:
         pull_checks.check_plain(d)
-        said += check_reading(d, _readings(d), _score(chain, plan), as_stated=bool(options["as_stated"]))
+        said += check_reading(d, _readings(d), _score(chain, plan), as_stated=bool(options["as_stated"]), rows=_TRIED)
     blocks = [block(chain, plan, m) for m in motions]
     fit = solve(plan.parameters, blocks, progress=progress)
     if unseen:
@@ -151,7 +153,7 @@ def _readings(data: Dataset) -> Any:
         *sign_mistakes(data, load, single=False),
         *unit_mistakes(data, load),
         *swapped_columns(data, load),
-        *sign_mistakes(data, moved),
+        *sign_mistakes(data, moved, single=False),
         *unit_mistakes(data, moved),
         *swapped_columns(data, moved),
         *unit_mistakes(data, "q"),
