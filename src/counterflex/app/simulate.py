@@ -131,14 +131,19 @@ def run(
             "seconds": round(time.perf_counter() - begin, 3),
             "counterflex": __version__,
         }
-        atomic.write_bytes(staging / PROGRAM, _source(program))
-        atomic.write_bytes(staging / ORIGINAL, _source(reference))
-        _keep_cell(cell, staging)
+        keep_inputs(cell, program, reference, staging)
         write_truth(staging / TRUTH, truth)
         write_run(staging / RUN, record, {key: summary[key] for key in ("program", "cell", "seed", "counterflex")})
         record.stock.save(staging / SURFACE)
         write_summary(staging / SUMMARY, summary)
     return summary
+
+
+def keep_inputs(cell: Cell, program: str | Path, original: str | Path, folder: Path) -> None:
+    """Copy the program, the one it stands for and the cell file into a run folder."""
+    atomic.write_bytes(folder / PROGRAM, _source(program))
+    atomic.write_bytes(folder / ORIGINAL, _source(original))
+    _keep_cell(cell, folder)
 
 
 def _keep_cell(cell: Cell, folder: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, NoReturn
 import typer
 
 from counterflex import __version__
-from counterflex.cli import campaign, dataset, demo, identify, program, prove, question, twin
+from counterflex.cli import campaign, dataset, demo, identify, online, program, prove, question, twin
 from counterflex.cli.interrupt import interruptible
 from counterflex.core.errors import CounterflexError
 
@@ -40,6 +40,7 @@ dataset.register(app)
 identify.register(app)
 twin.register(app)
 campaign.register(app)
+online.register(app)
 demo.register(app)
 
 

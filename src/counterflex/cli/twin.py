@@ -7,21 +7,23 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli.online import register_twin
 from counterflex.cli.output import keep_inputs, progress_bar
 from counterflex.cli.program import CellFile, Out
 
-_twin = typer.Typer(no_args_is_help=True, help="Measure on the simulated cell.")
+_twin = typer.Typer(no_args_is_help=True, help="The simulated cell: measure on it, or run it behind its protocols.")
 
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
     _twin.command("measure")(measure)
+    register_twin(_twin)
     _twin.callback()(_group)
     app.add_typer(_twin, name="twin")
 
 
 def _group() -> None:
-    """Measure on the simulated cell."""
+    """The simulated cell: measure on it, or run it behind its protocols."""
 
 
 def measure(

@@ -67,6 +67,8 @@ class Cause(IntEnum):
     CLOCK = 24
     FOREIGN_PEER = 25
     INTERNAL = 26
+    FORCE_OFFSET = 27
+    """The sensor shows a force without a cut: wrong load or zero."""
 
 
 # Inputs of a cycle.

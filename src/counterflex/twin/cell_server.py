@@ -97,6 +97,7 @@ class CellServer:
         instruments: Or None.
         realtime: Keep real time; else lockstep.
         patience_s: Lockstep: how long an answer may take.
+        waiting_s: How long it waits for the sensor program to be there, as a robot program does before RSI_ON.
         gate_cycles: Cycles for which the program waits after the session began, so that everything can settle; the
             robot program enables the correction at their end.
 
@@ -114,12 +115,14 @@ class CellServer:
         *,
         realtime: bool = False,
         patience_s: float = 5.0,
+        waiting_s: float = 60.0,
         gate_cycles: int = 150,
     ) -> None:
         if abs(rsi.context.cycle_s - cell.period_s) > 1e-9:
             raise InputError("cycle of RSI and of the cell", value=rsi.context.cycle_s, limit=cell.period_s)
         self.cell, self.rsi, self.peer, self.instruments = cell, rsi, peer, instruments
         self.realtime, self.patience_s, self.gate_cycles = realtime, patience_s, gate_cycles
+        self.waiting_s = waiting_s
         self.cycles = 0
         self.stop_reason = ""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -143,6 +146,9 @@ class CellServer:
         Returns:
             :attr:`stop_reason`.
         """
+        if not self._wait_for_peer():
+            self.stop_reason = "no sensor program"
+            return self.stop_reason
         rest = after
         total = len(self.cell.reference.time_s)
         self._due = time.perf_counter()
@@ -168,6 +174,25 @@ class CellServer:
                     return self.stop_reason
         self.stop_reason = "cycles"
         return self.stop_reason
+
+    def _wait_for_peer(self) -> bool:
+        """Repeat the first telegram until somebody answers; nothing moves, nothing is counted."""
+        end = time.perf_counter() + self.waiting_s
+        nothing = np.zeros(6)
+        report = self.cell.advance(nothing)
+        first = self.rsi.telegram(report)
+        self._socket.settimeout(0.1)
+        while time.perf_counter() < end:
+            if self.instruments is not None and self.instruments.netft is not None:
+                self.instruments.netft.poll()
+            with contextlib.suppress(ConnectionError):
+                self._socket.sendto(first, self.peer)
+            try:
+                self._socket.recv(65536)
+            except (TimeoutError, ConnectionError):
+                continue
+            return True
+        return False
 
     def exchange(self, telegram: bytes) -> None:
         """Send a telegram and take what comes until the cycle is over."""

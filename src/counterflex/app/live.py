@@ -1,0 +1,163 @@
+"""The simulated cell on real sockets, started by itself: controller with RSI, force sensor, tracker."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from counterflex import __version__
+from counterflex.app import simulate
+from counterflex.app.inputs import read_job
+from counterflex.core import atomic
+from counterflex.core.progress import Progress, silent
+from counterflex.files.cell import read_cell
+from counterflex.files.run_file import write_run
+from counterflex.files.summary_file import write_summary
+from counterflex.twin.cell_server import CellServer, Instruments
+from counterflex.twin.fake_rsi import FakeRsi, RsiContext
+from counterflex.twin.force_sensor import force_sensor
+from counterflex.twin.laboratory import laboratory
+from counterflex.twin.live_cell import LiveCell
+from counterflex.twin.netft_server import NetftServer
+from counterflex.twin.path_answer import PathAnswer
+from counterflex.twin.truth_file import read_truth, write_truth
+from counterflex.wire.rsi_config import read_config
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """What the simulated cell is started with.
+
+    Attributes:
+        program: G-code that its robot runs.
+        cell: Cell file: what its controller believes.
+        truth: Truth file: how it really is.
+        rsi: ETHERNET configuration; telegrams go to its IP_NUMBER and PORT.
+        original: The uncompensated program, to judge a compensated one; None is the program itself.
+        peer: Where telegrams go instead, or None.
+        netft_port: UDP port of the force sensor; 0 takes a free one, None leaves it out.
+        netft_http_port: Of its scaling document.
+        tracker_peer: Where tracker datagrams go, or None.
+        seed: Of the instruments.
+        realtime: Keep real time; else lockstep.
+        gate_s: How long the robot program waits before it starts.
+        context: Settings of RSI on the controller.
+        answer: How the controller answers corrections.
+        hose_share: Size of the hose pack's pull on the sensor; 0 leaves it out.
+    """
+
+    program: Path
+    cell: Path
+    truth: Path
+    rsi: Path
+    original: Path | None = None
+    peer: tuple[str, int] | None = None
+    netft_port: int | None = 0
+    netft_http_port: int = 0
+    tracker_peer: tuple[str, int] | None = None
+    seed: int = 0
+    realtime: bool = False
+    gate_s: float = 0.8
+    context: RsiContext = field(default_factory=lambda: RsiContext(timeout=100))
+    answer: PathAnswer = field(default_factory=PathAnswer)
+    hose_share: float = 0.0
+
+
+@dataclass(frozen=True)
+class Addresses:
+    """Where a started cell can be reached: UDP and HTTP address of its force sensor, or None."""
+
+    netft: tuple[str, int] | None
+    netft_http: tuple[str, int] | None
+
+
+def run(
+    settings: LiveSettings,
+    out: str | Path,
+    *,
+    started: Callable[[Addresses], None] = lambda _: None,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Run the cell until its program has ended or its controller has stopped.
+
+    Writes what ``simulate`` writes, so that ``evaluate`` and ``report`` judge the part.
+
+    Args:
+        settings: See :class:`LiveSettings`.
+        out: Folder.
+        started: Told the addresses before the first telegram is sent.
+        progress: Told the fraction done.
+
+    Returns:
+        The summary.
+    """
+    cell, truth = read_cell(settings.cell), read_truth(settings.truth)
+    simulate.check_same_cell(cell, truth, str(settings.truth))
+    job = read_job(settings.program, cell)
+    reference = settings.original if settings.original is not None else settings.program
+    if settings.original is not None:
+        read_job(reference, cell)
+    config = read_config(settings.rsi)
+    live = LiveCell(
+        job.machined,
+        truth=truth,
+        controller=simulate.controller(cell),
+        stock=cell.stock(),
+        cutter=cell.cutter(simulate.tool_of(job.path)),
+        datum_points_part=cell.datum_points_part if cell.tables.part.measured_with == "robot" else None,
+        answer=settings.answer,
+    )
+    live.skip_to_contact()
+    laboratory_ = laboratory(settings.seed)
+    netft = None
+    if settings.netft_port is not None:
+        netft = NetftServer(port=settings.netft_port, http_port=settings.netft_http_port)
+    table = cell.tables.sensor
+    sensor = force_sensor(
+        truth,
+        settings.seed,
+        None if table is None else table.segment,
+        None if table is None else table.matrix(),
+        hose_share=settings.hose_share,
+    )
+    instruments = Instruments(laboratory_, sensor, netft, settings.tracker_peer)
+    rsi = FakeRsi(config, settings.context)
+    peer = settings.peer if settings.peer is not None else (config.host, config.port)
+    server = CellServer(
+        live,
+        rsi,
+        peer,
+        instruments,
+        realtime=settings.realtime,
+        gate_cycles=round(settings.gate_s / settings.context.cycle_s),
+    )
+    begin = time.perf_counter()
+    try:
+        with atomic.atomic_folder(out) as staging:
+            started(Addresses(netft.address if netft else None, netft.http_address if netft else None))
+            why = server.run(progress=progress)
+            record = live.record()
+            summary = {
+                "job": "simulate",
+                "program": settings.program.name,
+                "original": Path(reference).name,
+                "cell": cell.name,
+                "truth": truth.name,
+                "seed": truth.seed,
+                "machining": simulate.figures(record),
+                "online": {"cycles": server.cycles, "late_answers": rsi.late, "ended": why},
+                "seconds": round(time.perf_counter() - begin, 3),
+                "counterflex": __version__,
+            }
+            simulate.keep_inputs(cell, settings.program, reference, staging)
+            write_truth(staging / simulate.TRUTH, truth)
+            about = {key: summary[key] for key in ("program", "cell", "seed", "counterflex")}
+            write_run(staging / simulate.RUN, record, about)
+            record.stock.save(staging / simulate.SURFACE)
+            write_summary(staging / simulate.SUMMARY, summary)
+    finally:
+        server.close()
+    return summary

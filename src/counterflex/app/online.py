@@ -1,0 +1,355 @@
+"""Correct while milling: the loop of a cell built from its files, run beside a recorder in another process."""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell_online import OnlineTable
+from counterflex.files.cell_sensing import flange_sensor
+from counterflex.files.plan_file import read_plan
+from counterflex.files.run_log import RunLog
+from counterflex.geometry import pose
+from counterflex.links.netft_link import NetftLink, fetch_scaling
+from counterflex.links.realtime import prepare
+from counterflex.links.rsi_link import RsiLink
+from counterflex.links.session import REQUESTS, OnlineSession, Request, SessionChecks, tracker_frames
+from counterflex.links.tracker_link import TrackerLink
+from counterflex.plan.plan import Plan
+from counterflex.robot.chain import ElasticChain
+from counterflex.runtime.layout import O_CAUSE, O_SOFT, O_STATE
+from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.record_ring import OUTCOME, RESULTS, RecordRing
+from counterflex.runtime.sensor_wrench import SensorWrench
+from counterflex.runtime.supervisor import Cause, State
+from counterflex.wire.rsi_config import read_config
+
+_QUIET_S = 2.0
+_POLL_S = 0.02
+
+
+def loop_plan(plan: Plan, *, compensated: bool) -> LoopPlan:
+    """What the loop needs of a plan.
+
+    Args:
+        plan: Of the program.
+        compensated: The robot runs the compensated program, so that its points contain the plan's correction.
+    """
+    contained = np.concatenate([plan.correction_part, plan.rotvec_part], axis=1)
+    if not compensated:
+        contained = np.zeros_like(contained)
+    return LoopPlan(
+        p_part=plan.path.p_part_tcp + contained[:, :3],
+        time_s=plan.path.time_s,
+        w_tcp_part=plan.w_tcp_part,
+        cutting=plan.cutting.astype(np.float64),
+        contained=contained,
+    )
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """What a run is made of.
+
+    Attributes:
+        cell: Cell file with an ``[online]`` table.
+        rsi: ETHERNET configuration file of the controller.
+        plan: Plan file, or None.
+        compensated: The robot runs the compensated program.
+        host: Address to listen on.
+        port: Of RSI; None takes the configuration's.
+        force: Host and UDP port of the force sensor, or None.
+        force_http_port: Of its scaling document.
+        tracker_port: Port for tracker datagrams, or None.
+        arm: Arm as soon as all checks are passed; else only watch.
+        quiet_s: End when no telegram has come for so long, after the first.
+    """
+
+    cell: Path
+    rsi: Path
+    plan: Path | None = None
+    compensated: bool = True
+    host: str = "127.0.0.1"
+    port: int | None = None
+    force: tuple[str, int] | None = None
+    force_http_port: int = 80
+    tracker_port: int | None = None
+    arm: bool = False
+    quiet_s: float = _QUIET_S
+
+
+def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop:
+    """The loop of a cell.
+
+    Raises:
+        FileFormatError: The cell has no ``[online]`` table.
+        InputError: Its values contradict each other, or need a plan.
+    """
+    table = cell.tables.online
+    if table is None:
+        raise FileFormatError(
+            "the cell file does not say how to correct online",
+            where=str(cell.path),
+            hint='Add a table [online], for example with force = "pilot"',
+        )
+    settings = table.settings(cell.tables.timing, compensated=compensated)
+    return Loop(cell.chain, settings, cell.T_base_part, plan)
+
+
+def open_session(settings: RunSettings, *, ring: RecordRing | None = None, control: Int | None = None) -> OnlineSession:
+    """Read the files, build the loop and open the links.
+
+    Raises:
+        FileFormatError: A file cannot be used.
+        InputError: What the cell wants to use is not given.
+        OutputError: A port or the sensor cannot be reached.
+    """
+    cell = read_cell(settings.cell)
+    config = read_config(settings.rsi)
+    plan = None if settings.plan is None else loop_plan(read_plan(settings.plan)[0], compensated=settings.compensated)
+    loop = online_loop(cell, plan, compensated=settings.compensated and plan is not None)
+    table = cell.tables.online or OnlineTable()
+    sensor = flange_sensor(cell.tables.sensor, cell.chain)
+    if table.force != "none" and (settings.force is None or sensor is None):
+        raise InputError(
+            "the force is to be corrected from, but there is no force sensor",
+            where=str(settings.cell),
+            value=f'force = "{table.force}"',
+            hint='Give --force HOST:PORT and a table [sensor], or set force = "none"',
+        )
+    if table.tracker != "none" and (settings.tracker_port is None or cell.tables.tracker is None):
+        raise InputError(
+            "the tracker is to be corrected from, but there is none",
+            where=str(settings.cell),
+            value=f'tracker = "{table.tracker}"',
+            hint='Give --tracker PORT and a table [tracker], or set tracker = "none"',
+        )
+    link = RsiLink(config, host=settings.host, port=settings.port, period_s=loop.settings.period_s)
+    force = tracker = None
+    wrench = None
+    frames: tuple[Float | None, Float | None] = (None, None)
+    if settings.force is not None and sensor is not None:
+        force = NetftLink(settings.force, fetch_scaling(settings.force[0], settings.force_http_port))
+        force.start()
+        wrench = SensorWrench(cell.chain, sensor, cell.T_base_part)
+    if settings.tracker_port is not None and cell.tables.tracker is not None:
+        tracker = TrackerLink(settings.host, settings.tracker_port)
+        frames = tracker_frames(cell.T_base_part, cell.tables.tracker.T_base_tracker, _tcp_target(cell, cell.chain))
+    return OnlineSession(
+        link,
+        loop,
+        force=force,
+        wrench=wrench,
+        tracker=tracker,
+        T_part_tracker=frames[0],
+        T_target_tcp=frames[1],
+        ring=ring,
+        control=control,
+        checks=SessionChecks(),
+    )
+
+
+def _tcp_target(cell: Cell, chain: ElasticChain) -> Float:
+    """``T_tcp_target`` of the tracker table, whichever frame it names."""
+    table = cell.tables.tracker
+    if table is None:
+        raise InputError("the cell has no tracker", where=str(cell.path))
+    if table.target_on == "tcp":
+        return table.T_on_target
+    out: Float = pose.inverse(chain.T_flange_tcp) @ table.T_on_target
+    return out
+
+
+@dataclass(frozen=True)
+class Status:
+    """What a run looks like from outside, now and then.
+
+    Attributes:
+        state: Of the supervisor.
+        cause: Why.
+        cycles: Answered.
+        correction_um: (3,) of the tool, part axes.
+        compute_us: Median time of a cycle since the last status.
+        log_trouble: Why the log cannot be written, or empty.
+    """
+
+    state: State
+    cause: Cause
+    cycles: int
+    correction_um: tuple[float, float, float]
+    compute_us: float
+    log_trouble: str
+
+
+def run(
+    settings: RunSettings,
+    out: str | Path,
+    *,
+    watch: Callable[[Status], None] = lambda _: None,
+    most_s: float | None = None,
+    started: Callable[[tuple[str, int]], None] = lambda _: None,
+) -> dict[str, Any]:
+    """Run the loop in a process of its own and record it from this one.
+
+    Args:
+        settings: See :class:`RunSettings`.
+        out: Folder of the run log.
+        watch: Told the status twice a second.
+        most_s: End after so long; None goes on until the telegrams stop.
+        started: Told the address at which telegrams are expected, once.
+
+    Returns:
+        Summary: cycles, times, states, losses.
+
+    Raises:
+        CounterflexError: As :func:`open_session`, and when the log cannot be begun.
+    """
+    context = multiprocessing.get_context("spawn")
+    control = context.Array("q", REQUESTS, lock=False)
+    parent, child = context.Pipe()
+    ring = RecordRing()
+    log: RunLog | None = None
+    try:
+        log = RunLog(out, _about(settings))
+        process = context.Process(target=_loop_process, args=(settings, ring.name, control, child), daemon=True)
+        process.start()
+        said = parent.recv()
+        if isinstance(said, BaseException):
+            raise said
+        started(said)
+        if settings.arm:
+            control[Request.ARM] = 1
+        return _record(ring, log, process, control, watch, most_s)
+    finally:
+        control[Request.END] = 1
+        if log is not None:
+            log.close()
+        ring.close()
+
+
+def _record(
+    ring: RecordRing,
+    log: RunLog,
+    process: BaseProcess,
+    control: Any,
+    watch: Callable[[Status], None],
+    most_s: float | None,
+) -> dict[str, Any]:
+    reader = RecordRing(ring.name)
+    reader.rewind()
+    begin = time.monotonic()
+    shown = begin
+    times: list[Float] = []
+    states: dict[str, int] = {}
+    cycles, worst, faults = 0, 0.0, set()
+    recent: list[Float] = []
+    try:
+        while True:
+            alive = process.is_alive()
+            rows = reader.take()
+            if len(rows):
+                log.add(rows)
+                compute = (rows[:, 2] - rows[:, 1]) * 1e-3
+                times.append(compute[rows[:, 3] > 0])
+                recent.append(rows)
+                cycles += int(np.sum(rows[:, 3] > 0))
+                worst = max(worst, float(np.max(np.linalg.norm(rows[:, RESULTS : RESULTS + 3], axis=1))))
+                for value, count in zip(*np.unique(rows[:, OUTCOME + O_STATE], return_counts=True), strict=True):
+                    name = State(int(value)).name.lower()
+                    states[name] = states.get(name, 0) + int(count)
+                for column in (O_CAUSE, O_SOFT):
+                    faults |= {Cause(int(c)).name.lower() for c in np.unique(rows[:, OUTCOME + column]) if c}
+            now = time.monotonic()
+            if now - shown > 0.5 and recent:
+                last = recent[-1][-1]
+                tail = np.concatenate([(r[:, 2] - r[:, 1]) * 1e-3 for r in recent])
+                watch(
+                    Status(
+                        State(int(last[OUTCOME + O_STATE])),
+                        Cause(int(last[OUTCOME + O_CAUSE]) or int(last[OUTCOME + O_SOFT])),
+                        cycles,
+                        tuple(float(v) * 1e6 for v in last[RESULTS : RESULTS + 3]),  # type: ignore[arg-type]
+                        float(np.median(tail)),
+                        log.trouble,
+                    )
+                )
+                shown, recent = now, []
+            if not alive:
+                break
+            if most_s is not None and now - begin > most_s:
+                control[Request.END] = 1
+            time.sleep(_POLL_S)
+        log.add(reader.take())
+    finally:
+        reader.close()
+    compute_us = np.concatenate(times) if times else np.zeros(1)
+    return {
+        "cycles": cycles,
+        "seconds": round(time.monotonic() - begin, 2),
+        "states": states,
+        "causes": sorted(faults),
+        "largest_correction_um": round(worst * 1e6, 1),
+        "compute_us": {
+            "p50": round(float(np.percentile(compute_us, 50)), 1),
+            "p99": round(float(np.percentile(compute_us, 99)), 1),
+            "max": round(float(np.max(compute_us)), 1),
+        },
+        "records": log.written,
+        "records_lost": log.lost + reader.dropped,
+        "counterflex": __version__,
+    }
+
+
+def _about(settings: RunSettings) -> dict[str, Any]:
+    files = {"cell": settings.cell, "rsi": settings.rsi, "plan": settings.plan}
+    hashes = {
+        name: hashlib.sha256(Path(p).read_bytes()).hexdigest() for name, p in files.items() if p and Path(p).is_file()
+    }
+    return {
+        "counterflex": __version__,
+        "files": {name: str(p) for name, p in files.items() if p},
+        "sha256": hashes,
+        "compensated": settings.compensated,
+        "wall_minus_monotonic_ns": time.time_ns() - time.monotonic_ns(),
+    }
+
+
+def _loop_process(settings: RunSettings, ring_name: str, control: Any, pipe: Any) -> None:
+    """The loop's own process."""
+    try:
+        ring = RecordRing(ring_name)
+        shared: Int = np.frombuffer(control, dtype=np.int64)
+        session = open_session(settings, ring=ring, control=shared)
+        session.loop.run()
+        session.loop.reset()
+        prepare()
+    except BaseException as fault:
+        pipe.send(fault)
+        return
+    pipe.send(session.link.address)
+    period = session.loop.settings.period_s
+    quiet = 0.0
+    while not shared[Request.END]:
+        if session.cycles == 0:
+            session.cycle(0.1)
+            continue
+        came = session.cycle(3.0 * period)
+        quiet = 0.0 if came else quiet + 3.0 * period
+        if quiet > settings.quiet_s:
+            break
+    session.link.close()
+    if session.force is not None:
+        session.force.close()
+    ring.close()

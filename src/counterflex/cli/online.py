@@ -1,0 +1,178 @@
+"""Commands that correct while milling: run, and the simulated cell to run against."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.cli.program import CellFile, Out, Program
+from counterflex.core.errors import InputError
+
+Rsi = Annotated[
+    Path, typer.Option("--rsi", help="ETHERNET configuration file of the RSI context (.xml).", metavar="FILE")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    app.command()(run)
+
+
+def register_twin(twin: typer.Typer) -> None:
+    """Add the commands of the simulated cell."""
+    twin.command("cell")(cell)
+
+
+def address(text: str, option: str) -> tuple[str, int]:
+    """Host and port of ``HOST:PORT``.
+
+    Raises:
+        InputError: It is none.
+    """
+    host, colon, port = text.rpartition(":")
+    if not colon or not host or not port.isascii() or not port.isdigit() or not 0 <= int(port) <= 65535:
+        raise InputError(f"{option} is no address", value=text, limit="HOST:PORT, for example 192.168.1.1:49152")
+    return host, int(port)
+
+
+def run(
+    cell: CellFile,
+    rsi: Rsi,
+    out: Out,
+    plan: Annotated[
+        Path | None, typer.Option("--plan", help="Plan file of the program (.parquet).", metavar="PLAN")
+    ] = None,
+    original: Annotated[
+        bool, typer.Option("--original", help="The robot runs the original program, not the compensated one.")
+    ] = False,
+    force: Annotated[str | None, typer.Option("--force", help="Force sensor (Net F/T).", metavar="HOST:PORT")] = None,
+    force_http: Annotated[int, typer.Option("--force-http", help="Port of its scaling document.", min=1)] = 80,
+    tracker: Annotated[
+        int | None, typer.Option("--tracker", help="UDP port for tracker datagrams.", min=0, max=65535)
+    ] = None,
+    listen: Annotated[str, typer.Option("--listen", help="Address to listen on; only this computer unless told.")] = (
+        "127.0.0.1"
+    ),
+    arm: Annotated[
+        bool, typer.Option("--arm", help="Arm when all checks are passed. Without it the loop only watches.")
+    ] = False,
+    seconds: Annotated[
+        float | None, typer.Option("--seconds", help="End after so long; else when the telegrams stop.", min=0.1)
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Correct while milling: answer the robot's telegrams from force, plan and tracker, and log every cycle.
+
+    Without --arm every answer is zero: watch first. The log goes to DIR as run-000.mcap, run-001.mcap, ...
+
+    Example: `counterflex run --cell cell.toml --rsi rsi.xml --plan plan.parquet --force 192.168.1.1:49152 --out log`
+    """
+    from counterflex.app import online as job
+
+    keep_inputs(out, cell, rsi, *([] if plan is None else [plan]))
+    settings = job.RunSettings(
+        cell=cell,
+        rsi=rsi,
+        plan=plan,
+        compensated=not original,
+        host=listen,
+        force=None if force is None else address(force, "--force"),
+        force_http_port=force_http,
+        tracker_port=tracker,
+        arm=arm,
+    )
+
+    def watch(status: job.Status) -> None:
+        x, y, z = status.correction_um
+        cause = f" ({status.cause.name.lower().replace('_', ' ')})" if status.cause else ""
+        trouble = f"  LOG LOST: {status.log_trouble}" if status.log_trouble else ""
+        typer.echo(
+            f"{status.state.name.lower():9s}{cause} {status.cycles:7d} cycles  "
+            f"correction {x:+6.0f} {y:+6.0f} {z:+6.0f} um  {status.compute_us:4.0f} us{trouble}",
+            err=True,
+        )
+
+    def started(where: tuple[str, int]) -> None:
+        typer.echo(f"waiting for the robot at {where[0]}:{where[1]}", err=True)
+
+    summary = job.run(settings, out, watch=watch, most_s=seconds, started=started)
+    if as_json:
+        print_json(summary)
+        return
+    print_table(
+        "Online run",
+        ["cycles", "seconds", "largest correction um", "compute p50 us", "p99 us", "records lost"],
+        [
+            [
+                f"{summary[key]:g}" if not isinstance(summary[key], dict) else ""
+                for key in ("cycles", "seconds", "largest_correction_um")
+            ]
+            + [f"{summary['compute_us'][key]:g}" for key in ("p50", "p99")]
+            + [f"{summary['records_lost']}"]
+        ],
+    )
+    typer.echo("states: " + ", ".join(f"{name} {count}" for name, count in summary["states"].items()))
+    if summary["causes"]:
+        typer.echo("causes: " + ", ".join(name.replace("_", " ") for name in summary["causes"]))
+    typer.echo(f"wrote {out}")
+
+
+def cell(
+    program: Program,
+    cell: CellFile,
+    rsi: Rsi,
+    truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH")],
+    out: Out,
+    original: Annotated[
+        Path | None,
+        typer.Option("--original", help="The uncompensated program, to judge a compensated one.", metavar="PROGRAM"),
+    ] = None,
+    peer: Annotated[
+        str | None, typer.Option("--peer", help="Where telegrams go, instead of RSI's own.", metavar="HOST:PORT")
+    ] = None,
+    force_port: Annotated[int, typer.Option("--force-port", help="UDP port of the force sensor; 0: a free one.")] = 0,
+    force_http: Annotated[int, typer.Option("--force-http", help="Port of its scaling document; 0: a free one.")] = 0,
+    tracker: Annotated[
+        str | None, typer.Option("--tracker", help="Send tracker datagrams there.", metavar="HOST:PORT")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Of the instruments.", min=0)] = 0,
+    realtime: Annotated[
+        bool, typer.Option("--realtime", help="Keep real time; else wait for every answer, as fast as both can.")
+    ] = False,
+) -> None:
+    """Run a program on the simulated cell behind its real protocols: KUKA RSI, Net F/T, tracker datagrams.
+
+    It begins to send at once: start `counterflex run` first. Writes into DIR what `simulate` writes.
+
+    Example: `counterflex twin cell part.ngc --cell cell.toml --truth truth.toml --rsi rsi.xml --out part`
+    """
+    from counterflex.app import live as job
+
+    keep_inputs(out, program, cell, truth, rsi)
+    settings = job.LiveSettings(
+        program=program,
+        cell=cell,
+        truth=truth,
+        rsi=rsi,
+        original=original,
+        peer=None if peer is None else address(peer, "--peer"),
+        netft_port=force_port,
+        netft_http_port=force_http,
+        tracker_peer=None if tracker is None else address(tracker, "--tracker"),
+        seed=seed,
+        realtime=realtime,
+    )
+
+    def started(where: job.Addresses) -> None:
+        if where.netft and where.netft_http:
+            typer.echo(
+                f"force sensor at {where.netft[0]}:{where.netft[1]}, scaling at port {where.netft_http[1]}", err=True
+            )
+
+    with progress_bar(f"milling {program.name}") as progress:
+        summary = job.run(settings, out, started=started, progress=progress)
+    found = summary["online"]
+    typer.echo(f"{found['ended']} after {found['cycles']} telegrams, {found['late_answers']} late; wrote {out}")

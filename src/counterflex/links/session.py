@@ -1,0 +1,266 @@
+"""One online session: telegram in, sensors drained, step, answer out, record handed over. One cycle is one call.
+
+Order, fixed: drain to the newest, validate, sensors, step, answer, record. What is slow or can fail (files, logging,
+printing) is done by other processes.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.geometry import pose
+from counterflex.links.netft_link import NetftLink
+from counterflex.links.rsi_link import RsiLink
+from counterflex.links.tracker_link import TrackerLink
+from counterflex.runtime import layout as at
+from counterflex.runtime import record_ring as record
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.record_ring import RecordRing
+from counterflex.runtime.sensor_wrench import SensorWrench
+from counterflex.runtime.settings import ForceMode, Output, TrackerMode
+from counterflex.runtime.supervisor import Cause, State
+
+_WINDOW = 125
+"""Cycles over which scattered losses are counted: 500 ms."""
+_MOST_LOST = 0.10
+_MALFORMED_HOLD, _MALFORMED_FAULT = 3, 10
+_TARE_CYCLES = 50
+_FORGET_CYCLES = 10_000
+
+
+class Request(IntEnum):
+    """What the operator's side can ask for: places of the control array."""
+
+    ARM = 0
+    STOP = 1
+    RESET = 2
+    END = 3
+
+
+REQUESTS = len(Request)
+
+
+@dataclass(frozen=True)
+class SessionChecks:
+    """What must hold before the correction may be armed.
+
+    Attributes:
+        settle_cycles: Good telegrams in a row.
+        force_n: Largest force that the sensor may show after its weight is taken off, without a cut (R17).
+        moment_nm: Largest moment.
+        tare: Take what then remains as zero, over 0.2 s.
+    """
+
+    settle_cycles: int = 60
+    force_n: float = 15.0
+    moment_nm: float = 5.0
+    tare: bool = True
+
+
+class OnlineSession:
+    """Ties links, sensors and loop together.
+
+    Args:
+        link: The robot.
+        loop: The step.
+        force: Force sensor, or None.
+        wrench: Its reading as process wrench; needed with ``force``.
+        tracker: Tracker, or None.
+        T_part_tracker: (4, 4) tracker in the part frame; needed with ``tracker``.
+        T_target_tcp: (4, 4) tool tip in the tracker's target; needed with ``tracker``.
+        ring: Where records go, or None.
+        control: (4,) of :class:`Request`, written by the operator's side, or None.
+        checks: See :class:`SessionChecks`.
+
+    Attributes:
+        cycles: Telegrams answered or passed over in silence.
+        compute_ns: Time of the last cycle from the return of the receive call to the return of the send call.
+    """
+
+    def __init__(
+        self,
+        link: RsiLink,
+        loop: Loop,
+        *,
+        force: NetftLink | None = None,
+        wrench: SensorWrench | None = None,
+        tracker: TrackerLink | None = None,
+        T_part_tracker: Float | None = None,
+        T_target_tcp: Float | None = None,
+        ring: RecordRing | None = None,
+        control: Int | None = None,
+        checks: SessionChecks | None = None,
+    ) -> None:
+        self.link, self.loop, self.force, self.tracker, self.ring = link, loop, force, tracker, ring
+        self._wrench = wrench
+        self._T_part_tracker = np.eye(4) if T_part_tracker is None else np.ascontiguousarray(T_part_tracker)
+        self._T_target_tcp = np.eye(4) if T_target_tcp is None else np.ascontiguousarray(T_target_tcp)
+        self.control: Int = np.zeros(REQUESTS, dtype=np.int64) if control is None else control
+        self._checks = checks if checks is not None else SessionChecks()
+        self._axes = loop.settings.output == Output.AXES
+        self._needs_force = loop.settings.force in (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.SCALE)
+        self._needs_tracker = loop.settings.tracker != TrackerMode.NONE
+        self._force_age = self._tracker_age = _FORGET_CYCLES
+        self._good = 0
+        self._zero: Float = np.zeros(6)
+        self._sum: Float = np.zeros(6)
+        self._tared = 0
+        self._lost: Float = np.zeros(_WINDOW)
+        self._place = 0
+        self._malformed = 0
+        self._healthy_force = False
+        self._time_zero = time.monotonic()
+        self.cycles = 0
+        self.compute_ns = 0
+
+    def cycle(self, timeout_s: float) -> bool:
+        """Wait for a telegram and deal with it.
+
+        Args:
+            timeout_s: Longest wait.
+
+        Returns:
+            False where none came: the loop has then done a cycle without one, and nothing was sent.
+        """
+        link, loop = self.link, self.loop
+        came = link.wait(timeout_s)
+        received = time.monotonic_ns()
+        given, flags = loop.given, loop.flags
+        soft, hard = int(Cause.NONE), int(Cause.NONE)
+        if came and link.restarted:
+            hard = int(Cause.SESSION_RESTARTED)
+        if came and link.empty:
+            link.answer(np.zeros(6))
+            return True
+        if came:
+            link.fill(given)
+        soft, hard = self._watch_telegrams(came, soft, hard)
+        soft, hard = self._read_force(given, soft, hard)
+        new = self._read_tracker(given)
+        if link.clamped and soft == 0:
+            soft = int(Cause.CLAMPED_BY_ROBOT)
+        control = self.control
+        flags[at.F_ELAPSED] = link.elapsed if came else 0
+        flags[at.F_FORCE_AGE] = self._force_age if self._needs_force else 0
+        flags[at.F_TRACKER_NEW], flags[at.F_TRACKER_AGE] = new, self._tracker_age
+        flags[at.F_HEALTHY] = self._healthy()
+        flags[at.F_ARM], flags[at.F_STOP] = control[Request.ARM], control[Request.STOP]
+        flags[at.F_RESET] = control[Request.RESET]
+        flags[at.F_ENABLE] = int(link.enable) if came else flags[at.F_ENABLE]
+        flags[at.F_SOFT], flags[at.F_HARD] = soft, hard
+        loop.run()
+        outcome = loop.outcome
+        if outcome[at.O_STATE] == State.ARMED:
+            control[Request.ARM] = 0
+        control[Request.RESET] = 0
+        if came and not outcome[at.O_SILENT]:
+            link.answer(
+                loop.correction,
+                loop.axes if self._axes else None,
+                stop=bool(outcome[at.O_STOP]),
+                feed_hold=bool(outcome[at.O_FEED_HOLD]),
+            )
+        sent = time.monotonic_ns()
+        self.compute_ns = sent - received
+        self.cycles += int(came)
+        if self.ring is not None:
+            self._record(received, sent)
+        return came
+
+    def _watch_telegrams(self, came: bool, soft: int, hard: int) -> tuple[int, int]:
+        link = self.link
+        malformed = link.counters.malformed_in_a_row
+        if malformed >= _MALFORMED_FAULT and hard == 0:
+            hard = int(Cause.TELEGRAM_MALFORMED)
+        elif malformed >= _MALFORMED_HOLD and soft == 0:
+            soft = int(Cause.TELEGRAM_MALFORMED)
+        lost = link.elapsed - 1 if came else 1
+        for _ in range(min(_WINDOW, max(1, link.elapsed))):
+            self._lost[self._place] = 1.0 if lost > 0 else 0.0
+            lost -= 1
+            self._place = (self._place + 1) % _WINDOW
+        if soft == 0 and float(self._lost.sum()) > _MOST_LOST * _WINDOW:
+            soft = int(Cause.TELEGRAMS_SCATTERED)
+        self._good = self._good + 1 if came and link.elapsed == 1 else 0
+        return soft, hard
+
+    def _read_force(self, given: Float, soft: int, hard: int) -> tuple[int, int]:
+        if self.force is None or self._wrench is None:
+            return soft, hard
+        force = self.force
+        good = force.drain()
+        if force.saturated:
+            self._force_age += 1
+            return (soft or int(Cause.FORCE_SATURATED)), hard
+        if good == 0 or force.frozen:
+            self._force_age += 1
+            return (soft or (int(Cause.FORCE_INVALID) if force.frozen else 0)), hard
+        self._force_age = 0
+        age = time.monotonic() - self._time_zero
+        w = self._wrench(given[at.G_Q : at.G_Q + 6], force.w_sensor, age)
+        if self._tared < _TARE_CYCLES and self._good > self._checks.settle_cycles // 2:
+            self._tare(w)
+        if self._needs_force and self._tared >= _TARE_CYCLES and not self._healthy_force and soft == 0:
+            soft = int(Cause.FORCE_OFFSET)
+        for k in range(6):
+            given[at.G_W + k] = w[k] - self._zero[k]
+        return soft, hard
+
+    def _tare(self, w: Float) -> None:
+        """Mean of the idle reading; what is more than the checks allow is no zero but a wrong load (R17)."""
+        self._sum += w
+        self._tared += 1
+        if self._tared < _TARE_CYCLES:
+            return
+        mean = self._sum / _TARE_CYCLES
+        force, moment = math.hypot(*mean[:3]), math.hypot(*mean[3:])
+        self._healthy_force = force <= self._checks.force_n and moment <= self._checks.moment_nm
+        if self._checks.tare and self._healthy_force:
+            self._zero[:] = mean
+
+    def _read_tracker(self, given: Float) -> int:
+        self._tracker_age += 1
+        if self.tracker is None or not self.tracker.drain():
+            return 0
+        self._tracker_age = 0
+        T = self._T_part_tracker @ self.tracker.T_tracker_target @ self._T_target_tcp
+        given[at.G_ACTUAL : at.G_ACTUAL + 9] = T[:3, :3].reshape(-1)
+        given[at.G_ACTUAL + 9 : at.G_ACTUAL + 12] = T[:3, 3]
+        return 1
+
+    def _healthy(self) -> int:
+        force = not self._needs_force or (self._healthy_force and self._force_age == 0)
+        tracker = not self._needs_tracker or self._tracker_age < self.loop.settings.stale_cycles
+        return int(self._good >= self._checks.settle_cycles and force and tracker)
+
+    @property
+    def idle_force(self) -> Float:
+        """(6,) N, N m: mean reading before the cut that the checks were made on, part axes; zero before it is known."""
+        return self._sum / _TARE_CYCLES if self._tared >= _TARE_CYCLES else np.zeros(6)
+
+    def _record(self, received: int, sent: int) -> None:
+        ring, loop = self.ring, self.loop
+        if ring is None:
+            return
+        row = ring.row()
+        row[0], row[1], row[2] = self.link.counter, received, sent
+        row[3] = self.link.elapsed
+        row[4] = 0.0 if self.force is None else self.force.good
+        row[record.SENSOR : record.GIVEN] = 0.0 if self.force is None else self.force.w_sensor
+        row[record.GIVEN : record.FLAGS] = loop.given
+        row[record.FLAGS : record.RESULTS] = loop.flags
+        row[record.RESULTS : record.OUTCOME] = loop.results
+        row[record.OUTCOME :] = loop.outcome
+        ring.commit()
+
+
+def tracker_frames(T_base_part: Float, T_base_tracker: Float, T_tcp_target: Float) -> tuple[Float, Float]:
+    """``T_part_tracker`` and ``T_target_tcp`` of identified frames."""
+    T_part_tracker: Float = pose.inverse(T_base_part) @ T_base_tracker
+    return T_part_tracker, pose.inverse(T_tcp_target)
