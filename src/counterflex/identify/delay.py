@@ -167,8 +167,8 @@ def build(pair: Pair, order: Order, shift_s: float) -> tuple[Parameters, DelayRe
         raise InputError(
             "the records hardly overlap", where=answer.where, value=f"{int(rows.sum())} samples", limit=f">= {10 * m}"
         )
-    rows = np.flatnonzero(rows)[:: max(1, -(-int(rows.sum()) // MOST_ROWS[pair.mixing]))]
-    time, values = answer.time_s[rows], answer.values[rows]
+    used = np.flatnonzero(rows)[:: max(1, -(-int(rows.sum()) // MOST_ROWS[pair.mixing]))]
+    time, values = answer.time_s[used], answer.values[used]
     size = np.maximum(np.std(values, axis=0), 1e-12)
     items: list[Parameter] = []
     needed: list[str] = []
@@ -212,7 +212,7 @@ def build(pair: Pair, order: Order, shift_s: float) -> tuple[Parameters, DelayRe
         name=pair.name,
         group=np.minimum(np.arange(len(time)) * STRETCHES // len(time), STRETCHES - 1).astype(np.int64),
         components=pair.components,
-        sigma=answer.sigma[rows],
+        sigma=answer.sigma[used],
         time_s=time,
         measured=values,
         middle_s=float(0.5 * (time[0] + time[-1])),

@@ -25,8 +25,9 @@ SPEEDS_RAD_S: Final = ((0.25 * MRAD, 0.5 * MRAD),) * 3 + ((0.5 * MRAD, 1.0 * MRA
 """Slow enough that the link, caught by the gear at the end of its play, hardly rings: the amplitude is speed over the
 lowest mode's angular frequency."""
 CANDIDATES: Final = 1000
-FIRM: Final = 1.4
-"""Weight over dry friction from which an axis that stands still keeps its flank while another one moves."""
+FIRM: Final = 1.6
+"""An axis that stands still while another one moves keeps its flank where its weight exceeds its dry friction by this
+factor, or falls below by it; in between the link creeps across its play."""
 _STEP_S = 0.02
 _TRACKER_M = 4.0 * UM
 
@@ -35,8 +36,8 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     """Poses and speeds of ``count`` motions, dealt to the six axes in turn.
 
     Per axis the first pose is balanced (its weight turns the gear neither way, so that the dead band shows), the next
-    one loaded, the other axes firmly on one flank of their gears, each at two speeds (a delay grows with the speed, play does not); of the poses that qualify the one
-    with the longest lever.
+    one loaded, the other axes firmly on one flank of their gears, each at two speeds (a delay grows with the speed,
+    play does not); of the poses that qualify the one with the longest lever.
 
     Args:
         cell: Play, compliance and weights.
@@ -102,14 +103,15 @@ def _choose(cell: CellModel, axis: int, torque: Float, lever: Float, turn: int, 
     """A candidate: balanced for even turns, loaded for odd ones; the other axes firmly on one flank where possible."""
     friction = np.array([sum(axis_play(cell, a)[0].friction_nm) for a in range(6)])
     others = [a for a in range(1, 6) if a != axis]
-    firm = np.min(np.abs(torque[:, others]) / friction[others], axis=1)
+    load = np.maximum(np.abs(torque[:, others]), 1e-6) / friction[others]
+    firm = np.min(np.abs(np.log(load)), axis=1)
     free = np.array([i not in used for i in range(len(torque))])
     size = np.abs(torque[:, axis]) / friction[axis]
     fits = free & (size < 0.3 if turn % 2 == 0 else size > 2.0)
     if not fits.any():
         best = int(np.argmin(np.where(free, size if turn % 2 == 0 else -size, np.inf)))
         return best, bool(size[best] < 0.7)
-    steady = fits & (firm > FIRM)
+    steady = fits & (firm > np.log(FIRM))
     if not steady.any():
         return int(np.argmax(np.where(fits, firm, -1.0))), True
     return int(np.argmax(np.where(steady, lever, -1.0))), True

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MS, URAD
@@ -316,7 +317,7 @@ def _lag_figures(found: Delay) -> tuple[list[Figure], Figure]:
 def _pictures(block: ServoResiduals, fit: Fit) -> list[Picture]:
     largest = max(block.releases, key=lambda r: float(np.max(np.abs(r.error))))
     alone = ServoResiduals(block.axis, (largest,))
-    t = np.arange(len(largest.error)) * largest.step_s
+    t: Float = np.arange(len(largest.error), dtype=np.float64) * largest.step_s
     return [
         Picture(
             f"Axis {block.axis + 1}: motor after the load was cut",

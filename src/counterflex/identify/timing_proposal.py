@@ -54,9 +54,9 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
         raise InputError("through", value=through, limit="program, correction")
     chain = cell.nominal_chain
     q0 = over_part(cell)
-    t = CYCLE_S * np.arange(round(count / CYCLE_S) + 1)
+    t: Float = CYCLE_S * np.arange(round(count / CYCLE_S) + 1, dtype=np.float64)
     T = forward(chain, q0)
-    tip = T[:3, 3] + chirp(t)
+    tip: Float = T[:3, 3] + chirp(t)
     q = inverse_path(chain, pose.make(np.broadcast_to(T[:3, :3], (len(t), 3, 3)), tip), q0).q
     columns = {"time_s": t, **{f"{a}_m": tip[:, i] for i, a in enumerate("xyz")}}
     columns |= {f"q{i + 1}_rad": q[:, i] for i in range(6)}

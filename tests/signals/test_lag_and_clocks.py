@@ -1,0 +1,94 @@
+"""Lags against an ODE solver and their own laws; clocks are inverted exactly; shifts are found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lsim
+
+from counterflex.core.errors import InputError
+from counterflex.signals.alignment import Clock, coarse_shift
+from counterflex.signals.continuous import Continuous
+from counterflex.signals.lag import Lag
+
+STEP = 0.004
+LAGS = (Lag(0.03), Lag(0.02, 0.4), Lag(0.02, 1.0), Lag(0.02, 1.6))
+
+
+@pytest.mark.parametrize("lag", LAGS)
+def test_response_is_that_of_the_differential_equation(lag: Lag) -> None:
+    t = STEP * np.arange(500)
+    u = np.sin(9.0 * t) + t**2 + 2.0
+    a = [lag.time_s, 1.0] if lag.damping is None else [lag.time_s**2, 2.0 * lag.damping * lag.time_s, 1.0]
+    _, exact, _ = lsim(([1.0], a), u - u[0], t, interp=True)
+    assert lag.respond(u[:, None], STEP)[:, 0] == pytest.approx(exact + u[0], abs=1e-11)
+
+
+@pytest.mark.parametrize("lag", LAGS)
+def test_it_trails_a_ramp_by_the_delay_it_states(lag: Lag) -> None:
+    t = STEP * np.arange(1000)
+    assert t[-1] - lag.respond(t[:, None], STEP)[-1, 0] == pytest.approx(lag.delay_s, rel=1e-6)
+
+
+@pytest.mark.parametrize("lag", LAGS)
+def test_amplitude_has_fallen_by_three_decibel_at_the_bandwidth(lag: Lag) -> None:
+    s = 2j * np.pi * lag.bandwidth_hz * lag.time_s
+    gain = abs(1.0 / (1.0 + s)) if lag.damping is None else abs(1.0 / (1.0 + 2.0 * lag.damping * s + s * s))
+    assert gain == pytest.approx(np.sqrt(0.5), rel=1e-12)
+
+
+@pytest.mark.parametrize("lag", LAGS)
+def test_sensitivity_is_the_limit_of_differences(lag: Lag) -> None:
+    t = STEP * np.arange(300)
+    u = np.sin(20.0 * t)[:, None]
+    _, slope = lag.sensitivity(u, STEP)
+    for row, name in zip(slope, ("time_s", "damping"), strict=False):
+        errors = []
+        for h in (2e-3, 1e-3):
+            fields = {"time_s": lag.time_s, "damping": lag.damping}
+            step = h * float(fields[name] or 0.0)
+            up, down = ({**fields, name: float(fields[name] or 0.0) + d} for d in (step, -step))
+            central = (Lag(**up).respond(u, STEP) - Lag(**down).respond(u, STEP)) / (2.0 * step)  # type: ignore[arg-type]
+            errors.append(float(np.max(np.abs(central - row))))
+        assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
+
+
+@given(
+    st.floats(-1e4, 1e4), st.floats(-1e-3, 1e-3), st.floats(-100.0, 100.0), st.lists(st.floats(-1e3, 1e3), min_size=1)
+)
+@settings(max_examples=50, deadline=None)
+def test_a_clock_is_undone(offset: float, drift: float, reference: float, times: list[float]) -> None:
+    clock = Clock(offset, drift, reference)
+    t = np.array(times)
+    assert clock.instants(clock.stamps(t)) == pytest.approx(t, abs=1e-8)
+
+
+@pytest.mark.parametrize("shift", [-0.8, 0.0, 0.344, 12.0])
+def test_rough_shift_and_sign_between_records(shift: float) -> None:
+    rng = np.random.default_rng(3)
+    t = STEP * np.arange(2000)
+    signal = np.cumsum(rng.standard_normal(2600)) * 0.01
+    a, b = signal[300:2300], -np.interp(t, t, signal[300:2300]) + 1e-4 * rng.standard_normal(2000)
+    found, match = coarse_shift(t, a, t + shift, b, step_s=STEP)
+    assert found == pytest.approx(shift, abs=STEP)
+    assert match < -0.9
+
+
+def test_what_stands_still_has_no_delay() -> None:
+    t = STEP * np.arange(200)
+    with pytest.raises(InputError, match="does not move"):
+        coarse_shift(t, np.zeros(200), t, np.sin(t), step_s=STEP)
+
+
+def test_a_continuous_signal_keeps_its_ends_and_its_slope() -> None:
+    t = np.sort(np.random.default_rng(0).uniform(0.0, 2.0, 400))
+    signal = Continuous(t, np.sin(3.0 * t)[:, None])
+    at = np.linspace(0.1, 1.9, 50)
+    assert signal.at(at)[:, 0] == pytest.approx(np.sin(3.0 * at), abs=1e-6)
+    assert signal.slope_at(at)[:, 0] == pytest.approx(3.0 * np.cos(3.0 * at), abs=1e-3)
+    assert signal.at(np.array([9.0]))[0, 0] == pytest.approx(np.sin(3.0 * t[-1]))
+    assert signal.slope_at(np.array([9.0]))[0, 0] == 0.0
+    with pytest.raises(InputError, match="must rise"):
+        Continuous(t[::-1], np.sin(t)[:, None])
