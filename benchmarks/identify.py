@@ -133,9 +133,11 @@ def finite_differences(parameters: Parameters, block: Residuals, fit: Fit, toler
         return np.concatenate([(block.evaluate(parameters.values(full)) * root).reshape(-1), u[known]])
 
     lower, upper = parameters.bounds()
+    # On a bound SciPy's method stops where it stands: rigid directions start half a prior standard deviation inside.
+    inside = np.where(lower[free] == 0.0, 0.5, 0.0)
     result = least_squares(
         cost,
-        np.zeros(len(free)),
+        inside,
         bounds=(lower[free], upper[free]),
         x_scale=1.0,
         ftol=tolerance,
