@@ -46,7 +46,7 @@ class LiveSettings:
         gate_s: How long the robot program waits before it starts.
         context: Settings of RSI on the controller.
         answer: How the controller answers corrections.
-        hose_share: Size of the hose pack's pull on the sensor; 0 leaves it out.
+        hose_share: Size of the hose pack's pull on the sensor, as in the simulated laboratory; 0 leaves it out.
     """
 
     program: Path
@@ -63,7 +63,7 @@ class LiveSettings:
     gate_s: float = 0.8
     context: RsiContext = field(default_factory=lambda: RsiContext(timeout=100))
     answer: PathAnswer = field(default_factory=PathAnswer)
-    hose_share: float = 0.0
+    hose_share: float = 1.0
 
 
 @dataclass(frozen=True)

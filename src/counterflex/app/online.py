@@ -74,6 +74,7 @@ class RunSettings:
         force_http_port: Of its scaling document.
         tracker_port: Port for tracker datagrams, or None.
         arm: Arm as soon as all checks are passed; else only watch.
+        lockstep: The robot is simulated and waits for every answer: telegrams are lost by their counter only.
         quiet_s: End when no telegram has come for so long, after the first.
     """
 
@@ -87,6 +88,7 @@ class RunSettings:
     force_http_port: int = 80
     tracker_port: int | None = None
     arm: bool = False
+    lockstep: bool = False
     quiet_s: float = _QUIET_S
 
 
@@ -345,9 +347,10 @@ def _loop_process(settings: RunSettings, ring_name: str, control: Any, pipe: Any
         if session.cycles == 0:
             session.cycle(0.1)
             continue
-        came = session.cycle(3.0 * period)
-        quiet = 0.0 if came else quiet + 3.0 * period
-        if quiet > settings.quiet_s:
+        patience = settings.quiet_s if settings.lockstep else 3.0 * period
+        came = session.cycle(patience)
+        quiet = 0.0 if came else quiet + patience
+        if quiet >= settings.quiet_s:
             break
     session.link.close()
     if session.force is not None:

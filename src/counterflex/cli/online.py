@@ -59,6 +59,9 @@ def run(
     arm: Annotated[
         bool, typer.Option("--arm", help="Arm when all checks are passed. Without it the loop only watches.")
     ] = False,
+    lockstep: Annotated[
+        bool, typer.Option("--lockstep", help="The robot is simulated and waits for every answer (twin cell).")
+    ] = False,
     seconds: Annotated[
         float | None, typer.Option("--seconds", help="End after so long; else when the telegrams stop.", min=0.1)
     ] = None,
@@ -83,6 +86,7 @@ def run(
         force_http_port=force_http,
         tracker_port=tracker,
         arm=arm,
+        lockstep=lockstep,
     )
 
     def watch(status: job.Status) -> None:
