@@ -169,6 +169,17 @@ def mean_thickness(cuts: ArcCuts) -> Float:
     return out
 
 
+def force_thickness(cuts: ArcCuts) -> Float:
+    """Chip thickness where the force arises, (n,) m: the geometric mean over the arc weighted with ``sin^2 phi``.
+
+    At this thickness the cutting force of a cut fixes the specific force with least regard to the exponent; for a slot
+    it is ``f_z exp(1/2) / 2 = 0.824 f_z``, where the mean thickness is 0.637 f_z.
+    """
+    J, slope = _arc_integrals(1.0, cuts.entry_rad, cuts.exit_rad)
+    out: Float = cuts.feed_tooth_m * np.exp(slope[:, 2] / np.where(J[:, 2] > 0.0, J[:, 2], 1.0))
+    return out
+
+
 @dataclass(frozen=True, eq=False)
 class _Levels:
     """Axial levels: bounds, mean sine and cosine of kappa, mean of ``sin^p kappa`` and its derivative by p."""

@@ -19,6 +19,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.units import MM
 from counterflex.identify.changes import CuttingLaw
 from counterflex.identify.cutting_report import Chosen, figures, pictures, remarks
 from counterflex.identify.dataset import Dataset
@@ -152,10 +153,11 @@ class _Problem:
         self.cell, self.found, self.mask = cell, found, train
         self.train_count = int(np.sum(train))
         self.geometry = geometry_parameters(found.pieces, top_sigma_m)
-        rough = self._block(FORMS[0], np.ones(len(train), dtype=np.bool_), 50e-6)
-        h = rough.thickness()[train] if self.train_count else np.ones(1)
-        self.h_ref_m = float(np.exp(np.mean(np.log(h))))
-        self.range_m = (float(np.min(h)), float(np.max(h)))
+        self.h_ref_m, self.range_m = MM, (MM, MM)
+        if self.train_count:
+            rough = self._block(FORMS[0], train, MM)
+            h = rough.thickness()
+            self.h_ref_m, self.range_m = rough.reference_m(), (float(np.min(h)), float(np.max(h)))
 
     def _block(self, item: Form, rows: Bool, h_ref_m: float) -> SlotResiduals:
         found = self.found
@@ -230,11 +232,11 @@ class _Problem:
 
 
 def _simplest(trials: Sequence[Trial]) -> Trial:
-    """The form with the fewest constants among those no worse than the best by more than one standard error."""
+    """The form with the fewest constants among those no worse than the best by more than two standard errors."""
     best = min(trials, key=lambda t: t.mean)
     for trial in sorted(trials, key=lambda t: t.form.count):
         worse = trial.error - best.error
-        if float(np.mean(worse)) <= float(np.std(worse)) / math.sqrt(len(worse)):
+        if float(np.mean(worse)) <= 2.0 * float(np.std(worse)) / math.sqrt(len(worse)):
             return trial
     return best
 

@@ -77,7 +77,11 @@ def figures(chosen: Chosen, forms: Mapping[str, float]) -> tuple[Figure, ...]:
     """All numbers beside the headline, each with its standard deviation; ``forms``: hold-out error % by form."""
     fit, form = chosen.fit, chosen.form
     out = [
-        Figure("h_ref_um", "reference chip thickness, geometric mean of the cuts", chosen.h_ref_m / UM),
+        Figure(
+            "h_ref_um",
+            "reference chip thickness, geometric mean of where the force of the cuts arises",
+            chosen.h_ref_m / UM,
+        ),
         Figure("h_least_um", "least mean chip thickness", chosen.range_m[0] / UM),
         Figure("h_largest_um", "largest mean chip thickness", chosen.range_m[1] / UM),
     ]

@@ -90,7 +90,7 @@ def expected_sigma(cell: CellModel, cutter: Cutter, moves: Sequence[PlannedMove]
     pieces, form = planned_pieces(cutter, moves, gauged), FORMS[-1]
     blanks = int(np.max(pieces.blank)) + 1
     rough = SlotResiduals(pieces, cutter, form, 50e-6, cell.force_law, blanks)
-    h_ref = float(np.exp(np.mean(np.log(rough.thickness()))))
+    h_ref = rough.reference_m()
     block = SlotResiduals(pieces, cutter, form, h_ref, cell.force_law, blanks)
     parameters = form.parameters(cell.force_law, h_ref) + geometry_parameters(pieces)
     x = parameters.nominal

@@ -12,22 +12,26 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from scipy.optimize import nnls
 
 from counterflex.core.arrays import Float
-from counterflex.core.units import MINUTE, RPM
+from counterflex.core.units import MINUTE, MM, RPM
+from counterflex.cutting.arc_force import term_force
 from counterflex.identify.dataset import Channel, Dataset
 from counterflex.identify.force_forms import FORMS
 from counterflex.identify.model import CellModel
 from counterflex.identify.readings import Reading, sign_mistakes, swapped_columns, unit_mistakes
 from counterflex.identify.slot_pieces import FORCES, Found, pieces_of
 from counterflex.identify.slot_record import contact, zero
-from counterflex.identify.slot_residuals import SlotResiduals, geometry_parameters
-from counterflex.identify.solve import solve
-from counterflex.identify.suspicion import Misfit, check_reading, misfit_of
+from counterflex.identify.slot_residuals import SlotResiduals
+from counterflex.identify.suspicion import Misfit, check_reading
 from counterflex.robot.chain import forward
 
 ROUGH: Final = 0.05
 """Relative standard deviation of a mean force in the quick fit."""
+FACTORS: Final = (0.3, 0.4, 0.5)
+"""Standard deviation of the logarithm of what is known of the specific forces c, r, a, whatever the material."""
+_NONE: Final = 1e-3
 _TURNED: Final = 0.05  # rad; axes closer than this make no other reading
 
 
@@ -56,13 +60,18 @@ def check(cell: CellModel, data: Dataset, tool: int | None, *, as_stated: bool =
 
 
 def _misfit(cell: CellModel, found: Found) -> Misfit:
-    form, pieces = FORMS[0], found.pieces
-    rough = SlotResiduals(pieces, found.cutter, form, 50e-6, cell.force_law, len(found.blanks))
-    h_ref = float(np.exp(np.mean(np.log(np.maximum(rough.thickness(), 1e-12)))))
-    block = SlotResiduals(pieces, found.cutter, form, h_ref, cell.force_law, len(found.blanks))
-    parameters = form.parameters(cell.force_law, h_ref) + geometry_parameters(pieces)
-    held = parameters.held([p.name for p in geometry_parameters(pieces)])
-    return misfit_of(solve(held, [block]))
+    """Specific forces c, r, a by linear least squares, none below zero times its sign so far; exponents as known."""
+    pieces = found.pieces
+    basis = np.zeros((len(pieces), 3, 3))
+    cuts = SlotResiduals(pieces, found.cutter, FORMS[0], MM, cell.force_law, len(found.blanks)).stated()
+    for p, *k in cell.force_law.terms():
+        basis += term_force(cuts, float(p)).value * np.array(k)
+    weighted, measured = basis / pieces.sigma[:, :, None], pieces.force / pieces.sigma
+    seen = np.any(basis != 0.0, axis=(0, 1))
+    factor = np.ones(3)
+    factor[seen], _ = nnls(weighted.reshape(-1, 3)[:, seen], measured.reshape(-1))
+    rows = np.sqrt(np.mean((measured - weighted @ factor) ** 2, axis=1))
+    return Misfit(rows, np.log(np.maximum(factor, _NONE)) / np.array(FACTORS), 3.0 * len(pieces) - 3.0)
 
 
 def cut_means(data: Dataset) -> Dataset:

@@ -14,7 +14,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import MM, UM
-from counterflex.cutting.arc_force import ArcCuts, TermForce, mean_thickness, term_force
+from counterflex.cutting.arc_force import ArcCuts, TermForce, force_thickness, mean_thickness, term_force
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.force_forms import Form
@@ -180,9 +180,17 @@ class SlotResiduals:
         """Mean forces (n, 3) N in the feed frame at the values x (p,)."""
         return self._force(x)[0]
 
+    def stated(self) -> ArcCuts:
+        """Depth and arc of every piece as commanded or measured, nothing given way."""
+        return self.shape(np.zeros(LAW + self.blanks + 1)).cuts
+
     def thickness(self) -> Float:
-        """Mean chip thickness (n,) m of every piece, geometry as commanded."""
-        return mean_thickness(self.shape(np.concatenate([np.zeros(LAW + self.blanks), [0.0]])).cuts)
+        """Mean chip thickness (n,) m of every piece as stated."""
+        return mean_thickness(self.stated())
+
+    def reference_m(self) -> float:
+        """Reference thickness of these pieces: geometric mean of where their force arises."""
+        return float(np.exp(np.mean(np.log(force_thickness(self.stated())))))
 
     def evaluate(self, x: Float) -> Float:
         """Weighted residuals, see :class:`counterflex.identify.residuals.Residuals`."""

@@ -12,7 +12,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 
-STEP_M = 0.5 * MM
+STEP_M = 0.25 * MM
 _CLEAR_M = 15.0 * MM
 COLUMNS = ("blank", "cut", "start_x_m", "start_y_m", "start_z_m", "end_x_m", "end_y_m", "end_z_m", "feed_m_s",
            "spindle_rad_s", "width_m")  # fmt: skip
