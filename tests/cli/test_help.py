@@ -72,7 +72,12 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     if words[0] in ("evaluate", "report"):
         shutil.copytree(machined.folder / "run", folder / "run-before")
         shutil.copytree(machined.folder / "run", folder / "run-after")
-    if words[0] in ("prove", "demo"):
+    if words[0] in ("twin", "campaign"):
+        shutil.copy(machined.folder / "truth.toml", folder)
+    if words[0] == "twin":
+        proposal = ("identify", "tracker-frame", "--propose", "12", "--cell", "cell.toml", "--out", "proposal")
+        assert counterflex(*proposal).status == 0
+    if words[0] in ("prove", "demo", "campaign"):
         words += ["--workers", "1"]
     ended = counterflex(*words)
     assert ended.status == 0, ended.err

@@ -29,6 +29,7 @@ from counterflex.evaluate.summary import SeedResult, TruthLevel, summary
 from counterflex.files.cell import read_cell
 from counterflex.files.cell_update import copied_text
 from counterflex.files.summary_file import write_summary
+from counterflex.twin.truth import Truth
 from counterflex.twin.truth_file import read_truth, write_truth
 
 TRUTH: Final = "truth.toml"
@@ -101,11 +102,14 @@ def run(
     steps = campaign_of(cell, recipes)
     if program is not None:
         read_job(program, cell)
+    truth = None if truth_file is None else read_truth(truth_file)
+    if truth is not None:
+        check_same_cell(cell, truth, str(truth_file))
     start = _keep(copied_text(Path(cell_file), folder).encode("utf-8"), folder / CELL)
     part = None
     if program is not None:
         part = _keep(Path(program).read_bytes(), folder / "original" / Path(program).name)
-    places = _places(start, folder, seeds, truth_file, steps)
+    places = _places(start, folder, seeds or 0, truth, steps)
     tasks = _tasks(places, start, part, with_told=with_told)
     results = run_tasks(tasks, workers, progress)
     for place in places:
@@ -128,17 +132,14 @@ def _keep(data: bytes, target: Path) -> Path:
     return target
 
 
-def _places(
-    start: Path, out: Path, seeds: int | None, truth_file: str | Path | None, steps: tuple[Measurement, ...]
-) -> list[_Place]:
-    cell, places = read_cell(start), []
-    if truth_file is not None:
-        truth = read_truth(truth_file)
-        check_same_cell(cell, truth, str(truth_file))
+def _places(start: Path, out: Path, seeds: int, truth: Truth | None, steps: tuple[Measurement, ...]) -> list[_Place]:
+    places = []
+    if truth is not None:
         name = "twin" if truth.seed is None else f"seed-{truth.seed}"
         places.append(_Place(name, out / name, truth.seed, steps))
         write_truth(places[0].truth, truth)
-    for seed in range(1, (seeds or 0) + 1):
+    cell = read_cell(start)
+    for seed in range(1, seeds + 1):
         places.append(_Place(f"seed-{seed}", out / f"seed-{seed}", seed, steps))
         make_truth(cell, seed, places[-1].truth)
     return places

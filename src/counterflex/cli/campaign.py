@@ -49,7 +49,9 @@ def campaign(
     program is machined before and after compensation, planned with the cell file as it was and with the identified
     one. Interrupted, the same command goes on where it was.
 
-    Example: `counterflex campaign part.ngc --cell cell.toml --twin truth.toml --out out/campaign`
+    With all recipes a cell takes minutes; --recipe does one of them.
+
+    Example: `counterflex campaign part.ngc --cell cell.toml --twin truth.toml --recipe tracker-frame --out campaign`
     """
     from counterflex.app import campaign as job
     from counterflex.app import examples

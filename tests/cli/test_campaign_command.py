@@ -1,0 +1,71 @@
+"""The commands of the simulated laboratory: what they print, refuse, and leave when they are interrupted."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from counterflex.core.progress import Progress
+
+
+def _stops_at(at: float) -> Any:
+    """A progress bar whose reader presses Ctrl-C at a fraction of the job."""
+
+    @contextlib.contextmanager
+    def bar(what: str, *, quiet: bool = False) -> Iterator[Progress]:
+        def report(fraction: float, what: str = "") -> None:
+            if fraction >= at:
+                raise KeyboardInterrupt
+
+        yield report
+
+    return bar
+
+
+def test_an_interrupted_campaign_keeps_what_it_has(
+    folder: Path, counterflex: Any, machined: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copy(machined.folder / "truth.toml", folder)
+    command = ("campaign", "--cell", "cell.toml", "--twin", "truth.toml", "--recipe", "tracker-frame", "--out", "out")
+    with monkeypatch.context() as patched:
+        patched.setattr("counterflex.cli.campaign.progress_bar", _stops_at(0.5))
+        stopped = counterflex(*command, "--workers", "1")
+    assert stopped.status == 2
+    assert "finished steps are kept" in stopped.err
+    assert "The same command goes on" in stopped.err
+    assert not (folder / "out" / "summary.json").exists()
+    ended = counterflex(*command, "--workers", "1")
+    assert ended.status == 0, ended.err
+    assert "tracker-frame" in ended.out
+    assert (folder / "out" / "report.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "--twin or --seeds"),
+        (("--seeds", "1", "--twin", "truth.toml"), "--twin or --seeds"),
+        (("--seeds", "1", "--recipe", "weather"), "weather"),
+        (("--twin", "nowhere.toml"), "nowhere.toml"),
+    ],
+)
+def test_refused(folder: Path, refused: Any, words: tuple[str, ...], said: str) -> None:
+    assert said in refused("campaign", "--cell", "cell.toml", "--out", "out", *words)
+
+
+def test_twin_measure_prints_what_it_measured(folder: Path, counterflex: Any, refused: Any, machined: Any) -> None:
+    shutil.copy(machined.folder / "truth.toml", folder)
+    propose = ("identify", "tracker-frame", "--propose", "12", "--cell", "cell.toml", "--out", "proposal")
+    assert counterflex(*propose).status == 0
+    measure = ("twin", "measure", "proposal/proposal.toml", "--cell", "cell.toml", "--truth", "truth.toml")
+    ended = counterflex(*measure, "--out", "data", "--seed", "3")
+    assert ended.status == 0, ended.err
+    assert "tracker-frame.toml" in ended.out
+    assert "tracker_poses" in ended.out
+    assert "could be replaced" in refused(*measure, "--out", "proposal")
+    assert "no such file" in refused(*measure[:2], "none.toml", *measure[3:], "--out", "data")
