@@ -35,6 +35,8 @@ from counterflex.identify.suspicion import Misfit, check_reading, thinned
 FEWEST: Final = 4
 ROBOT_M: Final = 5.0 * MM
 """What an uncalibrated robot may be off by; twice that in the median and other readings of the data are tried."""
+_QUICK_TRIALS = 25
+_READ_ROWS = 24
 POINT: Final = "p_tracker_target"
 ORIENTATION: Final = "R_tracker_target"
 
@@ -131,7 +133,9 @@ def check_tracker_data(cell: CellModel, d: Dataset, *, as_stated: bool = False) 
         )
     check_repeats(d, POINT, same=(told,))
     _check_poses_fix(cell, d)
-    remarks = check_reading(d, readings_of(d), lambda sample: _misfit(cell, sample), as_stated=as_stated)
+    remarks = check_reading(
+        d, readings_of(d), lambda sample: _misfit(cell, sample), as_stated=as_stated, rows=_READ_ROWS
+    )
     if not remarks and not as_stated:
         sample = thinned(d)
         left = float(np.median(start_frames(cell, sample).error_m))
@@ -148,29 +152,28 @@ def check_tracker_data(cell: CellModel, d: Dataset, *, as_stated: bool = False) 
 
 def _check_poses_fix(cell: CellModel, d: Dataset) -> None:
     """Poses that leave a frame open are refused by the hand-eye calibration with its reason."""
-    start_frames(cell, thinned(d), quick=True)
+    start_frames(cell, thinned(d), trials=0)
 
 
-def start_frames(cell: CellModel, d: Dataset, *, quick: bool = False) -> HandEye:
+def start_frames(cell: CellModel, d: Dataset, *, trials: int = TRIALS) -> HandEye:
     """Robust first estimate of tracker and target from a dataset of poses or points.
 
     Args:
         cell: Its robot predicts the poses.
         d: Poses or points.
-        quick: Plain least squares, for a check.
+        trials: Random samples; 0 is plain least squares.
 
     Raises:
         InputError: Poses that do not turn, too few, on one line.
     """
     Ts, p = arm_of(cell, d).poses(np.zeros(0)), d.values(POINT)
-    trials = 0 if quick else TRIALS
     if has_orientation(d):
         return robust_of_poses(Ts, pose.make(d.values(ORIENTATION), p), trials=trials)
     return robust_of_points(Ts, p, trials=trials)
 
 
 def _misfit(cell: CellModel, d: Dataset) -> Misfit:
-    found = start_frames(cell, d)
+    found = start_frames(cell, d, trials=_QUICK_TRIALS)
     numbers = len(d) * (6 if has_orientation(d) else 3)
     return Misfit(found.error_m / ROBOT_M, np.zeros(0), float(max(numbers - 12, 1)))
 

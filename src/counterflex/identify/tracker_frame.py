@@ -11,7 +11,8 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress
 from counterflex.core.units import MM, UM, URAD
-from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model
+from counterflex.identify.arm_geometry import ArmGeometry
+from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model, sag_of
 from counterflex.identify.data_checks import check_finite, check_spread
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fiducials import (
@@ -33,7 +34,7 @@ from counterflex.identify.pose_residuals import TrackerResiduals
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
 from counterflex.identify.residuals import Residuals
 from counterflex.identify.solve import solve
-from counterflex.identify.tracker_data import GivenPoses, arm_of, check_tracker_data, start_frames, tracker_residuals
+from counterflex.identify.tracker_data import arm_of, check_tracker_data, start_frames, tracker_residuals
 from counterflex.identify.tracker_proposal import propose
 
 FEWEST_FIDUCIALS: Final = 4
@@ -67,7 +68,7 @@ def identify(
     T0 = start_tracker if known is None else known.T_base_tracker
     X0 = start_target if known is None or start_target is None else known.T_tcp_target
     # The robot's own errors are free within their priors, so that they do not pass for accuracy of the frames.
-    model = None if X0 is None else arm_model(cell, ArmPriors(), sag="auto")
+    model = _arm(cell, data) if X0 is not None else None
     first = 0 if model is None else len(model.parameters)
     items = frame_parameters(TRACKER, "tracker in the base")
     if X0 is not None:
@@ -178,16 +179,26 @@ def _blocks(
                     p_tracker=kept.values("p_tracker_fiducial"),
                 )
             )
-        elif target is not None and model is not None:
+        elif target is not None:
             given = arm_of(cell, d)
             angles = known_drive_errors(cell).link_angles
-            arm = given if isinstance(given, GivenPoses) else model.at(angles(d.values("q")))
+            free = isinstance(given, ArmGeometry) and model is not None
+            arm = model.at(angles(d.values("q"))) if free and model is not None else given
             out.append(tracker_residuals(d, arm, tracker, target))
     return out
 
 
 def _time(d: Dataset) -> Float | None:
     return d.values("time_s")[:, 0] if d.has("time_s") else None
+
+
+def _arm(cell: CellModel, data: Sequence[Dataset]) -> ArmModel | None:
+    """The arm with its errors as parameters, where poses are given by joint angles."""
+    if not any(d.kind == "tracker_poses" and d.has("q") for d in data):
+        return None
+    how = sag_of(cell.nominal_chain, "auto")
+    fiducials = any(d.kind == "fiducials" for d in data)  # known in the base: the arm may stand off in it
+    return arm_model(cell, ArmPriors(), sag="off" if how == "torsion" else how, base=fiducials)
 
 
 def _drift(data: Sequence[Dataset]) -> tuple[Drift, ...]:
@@ -271,8 +282,10 @@ def _remarks(fit: Fit, blocks: Sequence[Residuals], watch: Sequence[Drift], targ
         out.append(f"{what} of {o.block} is off by {size / MM:.3g} mm and was given the weight {o.weight:.2g}.")
     if any(isinstance(b, TrackerResiduals) for b in blocks):
         out.append(
-            "Poses carry the robot's own errors of geometry, which were free within their priors here; the kinematics "
-            "recipe finds them from more poses."
+            "Poses given by the controller carry the robot's own errors of geometry; residuals show how large they are."
+            if not any(isinstance(b, TrackerResiduals) and isinstance(b.arm, ArmGeometry) for b in blocks)
+            else "Poses carry the robot's own errors of geometry, which were free within their priors here; the "
+            "kinematics recipe finds them from more poses."
         )
     for d in watch:
         told = (
