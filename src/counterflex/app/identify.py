@@ -42,6 +42,8 @@ CELL: Final = "cell.toml"
 RESULT: Final = "result.json"
 REPORT: Final = "report.html"
 ARCHIVE: Final = "archive"
+FEW: Final = 10
+"""Measurements (groups of rows) below which an error on data not used says little."""
 _LIBRARIES: Final = ("numpy", "scipy", "numba")
 
 
@@ -271,7 +273,7 @@ def result_of(task: Task, found: Identification, date: str) -> dict[str, Any]:
         "headline": figure_rows(found.headline),
         "figures": figure_rows(found.figures),
         "fits": {key: fit_table(fit, place) for key, fit in found.fits.items()},
-        "remarks": list(found.remarks),
+        "remarks": [*_few(task), *found.remarks],
         "settings": dict(task.settings),
         "versions": {
             "counterflex": __version__,
@@ -279,6 +281,14 @@ def result_of(task: Task, found: Identification, date: str) -> dict[str, Any]:
             **{library: importlib.metadata.version(library) for library in _LIBRARIES},
         },
     }
+
+
+def _few(task: Task) -> list[str]:
+    """A warning where the error on data not used rests on few measurements."""
+    count = sum(len(np.unique(d.group)) for d in task.holdout or task.data)
+    if count >= FEW or any("time_s" in d.channels for d in task.data):
+        return []
+    return [f"The error on data not used rests on {count} measurements only and says little; measure more"]
 
 
 def place_of(task: Task, found: Identification) -> Any:

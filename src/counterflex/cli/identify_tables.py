@@ -11,6 +11,7 @@ from counterflex.cli.output import print_table
 from counterflex.files.shop_unit import digits_of, unit_of_name
 
 _OUTLIERS = 5
+_SENTENCES = 3
 
 
 def show_result(result: dict[str, Any], out: Path) -> None:
@@ -47,9 +48,11 @@ def show_result(result: dict[str, Any], out: Path) -> None:
             typer.echo(f"outlier: {outlier['where']}: {outlier['size']:.1f} times its standard deviation")
         if len(fit["outliers"]) > _OUTLIERS:
             typer.echo(f"outlier: {len(fit['outliers']) - _OUTLIERS} more in result.json")
-        for sentence in fit["hidden"]:
-            if sentence not in result["remarks"]:
-                typer.echo(f"note: {sentence}")
+        hidden = [sentence for sentence in fit["hidden"] if sentence not in result["remarks"]]
+        for sentence in hidden[:_SENTENCES]:
+            typer.echo(f"note: {sentence}")
+        if len(hidden) > _SENTENCES:
+            typer.echo(f"note: {len(hidden) - _SENTENCES} more such sentences in report.html")
     for remark in result["remarks"]:
         typer.echo(f"note: {remark}")
     typer.echo(f"wrote {out}: cell.toml, result.json, report.html ({result['seconds']:.1f} s)")

@@ -194,7 +194,7 @@ def seen_words(fit: Fit) -> list[str]:
         if names:
             shown = ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
             out.append(f"{shown}: {text}.")
-    return out + [f"{sentence}." for sentence in fit.hidden]
+    return out + [f"{sentence}." for sentence in fit.hidden if not sentence.startswith("not seen")]
 
 
 def _xy(x: Float, y: Float) -> dict[str, Any]:
