@@ -12,7 +12,8 @@ from counterflex.identify.slot_record import contact, mean_with_sigma, settled, 
 
 def trapezium(n: int = 400, rise: int = 40, begin: int = 80, end: int = 320) -> Float:
     shape = np.interp(np.arange(n), [begin, begin + rise, end - rise, end], [0.0, 1.0, 1.0, 0.0])
-    return shape[:, None] * np.array([-80.0, 200.0, -30.0])
+    out: Float = shape[:, None] * np.array([-80.0, 200.0, -30.0])
+    return out
 
 
 def test_contact_by_depth_where_the_record_says_what_is_air() -> None:
@@ -30,7 +31,7 @@ def test_contact_by_force_where_it_does_not() -> None:
 
 def test_zero_is_a_line_in_time_between_both_sides_and_a_swing_does_not_count() -> None:
     rng = np.random.default_rng(1)
-    time = np.arange(400) * 0.02
+    time: Float = np.arange(400) * 0.02
     drift = np.array([12.0, -7.0, -800.0]) + time[:, None] * np.array([0.5, 0.0, -0.3])
     shown = trapezium() + drift + 0.3 * rng.standard_normal((400, 3))
     shown[:15, 2] += 90.0  # the machine had just stopped
@@ -53,7 +54,7 @@ def test_zero_of_one_side_is_constant_and_of_none_is_nothing() -> None:
 
 def test_settled_stretches_keep_away_from_ends_and_steps() -> None:
     n = 300
-    travel = np.arange(n) * 0.5e-3
+    travel: Float = np.arange(n) * 0.5e-3
     touching = (np.arange(n) >= 20) & (np.arange(n) < 280)
     feed = np.where(np.arange(n) < 150, 0.01, 0.02)[:, None]
     found = settled(touching, travel, np.where(touching, 3e-3, 0.0), feed, np.full(n, 10e-3))
@@ -62,11 +63,12 @@ def test_settled_stretches_keep_away_from_ends_and_steps() -> None:
 
 def test_a_ramp_is_one_stretch_and_a_step_of_depth_two() -> None:
     n = 200
-    travel = np.arange(n) * 1e-3
+    travel: Float = np.arange(float(n)) * 1e-3
     touching, same = np.ones(n, dtype=np.bool_), np.ones((n, 1))
     ramp = settled(touching, travel, 0.05 * travel + 1e-3, same, np.full(n, 5e-3))
     assert len(ramp) == 1
-    step = settled(touching, travel, np.where(np.arange(n) < 90, 1e-3, 3e-3), same, np.full(n, 5e-3))
+    depth: Float = np.where(np.arange(n) < 90, 1e-3, 3e-3)
+    step = settled(touching, travel, depth, same, np.full(n, 5e-3))
     assert [len(r) for r in step] == pytest.approx([80, 100], abs=1)
 
 
