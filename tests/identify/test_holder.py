@@ -166,7 +166,7 @@ def test_loads_at_one_point_leave_longer_tools_to_the_drawing_and_say_so() -> No
 
 @cache
 def errors_in_the_cut(gauges: str, how: str) -> Float:
-    """Half widths (3,) N that hold 95 % of the error of the mean force of a revolution, over a whole cut; seeds' mean."""
+    """Half widths (3,) N that hold 95 % of the error of a revolution's mean force, over a cut; mean of seeds."""
     places_of = chosen() if gauges == "chosen" else PAPER_GAUGES
     out = []
     for seed in SEEDS:
@@ -192,7 +192,8 @@ def errors_in_the_cut(gauges: str, how: str) -> Float:
         one_turn = np.ones(5) / 5.0
         error = np.stack([np.convolve(shown[:, i] - force[:, i], one_turn, "valid") for i in range(3)], axis=1)
         out.append(np.quantile(np.abs(error), 0.95, axis=0))
-    return np.mean(out, axis=0)
+    mean: Float = np.mean(out, axis=0)
+    return mean
 
 
 def test_printed_layout_gives_the_printed_errors() -> None:

@@ -172,6 +172,36 @@ def test_drift_and_temperature_are_told_apart_when_the_data_allow() -> None:
     assert held.headline[0].value > 2.0 * run(dataset(arrays), hose="none").headline[0].value
 
 
+def test_inertia_comes_from_a_motion() -> None:
+    """Readings of a moving arm by Newton's law on the rigid path; the acceleration is found from the joint angles."""
+    truth = true_sensor(inertia_kg_m2=np.array([2.4, 3.1, 1.6, 0.2, -0.3, 0.1]), T_seg_sensor=np.eye(4))
+    t = np.arange(0.0, 8.0, 0.004)
+    q = np.tile(orientations(3)[0], (len(t), 1))
+    for axis, rate in ((1, 2.0), (2, 2.6), (3, 5.0), (4, 4.1), (5, 6.3)):
+        q[:, axis] += 0.12 * np.sin(rate * t + axis)
+    com = pose.transform(truth.T_seg_sensor, truth.p_sensor_com)
+    T = carrier_pose(with_mass_behind(model().chain, "sensor", 82.0, com), "sensor", q)
+    R = T[:, :3, :3]
+    by_time = [np.gradient(v, t, axis=0, edge_order=2) for v in (R, T[:, :3, 3])]
+    spin = np.swapaxes(R, 1, 2) @ by_time[0]
+    omega = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
+    second = np.gradient(by_time[1], t, axis=0, edge_order=2)
+    acceleration = (np.swapaxes(R, 1, 2) @ second[:, :, None])[:, :, 0]
+    motion = SensorMotion(acceleration, omega, np.gradient(omega, t, axis=0, edge_order=2))
+    w = idle_wrench(truth, R, motion=motion) + SIGMA * np.random.default_rng(0).standard_normal((len(t), 6))
+    moved = of_arrays("swing", "sensor_motion", {"q": q, "w_sensor": w, "time_s": t}, {"w_sensor": SIGMA})
+    still = dataset(shown(truth, orientations(10)))
+    settings = {"hose": "none", "drift": False}
+    found = RECIPE.identify(model(), [still, moved], [dataset(shown(truth, orientations(8, 3)))], settings, silent)
+    fit = found.fits["payload"]
+    for entry, expected in zip(("xx", "yy", "zz", "xy", "xz", "yz"), truth.inertia_kg_m2, strict=True):
+        assert abs(fit.value(f"inertia.{entry}") - expected) < max(4.0 * fit.sigma_of(f"inertia.{entry}"), 0.03)
+    without = RECIPE.identify(
+        model(), [still, moved], [dataset(shown(truth, orientations(8, 3)))], {**settings, "inertia": False}, silent
+    )
+    assert without.fits["payload"].sigma_factors[1] > 2.0 * fit.sigma_factors[1]
+
+
 def test_a_set_that_turns_only_about_the_vertical_says_so() -> None:
     q = np.tile(orientations(12)[0], (6, 1))
     q[:, 0] += np.linspace(-0.5, 0.5, 6)

@@ -31,7 +31,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     """Choose loads, and with ``gauges = "choose"`` the places of the bridges as well.
 
     Loads of ``largest_n`` in 17 directions (never pulling the tool out of the spindle), at the tool tip and
-    ``shorter_m`` nearer the spindle: two points make the effect of the tool's length visible. Taken greedily, D-optimal.
+    ``shorter_m`` nearer the spindle: two points make the effect of the tool's length visible. Greedy, D-optimal.
 
     Args:
         cell: With an instrumented holder.

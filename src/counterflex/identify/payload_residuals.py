@@ -25,6 +25,7 @@ from counterflex.identify.payload_parameters import (
     TURN,
     UNITS,
 )
+from counterflex.identify.residuals import Residuals
 from counterflex.sensing.flange_sensor import tensor
 from counterflex.sensing.orientation_basis import degree_of, orientation_basis, orientation_basis_slope
 
@@ -131,13 +132,13 @@ class SensorReadings:
         )
 
 
-def force_error(block: SensorReadings, x: Float) -> Float:
+def force_error(block: Residuals, x: Float) -> Float:
     """(n,) N, length of the force that is left."""
     out: Float = np.linalg.norm((block.evaluate(x) * block.sigma)[:, :3], axis=1)
     return out
 
 
-def moment_error(block: SensorReadings, x: Float) -> Float:
+def moment_error(block: Residuals, x: Float) -> Float:
     """(n,) N m, length of the moment that is left."""
     out: Float = np.linalg.norm((block.evaluate(x) * block.sigma)[:, 3:], axis=1)
     return out

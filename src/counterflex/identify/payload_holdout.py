@@ -1,0 +1,52 @@
+"""What a flange sensor's constants are worth on orientations that were not used: forces and moments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from counterflex.identify.holdout import HeldOut, cross_validate
+from counterflex.identify.parameters import Parameters
+from counterflex.identify.payload_parameters import needed
+from counterflex.identify.payload_residuals import SensorReadings, force_error, moment_error
+from counterflex.identify.solve import solve
+
+
+def held_out_forces(chosen: Parameters, blocks: Sequence[SensorReadings]) -> HeldOut:
+    """Force errors by folds; the nominal ones with the zero found on the training part.
+
+    Args:
+        chosen: Parameters of the fit.
+        blocks: Readings.
+    """
+    return cross_validate(chosen, blocks, needed=needed(), error=force_error)
+
+
+def held_out_moments(
+    force: HeldOut, chosen: Parameters, blocks: Sequence[SensorReadings], unseen: Sequence[SensorReadings]
+) -> HeldOut:
+    """Moment errors of the same rows by the same fits.
+
+    Args:
+        force: Of the forces.
+        chosen: Parameters of its fits.
+        blocks: Readings that were fitted.
+        unseen: Readings of a separate file, or empty for folds of ``blocks``.
+    """
+    zero_only = chosen.held([name for name in chosen.names if name not in needed()])
+    nominal, identified = np.empty(len(force.row)), np.empty(len(force.row))
+    for fold, fit in enumerate(force.fits):
+        mine = [(force.block == i) & (force.fold == fold) for i in range(len(unseen or blocks))]
+        training = list(blocks)
+        if not unseen:
+            training = [
+                b.subset(~np.isin(np.arange(len(b.group)), force.row[m])) for b, m in zip(blocks, mine, strict=True)
+            ]
+        before = solve(zero_only, training).values
+        for block, m in zip(unseen or blocks, mine, strict=True):
+            if np.any(m):
+                rows = block.subset(np.isin(np.arange(len(block.group)), force.row[m]))
+                identified[m], nominal[m] = moment_error(rows, fit.values), moment_error(rows, before)
+    return replace(force, nominal=nominal, identified=identified)
