@@ -212,7 +212,7 @@ CASES: dict[str, tuple[str, Change, list[str]]] = {
     "two fiducials": ("tracker-frame", first(2), ["2"]),
     "left-handed fiducials": ("tracker-frame", scaled("p_base_fiducial_x", -1.0), ["left-handed"]),
     "fiducials in metres": ("tracker-frame", scaled("p_base_fiducial", 1e-3), ["fiducial"]),
-    "forces with the other sign": ("stiffness", scaled("w_tcp_base", -1.0), ["w_tcp_base"]),
+    "forces with the other sign": ("stiffness", scaled("w_tcp_base", -1.0), ["against their loads", "acts_on"]),
     "kilonewtons called newtons": ("stiffness", scaled("w_tcp_base_f", 1e-3), ["have no load", "unit of the load"]),
     "displacement in metres": ("stiffness", scaled("d_tcp_base", 1e-3), ["1000 times"]),
     "forces x and y swapped": ("stiffness", swapped("w_tcp_base_fx_n", "w_tcp_base_fy_n"), ["w_tcp_base"]),
