@@ -43,6 +43,7 @@ class Motion:
         sigma: (n,).
         motor_torque: (n,) N m or None.
         where: For messages.
+        lever_m: Distance that the tool moves per rad; infinite for encoders.
     """
 
     run: int
@@ -55,6 +56,7 @@ class Motion:
     sigma: Float
     motor_torque: Float | None
     where: str
+    lever_m: float = float("inf")
 
 
 def motions(cell: CellModel, data: Sequence[Dataset], first_run: int = 0) -> list[Motion]:
@@ -176,7 +178,9 @@ def _motion(cell: CellModel, dataset: Dataset, rows: np.ndarray, lead: str, seen
             limit=f"< {LONGEST_M:g}",
         )
     along = slope / lever
-    return Motion(run, axis, "tracker", q[:, axis], torque, time, p @ along, np.sqrt(sigma**2 @ along**2), motor, place)
+    return Motion(
+        run, axis, "tracker", q[:, axis], torque, time, p @ along, np.sqrt(sigma**2 @ along**2), motor, place, lever
+    )
 
 
 def balance(q: Float, time_s: Float, motor: Float) -> tuple[float, float]:

@@ -27,8 +27,9 @@ from counterflex.identify.reversals_proposal import propose
 from counterflex.identify.solve import Stop, solve
 from counterflex.robot.description import Play
 
+BEARING_M: Final = 0.01
+"""How far off its axis the torsion of a gear and its bearing may turn, one standard deviation."""
 _STOP: Final = Stop(tolerance=1e-8, evaluations=60)
-_DOUBT = 4.0
 _SHOWN = 800
 
 
@@ -52,7 +53,7 @@ def identify(
         cell: Compliance and weights; play known before.
         data: Of kind ``reversals``.
         holdout: Motions to predict; empty means motions of ``data`` held out in turn.
-        settings: ``as_stated``.
+        settings: ``bearing_m``: see :data:`BEARING_M`; ``as_stated``.
         progress: Told about axes.
 
     Returns:
@@ -80,6 +81,7 @@ def identify(
         rows = [AxisResiduals(tuple(blocks(mine, places)))]
         fit = with_correlation(solve(p, rows, robust=False, stop=_STOP), rows)
         needed = [name for name in p.names if name.endswith(".delay")]
+        turn_spread = 0.0
         if other:
             errors.append(
                 score_separate(
@@ -98,16 +100,14 @@ def identify(
                 p, rows, needed=needed, error=angle_error, folds=folds, robust=False, stop=_STOP, start=fit.values
             )
             errors.append(held)
-            spread = np.array([part.values for part in held.fits])
-            k = len(spread)
-            jack = np.sqrt((k - 1) / k * np.sum((spread - spread.mean(axis=0)) ** 2, axis=0))
-            fit = replace(
-                fit, sigma=np.where(fit.sigma > 0.0, np.maximum(fit.sigma, np.minimum(jack, 3.0 * fit.sigma)), 0.0)
-            )
+            fit = _at_least(fit, jackknife([part.values for part in held.fits]))
+            turn_spread = float(jackknife([np.array([turn(part, axis)]) for part in held.fits])[0])
+        share = float(settings.get("bearing_m", BEARING_M)) / min(m.lever_m for m in mine)
+        fit = _with_bearing(fit, share)
         fits[f"axis {axis + 1}"] = fit
         play = _play(fit, axis)
         changes.append(AxisPlay(axis, play))
-        figures += _figures(cell, fit, axis, play, mine)
+        figures += _figures(cell, fit, axis, play, mine, (turn_spread, share))
         remarks += _remarks(cell, fit, axis, play, mine)
         pictures += [_loop(b, fit, m) for b, m in list(zip(rows[0].parts, mine, strict=True))[:2]]
         progress((done + 1) / len(axes), f"axis {axis + 1}")
@@ -165,9 +165,39 @@ def loop_half_width(fit: Fit, axis: int) -> tuple[float, float]:
     return soft * sum(fit.value(n) for n in names), soft * float(np.sqrt(slope @ part @ slope))
 
 
-def _figures(cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Motion]) -> list[Figure]:
+def turn(fit: Fit, axis: int) -> float:
+    """Torsion by dry friction, half the loop of a loaded axis: ``c sum F``, rad."""
+    name = f"axis{axis + 1}"
+    return fit.value(f"{name}.compliance") * sum(
+        fit.value(n) for n in fit.parameters.names if n.startswith(f"{name}.friction")
+    )
+
+
+def jackknife(values: Sequence[Float]) -> Float:
+    """Standard deviations (p,) from the values (p,) that each of k folds left out gave."""
+    spread = np.array(values)
+    k = len(spread)
+    out: Float = np.sqrt((k - 1) / k * np.sum((spread - spread.mean(axis=0)) ** 2, axis=0))
+    return out
+
+
+def _at_least(fit: Fit, sigma: Float) -> Fit:
+    return replace(fit, sigma=np.where(fit.sigma > 0.0, np.maximum(fit.sigma, sigma), 0.0))
+
+
+def _with_bearing(fit: Fit, share: float) -> Fit:
+    """Add a share of play and friction: what turns about a bearing off the axis moves a tool by another lever."""
+    scaled = np.array([part.split(".")[1].startswith(("half_band", "friction")) for part in fit.parameters.names])
+    extra = np.where(scaled, share * np.abs(fit.values), 0.0)
+    return replace(fit, sigma=np.where(fit.sigma > 0.0, np.hypot(fit.sigma, extra), 0.0))
+
+
+def _figures(
+    cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Motion], more: tuple[float, float]
+) -> list[Figure]:
     name, before = f"axis{axis + 1}", axis_play(cell, axis)[0]
     width, sigma = loop_half_width(fit, axis)
+    sigma = float(np.hypot(max(sigma, more[0]), more[1] * width))
     old = compliance(cell, axis) * sum(before.friction_nm)
     out = [
         Figure(
@@ -272,7 +302,7 @@ RECIPE: Final = Recipe(
     name="play",
     title="Dead band and dry friction of the axes from slow reversals",
     kinds=("reversals",),
-    settings={"as_stated": False},
+    settings={"bearing_m": BEARING_M, "as_stated": False},
     identify=identify,
     propose=propose,
 )
