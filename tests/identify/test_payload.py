@@ -342,7 +342,7 @@ def test_proposal_is_within_limits_and_beats_chance() -> None:
 
 
 def test_expected_deviations_are_those_of_the_fit() -> None:
-    proposal = RECIPE.propose(model(), 16, {"seed": 0, "force_n": 0.2, "moment_nm": 0.02, "degree": 0})
+    proposal = RECIPE.propose(model(), 16, {"seed": 0, "force_n": 0.2, "moment_nm": 0.02, "hose": "none"})
     q = np.stack([proposal.columns[f"q{i}_rad"] for i in range(1, 7)], axis=1)
     fit = run(dataset(shown(true_sensor(), q)), hose="none").fits["payload"]
     for name in ("mass", "bias.fx", "com.z", "mounting.y"):

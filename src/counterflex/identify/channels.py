@@ -250,6 +250,8 @@ CHANNELS_OF: Final[dict[str, tuple[str, ...]]] = {
 SETTINGS: Final[dict[str, str]] = {
     "payload_kg": "mass that hung on the flange beyond what the cell file says",
     "remark": "anything worth keeping",
+    "bandwidth_hz": "frequency up to which the force sensor is true; single teeth are looked for only below it",
+    "gauges": "where the bridges of the holder sit: x, y, z in m, angle in rad and factor of each, one after the other",
     "tracker": "name of the tracker's place, where other data were measured from elsewhere",
     "target": "name of the target or reflector, where other data were measured with another",
     "probe_sigma_m": "standard deviation with which the probe touches a plane",

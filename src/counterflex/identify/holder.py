@@ -16,7 +16,7 @@ from counterflex.identify.changes import Change, TableValues
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
 from counterflex.identify.holder_before import holder_before
-from counterflex.identify.holder_choice import propose
+from counterflex.identify.holder_choice import LARGEST_N, SHORTER_M, propose
 from counterflex.identify.holder_estimators import cross_talk, hysteresis, regressions
 from counterflex.identify.holder_residuals import (
     DRAWING_SHARE,
@@ -34,6 +34,7 @@ from counterflex.identify.readings import sign_mistakes, swapped_columns, unit_m
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
 from counterflex.identify.solve import solve
 from counterflex.identify.suspicion import Misfit, check_reading, misfit_of
+from counterflex.sensing.holder_beam import Gauge
 from counterflex.sensing.strain_holder import StrainHolder, sight, tool_matrix
 
 LEAST = 6
@@ -47,6 +48,9 @@ SETTINGS: Mapping[str, float | int | str | bool] = {
     "drift": True,
     "temperature": True,
     "as_stated": False,
+    "gauges": "given",
+    "largest_n": LARGEST_N,
+    "shorter_m": SHORTER_M,
 }
 
 
@@ -71,7 +75,7 @@ def identify(
         FileFormatError: A channel is missing or not a number.
     """
     s = {**SETTINGS, **settings}
-    holder = _at(holder_before(cell), data)
+    holder = _at(_glued(holder_before(cell), (*data, *holdout)), data)
     reference_c = holder.reference_c
     blocks = [readings(d, holder, reference_c=reference_c) for d in data]
     unseen = [readings(d, holder, reference_c=reference_c) for d in holdout]
@@ -117,6 +121,24 @@ def identify(
         remarks=(*remarks, *more, *_remarks(holder, found, fit, blocks)),
         pictures=(_picture(blocks, unseen, held),),
     )
+
+
+def _glued(holder: StrainHolder, data: Sequence[Dataset]) -> StrainHolder:
+    """The holder with its bridges where the data say they sit, by its drawing where that is elsewhere."""
+    stated = [np.asarray(d.settings["gauges"], dtype=np.float64).reshape(-1) for d in data if "gauges" in d.settings]
+    if not stated:
+        return holder
+    if any(len(g) % 5 or len(g) != len(stated[0]) or not np.allclose(g, stated[0]) for g in stated):
+        raise InputError(
+            "the data do not agree on where the bridges of the holder sit",
+            where=", ".join(d.where or d.name for d in data),
+            limit="setting gauges: five numbers for each bridge, the same in all data",
+        )
+    gauges = tuple(Gauge((r[0], r[1], r[2]), r[3], r[4]) for r in stated[0].reshape(-1, 5).tolist())
+    now = np.array([(*g.p_holder_gauge, g.angle_rad, g.factor) for g in holder.gauges])
+    if len(gauges) == len(now) and np.allclose(now.reshape(-1), stated[0], atol=1e-5):
+        return holder
+    return StrainHolder.designed(holder.beam, gauges, holder.p_holder_tcp, float(holder.noise.mean()), holder.segment)
 
 
 def _at(holder: StrainHolder, data: Sequence[Dataset]) -> StrainHolder:

@@ -19,7 +19,7 @@ from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
 from counterflex.identify.holdout import HeldOut, score_separate
 from counterflex.identify.model import CellModel
-from counterflex.identify.payload_choice import propose
+from counterflex.identify.payload_choice import FORCE_N, HEIGHT_M, MOMENT_NM, propose
 from counterflex.identify.payload_data import KINDS, check_orientations, clock, readings, shared_mass, with_mass_behind
 from counterflex.identify.payload_holdout import held_out_forces, held_out_moments
 from counterflex.identify.payload_parameters import (
@@ -60,6 +60,9 @@ SETTINGS: Mapping[str, float | int | str | bool] = {
     "offset_n": 3.0,
     "offset_nm": 1.0,
     "as_stated": False,
+    "height_m": HEIGHT_M,
+    "force_n": FORCE_N,
+    "moment_nm": MOMENT_NM,
 }
 
 

@@ -24,6 +24,8 @@ from counterflex.sensing.orientation_basis import COUNTS
 CANDIDATES = 400
 FORCE_N, MOMENT_NM = 1.0, 0.1
 """Standard deviations of a reading that expected ones are computed with, unless settings say otherwise."""
+HEIGHT_M = 0.3
+"""Least height of the tool tip above the base."""
 _SWING_RAD = 20.0 * DEG  # of axes 1 to 3 about the middle posture
 _WRIST_RAD = 175.0 * DEG
 
@@ -37,17 +39,20 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     Args:
         cell: The cell.
         count: How many, at least 3.
-        settings: ``seed``; ``height_m`` least height of the tool tip above the base (0.3); ``force_n`` and
-            ``moment_nm`` noise of a reading; ``degree`` of the hose pack (0 below 20 orientations, else 1).
+        settings: ``seed``; ``height_m`` least height of the tool tip above the base; ``force_n`` and ``moment_nm``
+            noise of a reading; ``hose`` degree of the hose pack (``auto``: 1 from 20 orientations).
 
     Raises:
         InputError: Fewer than 3, or no posture that meets the limits.
     """
     if count < 3:
         raise InputError("orientations to propose", value=count, limit=">= 3 (8 or more for a check)")
-    degree = int(settings.get("degree", 0 if count < 2 * (COUNTS[1] + 1) else 1))
+    hose = str(settings.get("hose", "auto"))
+    if hose not in ("auto", "none", "0", "1", "2"):
+        raise InputError("setting hose", value=hose, limit="auto, none, 1 or 2")
+    degree = int(hose) if hose.isdigit() else int(hose == "auto" and count >= 2 * (COUNTS[1] + 1))
     sensor, chain = sensor_before(cell), cell.chain
-    q = candidates(cell, int(settings.get("seed", 0)), float(settings.get("height_m", 0.3)))
+    q = candidates(cell, int(settings.get("seed", 0)), float(settings.get("height_m", HEIGHT_M)))
     sigma = np.repeat([float(settings.get("force_n", FORCE_N)), float(settings.get("moment_nm", MOMENT_NM))], 3)
     data = of_arrays("candidates", "sensor_poses", {"q": q, "w_sensor": np.zeros((len(q), 6))}, {"w_sensor": sigma})
     block = readings(data, chain, sensor, reference_c=sensor.reference_c, start_s=0.0, window_s=0.1)

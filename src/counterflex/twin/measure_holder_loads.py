@@ -74,6 +74,7 @@ def measure(
             "temperature_c": 0.05,
         },
         group=group,
+        settings={"gauges": [float(v) for v in np.ravel(np.asarray(settings["gauges"], dtype=np.float64))]},
     )
 
 
