@@ -133,7 +133,7 @@ def _residuals(
     cell: CellModel, model: ArmModel, d: Dataset, frames: Frames, known: KnownFrames | None
 ) -> list[Residuals]:
     if d.kind in POSE_KINDS:
-        return [_tracker(cell, model, part, frames, known, target) for target, part in _by_channel(d, "target")]
+        return [_tracker(cell, model, part, frames, known, target) for target, part in by_channel(d, "target")]
     if d.kind == "fiducials":
         return [_fiducials(d, frames, known)]
     if d.kind == "distances":
@@ -141,7 +141,7 @@ def _residuals(
     return _planes(cell, model, d, frames)
 
 
-def _by_channel(d: Dataset, channel: str) -> list[tuple[str, Dataset]]:
+def by_channel(d: Dataset, channel: str) -> list[tuple[str, Dataset]]:
     """The dataset split by a channel of numbers; whole where it has none."""
     if not d.has(channel):
         return [("", d)]
@@ -218,7 +218,7 @@ def _fiducials(d: Dataset, frames: Frames, known: KnownFrames | None) -> Residua
 def _distances(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> list[Residuals]:
     out: list[Residuals] = []
     angles = known_drive_errors(cell).link_angles
-    for number, part in _by_channel(d, "anchor"):
+    for number, part in by_channel(d, "anchor"):
         length = part.values("distance")[:, 0]
         n = len(part)
         if part.has("q_second"):
@@ -249,7 +249,7 @@ def _distances(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> 
 
 def _planes(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> list[Residuals]:
     out: list[Residuals] = []
-    for number, part in _by_channel(d, "plane"):
+    for number, part in by_channel(d, "plane"):
         name = _named(f"plane of {d.name}", number)
         q = part.values("q")
         if name not in frames.planes:

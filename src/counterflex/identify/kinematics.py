@@ -17,7 +17,7 @@ from counterflex.identify.changes import BodyMass, Calibration, Change, ElementC
 from counterflex.identify.data_checks import check_enough, check_finite
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
-from counterflex.identify.geometry_setup import KINDS, POSE_KINDS, TARGET, TRACKER, Setup, set_up
+from counterflex.identify.geometry_setup import KINDS, POSE_KINDS, TARGET, TRACKER, Setup, by_channel, set_up
 from counterflex.identify.holdout import HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.kinematics_proposal import propose
 from counterflex.identify.kinematics_report import figures, headline, pictures, remarks
@@ -98,7 +98,8 @@ def _check(cell: CellModel, data: Sequence[Dataset], *, as_stated: bool) -> tupl
                 limit=", ".join(KINDS),
             )  # fmt: skip
         if d.kind in POSE_KINDS:
-            told = (*told, *check_tracker_data(cell, d, as_stated=as_stated))
+            for _, part in by_channel(d, "target"):
+                told = (*told, *check_tracker_data(cell, part, as_stated=as_stated))
         elif d.kind == "fiducials":
             check_finite(d, ["p_base_fiducial", "p_tracker_fiducial"])
         else:
