@@ -58,16 +58,22 @@ def lost_angles(chain: ElasticChain, pulls: Pulls) -> Float:
     stations = [(start, none), (pulls.q, none), (pulls.q, load)]
     if pulls.history == AGAIN:
         stations += [(start, load), (pulls.q, load)]
-    q = np.stack([s[0] for s in stations], axis=1)
-    w = np.stack([s[1] for s in stations], axis=1)
+    q = np.stack([s[0] for s in stations])
+    w = np.stack([s[1] for s in stations])
     torque = axis_torque(chain, q.reshape(-1, 6), w.reshape(-1, 6)).reshape(q.shape)
     soft = np.maximum(chain.compliance[chain.torsion, 5], STIFFEST_RAD_NM)
     band, limit, slip = _arrays(play)
-    out = np.empty((n, 6))
-    for row in range(n):
-        s = torsion_path(q[row], torque[row], soft, band, limit, slip)
-        lost = s - soft * torque[row]
-        out[row] = lost[-1] - lost[1]
+    columns = (len(stations), 6 * n)  # axes are independent: those of all rows side by side in one path
+    s = torsion_path(
+        q.reshape(columns),
+        torque.reshape(columns),
+        np.tile(soft, n),
+        np.tile(band, n),
+        np.tile(limit, (n, 1)),
+        np.tile(slip, (n, 1)),
+    ).reshape(q.shape)
+    lost = s - soft * torque
+    out: Float = lost[-1] - lost[1]
     out[:, [entry is None for entry in play]] = 0.0
     return out
 
