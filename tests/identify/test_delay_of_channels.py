@@ -32,6 +32,11 @@ ROOT = Path(__file__).resolve().parents[2]
 STEP = 4.0 * MS
 
 
+def times(n: int) -> Float:
+    out: Float = STEP * np.arange(n, dtype=np.float64)
+    return out
+
+
 @pytest.fixture(scope="module")
 def cell() -> CellModel:
     return model_of(read_cell(ROOT / "examples/cells/kr300_d16_flat.toml"))
@@ -65,8 +70,8 @@ def pair_of(
     n: int = 2000,
 ) -> Pair:
     """A reference and what follows it, by closed form but for the lag, which is computed twenty times finer."""
-    t = STEP * np.arange(n)
-    fine = STEP / 20.0 * np.arange(20 * n)
+    t = times(n)
+    fine = times(20 * n) / 20.0
     follow = chirp(fine) if lag == 0.0 else Lag(lag).respond(chirp(fine)[:, None], STEP / 20.0)[:, 0]
     keep = rng.random(n) >= lost
     at = t[keep] + 0.3 * STEP
@@ -145,7 +150,7 @@ def test_long_run_variance_of_an_autoregression() -> None:
 
 def test_elastic_torsion_and_delay_are_told_apart(cell: CellModel) -> None:
     rng = np.random.default_rng(11)
-    t = STEP * np.arange(2500)
+    t = times(2500)
     q = 0.3 * np.sin(1.1 * t)[:, None] * np.ones(2) + np.array([0.0, 0.2]) * np.sin(2.3 * t)[:, None]
     tau = 3000.0 * np.cos(q + 0.4) + 800.0 * np.gradient(np.gradient(q, STEP, axis=0), STEP, axis=0)
     soft, late = np.array([1.0e-7, 6.0e-8]), 0.0021
@@ -238,17 +243,17 @@ def test_an_answer_that_leads_is_refused() -> None:
 
 
 def test_a_record_without_two_channels_that_belong_together(cell: CellModel) -> None:
-    t = STEP * np.arange(100)
+    t = times(100)
     with pytest.raises(CounterflexError, match="no channels that follow each other"):
         pairs(cell, of_arrays("r", "record", {"time_s": t, "temperature_c": t}))
 
 
 def test_proposed_chirp_is_slow_enough_and_says_what_to_expect(cell: CellModel) -> None:
-    proposal = timing.propose(cell, 8, {})
+    proposal = timing.RECIPE.propose(cell, 8, {})
     tip = np.stack([proposal.columns[f"{a}_m"] for a in "xyz"], axis=1)
     t = proposal.columns["time_s"]
     acceleration = np.gradient(np.gradient(tip, t, axis=0), t, axis=0)
     assert np.max(np.abs(acceleration)) < 0.5
     assert 0.0 < proposal.expected["tracker.delay"] < 2.0 * MS
     with pytest.raises(InputError, match="length of the record"):
-        timing.propose(cell, 1, {})
+        timing.RECIPE.propose(cell, 1, {})

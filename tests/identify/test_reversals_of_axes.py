@@ -218,7 +218,7 @@ def test_bad_input_is_named(cell: CellModel) -> None:
 
 
 def test_proposal_balances_and_loads_every_axis(cell: CellModel) -> None:
-    proposal = reversals.propose(cell, 24, {"seed": 1})
+    proposal = reversals.RECIPE.propose(cell, 24, {"seed": 1})
     q = np.stack([proposal.columns[f"q{i}_rad"] for i in range(1, 7)], axis=1)
     axis = proposal.columns["axis"]
     assert sorted(axis.tolist()) == sorted([a for a in range(1, 7) for _ in range(4)])
@@ -229,4 +229,4 @@ def test_proposal_balances_and_loads_every_axis(cell: CellModel) -> None:
         assert mine.min() < 0.7 * friction
     assert all(s > 0.0 for s in proposal.expected.values())
     with pytest.raises(InputError, match="motions to propose"):
-        reversals.propose(cell, 3, {})
+        reversals.RECIPE.propose(cell, 3, {})

@@ -29,6 +29,11 @@ STEP = 4.0 * MS
 TRUE = tuple(Servo(k, 22.0, 0.07) for k in (1.5e5, 1.8e5, 1.0e5, 1.0e4, 1.1e4, 5e3))
 
 
+def times(n: int) -> Float:
+    out: Float = STEP * np.arange(n, dtype=np.float64)
+    return out
+
+
 @pytest.fixture(scope="module")
 def cell() -> CellModel:
     return model_of(read_cell(ROOT / "examples/cells/kr300_d16_flat.toml"))
@@ -45,7 +50,7 @@ def torque_of(step: Float, t: Float) -> Float:
 
 def campaign(seed: int = 0, count: int = 5) -> Dataset:
     rng = np.random.default_rng(seed)
-    t = STEP * np.arange(300)
+    t = times(300)
     rows: dict[str, list[Float]] = {k: [] for k in ("time_s", "q_command", "q_motor", "tau_motor", "f_tcp_base")}
     for _ in range(count):
         q = np.repeat(rng.uniform(-1.0, 1.0, 6)[None], len(t), axis=0)
@@ -69,7 +74,7 @@ def campaign(seed: int = 0, count: int = 5) -> Dataset:
 def test_the_loop_is_the_planners() -> None:
     rng = np.random.default_rng(1)
     tau = np.concatenate([[0.0], np.cumsum(rng.standard_normal(199))])
-    t = STEP * np.arange(200)
+    t = times(200)
     known = servo_error((TRUE[0],), np.zeros((200, 1)), -tau[:, None], t)[:, 0]
     found, _ = give_way(TRUE[0].speed_gain_nm_s, 22.0, 0.07, tau, STEP)
     assert found == pytest.approx(known, abs=1e-12 * np.max(np.abs(known)) + 1e-18, rel=1e-9)
@@ -128,7 +133,7 @@ def test_lowest_mode_and_damping(hz: float, zeta: float) -> None:
 
 def test_the_mode_goes_into_the_cell_file(cell: CellModel) -> None:
     data = campaign()
-    t = np.tile(STEP * np.arange(300), 5)
+    t = np.tile(times(300), 5)
     after = np.clip(t - 0.2, 0.0, None)
     tip = 1e-3 * np.exp(-0.06 * 50.0 * after) * np.cos(50.0 * after) * (t > 0.2)
     arrays = {k: c.values for k, c in data.channels.items()} | {"p_tracker_target": np.repeat(tip[:, None], 3, axis=1)}
@@ -171,10 +176,10 @@ def test_bad_input_is_named(cell: CellModel) -> None:
 
 
 def test_proposal_moves_every_motor(cell: CellModel) -> None:
-    proposal = servo.propose(cell, 6, {"seed": 0})
+    proposal = servo.RECIPE.propose(cell, 6, {"seed": 0})
     force = np.stack([proposal.columns[f"f{a}_n"] for a in "xyz"], axis=1)
     assert np.linalg.norm(force, axis=1) == pytest.approx(np.full(6, 500.0))
     assert np.all(force[:, 2] <= 0.0)
     assert all(0.0 < proposal.expected[f"axis{a}.speed_gain"] < 5e4 for a in range(1, 7))
     with pytest.raises(InputError, match="load steps to propose"):
-        servo.propose(cell, 1, {})
+        servo.RECIPE.propose(cell, 1, {})

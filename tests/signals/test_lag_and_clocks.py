@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lsim
 
+from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.signals.alignment import Clock, coarse_shift
 from counterflex.signals.continuous import Continuous
@@ -17,9 +18,14 @@ STEP = 0.004
 LAGS = (Lag(0.03), Lag(0.02, 0.4), Lag(0.02, 1.0), Lag(0.02, 1.6))
 
 
+def times(n: int) -> Float:
+    out: Float = STEP * np.arange(n, dtype=np.float64)
+    return out
+
+
 @pytest.mark.parametrize("lag", LAGS)
 def test_response_is_that_of_the_differential_equation(lag: Lag) -> None:
-    t = STEP * np.arange(500)
+    t = times(500)
     u = np.sin(9.0 * t) + t**2 + 2.0
     a = [lag.time_s, 1.0] if lag.damping is None else [lag.time_s**2, 2.0 * lag.damping * lag.time_s, 1.0]
     _, exact, _ = lsim(([1.0], a), u - u[0], t, interp=True)
@@ -28,7 +34,7 @@ def test_response_is_that_of_the_differential_equation(lag: Lag) -> None:
 
 @pytest.mark.parametrize("lag", LAGS)
 def test_it_trails_a_ramp_by_the_delay_it_states(lag: Lag) -> None:
-    t = STEP * np.arange(1000)
+    t = times(1000)
     assert t[-1] - lag.respond(t[:, None], STEP)[-1, 0] == pytest.approx(lag.delay_s, rel=1e-6)
 
 
@@ -41,7 +47,7 @@ def test_amplitude_has_fallen_by_three_decibel_at_the_bandwidth(lag: Lag) -> Non
 
 @pytest.mark.parametrize("lag", LAGS)
 def test_sensitivity_is_the_limit_of_differences(lag: Lag) -> None:
-    t = STEP * np.arange(300)
+    t = times(300)
     u = np.sin(20.0 * t)[:, None]
     _, slope = lag.sensitivity(u, STEP)
     for row, name in zip(slope, ("time_s", "damping"), strict=False):
@@ -50,7 +56,7 @@ def test_sensitivity_is_the_limit_of_differences(lag: Lag) -> None:
             fields = {"time_s": lag.time_s, "damping": lag.damping}
             step = h * float(fields[name] or 0.0)
             up, down = ({**fields, name: float(fields[name] or 0.0) + d} for d in (step, -step))
-            central = (Lag(**up).respond(u, STEP) - Lag(**down).respond(u, STEP)) / (2.0 * step)  # type: ignore[arg-type]
+            central = (Lag(**up).respond(u, STEP) - Lag(**down).respond(u, STEP)) / (2.0 * step)  # type: ignore[arg-type,operator]
             errors.append(float(np.max(np.abs(central - row))))
         assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
 
@@ -68,7 +74,7 @@ def test_a_clock_is_undone(offset: float, drift: float, reference: float, times:
 @pytest.mark.parametrize("shift", [-0.8, 0.0, 0.344, 12.0])
 def test_rough_shift_and_sign_between_records(shift: float) -> None:
     rng = np.random.default_rng(3)
-    t = STEP * np.arange(2000)
+    t = times(2000)
     signal = np.cumsum(rng.standard_normal(2600)) * 0.01
     a, b = signal[300:2300], -np.interp(t, t, signal[300:2300]) + 1e-4 * rng.standard_normal(2000)
     found, match = coarse_shift(t, a, t + shift, b, step_s=STEP)
@@ -77,7 +83,7 @@ def test_rough_shift_and_sign_between_records(shift: float) -> None:
 
 
 def test_what_stands_still_has_no_delay() -> None:
-    t = STEP * np.arange(200)
+    t = times(200)
     with pytest.raises(InputError, match="does not move"):
         coarse_shift(t, np.zeros(200), t, np.sin(t), step_s=STEP)
 

@@ -8,11 +8,24 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from counterflex.core.arrays import Float
 from counterflex.core.units import MS
-from counterflex.signals.alignment import Clock
 from counterflex.twin.laboratory import Laboratory
 
 _PPM = 1e-6
+
+
+@dataclass(frozen=True)
+class OtherClock:
+    """A clock that is off: at the instant t of the controller's it shows ``t + offset_s + drift t``."""
+
+    offset_s: float
+    drift: float
+
+    def stamps(self, time_s: Float) -> Float:
+        """What it shows at instants (n,) s of the controller's clock."""
+        out: Float = time_s * (1.0 + self.drift) + self.offset_s
+        return out
 
 
 @dataclass(frozen=True)
@@ -46,7 +59,7 @@ class InstrumentClocks:
 
     feedback: Channel
     tracker: Channel
-    tracker_clock: Clock
+    tracker_clock: OtherClock
     correction: Channel
     link_dead_time_s: float
 
@@ -60,6 +73,6 @@ def instrument_clocks(laboratory: Laboratory) -> InstrumentClocks:
 
     feedback = Channel(about(8.0 * MS, 0.1), 0.0, 0.0, 0.0)
     tracker = Channel(about(5.0 * MS, 0.3), about(3.0 * MS, 0.2), 0.05 * MS, 0.005)
-    tracker_clock = Clock(float(rng.uniform(-2.0, 2.0)), float(20.0 * _PPM * rng.standard_normal()))
+    tracker_clock = OtherClock(float(rng.uniform(-2.0, 2.0)), float(20.0 * _PPM * rng.standard_normal()))
     correction = Channel(about(16.0 * MS, 0.15), about(45.0 * MS, 0.15), 0.0, 0.0)
     return InstrumentClocks(feedback, tracker, tracker_clock, correction, about(2.8 * MS, 0.05))

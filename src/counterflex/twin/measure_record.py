@@ -17,9 +17,8 @@ from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MS, UM, URAD
-from counterflex.signals.alignment import Clock
-from counterflex.signals.lag import Lag
-from counterflex.twin.instrument_clocks import Channel, InstrumentClocks, instrument_clocks
+from counterflex.twin.drives import first_order_lag
+from counterflex.twin.instrument_clocks import Channel, OtherClock, instrument_clocks
 from counterflex.twin.laboratory import Laboratory, Measured
 from counterflex.twin.plant import STEP_S, Plant
 from counterflex.twin.truth import Truth
@@ -48,7 +47,8 @@ def measure(
         progress: Told about the motion.
 
     Returns:
-        ``time_s``, ``p_base_tcp`` (what the controller shows), ``q_motor``, ``time_tracker_s``, ``p_tracker_target``, and the command: ``p_base_command`` and ``q_command``, or ``d_correction``.
+        ``time_s``, ``p_base_tcp`` (what the controller shows), ``q_motor``, ``time_tracker_s``, ``p_tracker_target``,
+        and the command: ``p_base_command`` and ``q_command``, or ``d_correction``.
         Row k of channels of different clocks is not the same instant.
 
     Raises:
@@ -128,13 +128,15 @@ def _late(time_s: Float, values: Float, at: Float, channel: Channel) -> Float:
     """What a channel shows at instants (m,) of a signal (n, k): low-pass and dead time."""
     out = values
     if channel.lag_s > 0.0:
-        out = Lag(channel.lag_s).respond(values, float(time_s[1] - time_s[0]))
+        out = first_order_lag(values, float(time_s[1] - time_s[0]), 1.0 / channel.lag_s)
     moved = np.clip(at - channel.dead_time_s, time_s[0], time_s[-1])
     result: Float = CubicSpline(time_s, out)(moved)
     return result
 
 
-def _stamps(t: Float, cycle: float, channel: Channel, clock: Clock, noise: np.random.Generator) -> tuple[Float, Float]:
+def _stamps(
+    t: Float, cycle: float, channel: Channel, clock: OtherClock, noise: np.random.Generator
+) -> tuple[Float, Float]:
     """Instants of the samples that arrive, and the stamps they carry."""
     start = t[0] + cycle * noise.random()
     instants = np.arange(start, t[-1], cycle)
