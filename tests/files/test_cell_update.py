@@ -146,11 +146,12 @@ def test_identifying_again_replaces_the_entry_of_the_recipe(tmp_path: Path) -> N
     assert third.tables.identified[0].values == ENTRY.values
 
 
-def test_a_rigid_entry_of_the_catalogue_made_rigid_stays_rigid(tmp_path: Path) -> None:
+def test_what_is_made_rigid_or_stiffer_than_a_file_can_hold_stays_rigid(tmp_path: Path) -> None:
     cell = read_cell(EXAMPLES / "kr300_d16_small.toml")
     name = next(s.name for s in cell.robot.segments if np.any(s.compliance))
-    found = updated(cell, [ElementCompliance(name, np.zeros(6))], tmp_path)
-    assert not np.any(next(s for s in found.robot.segments if s.name == name).compliance)
+    for size in (0.0, 4e-20):
+        found = updated(cell, [ElementCompliance(name, np.full(6, size))], tmp_path)
+        assert not np.any(next(s for s in found.robot.segments if s.name == name).compliance)
 
 
 def test_lists_of_tables_written_in_one_line(tmp_path: Path) -> None:

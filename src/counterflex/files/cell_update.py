@@ -17,6 +17,7 @@ from counterflex.core.units import MM, MRAD, MS, N_PER_MM, N_PER_MM2, UM, UM_PER
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.cell_measured import IdentifiedTable
+from counterflex.files.schema import STIFFEST
 from counterflex.identify.changes import (
     AxisPlay,
     AxisServo,
@@ -156,6 +157,8 @@ def _compliance(doc: Doc, change: ElementCompliance, cell: Cell, source: str) ->
         row = _body(doc, change.segment, cell)
         before = next(s.compliance for s in cell.end_effector.segments if s.name == change.segment)
     for (key, unit), value, old in zip(COMPLIANCE_KEYS, change.compliance, before, strict=True):
+        # What is stiffer than a file can hold is rigid: over 1e12 N/m or N m/rad nothing bends that can be measured.
+        value = 0.0 if 0.0 < value < STIFFEST * unit else value
         # Rigid is written only where something else would be read without it.
         if value != 0.0 or old != 0.0 or key in row:
             row[key] = _written(value, unit)
