@@ -270,12 +270,11 @@ def step(
         if not math.isfinite(wanted[k]) and hard == 0:
             hard = _NOT_FINITE
     share = risen(whole[AT_RISE], supervisor_settings[SET_RISE_CYCLES])
-    if active:
-        reach = max(size_of(wanted, 0) / constants[at.C_TRANSLATION], size_of(wanted, 3) / constants[at.C_ROTATION])
-        if reach > constants[at.C_HARD] and hard == 0:
-            hard = _HARD_LIMIT
-        elif reach > 1.0 and soft == 0:
-            soft = _SOFT_LIMIT
+    reach = max(size_of(wanted, 0) / constants[at.C_TRANSLATION], size_of(wanted, 3) / constants[at.C_ROTATION])
+    if reach > constants[at.C_HARD] and hard == 0 and (active or whole[AT_STATE] == _HOLD):
+        hard = _HARD_LIMIT
+    elif reach > 1.0 and soft == 0 and active:
+        soft = _SOFT_LIMIT
     # Who may act.
     away = 0.0
     for k in range(3):
