@@ -10,11 +10,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 
 from counterflex.app import examples
 from counterflex.cli.main import app
+from counterflex.files.dataset_writer import write_dataset
 
 HEAVY = ("numpy", "numba", "scipy", "polars", "mujoco", "plotly", "pydantic", "trimesh", "jinja2")
 
@@ -77,6 +79,11 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     if words[0] == "twin":
         proposal = ("identify", "tracker-frame", "--propose", "12", "--cell", "cell.toml", "--out", "proposal")
         assert counterflex(*proposal).status == 0
+    if words[0] in ("identify", "dataset"):
+        fiducials(folder)
+    if words[:2] == ["identify", "history"]:
+        found = ("identify", "tracker-frame", "points.toml", "--cell", "cell.toml", "--out", "out")
+        assert counterflex(*found).status == 0
     if words[0] in ("prove", "demo", "campaign"):
         words += ["--workers", "1"]
     ended = counterflex(*words)
@@ -85,6 +92,16 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     assert ended.out
     if "--out" in words:
         assert (folder / words[words.index("--out") + 1]).exists()
+
+
+def fiducials(folder: Path) -> None:
+    """A dataset ``points.toml``: six fiducials, known in the base and measured by a tracker 4 m away."""
+    p = np.array(
+        [[1.0, 0.0, 0.2], [0.0, 1.2, 0.9], [-1.0, 0.3, 0.1], [0.2, -1.1, 1.5], [1.3, 1.0, 1.8], [-0.9, -1.0, 0.4]]
+    )
+    seen = p - np.array([4.5, 0.5, 1.2]) + 1e-5 * np.array([[1, -1, 0], [0, 1, -1], [-1, 0, 1]] * 2)
+    channels = {"p_base_fiducial": p, "p_tracker_fiducial": seen}
+    write_dataset(folder, "points", "fiducials", channels, dict.fromkeys(channels, 2e-5))
 
 
 def test_help_loads_no_heavy_library() -> None:

@@ -181,9 +181,8 @@ def test_cutting_constants(law: KienzleLaw | LinearEdgeLaw, catalog: bool, tmp_p
     path = EXAMPLES / "kr300_d16_small.toml"
     if catalog:
         head, rest = path.read_text().split("[material]")
-        (tmp_path / "c.toml").write_text(
-            f'{head}[material]\ncatalog = "en-aw-7075-vdi22"\nkr_over_kc = 0.3\nka_over_kc = 0.1\n\n[posture]{rest.split("[posture]")[1]}'
-        )
+        own = 'catalog = "en-aw-7075-vdi22"\nkr_over_kc = 0.3\nka_over_kc = 0.1\n'
+        (tmp_path / "c.toml").write_text(f"{head}[material]\n{own}\n[posture]{rest.split('[posture]')[1]}")
         path = tmp_path / "c.toml"
     found = updated(read_cell(path), [CuttingLaw(law)], tmp_path)
     h = np.geomspace(law.h_min_m, law.h_max_m, 20)

@@ -25,7 +25,7 @@ def check(
 ) -> None:
     """Read a dataset as identify does, and say what was understood: rows, ranges, standard deviations.
 
-    Example: `counterflex dataset check poses.toml`
+    Example: `counterflex dataset check points.toml`
     """
     from counterflex.app.dataset_check import described
 

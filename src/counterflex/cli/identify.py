@@ -25,9 +25,9 @@ Recipes:
 
 Examples:
 
-`counterflex identify kinematics --propose 40 --cell cell.toml --out proposal` says which poses to measure.
+`counterflex identify tracker-frame --propose 20 --cell cell.toml --out proposal` says which poses to measure.
 
-`counterflex identify kinematics poses.toml --cell cell.toml --out out` finds the parameters.
+`counterflex identify tracker-frame points.toml --cell cell.toml --out out` finds the parameters.
 
 `counterflex identify history out` lists what was identified below a folder and what changed.
 """
