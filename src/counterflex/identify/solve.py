@@ -31,6 +31,7 @@ _COARSE_GAIN = 0.05
 _ROUNDS = 40
 _DAMPED_AFTER = 10
 _AT_REST = 1e-2
+_COARSE_TOLERANCE = 1e-2
 _LOOSE = 1e-6
 _FEW = 10
 _AT_BOUND = 1e-4
@@ -149,7 +150,7 @@ def _coarse(problem: Stacked, u: Float, stop: Stop, progress: Progress) -> Float
     typical = [spread(r) for r in problem.rows(u)]
     for turn in range(_COARSE_ROUNDS):
         weights = [median_weights(r) for r in problem.rows(u)]
-        result = problem.fit(u, weights, typical, _LOOSE, min(_FEW, stop.evaluations))
+        result = problem.fit(u, weights, typical, _COARSE_TOLERANCE, min(_FEW, stop.evaluations))
         moved = result.x
         now = [spread(r) for r in problem.rows(moved)]
         gain = max(math.log(a / b) for a, b in zip(typical, now, strict=True))
