@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cel
 Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
 R = rotation.about_x(np.pi)
 FEED = 0.025
-WIDE = {"translation": MotionLimit(4.0 * MM, 0.2, 50.0), "hard_factor": 2.0}
+WIDE: dict[str, Any] = {"translation": MotionLimit(4.0 * MM, 0.2, 50.0), "hard_factor": 2.0}
 
 
 def straight(force: tuple[float, float, float] = (0.0, 0.0, 0.0), begin: float = 0.03, end: float = 0.17) -> LoopPlan:
@@ -51,9 +52,9 @@ def armed(plan: LoopPlan | None, chosen: OnlineSettings) -> Loop:
     return loop
 
 
-def mill(loop: Loop, x: float, w: Float | None = None, **inputs: object) -> Float:
+def mill(loop: Loop, x: float, w: Float | None = None, **inputs: Any) -> Float:
     given = np.zeros(6) if w is None else w
-    loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=given, enable=True, **inputs)  # type: ignore[arg-type]
+    loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=given, enable=True, **inputs)
     loop.run()
     return loop.correction.copy()
 
@@ -201,13 +202,13 @@ def test_the_same_inputs_give_the_same_outputs_and_every_limit_holds(seed: int) 
     rng = np.random.default_rng(seed)
     last, speed, limit = np.zeros(3), np.zeros(3), chosen.translation
     for k in range(300):
-        inputs = {
+        inputs: dict[str, Any] = {
             "elapsed": int(rng.choice([0, 1, 1, 1, 1, 2])),
             "force_age": int(rng.choice([0, 0, 0, 1, 4])),
             "stop": bool(rng.random() < 0.01),
             "arm": bool(rng.random() < 0.1),
         }
-        w = six(tuple(400.0 * rng.standard_normal(3)))
+        w = np.concatenate([400.0 * rng.standard_normal(3), np.zeros(3)])
         a, b = (mill(loop, 1e-4 * k, w, **inputs) for loop in (one, two))
         np.testing.assert_array_equal(a, b)
         assert one.state == two.state
@@ -248,7 +249,8 @@ def settle(mode: TrackerMode, cycles: int) -> Float:
         actual = pose.make(R, np.array([x, 0.0, 0.0]) + deviation)
         mill(loop, x, None, T_part_actual=actual)
         history.append(deviation)
-    return np.linalg.norm(np.array(history), axis=1)
+    out: Float = np.linalg.norm(np.array(history), axis=1)
+    return out
 
 
 def test_tracker_both_ways_take_a_constant_error_out_and_the_observer_sooner() -> None:
