@@ -179,16 +179,23 @@ def build(pair: Pair, order: Order, shift_s: float) -> tuple[Parameters, DelayRe
 
     before = pair.delay_s if pair.same_clock else shift_s
     if pair.each:
-        delay = tuple(add(f"delay{label}", "s", before, MS) for label in pair.labels)
+        delay = tuple(add(f"delay{label}", "s", before, 10.0 * MS) for label in pair.labels)
     else:
-        delay = (add("delay", "s", before, MS),) * m
-    drift = -1 if pair.same_clock else add("drift", "1", 0.0, 1e-5)
+        delay = (add("delay", "s", before, 10.0 * MS),) * m
+    drift = -1 if pair.same_clock else add("drift", "1", 0.0, 1e-3)
     low, high = LAG_BOUNDS_S
-    lag = -1 if order == "none" else add("lag", "s", low, 5.0 * MS, lower=low, upper=high)
+    lag = -1 if order == "none" else add("lag", "s", low, 50.0 * MS, lower=low, upper=high)
     damping = add("damping", "1", 0.7, 0.2, lower=0.01, upper=10.0) if order == "second" else -1
     offset = []
     for c, label in enumerate(pair.labels):
-        offset.append(add(f"offset{label}", "SI", float(np.mean(values[:, c])), float(size[c])))
+        offset.append(
+            add(
+                f"offset{label}",
+                pair.components[c].rsplit(" ", 1)[1],
+                float(np.mean(values[:, c])),
+                float(abs(np.mean(values[:, c])) + size[c]),
+            )
+        )
         needed.append(items[-1].name)
     gain = np.full((m, basis.values.shape[1]), -1, dtype=np.int64)
     moving = int(basis.lagged.sum()) // (2 if pair.inertia else 1)

@@ -194,13 +194,13 @@ def _pair(cell: CellModel, dataset: Dataset, kind: Following, lead: str) -> Pair
         if torque is not None:
             soft = torsion_compliance(cell.chain)[list(axes)]
             extras = (Extra("compliance", "rad/(N m)", -torque, soft, max(float(np.max(soft)), _LOADED)),)
-        extras = (*extras, Extra("dry", "rad", -sign, np.zeros(m), 10.0 * URAD))
+        extras = (*extras, Extra("dry", "rad", -sign, np.zeros(m), 200.0 * URAD))
     if kind.answer == "p_tracker_target" and dataset.has("q_motor") and kind.name == "tracker":
         motor = stamped(dataset, "q_motor")
         sign = _at(motor, direction(motor), reference.time_s)
         moving = np.flatnonzero(np.ptp(motor.values, axis=0) > _MOVES_RAD)
         extras = tuple(
-            Extra(f"dry{a + 1}", "m", np.repeat(sign[:, a : a + 1], m, axis=1), np.zeros(m), 10.0 * UM) for a in moving
+            Extra(f"dry{a + 1}", "m", np.repeat(sign[:, a : a + 1], m, axis=1), np.zeros(m), 200.0 * UM) for a in moving
         )
     unit = "rad" if joints else ("N" if kind.answer == "w_sensor" else "m")
     return Pair(

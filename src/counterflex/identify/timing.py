@@ -194,7 +194,7 @@ def _figures(found: Delay) -> list[Figure]:
             out.append(
                 Figure(
                     f"{name}_{key}_urad_per_knm",
-                    f"torsion of the gear of axis {key[-1]} under the motor's torque, urad/(kN m), not elastic delay",
+                    f"torsion of the gear of axis {key[-1]} under the motor's torque, delay taken out, urad/(kN m)",
                     value * 1e9,
                 )
             )
