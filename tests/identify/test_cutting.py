@@ -409,3 +409,42 @@ def test_proposals_that_cannot_be(cell: CellModel) -> None:
         RECIPE.propose(replace(cell, blank_part=np.array([[0.0, 0, 0], [0.02, 0.02, 0.04]])), 8, {})
     with pytest.raises(InputError, match="number of test cuts"):
         RECIPE.propose(cell, 0, {})
+
+
+def test_a_record_of_single_teeth_gives_the_runout_and_a_slow_one_says_so(cell: CellModel) -> None:
+    cutter = replace(D16, runout_m=6.0 * UM)
+    period = 2.0 * math.pi / SPEED
+    parts: list[Float] = []
+    groups: list[int] = []
+    for number, feed in enumerate((16.0, 24.0, 36.0, 54.0, 70.0, 80.0)):
+        depth = engagement_of_arc(D16, (2.0 + 0.3 * number) * MM, 0.0, math.pi)
+        teeth = tooth_forces(cutter, TRUE, depth, feed * UM, trochoid=False)
+        rate = feed * UM * D16.flutes / period
+        time = np.arange(0.0, 0.1 / rate, 0.4 * period / D16.flutes)  # 100 mm of path, 2.5 samples per tooth
+        angle = SPEED * time % (2.0 * math.pi)
+        f = np.stack(
+            [np.interp(angle, teeth.angle_rad, teeth.wrench_tcp[:, c], period=2 * math.pi) for c in range(3)], 1
+        )
+        cutting = (time * rate > 0.02) & (time * rate < 0.08)
+        columns = np.column_stack(
+            [time, f * cutting[:, None], np.full(len(time), rate), np.where(cutting, (2.0 + 0.3 * number) * MM, 0.0)]
+        )
+        parts.append(columns)
+        groups += [number] * len(time)
+    table = np.concatenate(parts)
+    n = len(table)
+    arrays = {
+        "time_s": table[:, 0],
+        "f_tcp_part": table[:, 1:4],
+        "feed_direction": np.tile([1.0, 0.0, 0.0], (n, 1)),
+        "feed_rate": table[:, 4],
+        "spindle_speed": np.full(n, SPEED),
+        "depth": table[:, 5],
+    }
+    group = np.array(groups, dtype=np.int64)
+    fast = of_arrays("teeth", "slots", arrays, {"f_tcp_part": 0.1}, group=group, settings={"bandwidth_hz": 2000.0})
+    found = identified(cell, fast, form="kienzle-3")
+    assert value(found, "runout_um") == pytest.approx(6.0, rel=0.1)
+    flange = identified(cell, replace(fast, settings={}), form="kienzle-3")
+    assert any("Runout is not seen" in text for text in flange.remarks)
+    assert all(f.name != "runout_um" for f in flange.figures)

@@ -31,7 +31,7 @@ def test_contact_by_force_where_it_does_not() -> None:
 
 def test_zero_is_a_line_in_time_between_both_sides_and_a_swing_does_not_count() -> None:
     rng = np.random.default_rng(1)
-    time: Float = np.arange(400) * 0.02
+    time: Float = np.linspace(0.0, 7.98, 400)
     drift = np.array([12.0, -7.0, -800.0]) + time[:, None] * np.array([0.5, 0.0, -0.3])
     shown = trapezium() + drift + 0.3 * rng.standard_normal((400, 3))
     shown[:15, 2] += 90.0  # the machine had just stopped
@@ -54,7 +54,7 @@ def test_zero_of_one_side_is_constant_and_of_none_is_nothing() -> None:
 
 def test_settled_stretches_keep_away_from_ends_and_steps() -> None:
     n = 300
-    travel: Float = np.arange(n) * 0.5e-3
+    travel: Float = np.linspace(0.0, 0.5e-3 * (n - 1), n)
     touching = (np.arange(n) >= 20) & (np.arange(n) < 280)
     feed = np.where(np.arange(n) < 150, 0.01, 0.02)[:, None]
     found = settled(touching, travel, np.where(touching, 3e-3, 0.0), feed, np.full(n, 10e-3))

@@ -15,6 +15,7 @@ from counterflex.cutting.coefficients import H_KIENZLE_M, ForceLaw
 from counterflex.identify.fit import Fit
 from counterflex.identify.force_forms import DIRECTIONS, NAMES, Form, constants
 from counterflex.identify.recipe import Curve, Figure, Picture
+from counterflex.identify.runout import Runout, TurnForce, runout
 from counterflex.identify.slot_pieces import Found
 from counterflex.identify.slot_residuals import GIVE, LAW, SlotResiduals
 from counterflex.identify.wear_trend import wear_trend
@@ -49,6 +50,21 @@ class Chosen:
         if high <= low * 1.02:
             low, high = low / 1.05, high * 1.05
         return self.form.law(self.fit.values, self.h_ref_m, low, high, source)
+
+    def runout(self) -> Runout | None:
+        """Runout, where the records show single teeth."""
+        pieces, cuts = self.block.pieces, self.block.shape(self.fit.values).cuts
+        turns = [
+            TurnForce(
+                float(pieces.turn_n[i]),
+                float(cuts.depth_m[i]),
+                float(cuts.entry_rad[i]),
+                float(cuts.exit_rad[i]),
+                float(cuts.feed_tooth_m[i]),
+            )
+            for i in np.flatnonzero(np.isfinite(pieces.turn_n))
+        ]
+        return runout(turns, self.block.cutter, self.law("fit"))
 
     def sigma_ln_k(self, h_m: float) -> float:
         """Standard deviation of ln k_c at a thickness: ``k_c(h) = k_c,ref (h / h_ref)^-m``, covariance included."""
@@ -106,6 +122,12 @@ def figures(chosen: Chosen, forms: Mapping[str, float]) -> tuple[Figure, ...]:
     out += [
         Figure(f"holdout_{name}_percent", f"hold-out error of the form: {name}", value) for name, value in forms.items()
     ]
+    eccentric = chosen.runout()
+    if eccentric is not None:
+        out += [
+            Figure("runout_um", "runout, from what repeats once per turn", eccentric.value_m / UM),
+            Figure("runout_sigma_um", "its standard deviation", eccentric.sigma_m / UM),
+        ]
     wear = wear_trend(chosen.block, fit)
     if wear is not None:
         out += [
@@ -144,10 +166,13 @@ def remarks(chosen: Chosen, law: ForceLaw) -> tuple[str, ...]:
             f"each other. Cut at feeds that differ by {NARROW:g} or more"
         )
     out += list(fit.hidden)
-    out.append(
-        "Runout is not seen: it needs a record of the single teeth (rate well above the tooth passing frequency, from "
-        "a sensor that is true there); its mean effect is part of the constants"
-    )
+    if np.any(np.isfinite(chosen.block.pieces.turn_n)):
+        out.append("The runout found is that of the tool as clamped: write it as runout_um under [[tools]]")
+    else:
+        out.append(
+            "Runout is not seen: it needs a record of the single teeth (rate well above the tooth passing frequency) "
+            "from a sensor that is true there (setting bandwidth_hz); its mean effect is part of the constants"
+        )
     k, _, _ = constants(law, chosen.h_ref_m)
     change = fit.values[0] / k[0]
     if not 0.5 < change < 2.0:

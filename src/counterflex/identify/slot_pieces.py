@@ -19,6 +19,7 @@ from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.model import CellModel
+from counterflex.identify.runout import fast_enough, turn_amplitude
 from counterflex.identify.slot_record import contact, mean_with_sigma, settled, split_ramp, zero
 from counterflex.robot.compliance import cartesian_compliance
 
@@ -59,6 +60,7 @@ class Pieces:
         drop_sigma_m: (n,) its standard deviation.
         give_m: (n, 3) displacement of the tool under the measured force by the elastic model; 0 where unknown.
         elastic: (n,) whether it is known.
+        turn_n: (n,) amplitude of the force across the tool axis once per turn, NaN where the record does not show it.
         cut: (n,) id of the cut, over all datasets.
         blank: (n,) index of the blank.
         run_m: (n,) length that the tool had cut before.
@@ -80,6 +82,7 @@ class Pieces:
     drop_sigma_m: Float
     give_m: Float
     elastic: Bool
+    turn_n: Float
     cut: Int
     blank: Int
     run_m: Float
@@ -144,12 +147,12 @@ def pieces_of(
     places: list[str] = []
     remarks: list[str] = []
     blanks: list[str] = []
-    used = ""
+    used, run = "", 0.0
     for session, dataset in enumerate(data):
         dataset = dataset.rows(np.array(_tools(dataset) == chosen, dtype=np.bool_))
         if len(dataset) == 0:
             continue
-        reader = _Reader(cell, cutter, dataset, options)
+        reader = _Reader(cell, cutter, dataset, options, run)
         used = reader.force_name
         for piece, place, blank in reader.pieces():
             name = f"{session}:{blank}"
@@ -160,6 +163,7 @@ def pieces_of(
             places.append(place)
             rows.append(piece)
         remarks += reader.remarks
+        run = reader.run_m
     if not rows:
         raise InputError(
             "no settled piece of a cut was found",
@@ -198,7 +202,8 @@ def _names(numbers: Int) -> str:
 class _Reader:
     """One dataset, piece by piece."""
 
-    def __init__(self, cell: CellModel, cutter: Cutter, dataset: Dataset, options: Cutting) -> None:
+    def __init__(self, cell: CellModel, cutter: Cutter, dataset: Dataset, options: Cutting, run_m: float) -> None:
+        self.run_m = run_m
         self.cell, self.cutter, self.dataset, self.options = cell, cutter, dataset, options
         self.remarks: list[str] = []
         self.force_name = next((name for name in FORCES if dataset.has(name)), FORCES[0])
@@ -277,7 +282,7 @@ class _Reader:
     def _from_series(self) -> list[tuple[dict[str, object], str, int]]:
         time_all = self._scalar("time_s")
         out: list[tuple[dict[str, object], str, int]] = []
-        run, bare = 0.0, 0
+        bare = 0
         for cut in dict.fromkeys(self.dataset.group.tolist()):
             rows = np.flatnonzero(self.dataset.group == cut)
             rows = rows[np.argsort(time_all[rows], kind="stable")]
@@ -304,10 +309,11 @@ class _Reader:
                     floor = self.depth[rows[part]] if self.gauge is None else self.gauge.values[rows[part], 0]
                     slope = _slope(travel[part], floor)
                     span = float(np.ptp(travel[part]))
-                    before = run + float(np.sum(np.diff(travel[: part[0] + 1]) * touching[1 : part[0] + 1]))
+                    before = self.run_m + float(np.sum(np.diff(travel[: part[0] + 1]) * touching[1 : part[0] + 1]))
                     piece = self._piece(rows[part], mean, sigma, (slope, self._slope_sigma(span)), before)
+                    piece["turn_n"] = self._once_per_turn(shown[part], time[part], float(self.spindle[rows[part[0]]]))
                     out.append((piece, self.dataset.place(int(rows[part[0]])), int(self.blank[rows[part[0]]])))
-            run += float(np.sum(np.diff(travel) * touching[1:]))
+            self.run_m += float(np.sum(np.diff(travel) * touching[1:]))
             if len(out) == begin:
                 self.remarks.append(f"Cut {cut} has no settled stretch and is not used")
         if bare:
@@ -315,6 +321,15 @@ class _Reader:
                 f"{bare} cuts have no rows in air before or after them: the force channel is taken as free of zero"
             )
         return out
+
+    def _once_per_turn(self, shown: Float, time: Float, spindle: float) -> float:
+        """Amplitude once per turn across the tool axis, NaN where record or sensor do not show single teeth."""
+        flutes = self.cutter.flutes
+        band = float(self.dataset.settings.get("bandwidth_hz", 0.0))
+        if band < spindle / (2.0 * np.pi) * flutes or not fast_enough(time, spindle, flutes):
+            return float("nan")
+        in_part = np.eye(3) if self.force_name == "f_tcp_part" else self.cell.T_base_part[:3, :3].T
+        return turn_amplitude((shown[:, :3] @ in_part.T)[:, :2], time, spindle, flutes)
 
     def _slope_sigma(self, span_m: float) -> float:
         if self.gauge is None:
@@ -360,6 +375,7 @@ class _Reader:
             "drop_sigma_m": slope[1] * feed,
             "give_m": give,
             "elastic": self.q is not None,
+            "turn_n": np.nan,
             "cut": int(self.dataset.group[first]),
             "run_m": run,
         }
