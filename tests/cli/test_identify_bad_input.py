@@ -249,3 +249,29 @@ def test_without_a_mistake_the_same_data_are_identified(
     ended = counterflex("identify", recipe.split()[0], "data.toml", "--cell", "cell.toml", "--out", "out")
     assert ended.status == 0, ended.err
     assert sorted(p.name for p in (lab / "out").iterdir()) == ["archive", "cell.toml", "report.html", "result.json"]
+
+
+@pytest.mark.parametrize(
+    ("words", "wanted"),
+    [
+        ("stifness data.toml --cell cell.toml --out out", "Did you mean 'stiffness'"),
+        ("tracker-frame --cell cell.toml --out out", "no data are given"),
+        ("tracker-frame data.toml --out out", "--cell is missing"),
+        ("tracker-frame data.toml --cell cell.toml", "--out is missing"),
+        ("tracker-frame data.toml --cell cell.toml --out .", "lies in this folder"),
+        ("tracker-frame data.toml --cell cell.toml --out out --set folds", "not KEY=VALUE"),
+        ("tracker-frame data.toml --cell cell.toml --out out --set seed=1 --set seed=2", "given twice"),
+        ("tracker-frame data.toml --cell cell.toml --out out --set colour=red", "has no such setting"),
+        ("tracker-frame data.tom --cell cell.toml --out out", "Did you mean data.toml"),
+        ("tracker-frame data.toml data.toml --cell cell.toml --out out", "the same rows"),
+        ("stiffness data.toml --cell cell.toml --out out", "does not use such data"),
+        ("tracker-frame data.toml --propose 10 --cell cell.toml --out out", "takes no data"),
+        ("tracker-frame --propose 2 --cell cell.toml --out out", "2"),
+        ("history nowhere", "no such folder"),
+        ("history .", "no identification is kept here"),
+        ("history a b", "one folder"),
+    ],
+)
+def test_options_that_make_no_sense(words: str, wanted: str, lab: Path, cell: Cell, refused: Refused) -> None:
+    fiducials(cell, lab)
+    assert wanted in refused("identify", *words.split())
