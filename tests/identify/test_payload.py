@@ -31,6 +31,7 @@ from counterflex.sensing.carrier import behind, carrier_pose
 from counterflex.sensing.flange_sensor import FlangeSensor, SensorMotion, idle_wrench
 from counterflex.twin.force_sensor import force_sensor
 from counterflex.twin.laboratory import laboratory
+from counterflex.twin.measure_sensor_motion import measure as swing
 from counterflex.twin.measure_sensor_poses import measure
 
 CELL = "examples/cells/kr300_d16_small.toml"
@@ -253,6 +254,25 @@ def test_hose_pack_rest_is_kept_only_where_it_helps() -> None:
     assert with_hose.headline[0].value < 0.8 * without.headline[0].value
     clean = run(dataset(shown(true_sensor(), orientations(24))))
     assert any(f.name == "offset_degree" and f.value == 0.0 for f in clean.figures)
+
+
+def test_a_swing_of_the_twin_shows_the_spindles_inertia() -> None:
+    """Drives, play and elastic arm move the sensor a little otherwise than the joint angles say."""
+    plant, equipment = truth_of(cell(), 3), laboratory(5)
+    parts = []
+    for kind, take, count, seed in (
+        ("sensor_poses", measure, 12, 0),
+        ("sensor_motion", swing, 1, 0),
+        ("sensor_poses", measure, 8, 7),
+    ):
+        columns = {f"q{i + 1}_rad": orientations(12, seed)[:count, i] for i in range(6)}
+        m = take(plant, replace(equipment, session=f"{kind}{seed}"), columns, {"hose_share": 0.0}, silent)
+        parts.append(of_arrays(f"{kind}{seed}", kind, m.channels, m.sigma, group=m.group))
+    fit = RECIPE.identify(model(), parts[:2], parts[2:], {"hose": "none"}, silent).fits["payload"]
+    spindle = next(b for b in plant.bodies if b.name == "spindle")
+    for entry, true in zip(("xx", "yy", "zz", "xy", "xz", "yz"), spindle.inertia_kg_m2, strict=True):
+        assert abs(fit.value(f"inertia.{entry}") - true) < 0.15
+    assert fit.sigma_of("inertia.yy") < 0.2
 
 
 def test_the_cell_file_gets_sum_and_table() -> None:

@@ -13,6 +13,7 @@ MODULES: Final[dict[str, str]] = {
     "pulls": "measure_pulls",
     "slots": "measure_slots",
     "sensor_poses": "measure_sensor_poses",
+    "sensor_motion": "measure_sensor_motion",
     "holder_loads": "measure_holder_loads",
     "tracker_poses": "measure_tracker_poses",
     "fiducials": "measure_fiducials",
