@@ -12,6 +12,7 @@ from counterflex.files.shop_unit import digits_of, unit_of_name
 
 _OUTLIERS = 5
 _SENTENCES = 3
+_PARAMETERS = 60
 
 
 def show_result(result: dict[str, Any], out: Path) -> None:
@@ -35,11 +36,13 @@ def show_result(result: dict[str, Any], out: Path) -> None:
                     _number(p["nominal"], 5),
                     {"determined": "seen", "partly": "partly", "prior": "not seen"}[p["seen"]],
                 ]
-                for p in free
+                for p in free[:_PARAMETERS]
             ],
             note=f"Rank {fit['rank']} of {fit['free']}, condition {fit['condition']:.2g}, "
             f"{sum(fit['rows'])} rows, {len(fit['outliers'])} outliers. {fit['reason']}",
         )
+        if len(free) > _PARAMETERS:
+            typer.echo(f"note: {len(free) - _PARAMETERS} more parameters in report.html")
         if not fit["converged"]:
             typer.echo("warning: the solver had not come to rest")
         for name_at_bound in fit["at_bound"]:
