@@ -34,7 +34,7 @@ from counterflex.identify.slot_pieces import Cutting, Found, pieces_of
 from counterflex.identify.slot_program import SETTINGS as PROPOSAL
 from counterflex.identify.slot_program import propose
 from counterflex.identify.slot_reading import check
-from counterflex.identify.slot_residuals import LAW, TOP_SIGMA_M, SlotResiduals, geometry_parameters
+from counterflex.identify.slot_residuals import TOP_SIGMA_M, SlotResiduals, geometry_parameters
 from counterflex.identify.solve import solve
 
 KIND = "slots"
@@ -262,12 +262,6 @@ def _headline(found: Float, before: Float, separate: bool) -> tuple[Figure, ...]
 
 def _source(data: Sequence[Dataset]) -> str:
     return "test cuts " + ", ".join(dict.fromkeys(d.name for d in data))
-
-
-def fitted(fit: Fit) -> Float:
-    """The nine constants of a fit."""
-    out: Float = fit.values[:LAW]
-    return out
 
 
 RECIPE = Recipe(

@@ -20,6 +20,8 @@ from counterflex.identify.slot_pieces import Found
 from counterflex.identify.slot_residuals import GIVE, LAW, SlotResiduals
 from counterflex.identify.wear_trend import wear_trend
 
+LEVEL = 0.02
+"""Slope of the floor below which a slot counts as level in the picture."""
 NARROW = 4.0
 """Ratio of largest to smallest chip thickness below which exponent and edge force cannot be told apart."""
 
@@ -188,7 +190,8 @@ def pictures(chosen: Chosen, before: ForceLaw) -> tuple[Picture, ...]:
     block, fit = chosen.block, chosen.fit
     pieces = block.pieces
     h = block.thickness()
-    slots = ~pieces.left_wall & ~pieces.right_wall & (pieces.drop_tooth_m == 0.0)
+    level = np.abs(pieces.drop_tooth_m) < LEVEL * pieces.feed_tooth_m
+    slots = ~pieces.left_wall & ~pieces.right_wall & level
     curves: list[Curve] = []
     depth = block.shape(fit.values).cuts.depth_m
     grid = np.geomspace(float(h.min()) / 1.3, float(h.max()) * 1.3, 60)
