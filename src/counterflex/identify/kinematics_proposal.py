@@ -16,7 +16,7 @@ from counterflex.identify.model import CellModel
 from counterflex.identify.order import order_of_poses, wrong_sides
 from counterflex.identify.parameters import Parameters
 from counterflex.identify.placed_frame import PlacedFrame, frame_parameters
-from counterflex.identify.pose_candidates import measurable
+from counterflex.identify.pose_candidates import in_order, measurable
 from counterflex.identify.pose_residuals import TrackerResiduals
 from counterflex.identify.recipe import Proposal
 
@@ -71,7 +71,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     candidates = candidates_of(parameters, [block])
     choice = choose(candidates.jacobian, count, prior_information(parameters))
     speeds = model.chain.joint_speeds_rad_s
-    chosen = q[choice.indices]
+    chosen = in_order(cell.nominal_chain, q[choice.indices])
     chosen = chosen[order_of_poses(chosen, np.ones(6) if speeds is None else speeds)]
     return Proposal(
         recipe="kinematics",

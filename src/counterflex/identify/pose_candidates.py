@@ -12,11 +12,14 @@ from counterflex.core.units import DEG
 from counterflex.geometry import pose, rotation
 from counterflex.identify.line_of_sight import seen
 from counterflex.identify.model import CellModel
+from counterflex.identify.order import order_of_poses
 from counterflex.robot.chain import ElasticChain, forward, frames
 from counterflex.robot.inverse import inverse
 from counterflex.robot.inverse_seeds import branch_of
 
 FLOOR_M: Final = 0.25
+ORDINARY_RAD_S: Final = 1.5
+"""Speed of an axis where the robot's are not known."""
 COLUMN_M: Final = 0.45
 """Distance of the tool and the wrist from the first axis, per metre of arm beyond one metre more."""
 _LEAST_SINE = 0.1
@@ -69,6 +72,13 @@ def measurable(
         value=f"{have} of {count}",
         hint="Move the tracker to where it sees the tool, or choose another posture of the robot",
     )
+
+
+def in_order(chain: ElasticChain, q: Float) -> Float:
+    """Poses (m, 6) rad in an order with short travel in which few axes arrive against their play."""
+    speeds = chain.joint_speeds_rad_s
+    out: Float = q[order_of_poses(q, np.full(6, ORDINARY_RAD_S) if speeds is None else speeds)]
+    return out
 
 
 def _spread(cell: CellModel, chain: ElasticChain, count: int, rng: np.random.Generator) -> Float:

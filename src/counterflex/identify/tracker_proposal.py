@@ -11,7 +11,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import DEG
 from counterflex.identify.known_frames import known_frames
 from counterflex.identify.model import CellModel
-from counterflex.identify.pose_candidates import measurable
+from counterflex.identify.pose_candidates import in_order, measurable
 from counterflex.identify.recipe import Proposal
 
 RADIUS_M: Final = 1.5
@@ -47,6 +47,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
         tracker=None if known is None else known.T_base_tracker[:3, 3],
         p_tcp_target=None if known is None else known.T_tcp_target[:3, 3],
     )
+    q = in_order(cell.nominal_chain, q)
     return Proposal(
         recipe="tracker-frame",
         kind="tracker_poses",
