@@ -25,7 +25,7 @@ from counterflex.identify.reversal_data import motions
 from counterflex.identify.reversals import motor_friction
 from counterflex.identify.ringing import Mode, lowest_mode
 from counterflex.identify.servo_data import LoadStep, load_steps
-from counterflex.identify.servo_proposal import propose
+from counterflex.identify.servo_proposal import FORCE_N, propose
 from counterflex.identify.servo_residuals import ServoResiduals
 from counterflex.identify.solve import Stop, solve
 from counterflex.identify.time_pairs import FOLLOWING, pairs
@@ -335,7 +335,7 @@ RECIPE: Final = Recipe(
     name="servo",
     title="Loop gains of the drives, the lowest mode, and lags of drives and corrections",
     kinds=("servo_steps", "reversals", "record"),
-    settings={"torque_share": 0.03, "as_stated": False},
+    settings={"torque_share": 0.03, "force_n": FORCE_N, "as_stated": False},
     identify=identify,
     propose=propose,
 )

@@ -53,8 +53,8 @@ class Following:
 FOLLOWING: Final = (
     Following("link_encoder", ("q_motor",), "q_link", "own"),
     Following("drive", ("q_command",), "q_motor", "own", inertia=True),
-    Following("correction", ("d_correction",), "p_base_tcp", "matrix", inertia=True, lag=True),
-    Following("correction", ("d_correction",), "p_tracker_target", "matrix", inertia=True, lag=True),
+    Following("correction", ("d_correction",), "p_base_tcp", "matrix", lag=True),
+    Following("correction", ("d_correction",), "p_tracker_target", "matrix", lag=True),
     Following("feedback", ("p_base_command",), "p_base_tcp", "matrix", inertia=True),
     Following("tracker", ("p_base_tcp", "p_base_command", "q_motor", "q"), "p_tracker_target", "matrix", inertia=True),
     Following("force", ("q_motor", "q"), "w_sensor", "matrix", components=3, asked=True),

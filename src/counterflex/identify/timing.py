@@ -14,7 +14,6 @@ from counterflex.core.units import MS, UM, URAD
 from counterflex.identify.changes import TableValues
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.delay import Delay, Pair, build, find_delay
-from counterflex.identify.delay_residuals import Order
 from counterflex.identify.holdout import HeldOut, score_separate
 from counterflex.identify.model import CellModel
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
@@ -296,7 +295,7 @@ RECIPE: Final = Recipe(
     name="timing",
     title="Dead time, lag and clock of each channel against the one it follows",
     kinds=("record",),
-    settings={"pairs": "auto", "lag": "auto", "as_stated": False},
+    settings={"pairs": "auto", "lag": "auto", "through": "program", "as_stated": False},
     identify=identify,
     propose=propose,
 )

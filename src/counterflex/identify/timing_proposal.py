@@ -20,7 +20,8 @@ from counterflex.robot.chain import forward
 from counterflex.robot.inverse import inverse_path
 
 CYCLE_S: Final = 4.0 * MS
-FREQUENCY_HZ: Final = (0.15, 1.2)
+FREQUENCY_HZ: Final = {"program": (0.15, 1.2), "correction": (0.15, 4.0)}
+"""A lag of a sensor interface shows by its phase, near its bandwidth; all else is sought where the arm follows."""
 SPEED_M_S: Final = 0.05
 ACCELERATION_M_S2: Final = 0.3
 _MOST_M = 20.0 * MM
@@ -56,7 +57,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     q0 = over_part(cell)
     t: Float = CYCLE_S * np.arange(round(count / CYCLE_S) + 1, dtype=np.float64)
     T = forward(chain, q0)
-    tip: Float = T[:3, 3] + chirp(t)
+    tip: Float = T[:3, 3] + chirp(t, FREQUENCY_HZ[through])
     q = inverse_path(chain, pose.make(np.broadcast_to(T[:3, :3], (len(t), 3, 3)), tip), q0).q
     columns = {"time_s": t, **{f"{a}_m": tip[:, i] for i, a in enumerate("xyz")}}
     columns |= {f"q{i + 1}_rad": q[:, i] for i in range(6)}
@@ -73,10 +74,10 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     )
 
 
-def chirp(time_s: Float) -> Float:
-    """Displacement (n, 3) m: sines of rising frequency with bounded speed and acceleration, zero at both ends."""
+def chirp(time_s: Float, band_hz: tuple[float, float]) -> Float:
+    """Displacement (n, 3) m: sines of frequency rising through a band, bounded in speed and acceleration."""
     span = as_positive("length of the chirp", float(time_s[-1]))
-    low, high = FREQUENCY_HZ
+    low, high = band_hz
     out: Float = np.empty((len(time_s), 3))
     fade = np.clip(np.minimum(time_s, span - time_s) / 1.0, 0.0, 1.0)
     fade = fade * fade * (3.0 - 2.0 * fade)
