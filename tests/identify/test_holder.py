@@ -41,7 +41,7 @@ from counterflex.twin.strain_holder import (
 
 BEAM = HolderBeam(0.18, 0.16, 0.015, 0.118)
 TCP = np.array(PAPER_TCP_M)
-SEEDS = (0, 1, 2)
+SEEDS = (0, 1)
 
 
 @cache
@@ -126,7 +126,7 @@ def test_sensitivities_of_the_frame_come_back() -> None:
 
 def test_intervals_cover_the_true_strain_of_a_load() -> None:
     inside = []
-    for seed in range(8):
+    for seed in range(5):
         found = identified("chosen", 20 + seed)
         fit = found.fits["holder"]
         true = instrumented_holder(chosen(), 20 + seed).sensitivity

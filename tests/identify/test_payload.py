@@ -165,18 +165,19 @@ def test_intervals_cover_the_truth() -> None:
 def test_drift_and_temperature_are_told_apart_when_the_data_allow() -> None:
     truth = true_sensor(w_drift_per_s=np.full(6, 1e-3), w_kelvin=np.r_[np.full(3, 0.8), np.full(3, 0.1)])
     arrays = shown(truth, orientations(24), drift=True)
-    fit = run(dataset(arrays), hose="none").fits["payload"]
+    found = run(dataset(arrays), hose="none")
+    fit = found.fits["payload"]
     for name, expected in (("drift.fx", 1e-3), ("temperature.fz", 0.8), ("temperature.mx", 0.1)):
         assert abs(fit.value(name) - expected) < 4.0 * fit.sigma_of(name)
         assert fit.seen[fit.parameters.index(name)] == "determined"
     held = run(dataset(arrays), hose="none", drift=False, temperature=False)
-    assert held.headline[0].value > 2.0 * run(dataset(arrays), hose="none").headline[0].value
+    assert held.headline[0].value > 2.0 * found.headline[0].value
 
 
 def test_inertia_comes_from_a_motion() -> None:
     """Readings of a moving arm by Newton's law on the rigid path; the acceleration is found from the joint angles."""
     truth = true_sensor(inertia_kg_m2=np.array([2.4, 3.1, 1.6, 0.2, -0.3, 0.1]), T_seg_sensor=np.eye(4))
-    t = np.arange(0.0, 8.0, 0.004)
+    t = np.arange(0.0, 5.0, 0.004)
     q = np.tile(orientations(3)[0], (len(t), 1))
     for axis, rate in ((1, 2.0), (2, 2.6), (3, 5.0), (4, 4.1), (5, 6.3)):
         q[:, axis] += 0.12 * np.sin(rate * t + axis)
@@ -197,10 +198,6 @@ def test_inertia_comes_from_a_motion() -> None:
     fit = found.fits["payload"]
     for entry, expected in zip(("xx", "yy", "zz", "xy", "xz", "yz"), truth.inertia_kg_m2, strict=True):
         assert abs(fit.value(f"inertia.{entry}") - expected) < max(4.0 * fit.sigma_of(f"inertia.{entry}"), 0.03)
-    without = RECIPE.identify(
-        model(), [still, moved], [dataset(shown(truth, orientations(8, 3)))], {**settings, "inertia": False}, silent
-    )
-    assert without.fits["payload"].sigma_factors[1] > 2.0 * fit.sigma_factors[1]
 
 
 def test_a_set_that_turns_only_about_the_vertical_says_so() -> None:
@@ -312,7 +309,7 @@ Change = Any
     ],
 )
 def test_mistakes_are_named_not_fitted_away(what: str, change: Change) -> None:
-    arrays = shown(true_sensor(), orientations(16))
+    arrays = shown(true_sensor(), orientations(10))
     arrays["w_sensor"] = change(arrays["w_sensor"])
     with pytest.raises(InputError, match=what):
         run(dataset(arrays))

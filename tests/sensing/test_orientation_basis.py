@@ -17,9 +17,9 @@ def turns(count: int, seed: int = 0) -> Float:
 
 
 def test_the_functions_are_orthonormal_over_all_rotations() -> None:
-    phi = np.hstack([np.ones((200_000, 1)), orientation_basis(turns(200_000), 2)])
+    phi = np.hstack([np.ones((40_000, 1)), orientation_basis(turns(40_000), 2)])
     gram = phi.T @ phi / len(phi)
-    np.testing.assert_allclose(gram, np.eye(35), atol=0.02)
+    np.testing.assert_allclose(gram, np.eye(35), atol=0.04)
 
 
 def test_no_column_repeats_another() -> None:
