@@ -35,6 +35,11 @@ def _name(c: int) -> bool:
     return (65 <= c <= 90) or (97 <= c <= 122) or (48 <= c <= 57) or c == 95 or c == 45 or c == 46
 
 
+@kernel("boolean(uint8)", inline=True)
+def _begins_name(c: int) -> bool:
+    return (65 <= c <= 90) or (97 <= c <= 122) or c == 95
+
+
 @kernel("boolean(uint8[::1], int64, int64, uint8[::1], int64, int64)")
 def _same(data: Bytes, begin: int, end: int, names: Bytes, first: int, last: int) -> bool:
     if end - begin != last - first:
@@ -108,6 +113,8 @@ def scan(
             break
         if not _blank(data[i - 1]):
             return NOT_A_TELEGRAM, counter, i
+        if not _begins_name(data[i]):
+            return MALFORMED, counter, i
         while i < length and _name(data[i]):
             i += 1
         if i >= length:
@@ -121,11 +128,11 @@ def scan(
         if quote != 34 and quote != 39:
             return MALFORMED, counter, i
         i += 1
-        while i < length and data[i] != quote and data[i] != 60:
+        while i < length and data[i] != quote and data[i] != 60 and data[i] != 38:
             i += 1
         if i >= length:
             return TRUNCATED, counter, i
-        if data[i] == 60:
+        if data[i] != quote:
             return MALFORMED, counter, i
         i += 1
     hint = 0
@@ -148,7 +155,7 @@ def scan(
         while i < length and _name(data[i]):
             i += 1
         e = i
-        if e == b:
+        if e == b or not _begins_name(data[b]):
             return MALFORMED, counter, i
         closed = False
         while True:
@@ -174,7 +181,7 @@ def scan(
             while i < length and _name(data[i]):
                 i += 1
             ae = i
-            if ae == ab:
+            if ae == ab or not _begins_name(data[ab]):
                 return MALFORMED, counter, i
             if i + 1 >= length:
                 return TRUNCATED, counter, i
