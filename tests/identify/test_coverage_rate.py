@@ -57,9 +57,7 @@ def _truth(parameters: Parameters, rng: np.random.Generator) -> Float:
     return parameters.values(np.where(parameters.free, rng.standard_normal(len(parameters)), 0.0))
 
 
-@pytest.mark.parametrize(
-    ("noise", "count"), [(_normal, 40), (_normal, 8), (_student, 40), (_gross, 40), (_larger, 40), (_larger, 12)]
-)
+@pytest.mark.parametrize(("noise", "count"), [(_normal, 40), (_normal, 8), (_student, 40), (_gross, 40), (_larger, 12)])
 def test_intervals_hold_the_truth_at_their_rate(arm: Any, noise: Noise, count: int) -> None:
     parameters = arm.parameters()
     held = np.zeros(len(parameters))

@@ -20,7 +20,7 @@ OFFSET = Parameter("axis1.offset", "rad", 0.0, 2e-3, label="zero of axis 1")
 def _examined(J: Float, parameters: Parameters) -> Any:
     known = np.array([p.has_prior for p in parameters])
     C = np.linalg.pinv(J.T @ J + np.diag(known.astype(float)), rcond=1e-14)
-    return examine(parameters, np.arange(len(parameters)), J, np.sqrt(np.diag(C)), known)
+    return examine(parameters, np.arange(len(parameters)), J, np.sqrt(np.maximum(np.diag(C), 0.0)), known)
 
 
 def _set(names: str, *, unknown: str = "", unit: str = "m", log: str = "") -> Parameters:

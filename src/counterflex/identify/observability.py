@@ -91,20 +91,21 @@ def related(fit: Fit, threshold: float = RELATED) -> tuple[str, ...]:
 def _hidden(items: Sequence[Parameter], R: Float, prior: Bool) -> tuple[str, ...]:
     loose, known = np.flatnonzero(~prior), np.flatnonzero(prior)
     reach = np.linalg.norm(R, axis=0)
-    lost = _lost_among(R[:, loose])
-    directions = [np.zeros(len(items)) for _ in range(lost.shape[1])]
-    for direction, column in zip(directions, lost.T, strict=True):
+    lost, leads = _lost_among(R[:, loose])
+    directions = [(np.zeros(len(items)), int(loose[i])) for i in leads]
+    for (direction, _), column in zip(directions, lost.T, strict=True):
         direction[loose] = column
     follow = np.linalg.pinv(R[:, loose], rcond=_RANK) @ R[:, known] if len(loose) else np.zeros((0, len(known)))
     left = R[:, known] - R[:, loose] @ follow
-    for column in _weak(left).T:
+    weak, leads = _weak(left)
+    for column, i in zip(weak.T, leads, strict=True):
         direction = np.zeros(len(items))
         direction[known] = column
         direction[loose] = -follow @ column
-        directions.append(direction)
+        directions.append((direction, int(known[i])))
     blind, sentences = [], []
-    for direction in directions:
-        lead, partners = _partners(direction, reach, prior)
+    for direction, lead in directions:
+        partners = _partners(direction, lead, reach, bool(prior[lead]))
         held = "its value is what was known before" if prior[lead] else "nothing holds it: its value means nothing"
         if not partners:
             blind.append((_name(items[lead]), bool(prior[lead])))
@@ -126,10 +127,10 @@ def _hidden(items: Sequence[Parameter], R: Float, prior: Bool) -> tuple[str, ...
     return (*out, *sentences)
 
 
-def _lost_among(R: Float) -> Float:
+def _lost_among(R: Float) -> tuple[Float, Int]:
     """(l, d) directions among parameters without prior that the data do not see at all, in echelon form."""
     if R.shape[1] == 0:
-        return np.zeros((0, 0))
+        return np.zeros((0, 0)), np.zeros(0, dtype=np.int64)
     scale = np.linalg.norm(R, axis=0)
     scale[scale == 0.0] = 1.0
     _, s, vt = np.linalg.svd(R / scale, full_matrices=True)
@@ -138,37 +139,34 @@ def _lost_among(R: Float) -> Float:
     return _echelon(vt[full <= max(float(full[0]), 1e-300) * _RANK].T / scale[:, None])
 
 
-def _weak(R: Float) -> Float:
+def _weak(R: Float) -> tuple[Float, Int]:
     """(k, d) directions in prior units that the data see less well than the priors, in echelon form."""
     if R.shape[1] == 0:
-        return np.zeros((0, 0))
+        return np.zeros((0, 0)), np.zeros(0, dtype=np.int64)
     _, s, vt = np.linalg.svd(R, full_matrices=True)
     full = np.zeros(R.shape[1])
     full[: len(s)] = s
     return _echelon(vt[full < _BLIND].T)
 
 
-def _echelon(basis: Float) -> Float:
-    """The same space (k, d) spanned by columns that each have one leading entry 1 where all others have 0."""
+def _echelon(basis: Float) -> tuple[Float, Int]:
+    """The same space (k, d) by columns with a leading entry 1 where all others have 0, and the places (d,) of these."""
     if basis.shape[1] == 0:
-        return basis
+        return basis, np.zeros(0, dtype=np.int64)
     _, _, order = qr(basis.T, mode="economic", pivoting=True)
-    lead = order[: basis.shape[1]]
-    out: Float = basis @ np.linalg.inv(basis[lead])
-    return out
+    lead = order[: basis.shape[1]].astype(np.int64)
+    return basis @ np.linalg.inv(basis[lead]), lead
 
 
-def _partners(direction: Float, reach: Float, prior: Bool) -> tuple[int, list[int]]:
-    """The parameter that a direction is about, and what stands in for it, by their part in what would be seen.
+def _partners(direction: Float, lead: int, reach: Float, known: bool) -> list[int]:
+    """What stands in for the parameter that a direction is about, by its part in what would be seen.
 
-    A parameter with prior leads, since those without can only follow; one that moves nothing stands alone.
+    None where the parameter itself moves nothing that could be seen.
     """
-    able = prior if np.any(np.abs(direction[prior]) > _PARTNER) else np.ones(len(prior), dtype=np.bool_)
-    lead = int(np.argmax(np.where(able, np.abs(direction), -1.0)))
     felt = np.abs(direction) * reach
-    if felt[lead] < _BLIND * (abs(direction[lead]) if prior[lead] else 0.0) or felt[lead] == 0.0:
-        return lead, []
-    return lead, [int(i) for i in np.argsort(-felt) if i != lead and felt[i] > _PARTNER * felt[lead]]
+    if felt[lead] < (_BLIND * abs(direction[lead]) if known else 0.0) or felt[lead] == 0.0:
+        return []
+    return [int(i) for i in np.argsort(-felt) if i != lead and felt[i] > _PARTNER * felt[lead]]
 
 
 def _name(item: Parameter) -> str:
