@@ -42,7 +42,7 @@ ORDER: Final = (
     Measurement("servo", 12, 6),
     Measurement("timing", 12, 6),
     Measurement("holder", 40, 20),
-    Measurement("cutting", 16, 8, {"feed_ratio": 20.0}, weight=0.5),
+    Measurement("cutting", 16, 8, {"feed_ratio": 10.0}, weight=0.5),
 )
 """Every recipe stands on what those before it found.
 
