@@ -1,8 +1,11 @@
-"""Tests depend on no machine's speed: hypothesis sets no deadline."""
+"""Tests depend on no machine's speed: hypothesis sets no deadline, small matrices are not shared between threads."""
 
 from __future__ import annotations
 
+import os
+
 from hypothesis import settings
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 settings.register_profile("counterflex", deadline=None)
 settings.load_profile("counterflex")

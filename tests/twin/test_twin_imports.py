@@ -14,11 +14,13 @@ SHARED = (
     "counterflex.path",
     "counterflex.robot.description",
     "counterflex.robot.opw",
+    "counterflex.robot.opw_chain",
     "counterflex.cutting.cutter",
     "counterflex.cutting.stock",
+    "counterflex.wire",
     "counterflex.twin",
 )
-"""All of the package that the twin may see: foundations, data, closed-form geometry, shape of tool and stock."""
+"""All of the package that the twin may see: foundations, data, closed-form geometry, shape of tool and stock, bytes."""
 
 
 def imported(source: Path) -> set[str]:
