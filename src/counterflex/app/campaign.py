@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
+from counterflex.app.assumptions import robot_name
 from counterflex.app.campaign_plan import Measurement, campaign_of
 from counterflex.app.campaign_proof import compared, compensated, machined, told
-from counterflex.app.campaign_step import CELL, step
+from counterflex.app.campaign_step import CELL, RESULT, step
 from counterflex.app.inputs import read_job
 from counterflex.app.simulate import check_same_cell
 from counterflex.app.task_graph import Task, run_tasks
@@ -214,6 +215,12 @@ def _machining(place: _Place, start: Path, part: Path, shared: Path, *, with_tol
     return [*planned, *runs]
 
 
+def _with_report(found: Mapping[str, Any], place: _Place, k: int) -> dict[str, Any]:
+    """What a recipe found, and where its report is, relative to the campaign's folder."""
+    report = f"{place.folder.name}/{place.step_folder(k).name}/{RESULT}/report.html" if found["accepted"] else ""
+    return {**found, "report": report}
+
+
 def _summary(
     places: Sequence[_Place], results: Mapping[str, Any], part: Path | None, start: Path, seconds: float
 ) -> dict[str, Any]:
@@ -221,7 +228,10 @@ def _summary(
     campaigns = [
         {
             "seed": place.seed,
-            "recipes": [results[f"{place.name}/{plan.recipe}"] for plan in place.steps],
+            "recipes": [
+                _with_report(results[f"{place.name}/{place.steps[k].recipe}"], place, k)
+                for k in range(len(place.steps))
+            ],
             "against_truth": results[f"{place.name}/truth"],
         }
         for place in places
@@ -230,7 +240,7 @@ def _summary(
         "job": "campaign",
         "program": "" if part is None else part.name,
         "cell": cell.name,
-        "robot": cell.chain.name,
+        "robot": robot_name(cell),
         "campaigns": campaigns,
         "seconds": round(seconds, 1),
         "counterflex": __version__,

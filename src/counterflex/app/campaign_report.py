@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from counterflex import __version__
+from counterflex.files.shop_unit import unit_of_name
 from counterflex.report.campaign_page import (
     CampaignData,
     CampaignOfSeed,
@@ -125,7 +126,10 @@ def _cards(found: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     recipes = [row for item in found["campaigns"] for row in item["recipes"]]
     if recipes:
         taken = sum(1 for row in recipes if row["accepted"])
-        cards.append(("Identifications taken over", f"{taken} of {len(recipes)}", "the rest was no better than before"))
+        rest = (
+            "the rest was no better than before" if taken < len(recipes) else "each better than before on unseen data"
+        )
+        cards.append(("Identifications taken over", f"{taken} of {len(recipes)}", rest))
     return cards
 
 
@@ -152,11 +156,12 @@ def _recipe(row: Mapping[str, Any]) -> RecipeRow:
             FigureRow(
                 figure["text"],
                 "" if figure["nominal"] is None else f"{figure['nominal']:.4g}",
-                f"{figure['value']:.4g}",
+                f"{figure['value']:.4g} {unit_of_name(figure['name'])}".strip(),
             )
-            for figure in (*row["headline"], *row["figures"])
+            for figure in row["headline"]
         ),
         seconds=f"{sum(row['seconds'].values()):.0f} s",
+        report=row["report"],
     )
 
 

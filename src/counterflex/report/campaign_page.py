@@ -35,6 +35,7 @@ class RecipeRow:
         accepted: Whether the cell file took it over.
         figures: Headline first.
         seconds: Time taken, as printed.
+        report: Where the report of the identification is, relative to the page, or empty.
     """
 
     recipe: str
@@ -43,6 +44,7 @@ class RecipeRow:
     accepted: bool
     figures: tuple[FigureRow, ...]
     seconds: str
+    report: str = ""
 
 
 @dataclass(frozen=True)
