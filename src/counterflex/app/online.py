@@ -15,7 +15,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.core.arrays import Float, Int
-from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.errors import FileFormatError, InputError, OutputError
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_sensing import flange_sensor
@@ -34,6 +34,7 @@ from counterflex.runtime.loop import Loop, LoopPlan
 from counterflex.runtime.record_ring import OUTCOME, RESULTS, RecordRing
 from counterflex.runtime.sensor_wrench import SensorWrench
 from counterflex.runtime.supervisor import Cause, State
+from counterflex.wire.netft import Scaling
 from counterflex.wire.rsi_config import read_config
 
 _QUIET_S = 2.0
@@ -72,6 +73,7 @@ class RunSettings:
         port: Of RSI; None takes the configuration's.
         force: Host and UDP port of the force sensor, or None.
         force_http_port: Of its scaling document.
+        force_wait_s: How long to wait for the sensor to serve it: parts of a cell may be started in any order.
         tracker_port: Port for tracker datagrams, or None.
         arm: Arm as soon as all checks are passed; else only watch.
         lockstep: The robot is simulated and waits for every answer: telegrams are lost by their counter only.
@@ -86,6 +88,7 @@ class RunSettings:
     port: int | None = None
     force: tuple[str, int] | None = None
     force_http_port: int = 80
+    force_wait_s: float = 10.0
     tracker_port: int | None = None
     arm: bool = False
     lockstep: bool = False
@@ -143,7 +146,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     wrench = None
     frames: tuple[Float | None, Float | None] = (None, None)
     if settings.force is not None and sensor is not None:
-        force = NetftLink(settings.force, fetch_scaling(settings.force[0], settings.force_http_port))
+        force = NetftLink(settings.force, _scaling(settings))
         force.start()
         wrench = SensorWrench(cell.chain, sensor, cell.T_base_part)
     if settings.tracker_port is not None and cell.tables.tracker is not None:
@@ -161,6 +164,18 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         control=control,
         checks=SessionChecks(),
     )
+
+
+def _scaling(settings: RunSettings) -> Scaling:
+    host = settings.force[0] if settings.force is not None else ""
+    end = time.monotonic() + settings.force_wait_s
+    while True:
+        try:
+            return fetch_scaling(host, settings.force_http_port)
+        except OutputError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.1)
 
 
 def _tcp_target(cell: Cell, chain: ElasticChain) -> Float:
