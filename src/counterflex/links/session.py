@@ -256,7 +256,8 @@ class OnlineSession:
         row[record.GIVEN : record.FLAGS] = loop.given
         row[record.FLAGS : record.RESULTS] = loop.flags
         row[record.RESULTS : record.OUTCOME] = loop.results
-        row[record.OUTCOME :] = loop.outcome
+        row[record.OUTCOME : record.CYCLE] = loop.outcome
+        row[record.CYCLE] = loop.cycle
         ring.commit()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -141,8 +142,11 @@ class Loop:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew: IDLE, correction zero, nothing learnt, place on the path unknown."""
-        self._state[:] = 0.0
+        """Begin anew: IDLE, correction zero, nothing learnt, place on the path unknown; as a loop just made."""
+        for array in (self._state, self._elastic, self._frame, self._delta, self._scratch, self._load, self._work):
+            array[:] = 0.0
+        self.results[:] = 0.0
+        self.outcome[:] = 0
         self._state[at.S_PLACE] = -1.0
         self._state[at.S_SCALE : at.S_SCALE + 3] = 1.0
         self._state[at.S_VARIANCE : at.S_VARIANCE + 3] = _SCALE_VARIANCE
@@ -232,6 +236,29 @@ class Loop:
             self.outcome,
             self._work,
         )
+
+    @property
+    def cycle(self) -> int:
+        """Cycles run since the start or the last :meth:`reset`; after the first :meth:`run` it is 1."""
+        return int(self._whole[at.N_CYCLES])
+
+    def sha256(self) -> str:
+        """Hash over every number the step is given besides its inputs: two loops that agree in it compute the same."""
+        digest = hashlib.sha256()
+        m = self.measured_filter
+        for array in (
+            self._constants,
+            self._choices,
+            self._supervisor,
+            self._plan,
+            self._real,
+            self._kind,
+            m.coefficients,
+            np.array(m.ring.shape),
+        ):
+            digest.update(f"{array.dtype.str}{array.shape}".encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
 
     @property
     def state(self) -> State:

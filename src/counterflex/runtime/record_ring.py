@@ -35,7 +35,7 @@ def _columns() -> tuple[str, ...]:
     names += [f"deflection_{a}" for a in six] + [f"wanted_{a}" for a in six] + [f"deviation_{a}" for a in six]
     names += ["path_distance", "sigma", "cutting"]
     outcome = ("state", "cause", "feed_hold", "stop", "silent", "limits", "elastic", "soft", "hard")
-    return (*names, *(f"out_{o}" for o in outcome))
+    return (*names, *(f"out_{o}" for o in outcome), "cycle")
 
 
 COLUMNS: Final = _columns()
@@ -45,7 +45,9 @@ GIVEN: Final = SENSOR + 6
 FLAGS: Final = GIVEN + at.GIVEN
 RESULTS: Final = FLAGS + at.FLAGS
 OUTCOME: Final = RESULTS + at.RESULTS
-WIDTH: Final = OUTCOME + at.OUTCOME
+CYCLE: Final = OUTCOME + at.OUTCOME
+"""Place of the loop's own count of cycles: 1 in its first, one more in each; a step says that records are lost."""
+WIDTH: Final = CYCLE + 1
 
 
 class RecordRing:

@@ -1,0 +1,260 @@
+"""Replay: recorded inputs give the recorded answers bit for bit; what is changed, missing or repeated is found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import counterflex
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.files.cell import Cell, read_cell
+from counterflex.geometry import pose, rotation
+from counterflex.links.session import REQUESTS, OnlineSession, Request, SessionChecks
+from counterflex.runtime import layout as at
+from counterflex.runtime import record_ring as record
+from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.record_ring import COLUMNS, WIDTH, RecordRing
+from counterflex.runtime.replay import Gap, Replay
+from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
+from counterflex.runtime.supervisor import State
+
+CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
+Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
+R = rotation.about_x(np.pi)
+
+
+def plan() -> LoopPlan:
+    x = np.linspace(0.0, 0.2, 401)
+    w = np.zeros((401, 6))
+    w[60:340, :3] = 40.0, 250.0, -60.0
+    return LoopPlan(
+        np.stack([x, 0.0 * x, 0.0 * x], axis=1), x / 0.025, w, (w[:, 1] > 0).astype(float), np.zeros((401, 6))
+    )
+
+
+def loop(mode: ForceMode = ForceMode.PILOT, tracker: TrackerMode = TrackerMode.OBSERVER, **changes: Any) -> Loop:
+    return Loop(CELL.chain, OnlineSettings(force=mode, tracker=tracker, **changes), CELL.T_base_part, plan())
+
+
+class _Robot:
+    """Stands for the link: a robot on a straight path whose telegrams come, are lost, or hold what cannot be."""
+
+    def __init__(self, seed: int, loss: float, nan: float) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.loss, self.nan = loss, nan
+        self.counter, self.elapsed = 1000, 0
+        self.restarted = self.empty = self.clamped = False
+        self.enable = False
+        self.counters = type("Counters", (), {"malformed_in_a_row": 0})()
+        self.x = 0.0
+        self.waited = 1
+        self.sent: list[Float] = []
+
+    def wait(self, _: float) -> bool:
+        self.x += 1e-4
+        self.counter += 4
+        self.counters.malformed_in_a_row = int(self.rng.random() < 0.003) * 3
+        self.enable = self.counter // 4 % 300 > 120
+        if self.rng.random() < self.loss:
+            self.waited += 1
+            self.elapsed = 0
+            return False
+        self.elapsed, self.waited = self.waited, 1
+        return True
+
+    def fill(self, given_: Float) -> None:
+        given_[:12] = np.r_[R.reshape(-1), self.x, 1e-5 * self.rng.standard_normal(2)]
+        given_[at.G_Q : at.G_Q + 6] = Q + 0.01 * self.rng.standard_normal(6)
+        if self.rng.random() < self.nan:
+            given_[int(self.rng.integers(at.G_W))] = self.rng.choice([np.nan, np.inf, -np.inf])
+
+    def answer(self, correction: Float, *_: object, **__: object) -> bool:
+        self.sent.append(correction.copy())
+        return True
+
+
+class _Force:
+    """Stands for the force sensor."""
+
+    def __init__(self, robot: _Robot) -> None:
+        self.robot, self.w_sensor = robot, np.zeros(6)
+        self.saturated = self.frozen = False
+        self.good = 4
+
+    def drain(self) -> int:
+        rng = self.robot.rng
+        self.saturated, self.frozen = bool(rng.random() < 0.002), bool(rng.random() < 0.002)
+        self.good = 0 if rng.random() < 0.03 else 4
+        cutting = 0.03 < self.robot.x < 0.16
+        self.w_sensor = np.r_[30.0, 280.0, -70.0, 0.0, 0.0, 0.0] * cutting + rng.standard_normal(6)
+        return self.good
+
+
+class _Tracker:
+    """Stands for the tracker: noise, pauses, now and then a wrong reflector."""
+
+    def __init__(self, robot: _Robot) -> None:
+        self.robot = robot
+        self.T_tracker_target = np.eye(4)
+
+    def drain(self) -> bool:
+        rng = self.robot.rng
+        far = 5e-3 * (rng.random() < 0.005)
+        p = np.array([self.robot.x + far, 1e-4, 0.0]) + 2e-5 * rng.standard_normal(3)
+        self.T_tracker_target = pose.make(R, p)
+        return bool(rng.random() > 0.1)
+
+
+def recorded(
+    chosen: Loop, *, seed: int = 0, cycles: int = 900, loss: float = 0.02, nan: float = 0.0
+) -> tuple[Float, list[Float]]:
+    """Records of a session, prepared as the loop's process prepares it, and what was sent to the robot."""
+    robot = _Robot(seed, loss, nan)
+    ring = RecordRing()
+    reader = RecordRing(ring.name)
+    control = np.zeros(REQUESTS, dtype=np.int64)
+    session = OnlineSession(
+        robot,  # type: ignore[arg-type]
+        chosen,
+        force=_Force(robot),  # type: ignore[arg-type]
+        wrench=lambda _q, w, _age: w,  # type: ignore[arg-type]
+        tracker=_Tracker(robot),  # type: ignore[arg-type]
+        T_part_tracker=np.eye(4),
+        T_target_tcp=np.eye(4),
+        ring=ring,
+        control=control,
+        checks=SessionChecks(settle_cycles=5),
+    )
+    session.loop.run()
+    session.loop.reset()
+    control[Request.ARM] = 1
+    try:
+        for k in range(cycles):
+            session.cycle(0.0)
+            control[Request.STOP] = robot.rng.random() < 0.001
+            if k % 10 == 0:
+                control[Request.ARM] = 1
+            if k % 97 == 0:
+                control[Request.RESET] = 1
+        return reader.take(), robot.sent
+    finally:
+        reader.close()
+        ring.close()
+
+
+@settings(max_examples=12)
+@given(
+    st.integers(0, 2**31),
+    st.sampled_from([ForceMode.MEASURED, ForceMode.PILOT, ForceMode.SCALE]),
+    st.sampled_from(list(TrackerMode)),
+    st.sampled_from([0.0, 0.02, 0.2]),
+    st.sampled_from([0.0, 0.003]),
+    st.booleans(),
+)
+def test_a_session_replays_bit_for_bit(
+    seed: int, mode: ForceMode, tracker: TrackerMode, loss: float, nan: float, compensated: bool
+) -> None:
+    """Losses, NaN, saturation, taring, stops and resets: what the loop was given is in the record."""
+    rows, _ = recorded(loop(mode, tracker, compensated=compensated), seed=seed, loss=loss, nan=nan)
+    replay = Replay(loop(mode, tracker, compensated=compensated))
+    for piece in np.array_split(rows, 7):
+        replay(piece)
+    assert replay.difference is None
+    assert (replay.compared, replay.skipped, replay.gaps) == (len(rows), 0, [])
+
+
+def test_the_recorded_session_corrects() -> None:
+    """The property above says something only when correction acts, holds and faults in such sessions."""
+    quiet, sent = recorded(loop(), loss=0.0)
+    states = set(quiet[:, record.OUTCOME + at.O_STATE].astype(int))
+    assert {State.READY, State.ARMED, State.ACTIVE} <= states
+    assert np.linalg.norm(quiet[:, record.RESULTS : record.RESULTS + 3], axis=1).max() > 20e-6
+    np.testing.assert_array_equal(np.array(sent), quiet[:, record.RESULTS : record.RESULTS + 6])
+    faulty, _ = recorded(loop(), loss=0.02, nan=0.003, cycles=1500)
+    assert {State.HOLD, State.FAULT} <= set(faulty[:, record.OUTCOME + at.O_STATE].astype(int))
+
+
+def test_a_loop_reset_is_as_a_loop_just_made() -> None:
+    """Whatever it went through before: also when the first inputs after it are not numbers."""
+    used, fresh = loop(), loop()
+    recorded(used, nan=0.003)
+    used.reset()
+    for k in range(40):
+        for one in (used, fresh):
+            bad = k in (0, 7)
+            one.feed(
+                T_part_tcp=pose.make(R, np.array([1e-3 * k, np.nan if bad else 0.0, 0.0])), q=Q, w_tcp_part=np.ones(6)
+            )
+            one.run()
+        assert used.results.tobytes() == fresh.results.tobytes()
+        np.testing.assert_array_equal(used.outcome, fresh.outcome)
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 299), st.integers(record.RESULTS, record.CYCLE - 1))
+def test_one_changed_bit_is_found_where_it_is(cycle: int, column: int) -> None:
+    rows = ROWS.copy()
+    bits = rows[cycle : cycle + 1, column].view(np.int64)
+    bits ^= 1
+    replay = Replay(LOOP)
+    replay(rows)
+    found = replay.difference
+    assert found is not None
+    assert (found.cycle, found.column, found.columns) == (cycle + 1, COLUMNS[column], 1)
+    assert found.logged == rows[cycle, column]
+    assert found.replayed == ROWS[cycle, column]
+    assert replay.compared == cycle
+
+
+LOOP = loop()
+ROWS, _SENT = recorded(loop(), cycles=300)
+
+
+def test_another_setting_is_found() -> None:
+    replay = Replay(loop(proportional=0.999))
+    replay(ROWS)
+    assert replay.difference is not None
+    assert replay.difference.column.startswith(("wanted", "correction"))
+
+
+def test_a_gap_is_named_and_nothing_after_it_is_claimed() -> None:
+    replay = Replay(LOOP)
+    replay(np.delete(ROWS, np.arange(100, 130), axis=0))
+    assert replay.gaps == [Gap(100, 30)]
+    assert (replay.compared, replay.skipped, replay.difference) == (100, 170, None)
+    late = Replay(LOOP)
+    late(ROWS[12:])
+    assert late.gaps == [Gap(0, 12)]
+    assert late.compared == 0
+
+
+def test_after_a_gap_it_begins_again_where_the_loop_did() -> None:
+    replay = Replay(LOOP)
+    replay(np.concatenate([ROWS[:50], ROWS[60:], ROWS]))
+    assert replay.gaps == [Gap(50, 10)]
+    assert (replay.compared, replay.skipped) == (350, 240)
+    assert replay.difference is None
+
+
+def test_the_hash_is_over_what_the_step_is_given() -> None:
+    assert loop().sha256() == LOOP.sha256()
+    assert loop(proportional=0.999).sha256() != LOOP.sha256()
+    changed = plan()
+    other = Loop(CELL.chain, LOOP.settings, CELL.T_base_part, replace(changed, time_s=changed.time_s * 1.001))
+    assert other.sha256() != LOOP.sha256()
+
+
+def test_rows_of_another_shape_are_refused() -> None:
+    with pytest.raises(InputError, match="shape"):
+        Replay(LOOP)(np.zeros((3, WIDTH - 1)))
+    bad = ROWS.copy()
+    bad[3, record.CYCLE] = np.nan
+    with pytest.raises(InputError, match="cycle"):
+        Replay(LOOP)(bad)
