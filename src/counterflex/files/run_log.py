@@ -12,10 +12,11 @@ import json
 import os
 import struct
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from io import BufferedWriter
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 from mcap.exceptions import McapError
@@ -38,12 +39,36 @@ _TOPIC: Final = "cycle"
 _RETRY_S: Final = 1.0
 
 
+def begin_segment(stream: BinaryIO, about: Mapping[str, Any]) -> tuple[Writer, int]:
+    """Write the head of a segment: what the run was made of and the columns.
+
+    Args:
+        stream: Buffered.
+        about: With ``format``, ``version``, ``run`` and ``segment``.
+
+    Returns:
+        The writer, to be finished, and the channel of the records.
+    """
+    writer = Writer(stream, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
+    writer.start(profile=KIND, library="counterflex")
+    writer.add_metadata("about", {key: json.dumps(value) for key, value in about.items()})
+    layout = json.dumps({"columns": COLUMNS, "type": "float64 little-endian"}).encode()
+    schema = writer.register_schema(name="counterflex.cycle", encoding="counterflex", data=layout)
+    return writer, writer.register_channel(topic=_TOPIC, message_encoding="float64", schema_id=schema)
+
+
+def add_record(writer: Writer, channel: int, row: Float) -> None:
+    """Add one record (WIDTH,), stamped with the time at which its telegram was received."""
+    stamp = int(row[1])
+    writer.add_message(channel, log_time=stamp, data=row.astype("<f8").tobytes(), publish_time=stamp)
+
+
 class RunLog:
     """Writes records into segments ``run-000.mcap``, ``run-001.mcap``, ... of a folder.
 
     Args:
         folder: Made when missing.
-        about: What the run is made of; the first thing in every segment.
+        about: What the run is made of; the first thing in every segment, with the number of the run's first segment.
 
     Attributes:
         written: Records written.
@@ -59,7 +84,7 @@ class RunLog:
         self._about = dict(about)
         self.written = self.lost = 0
         self.trouble = ""
-        self._number = 0
+        self._number = self._first = 0
         self._stream: BufferedWriter | None = None
         self._writer: Writer | None = None
         self._channel = 0
@@ -67,7 +92,7 @@ class RunLog:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             taken = [int(p.stem[4:]) for p in self.folder.glob("run-*.mcap") if p.stem[4:].isdigit()]
-            self._number = max(taken, default=-1) + 1
+            self._number = self._first = max(taken, default=-1) + 1
             self._begin()
         except OSError as fault:
             raise OutputError(
@@ -80,13 +105,8 @@ class RunLog:
         path = self.folder / f"run-{self._number:03d}.mcap"
         stream = path.open("wb")
         try:
-            writer = Writer(stream, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
-            writer.start(profile=KIND, library="counterflex")
-            about = {"format": KIND, "version": VERSION, "segment": self._number, **self._about}
-            writer.add_metadata("about", {key: json.dumps(value) for key, value in about.items()})
-            layout = json.dumps({"columns": COLUMNS, "type": "float64 little-endian"}).encode()
-            schema = writer.register_schema(name="counterflex.cycle", encoding="counterflex", data=layout)
-            self._channel = writer.register_channel(topic=_TOPIC, message_encoding="float64", schema_id=schema)
+            facts = {"format": KIND, "version": VERSION, "run": self._first, "segment": self._number, **self._about}
+            writer, self._channel = begin_segment(stream, facts)
             writer.flush()
         except BaseException:
             with contextlib.suppress(OSError):
@@ -119,8 +139,7 @@ class RunLog:
             return
         try:
             for row in rows:
-                stamp = int(row[1])
-                writer.add_message(self._channel, log_time=stamp, data=row.astype("<f8").tobytes(), publish_time=stamp)
+                add_record(writer, self._channel, row)
             if now - self._flushed >= FLUSH_S:
                 writer.flush()
                 stream.flush()
@@ -180,10 +199,10 @@ def read_segment(path: str | Path) -> tuple[Float, dict[str, Any], bool]:
     try:
         with file.open("rb") as stream:
             if stream.read(8) != b"\x89MCAP0\r\n":
-                raise FileFormatError("not an MCAP file", where=str(file))
+                raise FileFormatError("not an MCAP file", where=str(file), no_beginning=file.stat().st_size < 8)
             stream.seek(0)
             try:
-                for record in StreamReader(stream, record_size_limit=SEGMENT_BYTES * 2).records:
+                for record in StreamReader(stream, validate_crcs=True, record_size_limit=SEGMENT_BYTES * 2).records:
                     if isinstance(record, Metadata) and record.name == "about":
                         about = {key: json.loads(value) for key, value in record.metadata.items()}
                     elif isinstance(record, Schema):
@@ -203,7 +222,7 @@ def read_segment(path: str | Path) -> tuple[Float, dict[str, Any], bool]:
     except OSError as fault:
         raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
     if about.get("format") != KIND:
-        raise FileFormatError("not a run log, or cut before its beginning", where=str(file))
+        raise FileFormatError("not a run log, or cut before its beginning", where=str(file), no_beginning=True)
     if about.get("version", 0) > VERSION:
         raise FileFormatError(
             "the run log is newer than this program reads", where=str(file), value=about["version"], limit=VERSION
@@ -212,6 +231,54 @@ def read_segment(path: str | Path) -> tuple[Float, dict[str, Any], bool]:
         raise FileFormatError("the run log has other columns", where=str(file), value=len(columns), limit=len(COLUMNS))
     good = [row for row in rows if len(row) == len(COLUMNS)]
     return np.array(good).reshape(-1, len(COLUMNS)), about, whole
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One file of a run log.
+
+    Attributes:
+        name: Of the file.
+        rows: (n, WIDTH) records.
+        about: What the run was made of; empty where the file was cut before it.
+        whole: It was finished; else it was cut short, and the records before the cut are there.
+    """
+
+    name: str
+    rows: Float
+    about: dict[str, Any]
+    whole: bool
+
+    @property
+    def run(self) -> int:
+        """Number of the first segment of the run it belongs to: a folder can hold several runs."""
+        return int(self.about.get("run", 0))
+
+
+def segments(folder: str | Path) -> Iterator[Segment]:
+    """Segments of a folder in order, one at a time; a file cut before its beginning is a segment without records.
+
+    Raises:
+        FileFormatError: There is none, or one is no run log.
+    """
+    files = sorted(Path(folder).glob("run-*.mcap"))
+    if not files:
+        raise FileFormatError("there is no run log in this folder", where=str(folder), hint="Expected run-000.mcap")
+    refused = None
+    told = False
+    for file in files:
+        try:
+            rows, about, whole = read_segment(file)
+        except FileFormatError as fault:
+            if not fault.data.get("no_beginning"):
+                raise
+            refused = fault
+            yield Segment(file.name, np.zeros((0, len(COLUMNS))), {}, False)
+            continue
+        told = True
+        yield Segment(file.name, rows, about, whole)
+    if refused is not None and not told:
+        raise refused
 
 
 def read_log(folder: str | Path) -> tuple[Float, dict[str, Any], list[str]]:
@@ -223,15 +290,11 @@ def read_log(folder: str | Path) -> tuple[Float, dict[str, Any], list[str]]:
     Raises:
         FileFormatError: There is none, or one is no run log.
     """
-    files = sorted(Path(folder).glob("run-*.mcap"))
-    if not files:
-        raise FileFormatError("there is no run log in this folder", where=str(folder), hint="Expected run-000.mcap")
     parts, cut = [], []
     about: dict[str, Any] = {}
-    for file in files:
-        rows, facts, whole = read_segment(file)
-        parts.append(rows)
-        about = about or facts
-        if not whole:
-            cut.append(file.name)
+    for segment in segments(folder):
+        parts.append(segment.rows)
+        about = about or segment.about
+        if not segment.whole:
+            cut.append(segment.name)
     return np.concatenate(parts), about, cut

@@ -1,0 +1,108 @@
+"""Segments of a run log that were cut short, written anew so that any MCAP reader takes them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from counterflex.core import atomic
+from counterflex.core.errors import FileFormatError, InputError, OutputError
+from counterflex.files.run_log import add_record, begin_segment, read_segment
+
+STILL_S: Final = 5.0
+"""A file written to within this time is taken for one that is being written."""
+
+
+@dataclass(frozen=True)
+class Repaired:
+    """What was done with a cut segment.
+
+    Attributes:
+        name: Of the segment.
+        kept: Name under which the original is kept; empty where nothing was done.
+        records: Records it now holds.
+        note: Why nothing was done, or empty.
+    """
+
+    name: str
+    kept: str
+    records: int
+    note: str
+
+
+def repair_segment(path: str | Path, now_s: float | None = None) -> Repaired | None:
+    """Write a cut segment anew, finished, with all records that can be read; the original keeps another name.
+
+    At every moment there is a file of the segment's name: first the original gets its second name, then the new file
+    takes the place of the first.
+
+    Args:
+        path: ``run-NNN.mcap``.
+        now_s: Time by the wall clock; None is now.
+
+    Returns:
+        What was done; None where the segment is whole.
+
+    Raises:
+        FileFormatError: Not a run log, or of a newer version.
+        InputError: The segment is being written.
+        OutputError: The folder cannot be written.
+    """
+    file = Path(path)
+    try:
+        rows, about, whole = read_segment(file)
+    except FileFormatError as fault:
+        if not fault.data.get("no_beginning"):
+            raise
+        return Repaired(file.name, "", 0, "cut before its first record: nothing to save")
+    if whole:
+        return None
+    age = (time.time() if now_s is None else now_s) - file.stat().st_mtime
+    if age < STILL_S:
+        raise InputError(
+            "this segment is being written",
+            where=str(file),
+            value=f"changed {max(age, 0.0):.1f} s ago",
+            limit=f">= {STILL_S:g} s",
+            hint="End the run first",
+        )
+    kept = _free_name(file)
+    facts = {**about, "repaired": {"records": len(rows), "original": kept.name}}
+    with atomic.atomic_path(file) as part:
+        with part.open("wb") as stream:
+            writer, channel = begin_segment(stream, facts)
+            for row in rows:
+                add_record(writer, channel, row)
+            writer.finish()
+            stream.flush()
+            os.fsync(stream.fileno())
+        _keep(file, kept)
+    return Repaired(file.name, kept.name, len(rows), "")
+
+
+def _free_name(file: Path) -> Path:
+    for number in range(1, 1000):
+        name = file.with_name(f"{file.name}.cut" if number == 1 else f"{file.name}.cut-{number}")
+        if not name.exists():
+            return name
+    raise OutputError("too many originals are kept here", where=str(file))
+
+
+def _keep(file: Path, kept: Path) -> None:
+    """A second name for the original; a copy where the file system has no links."""
+    try:
+        kept.hardlink_to(file)
+    except FileExistsError:
+        raise
+    except OSError:
+        try:
+            shutil.copy2(file, kept)
+        except OSError:
+            with contextlib.suppress(OSError):
+                kept.unlink()
+            raise

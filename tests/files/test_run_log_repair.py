@@ -1,0 +1,154 @@
+"""Repair of a run log: cut anywhere, a reader that is not ours takes what is written anew; the original stays."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError, InputError, OutputError
+from counterflex.files.run_log import RunLog, read_log, read_segment, segments
+from counterflex.files.run_log_repair import repair_segment
+from counterflex.runtime.record_ring import WIDTH
+
+LATER = 4e9
+
+
+def rows(n: int) -> Float:
+    out = np.random.default_rng(n).standard_normal((n, WIDTH))
+    out[:, 1] = np.arange(n) * 4_000_000
+    return out
+
+
+def unfinished(folder: Path, data: Float) -> Path:
+    log = RunLog(folder, {"seed": 3})
+    for k in range(0, len(data), 25):
+        log.add(data[k : k + 25], 0.1 * (k + 1))
+    file = folder / "run-000.mcap"
+    whole = file.read_bytes()
+    log.close()
+    file.write_bytes(whole)
+    return file
+
+
+def by_another_reader(file: Path) -> Float:
+    with file.open("rb") as stream:
+        messages = [message.data for _, _, message in make_reader(stream, validate_crcs=True).iter_messages()]
+    return np.array([np.frombuffer(data, dtype="<f8") for data in messages]).reshape(-1, WIDTH)
+
+
+@pytest.fixture(scope="module")
+def cut(tmp_path_factory: pytest.TempPathFactory) -> tuple[Float, bytes]:
+    data = rows(200)
+    return data, unfinished(tmp_path_factory.mktemp("log"), data).read_bytes()
+
+
+def test_an_unfinished_segment_is_saved_whole(tmp_path: Path) -> None:
+    data = rows(100)
+    file = unfinished(tmp_path, data)
+    before = file.read_bytes()
+    with pytest.raises(Exception, match=r".*"):
+        by_another_reader(file)
+    done = repair_segment(file, LATER)
+    assert done is not None
+    assert (done.records, done.kept, done.note) == (100, "run-000.mcap.cut", "")
+    np.testing.assert_array_equal(by_another_reader(file), data)
+    found, about, still = read_log(tmp_path)
+    np.testing.assert_array_equal(found, data)
+    assert (about["seed"], about["repaired"]["original"], still) == (3, "run-000.mcap.cut", [])
+    assert (tmp_path / "run-000.mcap.cut").read_bytes() == before
+    assert repair_segment(file, LATER) is None
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run-000.mcap", "run-000.mcap.cut"]
+
+
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.floats(0.0, 1.0), st.none() | st.floats(0.0, 1.0, exclude_max=True), st.integers(0, 7))
+def test_cut_or_damaged_anywhere(
+    cut: tuple[Float, bytes], tmp_path: Path, share: float, place: float | None, bit: int
+) -> None:
+    """Another reader finds as many records as ours did before, and each is one that was written."""
+    written, content = cut
+    damaged = bytearray(content[: int(share * len(content))])
+    if damaged and place is not None:
+        damaged[int(place * len(damaged))] ^= 1 << bit
+    file = tmp_path / "run-000.mcap"
+    for old in tmp_path.iterdir():
+        old.unlink()
+    file.write_bytes(damaged)
+    try:
+        expected, _, _ = read_segment(file)
+        done = repair_segment(file, LATER)
+    except FileFormatError:
+        try:
+            left = repair_segment(file, LATER)
+        except FileFormatError:
+            left = None
+        assert left is None or left.note
+        assert file.read_bytes() == bytes(damaged)
+        return
+    assert done is not None
+    found = by_another_reader(file)
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(found, written[: done.records])
+    assert (tmp_path / done.kept).read_bytes() == bytes(damaged)
+
+
+def test_a_segment_that_is_being_written_is_left_alone(tmp_path: Path) -> None:
+    file = unfinished(tmp_path, rows(50))
+    before = file.read_bytes()
+    os.utime(file, (1000.0, 1000.0))
+    with pytest.raises(InputError, match="being written"):
+        repair_segment(file, 1004.0)
+    assert file.read_bytes() == before
+    assert repair_segment(file, 1006.0) is not None
+
+
+def test_an_older_original_is_never_replaced(tmp_path: Path) -> None:
+    file = unfinished(tmp_path, rows(50))
+    (tmp_path / "run-000.mcap.cut").write_bytes(b"older")
+    done = repair_segment(file, LATER)
+    assert done is not None
+    assert done.kept == "run-000.mcap.cut-2"
+    assert (tmp_path / "run-000.mcap.cut").read_bytes() == b"older"
+
+
+def test_a_full_disk_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = unfinished(tmp_path, rows(50))
+    before = file.read_bytes()
+
+    def full(_: int) -> NoReturn:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("counterflex.files.run_log_repair.os.fsync", full)
+    with pytest.raises(OutputError, match="space"):
+        repair_segment(file, LATER)
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"run-000.mcap": before}
+
+
+def test_an_empty_segment_does_not_hide_the_others(tmp_path: Path) -> None:
+    """After power loss the newest file can be empty; a new run goes on in the same folder."""
+    data = rows(50)
+    unfinished(tmp_path, data)
+    (tmp_path / "run-001.mcap").write_bytes(b"")
+    log = RunLog(tmp_path, {})
+    log.add(data, 1.0)
+    log.close()
+    found = list(segments(tmp_path))
+    assert [(s.name, len(s.rows), s.whole) for s in found] == [
+        ("run-000.mcap", 50, False),
+        ("run-001.mcap", 0, False),
+        ("run-002.mcap", 50, True),
+    ]
+    assert (found[0].run, found[2].run) == (0, 2)
+    left = repair_segment(tmp_path / "run-001.mcap", LATER)
+    assert left is not None
+    assert "nothing to save" in left.note
+    assert read_log(tmp_path)[2] == ["run-000.mcap", "run-001.mcap"]
