@@ -87,6 +87,7 @@ def propose_cubes(cell: CellModel, count: int, settings: Mapping[str, Any]) -> P
         kind="cubes",
         columns=columns,
         expected=expected_sigma(plan.parameters, chosen.covariance),
+        units=plan.parameters.units,
         remarks=(
             f"Fix a cube on each of {', '.join(pairs_of(chain))} and measure where it sits with the tracker.",
             "Read six triangulation sensors at each cube before and under every load; average their readings.",

@@ -82,6 +82,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
         kind="holder_loads",
         columns={name: loads[rows, i] for i, name in enumerate(names)},
         expected=dict(zip([p.name for p, f in zip(free, mask, strict=True) if f], (float(v) for v in sd), strict=True)),
+        units=free.units,
         remarks=(
             f"Bridges at x y z: {listed}",
             "One sample then tells the force to "

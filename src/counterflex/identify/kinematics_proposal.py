@@ -7,11 +7,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import UM, URAD
-from counterflex.identify.arm_parameters import ArmPriors, arm_model
+from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model
 from counterflex.identify.choice import candidates_of, choose, expected_sigma, prior_information
-from counterflex.identify.known_frames import known_frames
+from counterflex.identify.known_frames import KnownFrames, known_frames
 from counterflex.identify.model import CellModel
 from counterflex.identify.order import order_of_poses, wrong_sides
 from counterflex.identify.parameters import Parameters
@@ -52,6 +53,40 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
         p_tcp_target=None if known is None else known.T_tcp_target[:3, 3],
     )
     model = arm_model(cell, ArmPriors(), sag=str(settings.get("sag", "auto")))
+    parameters, block = foreseen(model, q, known)
+    candidates = candidates_of(parameters, [block])
+    choice = choose(candidates.jacobian, count, prior_information(parameters))
+    speeds = model.chain.joint_speeds_rad_s
+    chosen = in_order(cell.nominal_chain, q[choice.indices])
+    chosen = chosen[order_of_poses(chosen, np.ones(6) if speeds is None else speeds)]
+    return Proposal(
+        recipe="kinematics",
+        kind="tracker_poses",
+        columns={f"q{i + 1}_rad": chosen[:, i] for i in range(6)},
+        expected=expected_sigma(parameters, choice.covariance),
+        units=parameters.units,
+        remarks=(
+            f"{count} of {len(q)} poses within limits, above the floor and clear of the column"
+            + (", seen by the tracker." if known is not None else "; line of sight is not checked without [tracker]."),
+            f"{int(np.sum(wrong_sides(chosen)))} of {6 * count} times an axis arrives with falling angle; "
+            "to take up its play, approach such poses from 2 deg below.",
+            "Let the robot rest for a second before each measurement.",
+        ),
+    )
+
+
+def foreseen(model: ArmModel, q: Float, known: KnownFrames | None) -> tuple[Parameters, TrackerResiduals]:
+    """Parameters, and the residuals that readings of a six-axis target at poses not yet measured would have.
+
+    Args:
+        model: The arm with its errors as parameters.
+        q: (n, 6) rad.
+        known: First estimates of tracker and target; None: in the base and at the tool tip.
+
+    Returns:
+        The parameters of the arm, ``T_base_tracker.*`` and ``T_tcp_target.*`` (nothing is known of these two); the
+        residuals, whose Jacobian counts, weighted by :data:`POSITION_M` and :data:`ROTATION_RAD`.
+    """
     first = len(model.parameters)
     parameters = model.parameters + Parameters.of(
         [*frame_parameters("T_base_tracker", "tracker in the base"), *frame_parameters("T_tcp_target", "target")]
@@ -68,21 +103,4 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
         np.zeros((len(q), 3)),
         np.broadcast_to(np.eye(3), (len(q), 3, 3)),
     )
-    candidates = candidates_of(parameters, [block])
-    choice = choose(candidates.jacobian, count, prior_information(parameters))
-    speeds = model.chain.joint_speeds_rad_s
-    chosen = in_order(cell.nominal_chain, q[choice.indices])
-    chosen = chosen[order_of_poses(chosen, np.ones(6) if speeds is None else speeds)]
-    return Proposal(
-        recipe="kinematics",
-        kind="tracker_poses",
-        columns={f"q{i + 1}_rad": chosen[:, i] for i in range(6)},
-        expected=expected_sigma(parameters, choice.covariance),
-        remarks=(
-            f"{count} of {len(q)} poses within limits, above the floor and clear of the column"
-            + (", seen by the tracker." if known is not None else "; line of sight is not checked without [tracker]."),
-            f"{int(np.sum(wrong_sides(chosen)))} of {6 * count} times an axis arrives with falling angle; "
-            "to take up its play, approach such poses from 2 deg below.",
-            "Let the robot rest for a second before each measurement.",
-        ),
-    )
+    return parameters, block

@@ -115,6 +115,11 @@ class Parameters:
         """(p,) nominal values, SI."""
         return np.array([item.nominal for item in self.items], dtype=np.float64)
 
+    @property
+    def units(self) -> dict[str, str]:
+        """SI unit of each free parameter, by name."""
+        return {item.name: item.unit for item in self.items if item.free}
+
     def index(self, name: str) -> int:
         """Place of a parameter.
 

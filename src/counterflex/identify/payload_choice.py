@@ -68,6 +68,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
         kind="sensor_poses",
         columns={f"q{i + 1}_rad": q[rows, i] for i in range(6)},
         expected=dict(zip(names, (float(v) for v in sd[: len(names)]), strict=True)),
+        units={name: free.units[name] for name in names},
         remarks=(
             "No contact and no cut: spindle off, coolant and hoses as in operation",
             "Wait at each orientation until the arm is still (1 s), then average the reading over 0.5 s or more",

@@ -100,6 +100,7 @@ def propose_pulls(cell: CellModel, count: int, settings: Mapping[str, Any]) -> P
         kind="pulls",
         columns=columns,
         expected=expected_sigma(plan.parameters, chosen.covariance),
+        units=plan.parameters.units,
         remarks=_remarks(names, direction[order], force, history),
         settings={"history": history},
     )

@@ -88,7 +88,8 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
         )
     columns = {f"q{i + 1}_rad": poses[:, i] for i in range(6)}
     columns |= {"axis": axes + 1.0, "amplitude_rad": np.array(AMPLITUDE_RAD)[axes], "speed_rad_s": speeds}
-    return Proposal("play", "reversals", columns, _expected(cell, chain, poses, axes, speeds), tuple(remarks))
+    expected, units = _expected(cell, chain, poses, axes, speeds)
+    return Proposal("play", "reversals", columns, expected, tuple(remarks), units=units)
 
 
 def motion(amplitude_rad: float, speed_rad_s: float) -> tuple[Float, Float]:
@@ -117,8 +118,12 @@ def _choose(cell: CellModel, axis: int, torque: Float, lever: Float, turn: int, 
     return int(np.argmax(np.where(steady, lever, -1.0))), True
 
 
-def _expected(cell: CellModel, chain: ElasticChain, q: Float, axes: Float, speeds: Float) -> dict[str, float]:
+def _expected(
+    cell: CellModel, chain: ElasticChain, q: Float, axes: Float, speeds: Float
+) -> tuple[dict[str, float], dict[str, str]]:
+    """Expected standard deviations and their SI units, by name."""
     out: dict[str, float] = {}
+    units: dict[str, str] = {}
     for axis in range(6):
         p, places = parameters(cell, axis, free_compliance=False, delay=True)
         runs = []
@@ -151,4 +156,5 @@ def _expected(cell: CellModel, chain: ElasticChain, q: Float, axes: Float, speed
             information = information + J.T @ J
         sigma = np.sqrt(np.diag(np.linalg.inv(information))) * slope
         out |= {p.names[i]: float(s) for i, s in zip(free, sigma, strict=True)}
-    return out
+        units |= p.units
+    return out, units

@@ -76,6 +76,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
             f"hang {force:.0f} N on a cable in the direction given, let the arm rest, start the controller's trace "
             "(command, motor angle and torque of all axes), cut the cable, record one second more",
         ),
+        units=dict.fromkeys(expected, "N m s/rad"),
     )
 
 

@@ -71,6 +71,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
             "each with the stamps of its own clock",
         ),
         settings={"through": through},
+        units={"tracker.delay": "s", "tracker.lag": "s"},
     )
 
 
