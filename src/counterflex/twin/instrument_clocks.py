@@ -66,7 +66,7 @@ class InstrumentClocks:
 
 def instrument_clocks(laboratory: Laboratory) -> InstrumentClocks:
     """The times of a laboratory's instruments."""
-    rng = laboratory.noise("clocks.setup")
+    rng = laboratory.standing("clocks.setup")
 
     def about(value: float, spread: float) -> float:
         return float(value * math.exp(spread * rng.standard_normal()))

@@ -50,7 +50,14 @@ class Laboratory:
 
     def noise(self, name: str) -> np.random.Generator:
         """A random stream of its own for each named measurement of each session."""
-        place = f"{self.seed}:{name}" + (f":{self.session}" if self.session else "")
+        return self._stream(f"{self.seed}:{name}" + (f":{self.session}" if self.session else ""))
+
+    def standing(self, name: str) -> np.random.Generator:
+        """A random stream for what belongs to the equipment itself: the same in every session."""
+        return self._stream(f"{self.seed}:{name}")
+
+    @staticmethod
+    def _stream(place: str) -> np.random.Generator:
         return np.random.Generator(np.random.PCG64(random.Random(f"counterflex-lab-1:{place}").getrandbits(64)))
 
 

@@ -72,7 +72,7 @@ def measure(
     if np.any((axes < 1) | (axes > 6) | (axes != np.round(axes))) or np.any(speeds <= 0.0) or np.any(sizes <= 0.0):
         raise InputError("axis or speed of a reversal", value=f"{axes.tolist()}, {speeds.tolist()}")
     noise = laboratory.noise(f"reversals.{seen_by}")
-    scale = 1.0 + TORQUE_SHARE * laboratory.noise("reversals.torque").standard_normal(6)
+    scale = 1.0 + TORQUE_SHARE * laboratory.standing("reversals.torque").standard_normal(6)
     times = instrument_clocks(laboratory)
     late = times.link_dead_time_s if seen_by == "link" else times.tracker.dead_time_s + times.tracker.lag_s
     plant = Plant(truth)

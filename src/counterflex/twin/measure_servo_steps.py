@@ -58,7 +58,7 @@ def measure(
     if settings:
         raise InputError("load steps have no settings", value=", ".join(settings))
     noise = laboratory.noise("servo_steps")
-    scale = 1.0 + TORQUE_SHARE * laboratory.noise("reversals.torque").standard_normal(6)
+    scale = 1.0 + TORQUE_SHARE * laboratory.standing("reversals.torque").standard_normal(6)
     plant = Plant(truth)
     per = round(CYCLE_S / STEP_S)
     before, count = round(BEFORE_S / CYCLE_S), round((BEFORE_S + AFTER_S) / CYCLE_S)
