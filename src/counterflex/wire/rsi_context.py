@@ -1,0 +1,199 @@
+"""The context of a KUKA RSI set-up: its objects, how they are wired, their parameters.
+
+Two forms are read: ``.rsi.xml`` (RSI 3: root ``RSIObjects``, indices from 1) and ``.rsix`` (RSI 4.1 and later: root
+``RsiContext``, indices from 0). Indices are from 1 in everything this module hands out.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+from xml.etree.ElementTree import Element, ParseError
+
+from defusedxml.common import DefusedXmlException
+from defusedxml.ElementTree import fromstring
+
+from counterflex.core.errors import FileFormatError
+from counterflex.core.similar import missing_file
+
+_FIRST_INDEX: Final = {"rsiobjects": 1, "rsidata": 1, "rsicontext": 0}
+_SINKS: Final = ("POSCORR", "AXISCORR", "AXISCORREXT", "STOP", "ETHERNET")
+
+
+@dataclass(frozen=True)
+class Input:
+    """One wired input.
+
+    Attributes:
+        index: Of the input, from 1.
+        source: ObjID whose output it takes.
+        output: Index of that output, from 1.
+    """
+
+    index: int
+    source: str
+    output: int
+
+
+@dataclass(frozen=True)
+class ContextObject:
+    """One object of a context.
+
+    Attributes:
+        kind: Type in capitals: ``POSCORR``, ``ETHERNET``.
+        name: ObjID.
+        inputs: Wired inputs.
+        parameters: Texts by name, as written.
+    """
+
+    kind: str
+    name: str
+    inputs: tuple[Input, ...]
+    parameters: dict[str, str]
+
+    def number(self, parameter: str, default: float) -> float:
+        """Value of a parameter; ``default`` where the file does not give it.
+
+        Raises:
+            FileFormatError: It is not a finite number.
+        """
+        text = next((v for k, v in self.parameters.items() if k.lower() == parameter.lower()), None)
+        if text is None:
+            return default
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise FileFormatError("not a number", where=f"{self.name} {parameter}", value=repr(text))
+        return value
+
+
+@dataclass(frozen=True)
+class RsiContextFile:
+    """A context.
+
+    Attributes:
+        objects: In the order of the file.
+        where: Path, for messages.
+    """
+
+    objects: tuple[ContextObject, ...]
+    where: str = ""
+
+    def of_kind(self, kind: str) -> tuple[ContextObject, ...]:
+        """Objects of a type, given in capitals."""
+        return tuple(item for item in self.objects if item.kind == kind)
+
+    def named(self, name: str) -> ContextObject | None:
+        """Object with this ObjID, or None."""
+        return next((item for item in self.objects if item.name == name), None)
+
+    def reached(self, source: str, output: int) -> tuple[list[tuple[ContextObject, int]], list[ContextObject]]:
+        """Where a signal ends, and what it passes on the way.
+
+        Args:
+            source: ObjID.
+            output: Index of its output, from 1.
+
+        Returns:
+            (object, index of its input) for every correction, stop, ``MAP2...`` and ETHERNET object that the signal
+            arrives at, directly or through others; and the others.
+        """
+        ends: list[tuple[ContextObject, int]] = []
+        passed: list[ContextObject] = []
+        todo: list[tuple[str, int | None]] = [(source, output)]
+        while todo:
+            name, number = todo.pop(0)
+            for item in self.objects:
+                for wire in item.inputs:
+                    if wire.source != name or (number is not None and wire.output != number):
+                        continue
+                    if item.kind in _SINKS or item.kind.startswith("MAP2"):
+                        ends.append((item, wire.index))
+                    elif item not in passed:
+                        passed.append(item)
+                        todo.append((item.name, None))
+        return ends, passed
+
+
+def read_context(path: str | Path) -> RsiContextFile:
+    """Read a context file (``.rsi.xml`` or ``.rsix``).
+
+    Raises:
+        FileFormatError: Missing, not XML, no RSI context, an object without type or name, an index out of range.
+    """
+    file = Path(path)
+    try:
+        text = file.read_bytes()
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
+    return parse_context(text, str(file))
+
+
+def parse_context(text: bytes, where: str) -> RsiContextFile:
+    """Check the text of a context. Raises as :func:`read_context`."""
+    try:
+        root = fromstring(text)
+    except (ParseError, DefusedXmlException, ValueError, LookupError) as fault:
+        raise FileFormatError(f"not an XML file: {fault}", where=where) from fault
+    first = _FIRST_INDEX.get(_local(root).lower())
+    if first is None:
+        raise FileFormatError(
+            "not an RSI context",
+            where=where,
+            value=f"<{_local(root)}>",
+            limit="<RSIObjects> (.rsi.xml) or <RsiContext> (.rsix)",
+            hint="The .rsi file is the editor's drawing; give the .rsi.xml beside it",
+        )
+    found = [_object(item, first, where) for item in root.iter() if _local(item).lower() == "rsiobject"]
+    names = [item.name for item in found]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise FileFormatError("two objects have one name", where=where, value=twice)
+    if not found:
+        raise FileFormatError("the context has no objects", where=where)
+    return RsiContextFile(tuple(found), where)
+
+
+def _local(element: Element) -> str:
+    return str(element.tag).rpartition("}")[2]
+
+
+def _object(element: Element, first: int, where: str) -> ContextObject:
+    given = _attributes(element)
+    kind, name = given.get("objtype", "").upper(), given.get("objid", "")
+    if not kind or not name:
+        raise FileFormatError("an object has no ObjType or no ObjID", where=where, value=name or kind or None)
+    inputs, parameters = [], {}
+    for child in element.iter():
+        values = _attributes(child)
+        if _local(child).lower() == "input":
+            place = f"{where}: {name}"
+            source = values.get("outobjid", "")
+            if not source:
+                raise FileFormatError("an input is wired to nothing: OutObjID is missing", where=place)
+            inputs.append(
+                Input(
+                    _index(values.get("inidx", ""), first, place, "InIdx"),
+                    source,
+                    _index(values.get("outidx", ""), first, place, "OutIdx"),
+                )
+            )
+        elif _local(child).lower() == "parameter":
+            parameters[values.get("name", "")] = values.get("paramvalue", "")
+    return ContextObject(kind, name, tuple(inputs), parameters)
+
+
+def _attributes(element: Element) -> dict[str, str]:
+    return {str(key).rpartition("}")[2].lower(): value for key, value in element.attrib.items()}
+
+
+def _index(text: str, first: int, where: str, what: str) -> int:
+    if not (text.isascii() and text.isdigit()) or not first <= int(text) < first + 1000:
+        raise FileFormatError(f"{what} is no index", where=where, value=repr(text), limit=f">= {first}")
+    return int(text) - first + 1
