@@ -67,7 +67,7 @@ def campaign_of(cell: Cell, recipes: Sequence[str] | None = None) -> tuple[Measu
     for name in recipes or ():
         if name not in known:
             raise InputError("no such recipe in a campaign", value=name, limit=", ".join(known))
-    has_holder = getattr(cell.tables, "holder", None) is not None
+    has_holder = cell.tables.holder is not None
     return tuple(
         step
         for step in ORDER
