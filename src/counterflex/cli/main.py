@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, NoReturn
 import typer
 
 from counterflex import __version__
-from counterflex.cli import campaign, dataset, demo, identify, online, program, prove, question, twin
+from counterflex.cli import campaign, dataset, demo, identify, log, online, program, prove, question, rsi, twin
 from counterflex.cli.interrupt import interruptible
 from counterflex.core.errors import CounterflexError
 
@@ -41,6 +41,8 @@ identify.register(app)
 twin.register(app)
 campaign.register(app)
 online.register(app)
+log.register(app)
+rsi.register(app)
 demo.register(app)
 
 

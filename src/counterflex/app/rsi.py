@@ -1,0 +1,221 @@
+"""KUKA RSI set-ups: judge one before a robot runs it, or make one for a cell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex import __version__
+from counterflex.app.rsi_readme import readme
+from counterflex.core import atomic
+from counterflex.core.errors import FileFormatError, InputError, ProgramError
+from counterflex.core.similar import missing_file
+from counterflex.files.cell import read_cell
+from counterflex.files.cell_online import OnlineTable
+from counterflex.files.cell_schema import CellTables
+from counterflex.files.summary_file import write_summary
+from counterflex.programs.krl_rsi import RsiSwitching, called, check_path, link_test, with_correction
+from counterflex.wire.rsi_calls import parse_calls, read_calls
+from counterflex.wire.rsi_config import parse_config, read_config
+from counterflex.wire.rsi_context import parse_context, read_context
+from counterflex.wire.rsi_files import ENABLE_INDEX, FEED_HOLD_INDEX, RsiFiles, check_files
+from counterflex.wire.rsi_rules import check as judge
+from counterflex.wire.rsi_setup import Finding, OnlineLimits, Setup
+
+NAME: Final = "counterflex"
+"""Of the context and its files."""
+LINK_TEST: Final = "cf_link_test"
+"""Of the program that tries the link."""
+_ENCODING: Final = "latin-1"
+_SETTLE_S: Final = 0.5
+
+
+@dataclass(frozen=True)
+class CheckSettings:
+    """What is judged.
+
+    Attributes:
+        config: ETHERNET file.
+        cell: Cell file with an ``[online]`` table, or None.
+        context: Context (``.rsi.xml``, ``.rsix``), or None.
+        program: KRL program (``.src``), or None.
+        ports: Other UDP ports in use on the sensor computer, by what uses them.
+    """
+
+    config: Path
+    cell: Path | None = None
+    context: Path | None = None
+    program: Path | None = None
+    ports: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class MakeSettings:
+    """What is made.
+
+    Attributes:
+        cell: Cell file with an ``[online]`` table.
+        program: Compensated KRL program (``.src``), or None: a program that only tries the link.
+        host: Address of the sensor computer.
+        port: UDP port on it.
+        sentype: Type of the answers.
+    """
+
+    cell: Path
+    program: Path | None = None
+    host: str = "192.168.44.10"
+    port: int = 59152
+    sentype: str = "Counterflex"
+
+
+def check(settings: CheckSettings) -> tuple[Finding, ...]:
+    """Judge a set-up.
+
+    Returns:
+        Findings, errors first.
+
+    Raises:
+        FileFormatError: A file cannot be read as what it should be.
+    """
+    return judge(
+        Setup(
+            read_config(settings.config),
+            None if settings.context is None else read_context(settings.context),
+            None if settings.program is None else read_calls(settings.program),
+            None if settings.cell is None else limits_of(_online(settings.cell)),
+            settings.ports,
+        )
+    )
+
+
+def limits_of(table: OnlineTable) -> OnlineLimits:
+    """What an ``[online]`` table promises the controller."""
+    return OnlineLimits(
+        correction_mm=table.correction_mm,
+        correction_deg=table.correction_deg,
+        hard_factor=table.hard_factor,
+        period_ms=table.period_ms,
+        axes=table.output == "axes",
+        orientation=table.orientation,
+    )
+
+
+def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
+    """Write ETHERNET file, context, KRL program and README of a cell into a folder, all of them or none.
+
+    Args:
+        settings: See there.
+        out: Folder; made when missing.
+
+    Returns:
+        The summary: files, limits, findings about what was written.
+
+    Raises:
+        FileFormatError: The cell has no ``[online]`` table.
+        InputError: Address or limits cannot be used: what would be written has a finding of severity error.
+        ProgramError: The program cannot run under correction.
+    """
+    cell = read_cell(settings.cell)
+    table = _online_of(cell.tables, settings.cell)
+    files = RsiFiles(NAME, settings.host, settings.port, settings.sentype, limits_of(table))
+    check_files(files)
+    switching = RsiSwitching(
+        context=f"{NAME}.rsi",
+        parameters=files.public_parameters(),
+        cycle_ms=files.limits.period_ms,
+        enable_index=ENABLE_INDEX,
+        feed_hold_index=FEED_HOLD_INDEX,
+        ramp_s=table.correction_mm / table.ramp_mm_s + _SETTLE_S,
+    )
+    programs, main, elsewhere = _programs(settings.program, switching)
+    texts = {files.ethernet_name: files.ethernet(), files.context_name: files.context()}
+    findings = judge(
+        Setup(
+            parse_config(texts[files.ethernet_name].encode(), files.ethernet_name),
+            parse_context(texts[files.context_name].encode(), files.context_name),
+            parse_calls(programs[main], main),
+            files.limits,
+        )
+    )
+    bad = next((item for item in findings if item.severity == "error"), None)
+    if bad is not None:
+        raise InputError(bad.what, where=bad.where, value=bad.value, limit=bad.safe, hint=bad.hint)
+    texts["README.txt"] = readme(files, cell.name, main, tuple(programs), elsewhere, switching.ramp_s)
+    summary = {
+        "job": "rsi make",
+        "cell": cell.name,
+        "program": main,
+        "files": [*programs, *texts],
+        "limits": {
+            "correction_mm": table.correction_mm,
+            "correction_deg": table.correction_deg,
+            "controller_mm": None if files.limits.axes else files.clamp_mm,
+            "controller_deg": files.axis_clamp_deg if files.limits.axes else files.clamp_deg,
+            "cycle_ms": files.limits.period_ms,
+            "timeout_cycles": files.timeout,
+        },
+        "warnings": [item.line() for item in findings],
+        "counterflex": __version__,
+    }
+    with atomic.atomic_folder(out) as staging:
+        for name, text in texts.items():
+            atomic.write_text(staging / name, text)
+        for name, text in programs.items():
+            atomic.write_bytes(staging / name, text.encode(_ENCODING))
+        write_summary(staging / "summary.json", summary)
+    return summary
+
+
+def _online(cell: Path) -> OnlineTable:
+    return _online_of(read_cell(cell).tables, cell)
+
+
+def _online_of(tables: CellTables, path: Path) -> OnlineTable:
+    if tables.online is None:
+        raise FileFormatError(
+            "the cell file does not say how to correct online",
+            where=str(path),
+            hint='Add a table [online], for example with force = "pilot"',
+        )
+    return tables.online
+
+
+def _programs(program: Path | None, switching: RsiSwitching) -> tuple[dict[str, str], str, tuple[str, ...]]:
+    """KRL files by name, the main one, and routines that it calls but that do not lie beside it."""
+    if program is None:
+        main = f"{LINK_TEST}.src"
+        return {main: link_test(LINK_TEST, switching)}, main, ()
+    text = _krl(program)
+    found = {program.name: with_correction(text, switching, program.name)}
+    elsewhere = []
+    for name in (program.stem, *called(text)):
+        source, data = program.with_name(f"{name}.src"), program.with_name(f"{name}.dat")
+        if name != program.stem:
+            if not source.is_file():
+                elsewhere.append(name)
+                continue
+            found[source.name] = _krl(source)
+            check_path(found[source.name].splitlines(), source.name)
+        if data.is_file():
+            found[data.name] = _krl(data)
+    return found, program.name, tuple(elsewhere)
+
+
+def _krl(path: Path) -> str:
+    if path.suffix.lower() not in (".src", ".dat"):
+        raise ProgramError(
+            "not a KRL program",
+            where=str(path),
+            limit="a .src file",
+            hint="counterflex compensate PROGRAM --as krl writes one",
+        )
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(path), hint=missing_file(path)) from fault
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
+    if b"\0" in data:
+        raise ProgramError("not a text", where=str(path))
+    return data.decode(_ENCODING)
