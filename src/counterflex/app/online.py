@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from counterflex import __version__
+from counterflex.app.made_on import made_on
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError, OutputError
 from counterflex.files.cell import Cell, read_cell
@@ -239,13 +240,14 @@ def run(
     ring = RecordRing()
     log: RunLog | None = None
     try:
-        log = RunLog(out, _about(settings))
         process = context.Process(target=_loop_process, args=(settings, ring.name, control, child), daemon=True)
         process.start()
         said = parent.recv()
         if isinstance(said, BaseException):
             raise said
-        started(said)
+        where, loop_sha256 = said
+        log = RunLog(out, _about(settings, loop_sha256))
+        started(where)
         if settings.arm:
             control[Request.ARM] = 1
         return _record(ring, log, process, control, watch, most_s)
@@ -329,7 +331,7 @@ def _record(
     }
 
 
-def _about(settings: RunSettings) -> dict[str, Any]:
+def _about(settings: RunSettings, loop_sha256: str) -> dict[str, Any]:
     files = {"cell": settings.cell, "rsi": settings.rsi, "plan": settings.plan}
     hashes = {
         name: hashlib.sha256(Path(p).read_bytes()).hexdigest() for name, p in files.items() if p and Path(p).is_file()
@@ -338,6 +340,8 @@ def _about(settings: RunSettings) -> dict[str, Any]:
         "counterflex": __version__,
         "files": {name: str(p) for name, p in files.items() if p},
         "sha256": hashes,
+        "loop_sha256": loop_sha256,
+        "machine": made_on(),
         "compensated": settings.compensated,
         "wall_minus_monotonic_ns": time.time_ns() - time.monotonic_ns(),
     }
@@ -355,7 +359,7 @@ def _loop_process(settings: RunSettings, ring_name: str, control: Any, pipe: Any
     except BaseException as fault:
         pipe.send(fault)
         return
-    pipe.send(session.link.address)
+    pipe.send((session.link.address, session.loop.sha256()))
     period = session.loop.settings.period_s
     quiet = 0.0
     while not shared[Request.END]:

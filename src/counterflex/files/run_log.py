@@ -215,7 +215,7 @@ def read_segment(path: str | Path) -> tuple[Float, dict[str, Any], bool]:
                         raise FileFormatError("not a run log", where=str(file), value=record.topic)
             except FileFormatError:
                 raise
-            except (McapError, EOFError, ValueError, KeyError, struct.error, ZstdError):
+            except (McapError, EOFError, ValueError, KeyError, struct.error, ZstdError, MemoryError, OverflowError):
                 whole = False  # cut short, or damaged: what came before stands
     except FileNotFoundError as fault:
         raise FileFormatError("no such file", where=str(file)) from fault

@@ -1,0 +1,247 @@
+"""Jobs on a run log: show it, replay it through the loop, export it, repair its cut segments."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import polars
+
+from counterflex import __version__
+from counterflex.app.made_on import made_on
+from counterflex.app.online import loop_plan, online_loop
+from counterflex.core import atomic
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import UM
+from counterflex.evaluate.loop_timing import Percentiles
+from counterflex.evaluate.run_record import RunFigures, RunRecord
+from counterflex.files.cell import read_cell
+from counterflex.files.plan_file import read_plan
+from counterflex.files.run_log import segments
+from counterflex.files.run_log_repair import Repaired, repair_segment
+from counterflex.runtime.record_ring import COLUMNS
+from counterflex.runtime.replay import Difference, Gap, Replay
+
+_WHOLE_NUMBERS = ("counter_ms", "received_ns", "sent_ns", "elapsed", "w_good", "cycle")
+
+
+def show(folder: str | Path) -> dict[str, Any]:
+    """Summary of a run log.
+
+    Raises:
+        FileFormatError: There is none, or it cannot be read.
+    """
+    runs: dict[int, RunRecord] = {}
+    about: dict[int, dict[str, Any]] = {}
+    cut: list[str] = []
+    names: list[str] = []
+    number = 0
+    for segment in segments(folder):
+        names.append(segment.name)
+        if not segment.whole:
+            cut.append(segment.name)
+        number = segment.run if segment.about else number
+        if segment.about:
+            about.setdefault(number, segment.about)
+            runs.setdefault(number, RunRecord()).add(segment.rows)
+    return {
+        "segments": names,
+        "cut": cut,
+        "runs": [{"run": k, **_facts(about[k]), **_shown(runs[k].figures())} for k in sorted(runs)],
+        "counterflex": __version__,
+    }
+
+
+def _facts(about: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "made_with": about.get("counterflex", ""),
+        "files": about.get("files", {}),
+        "sha256": about.get("sha256", {}),
+        "compensated": bool(about.get("compensated", True)),
+    }
+
+
+def _shown(found: RunFigures) -> dict[str, Any]:
+    return {
+        "records": found.records,
+        "records_lost": found.records_lost,
+        "answered": found.answered,
+        "waited": found.waited,
+        "telegrams_lost": found.telegrams_lost,
+        "seconds": round(found.time_s, 3),
+        "states": {
+            s.name.lower(): {"cycles": cycles, "seconds": round(t, 3)} for s, (cycles, t) in found.states.items()
+        },
+        "causes": {cause.name.lower(): count for cause, count in found.causes.items()},
+        "changes": [
+            {
+                "cycle": change.cycle,
+                "time_s": round(change.time_s, 3),
+                "from": change.before.name.lower(),
+                "to": change.after.name.lower(),
+                "cause": change.cause.name.lower(),
+            }
+            for change in found.changes
+        ],
+        "reply_us": None if found.reply is None else micro(found.reply),
+        "largest_correction_um": round(found.largest_m / UM, 2),
+        "largest_step_um": round(found.largest_step_m / UM, 3),
+    }
+
+
+def micro(found: Percentiles) -> dict[str, float | None]:
+    """Percentiles in microseconds; None where the time is not finite."""
+    values = {"p50": found.p50_s, "p99": found.p99_s, "p99.9": found.p999_s, "max": found.max_s}
+    return {name: round(value / UM, 1) if value < float("inf") else None for name, value in values.items()}
+
+
+@dataclass
+class Replayed:
+    """How a replay ended, over all runs of a folder.
+
+    Attributes:
+        records: In the log.
+        compared: Cycles computed again and compared.
+        skipped: Records after a gap.
+        difference: The first one, or None.
+        run: Number of the run with the difference.
+        gaps: Where records are missing.
+        cut: Segments that were cut short.
+        notes: What is not as it was when the log was written: files, versions, choices.
+    """
+
+    records: int = 0
+    compared: int = 0
+    skipped: int = 0
+    difference: Difference | None = None
+    run: int = 0
+    gaps: list[Gap] = field(default_factory=list)
+    cut: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def proved(self) -> bool:
+        """Every record was computed again and is the same."""
+        return self.difference is None and self.skipped == 0 and self.compared == self.records
+
+
+def replay(
+    folder: str | Path,
+    cell: str | Path,
+    plan: str | Path | None = None,
+    *,
+    compensated: bool = True,
+    progress: Progress = silent,
+) -> Replayed:
+    """Feed the logged inputs through a loop made of these files and compare corrections, states and all else.
+
+    Args:
+        folder: Of the run log.
+        cell: Cell file.
+        plan: Plan file, where the run had one.
+        compensated: The robot ran the compensated program.
+        progress: Told the fraction done.
+
+    Raises:
+        FileFormatError: A file cannot be used.
+        InputError: The cell's settings need a plan and there is none.
+    """
+    loaded = None if plan is None else loop_plan(read_plan(Path(plan))[0], compensated=compensated)
+    loop = online_loop(read_cell(cell), loaded, compensated=compensated and loaded is not None)
+    given = {"cell": Path(cell)} | ({} if plan is None else {"plan": Path(plan)})
+    answer = Replayed()
+    current: Replay | None = None
+    number = -1
+    total = len(list(Path(folder).glob("run-*.mcap")))
+    for k, segment in enumerate(segments(folder)):
+        progress(k / max(1, total), segment.name)
+        answer.records += len(segment.rows)
+        if not segment.whole:
+            answer.cut.append(segment.name)
+        if not segment.about or answer.difference is not None:
+            continue
+        if current is None or segment.run != number:
+            _collect(answer, current)
+            current, number = Replay(loop), segment.run
+            for note in _notes(segment.about, given, loop.sha256(), compensated=compensated):
+                if note not in answer.notes:
+                    answer.notes.append(note)
+        current(segment.rows)
+        if current.difference is not None:
+            answer.difference, answer.run = current.difference, number
+    _collect(answer, current)
+    return answer
+
+
+def _collect(answer: Replayed, done: Replay | None) -> None:
+    if done is not None:
+        answer.compared += done.compared
+        answer.skipped += done.skipped
+        answer.gaps += done.gaps
+
+
+def _notes(about: dict[str, Any], given: dict[str, Path], sha256: str, *, compensated: bool) -> list[str]:
+    """What differs from when the log was written."""
+    notes = []
+    logged = about.get("sha256", {})
+    for name in ("cell", "plan"):
+        if name in logged and name not in given:
+            notes.append(f"the run had a {name} file ({about.get('files', {}).get(name, '?')}) and none is given")
+        elif name in given and name not in logged:
+            notes.append(f"the run had no {name} file and one is given")
+        elif name in given and hashlib.sha256(given[name].read_bytes()).hexdigest() != logged[name]:
+            notes.append(f"the {name} file is not the one of the run: another SHA-256")
+    if bool(about.get("compensated", True)) != compensated:
+        ran = "compensated" if about.get("compensated", True) else "original"
+        notes.append(f"in the run the robot ran the {ran} program")
+    if about.get("counterflex", __version__) != __version__:
+        notes.append(f"the log was written by counterflex {about['counterflex']}, this is {__version__}")
+    if about.get("loop_sha256") not in (None, sha256):
+        notes.append("the loop made of these files has other numbers than the one of the run")
+    for name, value in made_on().items():
+        if about.get("machine", {}).get(name, value) != value:
+            notes.append(f"{name}: {about['machine'][name]} in the run, {value} now")
+    return notes
+
+
+def export(folder: str | Path, csv: str | Path, progress: Progress = silent) -> int:
+    """Write all records as CSV: run, then the record's columns (SI, part axes); numbers read back bit for bit.
+
+    Returns:
+        Number of records.
+
+    Raises:
+        FileFormatError: There is no run log, or it cannot be read.
+        OutputError: The file cannot be written.
+    """
+    count = 0
+    total = len(list(Path(folder).glob("run-*.mcap")))
+    whole = [c for c in COLUMNS if c in _WHOLE_NUMBERS or c.startswith(("flag_", "out_"))]
+    with atomic.atomic_path(csv) as part, part.open("wb") as stream:
+        for k, segment in enumerate(segments(folder)):
+            progress(k / max(1, total), segment.name)
+            table = polars.DataFrame(segment.rows, schema=list(COLUMNS), orient="row")
+            table = table.with_columns(polars.col(whole).cast(polars.Int64))
+            table = table.select(polars.lit(segment.run, dtype=polars.Int64).alias("run"), polars.all())
+            table.write_csv(stream, include_header=k == 0)
+            count += len(segment.rows)
+    return count
+
+
+def repair(folder: str | Path) -> list[Repaired]:
+    """Repair every cut segment of a folder.
+
+    Raises:
+        FileFormatError: There is no run log, or one is of a newer version.
+        InputError: One is being written.
+        OutputError: The folder cannot be written.
+    """
+    done = []
+    for segment in segments(folder):
+        if not segment.whole:
+            found = repair_segment(Path(folder) / segment.name)
+            if found is not None:
+                done.append(found)
+    return done

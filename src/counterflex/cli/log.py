@@ -1,0 +1,189 @@
+"""Commands on a run log: log show, log replay, log export, log repair."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.cli.program import CellFile
+
+_log = typer.Typer(no_args_is_help=True, help="What an online run logged: show it, replay it, export it, repair it.")
+_SHOWN = 20
+
+Folder = Annotated[Path, typer.Argument(help="Folder of the run log.", metavar="DIR")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    _log.command("show")(show)
+    _log.command("replay")(replay)
+    _log.command("export")(export)
+    _log.command("repair")(repair)
+    app.add_typer(_log, name="log")
+
+
+def show(folder: Folder, as_json: AsJson = False) -> None:
+    """Say what happened in a run: cycles, states, causes, answering times, losses.
+
+    Example: `counterflex log show log`
+    """
+    from counterflex.app import run_log as job
+
+    answer = job.show(folder)
+    if as_json:
+        print_json(answer)
+        return
+    for run in answer["runs"]:
+        _show_run(run, several=len(answer["runs"]) > 1)
+    typer.echo(f"segments: {len(answer['segments'])}")
+    if answer["cut"]:
+        typer.echo(f"cut short: {', '.join(answer['cut'])}. counterflex log repair {folder} writes them anew")
+
+
+def _show_run(run: dict[str, Any], *, several: bool) -> None:
+    reply = run["reply_us"] or dict.fromkeys(("p50", "p99", "p99.9", "max"))
+    print_table(
+        f"Run {run['run']}" if several else "Run",
+        ["answered", "no telegram", "telegrams lost", "records lost", "seconds", "largest correction um", "step um"],
+        [
+            [
+                *(str(run[key]) for key in ("answered", "waited", "telegrams_lost", "records_lost")),
+                *(f"{run[key]:g}" for key in ("seconds", "largest_correction_um", "largest_step_um")),
+            ]
+        ],
+    )
+    print_table(
+        "Time to answer, us",
+        list(reply),
+        [["-" if value is None else f"{value:g}" for value in reply.values()]],
+    )
+    print_table(
+        "States",
+        ["state", "cycles", "seconds"],
+        [
+            [name.replace("_", " "), str(value["cycles"]), f"{value['seconds']:g}"]
+            for name, value in run["states"].items()
+        ],
+    )
+    changes = run["changes"]
+    if changes:
+        print_table(
+            "Changes",
+            ["cycle", "seconds", "from", "to", "cause"],
+            [
+                [
+                    str(change["cycle"]),
+                    f"{change['time_s']:.3f}",
+                    change["from"].replace("_", " "),
+                    change["to"].replace("_", " "),
+                    "" if change["cause"] == "none" else change["cause"].replace("_", " "),
+                ]
+                for change in changes[:_SHOWN]
+            ],
+            note=f"and {len(changes) - _SHOWN} more; --json lists them" if len(changes) > _SHOWN else "",
+        )
+    if run["causes"]:
+        said = (f"{name.replace('_', ' ')} {count}" for name, count in run["causes"].items())
+        typer.echo("cycles with a cause: " + ", ".join(said))
+
+
+def replay(
+    folder: Folder,
+    cell: CellFile,
+    plan: Annotated[
+        Path | None, typer.Option("--plan", help="Plan file of the run (.parquet).", metavar="PLAN")
+    ] = None,
+    original: Annotated[
+        bool, typer.Option("--original", help="The robot ran the original program, not the compensated one.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Feed the logged inputs through the loop again: its corrections and states must be the logged ones bit for bit.
+
+    Ends with status 1 when they are not, or when records are missing so that not every cycle can be compared.
+
+    Example: `counterflex log replay log --cell cell.toml --plan plan.parquet --original`
+    """
+    from counterflex.app import run_log as job
+
+    with progress_bar("replaying") as progress:
+        found = job.replay(folder, cell, plan, compensated=not original, progress=progress)
+    first = found.difference
+    if as_json:
+        print_json(
+            {
+                "records": found.records,
+                "compared": found.compared,
+                "skipped": found.skipped,
+                "same": found.proved,
+                "difference": None
+                if first is None
+                else {
+                    "run": found.run,
+                    "cycle": first.cycle,
+                    "counter_ms": first.counter_ms,
+                    "column": first.column,
+                    "logged": repr(first.logged),
+                    "replayed": repr(first.replayed),
+                    "columns": first.columns,
+                },
+                "gaps": [{"after": gap.after, "missing": gap.missing} for gap in found.gaps],
+                "cut": found.cut,
+                "notes": found.notes,
+            }
+        )
+    else:
+        for note in found.notes:
+            typer.echo(f"note: {note}")
+        for gap in found.gaps:
+            where = f"after cycle {gap.after}" if gap.after else "at the beginning"
+            typer.echo(f"{gap.missing} records are missing {where}: what follows cannot be computed again")
+        if found.cut:
+            typer.echo(f"cut short: {', '.join(found.cut)}; what is there was compared")
+        if first is not None:
+            more = f", and {first.columns - 1} more columns of that cycle" if first.columns > 1 else ""
+            typer.echo(
+                f"first difference: cycle {first.cycle} (counter {first.counter_ms}), {first.column}:"
+                f" logged {first.logged!r}, replayed {first.replayed!r}{more}"
+            )
+        same = "bit for bit the same" if first is None else "the same until there"
+        typer.echo(f"{found.compared} of {found.records} cycles {same}")
+    if not found.proved:
+        raise typer.Exit(1)
+
+
+def export(
+    folder: Folder,
+    csv: Annotated[Path, typer.Option("--csv", help="File to write.", metavar="FILE")],
+) -> None:
+    """Write every record as a line of CSV, in SI units and part axes; numbers read back bit for bit.
+
+    Example: `counterflex log export log --csv run.csv`
+    """
+    from counterflex.app import run_log as job
+
+    keep_inputs(csv, *sorted(folder.glob("run-*.mcap*")), option="--csv")
+    with progress_bar("exporting") as progress:
+        count = job.export(folder, csv, progress)
+    typer.echo(f"wrote {csv}: {count} records")
+
+
+def repair(folder: Folder) -> None:
+    """Write segments that were cut short anew, so that any MCAP reader takes them; the originals are kept.
+
+    Example: `counterflex log repair log`
+    """
+    from counterflex.app import run_log as job
+
+    done = job.repair(folder)
+    for item in done:
+        if item.note:
+            typer.echo(f"{item.name}: {item.note}")
+        else:
+            typer.echo(f"{item.name}: {item.records} records; the original is kept as {item.kept}")
+    if not done:
+        typer.echo("no segment is cut short")

@@ -1,0 +1,208 @@
+"""Whether a machine keeps time for the online loop: percentiles of its samples, and a judgement with reasons. Pure.
+
+An answer is in time when it leaves within the cycle in which its telegram came. Of the cycle a quarter is left to
+network cards, cables and the controller; the rest must do for waking up, the step, and sending.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_float, as_positive
+from counterflex.core.errors import InputError
+from counterflex.core.units import MS
+
+SHARE: Final = 0.75
+"""Of the cycle that an answer may take on this machine."""
+ENOUGH_CYCLES: Final = 1000
+"""Fewer say nothing about 99.9 %."""
+_SLOW_SYNC_S: Final = 0.5
+_STEAL: Final = 0.01
+_STEP: Final = 0.25
+
+
+class Verdict(StrEnum):
+    """What a machine is good for."""
+
+    FITS = "fits"
+    """It keeps time."""
+    TIGHT = "tight"
+    """It keeps time, with something to be put right."""
+    UNFIT = "does not fit"
+    """99.9 % of the answers are not in time: nothing is armed on it."""
+
+
+@dataclass(frozen=True)
+class Percentiles:
+    """Percentiles of times; each is a value that was met, never an interpolated one.
+
+    Attributes:
+        p50_s: Median.
+        p99_s: 99 %.
+        p999_s: 99.9 %; of fewer than a thousand values the largest.
+        max_s: Largest.
+        n: Values.
+    """
+
+    p50_s: float
+    p99_s: float
+    p999_s: float
+    max_s: float
+    n: int
+
+
+def percentiles(time_s: Float) -> Percentiles:
+    """Percentiles of times: the smallest value met that at least the share of all values does not exceed.
+
+    Args:
+        time_s: (n,) s; not-a-number counts as infinite (an answer that never came).
+
+    Raises:
+        InputError: No value, or another shape.
+    """
+    values = np.array(time_s, dtype=np.float64)
+    if values.ndim != 1 or len(values) == 0:
+        raise InputError("times to judge", value=values.shape, limit="(n,), n >= 1")
+    values = np.sort(np.where(np.isnan(values), np.inf, values))
+    n = len(values)
+
+    def share(fraction: float) -> float:
+        return float(values[min(n, max(1, math.ceil(fraction * n - 1e-9))) - 1])
+
+    return Percentiles(share(0.5), share(0.99), share(0.999), float(values[-1]), n)
+
+
+@dataclass(frozen=True, eq=False)
+class LoopSamples:
+    """What was measured of a machine.
+
+    Attributes:
+        period_s: Cycle of the loop.
+        late_s: (n,) how late the loop woke up.
+        compute_s: (n,) time of its step.
+        echo_s: (n,) until a datagram sent to another process was back; not-a-number where it never came.
+        write_s: (k,) until a piece of log was written, without reaching the disk.
+        sync_s: (k,) until it had reached the disk.
+        fifo: Real-time priority was granted.
+        locked: Memory could be locked.
+        cores: That may be used.
+        governor: Of the processor's clock; empty where not known.
+        clock_source: Of the kernel; empty where not known.
+        steal: Share 0..1 of time that the host of a virtual machine took away.
+        ring_fits: There is shared memory for the records.
+    """
+
+    period_s: float
+    late_s: Float
+    compute_s: Float
+    echo_s: Float
+    write_s: Float
+    sync_s: Float
+    fifo: bool = True
+    locked: bool = True
+    cores: int = 4
+    governor: str = "performance"
+    clock_source: str = "tsc"
+    steal: float = 0.0
+    ring_fits: bool = True
+
+    @property
+    def reply_s(self) -> Float:
+        """(n,) late, step and echo together: longer than an answer takes, since the echo crosses both ways."""
+        out: Float = self.late_s + self.compute_s + self.echo_s
+        return out
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A verdict and why.
+
+    Attributes:
+        verdict: See :class:`Verdict`.
+        reply: Percentiles of the whole reply.
+        budget_s: What it may take.
+        in_time: Share 0..1 of cycles within it.
+        reasons: What speaks against the machine, most important first, each with what to do.
+    """
+
+    verdict: Verdict
+    reply: Percentiles
+    budget_s: float
+    in_time: float
+    reasons: tuple[str, ...]
+
+
+def judge(samples: LoopSamples) -> Judgement:
+    """Judge a machine: unfit where the 99.9 % of the reply is above three quarters of the cycle, or cannot be known.
+
+    Raises:
+        InputError: Times that are not finite (other than the echo's), series of different lengths, no samples.
+    """
+    period = as_positive("period_s", samples.period_s)
+    n = len(samples.late_s)
+    late, compute = (as_float(name, getattr(samples, name), (n,)) for name in ("late_s", "compute_s"))
+    if samples.echo_s.shape != (n,):
+        raise InputError("echo_s has the wrong shape", value=samples.echo_s.shape, limit=(n,))
+    reply = percentiles(samples.reply_s)
+    budget = SHARE * period
+    in_time = float(np.mean(np.nan_to_num(samples.reply_s, nan=np.inf) <= budget))
+    unfit: list[str] = []
+    if n < ENOUGH_CYCLES:
+        unfit.append(f"{n} cycles say nothing about 99.9 %: measure for {ENOUGH_CYCLES * period:g} s or longer")
+    if reply.p999_s > budget:
+        unfit.append(
+            f"99.9 % of the replies take up to {_ms(reply.p999_s)}, and {_ms(budget)} is what a cycle of"
+            f" {_ms(period)} leaves: {_slowest(late, compute, samples.echo_s)}"
+        )
+    if not samples.ring_fits:
+        unfit.append("no shared memory for the records: make room in /dev/shm")
+    tight = _weaknesses(samples, compute, period)
+    if reply.max_s > budget and not unfit:
+        tight.append(f"the slowest reply took {_ms(reply.max_s)}: end other programs, measure again for longer")
+    verdict = Verdict.UNFIT if unfit else Verdict.TIGHT if tight else Verdict.FITS
+    return Judgement(verdict, reply, budget, in_time, (*unfit, *tight))
+
+
+def _weaknesses(samples: LoopSamples, compute: Float, period: float) -> list[str]:
+    found = []
+    if not samples.fifo:
+        found.append(
+            "no real-time priority, other programs come first: allow it (ulimit -r 80, or rtprio in limits.conf)"
+        )
+    if not samples.locked:
+        found.append("memory cannot be locked, it may be swapped out: allow it (ulimit -l unlimited)")
+    if samples.cores < 2:
+        found.append("one core for loop and recorder: use a machine with two or more")
+    if samples.governor not in ("", "performance"):
+        found.append(f"the processor's clock is lowered when idle ({samples.governor}): set the governor performance")
+    if samples.clock_source not in ("", "tsc", "kvm-clock", "arch_sys_counter"):
+        found.append(f"the clock {samples.clock_source} is slow to read: see the kernel's clocksource setting")
+    if samples.steal > _STEAL:
+        found.append(f"the host took {samples.steal:.1%} of the time: run on a machine of its own")
+    if percentiles(compute).p99_s > _STEP * period:
+        found.append(f"the step takes up to {_ms(percentiles(compute).p99_s)} of {_ms(period)}: a faster processor")
+    if len(samples.sync_s) and percentiles(samples.sync_s).p99_s > _SLOW_SYNC_S:
+        found.append(
+            f"the disk of the log takes up to {_ms(percentiles(samples.sync_s).p99_s)}:"
+            " more of the log is lost with a power failure; write it elsewhere"
+        )
+    return found
+
+
+def _slowest(late: Float, compute: Float, echo: Float) -> str:
+    """Which part of the reply is to blame, and what to do."""
+    parts = {
+        "waking up late (take other load off the machine, allow real-time priority, switch power saving off)": late,
+        "the step itself (a faster processor, or its clock is lowered)": compute,
+        "the network stack or the other process (take other load off the machine)": echo,
+    }
+    return "most of it " + max(parts, key=lambda name: percentiles(parts[name]).p999_s)
+
+
+def _ms(time_s: float) -> str:
+    return "no answer" if math.isinf(time_s) else f"{time_s / MS:.3g} ms"

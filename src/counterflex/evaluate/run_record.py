@@ -1,0 +1,175 @@
+"""What a record of an online run says: cycles, states with their times, changes with their causes, answering times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError
+from counterflex.evaluate.loop_timing import Percentiles, percentiles
+from counterflex.runtime import layout as at
+from counterflex.runtime import record_ring as record
+from counterflex.runtime.supervisor import Cause, State
+
+_RECEIVED, _SENT, _ELAPSED = 1, 2, 3
+MOST_CHANGES: Final = 10_000
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of the supervisor's state.
+
+    Attributes:
+        cycle: First cycle in the new state, 1 is the loop's first.
+        time_s: Since the first record.
+        before: State left.
+        after: State reached.
+        cause: As latched then.
+    """
+
+    cycle: int
+    time_s: float
+    before: State
+    after: State
+    cause: Cause
+
+
+@dataclass(frozen=True)
+class RunFigures:
+    """Figures of one run.
+
+    Attributes:
+        records: Records read.
+        answered: Cycles in which a telegram came.
+        waited: Cycles in which none came.
+        telegrams_lost: Cycles that the controller counted and no telegram was seen of.
+        records_lost: Cycles without a record, by the loop's own count.
+        time_s: From the first record to the last.
+        states: Cycles and seconds by state, in the order of :class:`State`; states that were not met are left out.
+        causes: Cycles by cause of a hold or fault, most frequent first.
+        changes: The first :data:`MOST_CHANGES`.
+        reply: From the return of the receive call to the return of the send call; None where nothing was answered.
+        largest_m: Largest correction that was sent, length of its translation.
+        largest_step_m: Largest change of it from one record to the next cycle's.
+    """
+
+    records: int
+    answered: int
+    waited: int
+    telegrams_lost: int
+    records_lost: int
+    time_s: float
+    states: dict[State, tuple[int, float]]
+    causes: dict[Cause, int]
+    changes: tuple[Change, ...]
+    reply: Percentiles | None
+    largest_m: float
+    largest_step_m: float
+
+
+class RunRecord:
+    """Takes the records of one run piece by piece, in order."""
+
+    def __init__(self) -> None:
+        self._records = self._answered = self._waited = self._telegrams_lost = self._records_lost = 0
+        self._largest = self._largest_step = 0.0
+        self._cycles: Int = np.zeros(len(State), dtype=np.int64)
+        self._times: Float = np.zeros(len(State))
+        self._causes: Int = np.zeros(len(Cause), dtype=np.int64)
+        self._changes: list[Change] = []
+        self._reply: list[Float] = []
+        self._last: Float | None = None
+        self._begin = self._end = 0.0
+
+    def add(self, rows: Float) -> None:
+        """Take records.
+
+        Args:
+            rows: (n, WIDTH) of :class:`counterflex.runtime.record_ring.RecordRing`.
+
+        Raises:
+            InputError: Another shape, or a state or cause that does not exist.
+        """
+        if rows.ndim != 2 or rows.shape[1] != record.WIDTH:
+            raise InputError("records have the wrong shape", value=rows.shape, limit=("n", record.WIDTH))
+        if len(rows) == 0:
+            return
+        states = _numbers(rows[:, record.OUTCOME + at.O_STATE], len(State), "state")
+        if self._last is None:
+            self._begin = float(rows[0, _RECEIVED])
+            self._records_lost += max(0, int(rows[0, record.CYCLE]) - 1)
+            joined, known = rows, states
+        else:
+            joined = np.concatenate([self._last[None], rows])
+            known = np.concatenate([[int(self._last[record.OUTCOME + at.O_STATE])], states])
+        self._count(rows, states)
+        self._follow(joined, known)
+        self._last = rows[-1].copy()
+        self._end = float(rows[-1, _RECEIVED])
+
+    def _count(self, rows: Float, states: Int) -> None:
+        came = rows[:, _ELAPSED] > 0
+        self._records += len(rows)
+        self._answered += int(came.sum())
+        self._waited += int((~came).sum())
+        self._telegrams_lost += int((rows[came, _ELAPSED] - 1).sum())
+        self._reply.append((rows[came, _SENT] - rows[came, _RECEIVED]) * 1e-9)
+        self._cycles += np.bincount(states, minlength=len(State))
+        soft = _numbers(rows[:, record.OUTCOME + at.O_SOFT], len(Cause), "cause")
+        hard = _numbers(rows[:, record.OUTCOME + at.O_HARD], len(Cause), "cause")
+        self._causes += np.bincount(np.where(hard > 0, hard, soft), minlength=len(Cause))
+        length = np.linalg.norm(rows[:, record.RESULTS : record.RESULTS + 3], axis=1)
+        self._largest = max(self._largest, float(length.max()))
+
+    def _follow(self, rows: Float, states: Int) -> None:
+        """What happens from each record to the next."""
+        step = np.diff(rows[:, record.CYCLE]).astype(np.int64)
+        lost = np.where(step > 1, step - 1, 0)
+        self._records_lost += int(lost.sum())
+        next_to = step == 1
+        time = np.diff(rows[:, _RECEIVED]) * 1e-9
+        np.add.at(self._times, states[:-1][step > 0], time[step > 0])
+        moved = np.linalg.norm(np.diff(rows[:, record.RESULTS : record.RESULTS + 3], axis=0), axis=1)[next_to]
+        self._largest_step = max(self._largest_step, float(moved.max(initial=0.0)))
+        for k in np.flatnonzero(np.diff(states)):
+            if len(self._changes) >= MOST_CHANGES:
+                break
+            row = rows[k + 1]
+            self._changes.append(
+                Change(
+                    int(row[record.CYCLE]),
+                    (float(row[_RECEIVED]) - self._begin) * 1e-9,
+                    State(int(states[k])),
+                    State(int(states[k + 1])),
+                    Cause(int(row[record.OUTCOME + at.O_CAUSE])),
+                )
+            )
+
+    def figures(self) -> RunFigures:
+        """Figures of what was taken so far."""
+        reply = np.concatenate(self._reply) if self._reply else np.zeros(0)
+        order = sorted(np.flatnonzero(self._causes[1:]) + 1, key=lambda c: -int(self._causes[c]))
+        return RunFigures(
+            records=self._records,
+            answered=self._answered,
+            waited=self._waited,
+            telegrams_lost=self._telegrams_lost,
+            records_lost=self._records_lost,
+            time_s=(self._end - self._begin) * 1e-9,
+            states={s: (int(self._cycles[s]), float(self._times[s])) for s in State if self._cycles[s]},
+            causes={Cause(int(c)): int(self._causes[c]) for c in order},
+            changes=tuple(self._changes),
+            reply=percentiles(reply) if len(reply) else None,
+            largest_m=self._largest,
+            largest_step_m=self._largest_step,
+        )
+
+
+def _numbers(values: Float, count: int, what: str) -> Int:
+    good = (values >= 0) & (values < count) & (values == np.floor(values))
+    if not good.all():
+        raise InputError(f"a record holds a {what} that does not exist", value=float(values[~good][0]))
+    return values.astype(np.int64)

@@ -1,0 +1,192 @@
+"""The log commands as a user types them: on a log of a loop's own cycles, on altered, cut and wrong ones."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars
+import pytest
+from mcap.reader import make_reader
+
+from counterflex import __version__
+from counterflex.app.made_on import made_on
+from counterflex.app.online import online_loop
+from counterflex.core.arrays import Float
+from counterflex.files.cell import read_cell
+from counterflex.files.run_log import RunLog, read_log
+from counterflex.geometry import pose, rotation
+from counterflex.runtime import record_ring as record
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.record_ring import COLUMNS, WIDTH
+from counterflex.runtime.supervisor import Cause
+
+ONLINE = '\n[online]\nforce = "measured"\nalong_feed = true\n'
+CYCLES = 200
+
+
+def cycles(loop: Loop) -> Float:
+    """Records of a loop that is armed, corrects a noisy force, and holds when the force is stale."""
+    rng = np.random.default_rng(4)
+    out = np.zeros((CYCLES, WIDTH))
+    for k in range(CYCLES):
+        loop.feed(
+            T_part_tcp=pose.make(rotation.about_x(np.pi), np.array([1e-4 * k, 0.0, 0.0])),
+            q=np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0]),
+            w_tcp_part=np.r_[0.0, 200.0, -50.0, 0.0, 0.0, 0.0] + rng.standard_normal(6),
+            arm=k == 2,
+            enable=k > 10,
+            soft=Cause.FORCE_INVALID if 150 <= k < 160 else Cause.NONE,
+        )
+        loop.run()
+        out[k, :5] = 4 * k, 1e9 + 4e6 * k, 1e9 + 4e6 * k + 2e4 + 100 * k, 1, 28
+        out[k, record.GIVEN : record.FLAGS] = loop.given
+        out[k, record.FLAGS : record.RESULTS] = loop.flags
+        out[k, record.RESULTS : record.OUTCOME] = loop.results
+        out[k, record.OUTCOME : record.CYCLE] = loop.outcome
+        out[k, record.CYCLE] = loop.cycle
+    return out
+
+
+@pytest.fixture
+def logged(folder: Path) -> Float:
+    """A folder with ``cell.toml`` that corrects online and ``log``, finished, of two segments."""
+    with (folder / "cell.toml").open("a", encoding="utf-8") as stream:
+        stream.write(ONLINE)
+    loop = online_loop(read_cell(folder / "cell.toml"), None, compensated=False)
+    rows = cycles(loop)
+    write(folder, rows, loop)
+    return rows
+
+
+def write(folder: Path, rows: Float, loop: Loop, name: str = "log") -> None:
+    import hashlib
+
+    sha = {"cell": hashlib.sha256((folder / "cell.toml").read_bytes()).hexdigest()}
+    about = {
+        "counterflex": __version__,
+        "files": {"cell": "cell.toml"},
+        "sha256": sha,
+        "compensated": True,
+        "loop_sha256": loop.sha256(),
+        "machine": made_on(),
+    }
+    log = RunLog(folder / name, about)
+    for k in range(0, len(rows), 20):
+        log.add(rows[k : k + 20], 0.2 * (k + 1))
+    log.close()
+
+
+def cut(folder: Path) -> None:
+    """As after ``kill -9`` some time ago: the end of the file is missing."""
+    file = folder / "log" / "run-000.mcap"
+    content = file.read_bytes()
+    file.write_bytes(content[: int(0.6 * len(content))])
+    os.utime(file, (1e9, 1e9))
+
+
+def test_replay_is_the_same(folder: Path, logged: Float, counterflex: Any) -> None:
+    ended = counterflex("log", "replay", "log", "--cell", "cell.toml")
+    assert (ended.status, ended.err) == (0, "")
+    assert ended.out == f"{CYCLES} of {CYCLES} cycles bit for bit the same\n"
+
+
+def test_replay_finds_the_first_difference(folder: Path, logged: Float, counterflex: Any) -> None:
+    altered = logged.copy()
+    column = COLUMNS.index("correction_y")
+    altered[70, column] = np.nextafter(altered[70, column], 1.0)
+    altered[90, column] += 1e-6
+    write(folder, altered, online_loop(read_cell(folder / "cell.toml"), None, compensated=False), "altered")
+    ended = counterflex("log", "replay", "altered", "--cell", "cell.toml")
+    assert ended.status == 1
+    for word in ("cycle 71", "counter 280", "correction_y", repr(float(altered[70, column]))):
+        assert word in ended.out
+    assert repr(float(logged[70, column])) in ended.out
+    found = json.loads(counterflex("log", "replay", "altered", "--cell", "cell.toml", "--json").out)
+    assert (found["same"], found["compared"], found["difference"]["column"]) == (False, 70, "correction_y")
+
+
+def test_replay_says_that_the_files_are_others(folder: Path, logged: Float, counterflex: Any) -> None:
+    text = (folder / "cell.toml").read_text(encoding="utf-8")
+    (folder / "cell.toml").write_text(text + "# another byte\n", encoding="utf-8")
+    ended = counterflex("log", "replay", "log", "--cell", "cell.toml")
+    assert ended.status == 0
+    assert "cell file is not the one of the run" in ended.out
+    assert "other numbers" not in ended.out
+    (folder / "cell.toml").write_text(text.replace("along_feed = true", "along_feed = true\nproportional = 0.9"))
+    ended = counterflex("log", "replay", "log", "--cell", "cell.toml", "--original")
+    assert ended.status == 1
+    assert "other numbers" in ended.out
+    assert "ran the compensated program" in ended.out
+    assert "first difference" in ended.out
+
+
+def test_replay_of_a_log_with_missing_records_is_no_proof(folder: Path, logged: Float, counterflex: Any) -> None:
+    loop = online_loop(read_cell(folder / "cell.toml"), None, compensated=False)
+    write(folder, np.delete(logged, np.arange(50, 60), axis=0), loop, "gap")
+    ended = counterflex("log", "replay", "gap", "--cell", "cell.toml")
+    assert ended.status == 1
+    assert "10 records are missing after cycle 50" in ended.out
+    assert f"50 of {CYCLES - 10} cycles" in ended.out
+
+
+def test_two_runs_in_one_folder(folder: Path, logged: Float, counterflex: Any) -> None:
+    write(folder, logged[:120], online_loop(read_cell(folder / "cell.toml"), None, compensated=False))
+    ended = counterflex("log", "replay", "log", "--cell", "cell.toml")
+    assert ended.status == 0
+    assert f"{CYCLES + 120} of {CYCLES + 120}" in ended.out
+    shown = json.loads(counterflex("log", "show", "log", "--json").out)
+    assert [(run["run"], run["records"], run["records_lost"]) for run in shown["runs"]] == [
+        (0, CYCLES, 0),
+        (1, 120, 0),
+    ]
+
+
+def test_show(folder: Path, logged: Float, counterflex: Any) -> None:
+    ended = counterflex("log", "show", "log")
+    assert (ended.status, ended.err) == (0, "")
+    for word in ("active", "hold", "force invalid", "p99.9", "segments: 1"):
+        assert word in ended.out
+    run = json.loads(counterflex("log", "show", "log", "--json").out)["runs"][0]
+    assert run["answered"] == CYCLES
+    assert run["reply_us"] == {"p50": 29.9, "p99": 39.7, "p99.9": 39.9, "max": 39.9}
+    assert run["causes"] == {"force_invalid": 10}
+    assert sum(state["cycles"] for state in run["states"].values()) == CYCLES
+
+
+def test_export_reads_back_bit_for_bit(folder: Path, logged: Float, counterflex: Any) -> None:
+    assert counterflex("log", "export", "log", "--csv", "run.csv").status == 0
+    table = polars.read_csv(folder / "run.csv", infer_schema_length=None)
+    assert table.columns == ["run", *COLUMNS]
+    np.testing.assert_array_equal(table.drop("run").cast(polars.Float64).to_numpy(), logged)
+
+
+def test_a_cut_log_is_shown_repaired_and_replayed(folder: Path, logged: Float, counterflex: Any) -> None:
+    cut(folder)
+    shown = counterflex("log", "show", "log")
+    assert "cut short: run-000.mcap" in shown.out
+    before, _, _ = read_log(folder / "log")
+    assert 0 < len(before) < CYCLES
+    assert "run-000.mcap.cut" in counterflex("log", "repair", "log").out
+    with (folder / "log" / "run-000.mcap").open("rb") as stream:
+        assert sum(1 for _ in make_reader(stream).iter_messages()) == len(before)
+    after, _, still = read_log(folder / "log")
+    np.testing.assert_array_equal(after, before)
+    assert still == []
+    ended = counterflex("log", "replay", "log", "--cell", "cell.toml")
+    assert ended.status == 0
+    assert f"{len(before)} of {len(before)}" in ended.out
+    assert "no segment is cut short" in counterflex("log", "repair", "log").out
+
+
+def test_bad_input_in_one_line(folder: Path, logged: Float, refused: Any) -> None:
+    assert "no run log" in refused("log", "show", "nowhere")
+    assert "no run log" in refused("log", "repair", "nowhere")
+    assert "no run log" in refused("log", "export", "nowhere", "--csv", "x.csv")
+    assert "nowhere.toml" in refused("log", "replay", "log", "--cell", "nowhere.toml")
+    assert "replace" in refused("log", "export", "log", "--csv", "log/run-000.mcap")
+    (folder / "log" / "run-000.mcap").write_bytes(b"hello world")
+    assert "not an MCAP file" in refused("log", "show", "log")
