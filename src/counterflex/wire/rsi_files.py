@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
+from xml.sax.saxutils import escape
 
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM
@@ -99,7 +100,7 @@ class RsiFiles:
             ("SENTYPE", self.sentype),
             ("ONLYSEND", "FALSE"),
         ):
-            lines.append(f"    <{key}>{text}</{key}>")
+            lines.append(f"    <{key}>{escape(text)}</{key}>")
         lines += ["  </CONFIG>", "  <SEND>", "    <ELEMENTS>"]
         lines += [f'      <ELEMENT TAG="{tag}" TYPE="{kind}" INDX="{index}"/>' for tag, kind, index in send]
         lines += ["    </ELEMENTS>", "  </SEND>", "  <RECEIVE>", "    <ELEMENTS>"]

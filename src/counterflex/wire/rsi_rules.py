@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from counterflex.wire import rsi_rules_context, rsi_rules_ethernet, rsi_rules_program
+from counterflex.wire import rsi_rules_context, rsi_rules_ethernet, rsi_rules_program, rsi_rules_wiring
 from counterflex.wire.rsi_setup import Finding, Setup
 
-RULES = (*rsi_rules_ethernet.RULES, *rsi_rules_context.RULES, *rsi_rules_program.RULES)
+RULES = (
+    *rsi_rules_ethernet.RULES,
+    *rsi_rules_wiring.RULES,
+    *rsi_rules_context.RULES,
+    *rsi_rules_program.RULES,
+)
 
 
 def check(setup: Setup) -> tuple[Finding, ...]:

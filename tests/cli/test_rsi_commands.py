@@ -1,0 +1,260 @@
+"""rsi check and rsi make as a user types them; what is made is accepted by the loop's link and a simulated robot."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from counterflex.app import examples
+from counterflex.app.rsi import CheckSettings, MakeSettings, check, make
+from counterflex.core.errors import CounterflexError, InputError, OutputError, ProgramError
+from counterflex.core.units import DEG, MM
+from counterflex.links.rsi_link import RsiLink
+from counterflex.twin.fake_rsi import CORRECTING, FakeRsi, RsiContext
+from counterflex.twin.live_cell import Report
+from counterflex.wire.rsi_calls import read_calls
+from counterflex.wire.rsi_config import read_config
+from counterflex.wire.rsi_context import read_context
+
+COMPENSATED = """&ACCESS RVP
+&REL 1
+DEF part( )
+; a comment
+$BASE=BASE_DATA[1]
+PTP XSTART
+$VEL.CP=0.025
+part_001( )
+LIN {X 0.0000,Y 0.0000,Z 5.0000,A 0.00000,B 90.00000,C 0.00000} C_DIS
+END
+"""
+PIECE = "DEF part_001( )\nLIN {X 1,Y 0,Z 5,A 0,B 90,C 0} C_DIS\nEND\n"
+DATA = "DEFDAT part\nDECL E6AXIS XSTART={A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}\nENDDAT\n"
+REPORT = Report(0.0, np.eye(4), np.eye(4), np.zeros(6), np.zeros(6), True, False)
+
+
+@pytest.fixture
+def shop(folder: Path) -> Path:
+    """A cell that corrects online, and a KRL program in a folder of its own."""
+    with (folder / "cell.toml").open("a", encoding="utf-8") as stream:
+        stream.write("\n[online]\ncorrection_mm = 1.5\n")
+    (folder / "krl").mkdir()
+    for name, text in (("part.src", COMPENSATED), ("part_001.src", PIECE), ("part.dat", DATA)):
+        (folder / "krl" / name).write_text(text, encoding="latin-1")
+    (folder / "rsi.xml").write_text(examples.text("rsi.xml"), encoding="utf-8")
+    return folder
+
+
+def made(shop: Path, **settings: Any) -> Path:
+    make(MakeSettings(shop / "cell.toml", **settings), shop / "robot")
+    return shop / "robot"
+
+
+def judged(robot: Path, main: str, cell: Path) -> list[str]:
+    files = CheckSettings(
+        robot / "counterflex_ethernet.xml", cell, robot / "counterflex.rsi.xml", robot / main, {"the tracker": 4000}
+    )
+    return [item.line() for item in check(files)]
+
+
+def test_check_ends_with_one_where_there_is_an_error(shop: Path, counterflex: Callable[..., Any]) -> None:
+    ended = counterflex("rsi", "check", "rsi.xml", "--cell", "cell.toml")
+    assert ended.status == 0
+    assert "0 errors" in ended.out
+    assert ended.err == ""
+    text = (shop / "rsi.xml").read_text(encoding="utf-8").replace('HOLDON="1"', 'HOLDON="0"')
+    (shop / "rsi.xml").write_text(text, encoding="utf-8")
+    ended = counterflex("rsi", "check", "rsi.xml", "--tracker", "49152")
+    assert ended.status == 1
+    lines = ended.out.splitlines()
+    assert lines[0].startswith("error [")
+    assert any("the tracker uses this port" in line for line in lines)
+    assert lines[-1].endswith("not judged without --context, --krl, --cell")
+    ended = counterflex("rsi", "check", "rsi.xml", "--json")
+    answer = json.loads(ended.out)
+    assert ended.status == 1
+    assert answer["errors"] == sum(item["severity"] == "error" for item in answer["findings"]) > 0
+
+
+@pytest.mark.parametrize("program", [None, "krl/part.src"])
+@pytest.mark.parametrize("more", ["", 'output = "axes"\nperiod_ms = 12\n'])
+def test_what_is_made_is_clean(shop: Path, program: str | None, more: str) -> None:
+    with (shop / "cell.toml").open("a", encoding="utf-8") as stream:
+        stream.write(more)
+    robot = made(shop, program=None if program is None else shop / program)
+    main = "cf_link_test.src" if program is None else "part.src"
+    assert judged(robot, main, shop / "cell.toml") == []
+    calls = read_calls(robot / main)
+    assert (calls.mode, calls.cycle_ms) == ("absolute", 12 if more else 4)
+    assert {path.name for path in robot.iterdir()} == {
+        *("counterflex_ethernet.xml", "counterflex.rsi.xml", "README.txt", "summary.json"),
+        *(("part.src", "part.dat", "part_001.src") if program else ("cf_link_test.src",)),
+    }
+
+
+def test_only_the_switching_is_added_to_the_program(shop: Path) -> None:
+    lines = (made(shop, program=shop / "krl/part.src") / "part.src").read_text(encoding="latin-1").splitlines()
+    at = [lines.index(line) for line in COMPENSATED.splitlines()]
+    assert at == sorted(at)
+    order = [
+        *("DECL INT cfid", "PTP XSTART", 'cfr=RSI_CREATE("counterflex.rsi",cfid,TRUE)'),
+        'cfr=RSI_SETPUBLICPAR(cfid,"POSCORR1","UpperLimX",2.700)',
+        "HALT ; start counterflex run, then press start",
+        *("cfr=RSI_ON(#ABSOLUTE,#IPO_FAST)", "$SEN_PREA[2]=1.0", "part_001( )", "WAIT SEC 0"),
+        *("cfr=RSI_OFF()", "cfr=RSI_DELETE(cfid)", "END", "DEF CF_CHECK(cfresult:IN)"),
+    ]
+    found = [lines.index(line) for line in order]
+    assert found == sorted(found)
+    assert (shop / "robot/part_001.src").read_text(encoding="latin-1") == PIECE
+    assert (shop / "robot/part.dat").read_text(encoding="latin-1") == DATA
+
+
+def test_link_and_simulated_robot_accept_what_is_made(shop: Path) -> None:
+    robot = made(shop)
+    config = read_config(robot / "counterflex_ethernet.xml")
+    context = read_context(robot / "counterflex.rsi.xml")
+    poscorr, ethernet = context.of_kind("POSCORR")[0], context.of_kind("ETHERNET")[0]
+    fake = FakeRsi(
+        config,
+        RsiContext(
+            timeout=int(ethernet.number("Timeout", 0)),
+            precision=int(ethernet.number("Precision", 0)),
+            clamp_m=poscorr.number("UpperLimX", 0.0) * MM,
+            clamp_rad=poscorr.number("MaxRotAngle", 0.0) * DEG,
+        ),
+        {"Enable": 1.0},
+    )
+    link = RsiLink(replace(config, host="127.0.0.1"), port=0)
+    controller = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    controller.settimeout(5.0)
+    try:
+        for x_mm in (0.0, 0.3, 1.5):
+            controller.sendto(fake.telegram(REPORT), link.address)
+            assert link.wait(5.0)
+            assert link.enable
+            assert not link.clamped
+            assert link.answer(np.array([x_mm * MM, 0.0, 0.0, 0.0, 0.0, 0.1 * DEG]), override=0.5)
+            fake.answer(controller.recv(65535))
+            assert fake.refused == ""
+            assert fake.correction[0] == pytest.approx(x_mm * MM, abs=1e-9)
+        assert fake.stat == CORRECTING
+        assert fake.override == pytest.approx(0.5)
+        controller.sendto(fake.telegram(REPORT), link.address)
+        assert link.wait(5.0)
+        assert link.answer(np.zeros(6), stop=True, feed_hold=True)
+        fake.answer(controller.recv(65535))
+        assert fake.stopped == "Stop"
+        assert fake.feed_hold
+        assert fake.late == 0
+    finally:
+        controller.close()
+        link.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [
+        ("krl/part.src", "PTP XSTART\n", "", ["part.src:", "first motion is not PTP"]),
+        ("krl/part.src", "END\n", "PTP XSTART\nEND\n", ["part.src:10", "LIN and CIRC only"]),
+        ("krl/part.src", "LIN {", "SLIN {", ["part.src:9", "spline", "SLIN"]),
+        ("krl/part.src", "$VEL.CP=0.025", "cfr=RSI_OFF()", ["part.src:7", "switches RSI itself"]),
+        ("krl/part.src", "END\n", "", ["part.src", "cut off"]),
+        ("krl/part.src", "DEF part( )", "", ["part.src", "no DEF"]),
+        ("krl/part_001.src", "LIN", "PTP", ["part_001.src:2", "LIN and CIRC only"]),
+        ("cell.toml", "[online]\ncorrection_mm = 1.5", "", ["cell.toml", "[online]"]),
+        ("cell.toml", "correction_mm = 1.5", "correction_mm = 50", ["correction_mm", "90 mm", "<= 20 mm"]),
+    ],
+)
+def test_make_refuses_and_writes_nothing(
+    shop: Path, refused: Callable[..., str], name: str, old: str, new: str, words: list[str]
+) -> None:
+    text = (shop / name).read_text(encoding="utf-8")
+    assert old in text
+    (shop / name).write_text(text.replace(old, new), encoding="utf-8")
+    said = refused("rsi", "make", "--cell", "cell.toml", "--program", "krl/part.src", "--out", "robot")
+    for word in words:
+        assert word in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--host", "192.0.1.4"), ["192.0.1", "KR C2"]),
+        (("--host", "mill-pc"), ["mill-pc", "IPv4"]),
+        (("--sentype", "<x>"), ["SENTYPE"]),
+        (("--program", "krl/none.src"), ["none.src", "no such file"]),
+        (("--program", "part.ngc"), ["part.ngc", "--as krl"]),
+        (("--program", "krl/part.src", "--out", "krl"), ["could be replaced"]),
+    ],
+)
+def test_make_refuses_arguments(
+    shop: Path, refused: Callable[..., str], arguments: tuple[str, ...], words: list[str]
+) -> None:
+    out = () if "--out" in arguments else ("--out", "robot")
+    said = refused("rsi", "make", "--cell", "cell.toml", *out, *arguments)
+    for word in words:
+        assert word in said
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "words"),
+    [
+        ("FILE", "<ROOT>", ["not an XML file"]),
+        ("--context", "<rSIModel/>", ["not an RSI context", ".rsi.xml"]),
+        ("--context", '<RSIObjects><RSIObject ObjType="POSCORR"/></RSIObjects>', ["no ObjID"]),
+        ("--krl", "LIN {X 1}", ["no DEF"]),
+    ],
+)
+def test_check_refuses_other_files(
+    shop: Path, refused: Callable[..., str], option: str, text: str, words: list[str]
+) -> None:
+    (shop / "bad").write_text(text, encoding="utf-8")
+    arguments = ("bad",) if option == "FILE" else ("rsi.xml", option, "bad")
+    said = refused("rsi", "check", *arguments)
+    for word in words:
+        assert word in said
+
+
+def test_a_folder_that_cannot_be_written_stays_as_it_was(shop: Path) -> None:
+    (shop / "robot").mkdir()
+    (shop / "robot" / "README.txt").mkdir()
+    with pytest.raises(OutputError):
+        make(MakeSettings(shop / "cell.toml"), shop / "robot")
+    assert [path.name for path in (shop / "robot").iterdir()] == ["README.txt"]
+
+
+def test_line_ends_and_letters_of_the_source_stay(shop: Path) -> None:
+    source = COMPENSATED.replace("a comment", "Fräser").replace("\n", "\r\n").encode("latin-1")
+    (shop / "krl" / "part.src").write_bytes(source)
+    data = (made(shop, program=shop / "krl/part.src") / "part.src").read_bytes()
+    assert "Fräser".encode("latin-1") in data
+    assert data.count(b"\r\n") == data.count(b"\n")
+
+
+def test_errors_are_of_their_family(shop: Path) -> None:
+    (shop / "krl" / "part.src").write_text("no program", encoding="utf-8")
+    with pytest.raises(ProgramError):
+        made(shop, program=shop / "krl/part.src")
+    with pytest.raises(InputError):
+        made(shop, port=70_000)
+    with pytest.raises(CounterflexError):
+        made(shop, host="224.0.0.1")
+
+
+def test_around_a_program_that_compensate_wrote(shop: Path, counterflex: Callable[..., Any]) -> None:
+    quick = ("--no-predict", "--no-report", "--as", "krl")
+    assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "comp", *quick).status == 0
+    made_ = counterflex("rsi", "make", "--cell", "cell.toml", "--program", "comp/part.src", "--out", "robot")
+    assert made_.status == 0
+    assert "README.txt" in made_.out
+    ended = counterflex(
+        *("rsi", "check", "robot/counterflex_ethernet.xml", "--context", "robot/counterflex.rsi.xml"),
+        *("--krl", "robot/part.src", "--cell", "cell.toml"),
+    )
+    assert (ended.status, ended.out) == (0, "0 errors, 0 warnings\n")
