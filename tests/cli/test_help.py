@@ -63,8 +63,12 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     """Every example of the help, on the small cell and program, in a folder where what it reads is there."""
     small = {"cell.toml": (folder / "cell.toml").read_text(encoding="utf-8")}
     small["part.ngc"] = (folder / "part.ngc").read_text(encoding="utf-8")
+    rsi = examples.text("rsi.xml")
     monkeypatch.setattr(examples, "text", lambda name: small[name])
     words = shlex.split(example)
+    if words[0] == "rsi":
+        (folder / "rsi.xml").write_text(rsi, encoding="utf-8")
+        (folder / "cell.toml").write_text(small["cell.toml"] + "\n[online]\n", encoding="utf-8")
     if words[:2] == ["cell", "example"]:
         (folder / "cell.toml").unlink()
         (folder / "part.ngc").unlink()
