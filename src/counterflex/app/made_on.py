@@ -6,7 +6,7 @@ import platform
 
 import numba
 import numpy as np
-from llvmlite.binding import get_host_cpu_name
+from llvmlite.binding import get_host_cpu_name  # type: ignore[import-untyped]
 
 
 def made_on() -> dict[str, str]:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, NoReturn
 import typer
 
 from counterflex import __version__
-from counterflex.cli import campaign, dataset, demo, identify, log, online, program, prove, question, rsi, twin
+from counterflex.cli import campaign, dataset, demo, doctor, identify, log, online, program, prove, question, rsi, twin
 from counterflex.cli.interrupt import interruptible
 from counterflex.core.errors import CounterflexError
 
@@ -42,6 +42,7 @@ twin.register(app)
 campaign.register(app)
 online.register(app)
 log.register(app)
+doctor.register(app)
 rsi.register(app)
 demo.register(app)
 

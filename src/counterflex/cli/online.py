@@ -59,6 +59,9 @@ def run(
     arm: Annotated[
         bool, typer.Option("--arm", help="Arm when all checks are passed. Without it the loop only watches.")
     ] = False,
+    trust_machine: Annotated[
+        bool, typer.Option("--trust-machine", help="Arm even where counterflex doctor has not found the machine fit.")
+    ] = False,
     lockstep: Annotated[
         bool, typer.Option("--lockstep", help="The robot is simulated and waits for every answer (twin cell).")
     ] = False,
@@ -69,13 +72,18 @@ def run(
 ) -> None:
     """Correct while milling: answer the robot's telegrams from force, plan and tracker, and log every cycle.
 
-    Without --arm every answer is zero: watch first. The log goes to DIR as run-000.mcap, run-001.mcap, ...
+    Without --arm every answer is zero: watch first. A robot that does not wait is armed only on a machine that
+    `doctor` has found fit. The log goes to DIR as run-000.mcap, run-001.mcap, ...
 
     Example: `counterflex run --cell cell.toml --rsi rsi.xml --plan plan.parquet --force 192.168.1.1:49152 --out log`
     """
     from counterflex.app import online as job
 
     keep_inputs(out, cell, rsi, *([] if plan is None else [plan]))
+    if arm and not lockstep and not trust_machine:
+        from counterflex.app.doctor import require_fit
+
+        require_fit()
     settings = job.RunSettings(
         cell=cell,
         rsi=rsi,

@@ -1,0 +1,60 @@
+"""The doctor command: whether this machine keeps time for the online loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli.output import print_json, print_table, progress_bar
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(doctor)
+
+
+def doctor(
+    seconds: Annotated[
+        float, typer.Option("--seconds", help="How long to measure; less than 4 is too short for a verdict.", min=0.1)
+    ] = 10.0,
+    log: Annotated[
+        Path, typer.Option("--log", help="Folder where run logs will be written; its disk is measured.", metavar="DIR")
+    ] = Path(),
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Measure whether this machine keeps time for the online loop: clock, step, network stack, disk of the log.
+
+    The verdict is kept for a week; `run --arm` needs one. Ends with status 1 when the machine does not fit.
+
+    Example: `counterflex doctor --seconds 10`
+    """
+    from counterflex.app import doctor as job
+
+    with progress_bar("measuring") as progress:
+        found = job.run(seconds, log, progress=progress).described()
+    if as_json:
+        print_json(found)
+    else:
+        names = ("p50", "p99", "p99.9", "max")
+        print_table(
+            f"{found['cycles']} cycles of {found['period_ms']:g} ms; us",
+            ["", *names],
+            [
+                [what, *("-" if times[name] is None else f"{times[name]:g}" for name in names)]
+                for what, times in found["times_us"].items()
+            ],
+        )
+        granted = {"real-time priority": found["fifo"], "locked memory": found["locked"]}
+        typer.echo(
+            f"{found['host']}, kernel {found['kernel']}, {found['cores']} cores, "
+            + ", ".join(f"{name} {'yes' if value else 'no'}" for name, value in granted.items())
+            + f", clock {found['clock_source'] or 'not known'}, governor {found['governor'] or 'not known'}"
+            + f", stolen {found['steal']:.1%}"
+        )
+        typer.echo(f"{found['verdict']}: {found['in_time']:.2%} of the replies within {found['budget_us']:g} us")
+        for reason in found["reasons"]:
+            typer.echo(f"- {reason}")
+    if not found["fits"]:
+        raise typer.Exit(1)

@@ -1,0 +1,143 @@
+"""What ``doctor`` found of a machine, kept in the user's cache folder (``counterflex-machine``, version 1)."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex.core import atomic
+from counterflex.core.errors import FileFormatError
+
+KIND: Final = "counterflex-machine"
+VERSION: Final = 1
+OLDEST: Final = timedelta(days=7)
+"""A verdict is believed for a week: machines change by updates, and measuring again takes ten seconds."""
+
+
+@dataclass(frozen=True)
+class KeptVerdict:
+    """A verdict on a machine.
+
+    Attributes:
+        host: Name of the machine.
+        kernel: Of its operating system.
+        date: When it was measured, with time zone.
+        verdict: As judged.
+        fits: 99.9 % of the replies are in time.
+        p999_s: What they take at most; None where some never came.
+        budget_s: What they may take.
+        reasons: As judged.
+    """
+
+    host: str
+    kernel: str
+    date: datetime
+    verdict: str
+    fits: bool
+    p999_s: float | None
+    budget_s: float
+    reasons: tuple[str, ...]
+
+
+def machine_file() -> Path:
+    """Where the verdict on this machine is kept: ``machine.json`` in the user's cache folder, beside the kernels."""
+    if "COUNTERFLEX_CACHE" in os.environ:
+        return Path(os.environ["COUNTERFLEX_CACHE"]) / "machine.json"
+    base = os.environ.get("XDG_CACHE_HOME") or (
+        os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else str(Path.home() / ".cache")
+    )
+    return Path(base or tempfile.gettempdir()) / "counterflex" / "machine.json"
+
+
+def write_verdict(path: Path, kept: KeptVerdict) -> None:
+    """Keep a verdict.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
+    data = {
+        "format": KIND,
+        "version": VERSION,
+        "host": kept.host,
+        "kernel": kept.kernel,
+        "date": kept.date.isoformat(),
+        "verdict": kept.verdict,
+        "fits": kept.fits,
+        "p999_s": kept.p999_s,
+        "budget_s": kept.budget_s,
+        "reasons": list(kept.reasons),
+    }
+    atomic.write_text(path, json.dumps(data, indent=2) + "\n")
+
+
+def read_verdict(path: Path) -> KeptVerdict | None:
+    """The verdict that is kept; None where there is none.
+
+    Raises:
+        FileFormatError: The file is not what it should be.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as fault:
+        raise _unusable(path) from fault
+    if not isinstance(data, dict) or data.get("format") != KIND or data.get("version") != VERSION:
+        raise _unusable(path)
+    try:
+        return _kept(data)
+    except (KeyError, TypeError, ValueError) as fault:
+        raise _unusable(path) from fault
+
+
+def _kept(data: dict[str, Any]) -> KeptVerdict:
+    date = datetime.fromisoformat(str(data["date"]))
+    if date.tzinfo is None or not isinstance(data["fits"], bool):
+        raise ValueError("date")
+    return KeptVerdict(
+        host=str(data["host"]),
+        kernel=str(data["kernel"]),
+        date=date,
+        verdict=str(data["verdict"]),
+        fits=data["fits"],
+        p999_s=None if data["p999_s"] is None else float(data["p999_s"]),
+        budget_s=float(data["budget_s"]),
+        reasons=tuple(str(reason) for reason in data["reasons"]),
+    )
+
+
+def _unusable(path: Path) -> FileFormatError:
+    return FileFormatError(
+        "what is kept of this machine cannot be read", where=str(path), hint="Run counterflex doctor again"
+    )
+
+
+def against(kept: KeptVerdict | None, *, host: str, kernel: str, now: datetime) -> str:
+    """Why a kept verdict does not allow arming on this machine now; empty where it does.
+
+    Args:
+        kept: Or None where there is none.
+        host: Name of this machine.
+        kernel: Of its operating system.
+        now: With time zone.
+    """
+    if kept is None:
+        return "it is not known whether this machine keeps time for the loop"
+    if kept.host != host:
+        return f"what is known of a machine is of another one ({kept.host})"
+    if kept.kernel != kernel:
+        return f"this machine was judged under another kernel ({kept.kernel})"
+    age = now - kept.date
+    if age > OLDEST:
+        return f"this machine was judged {age.days} days ago"
+    if age < timedelta(days=-1):
+        return "the verdict on this machine is of the future: a clock was set"
+    if not kept.fits:
+        return "this machine does not keep time for the loop: " + (kept.reasons[0] if kept.reasons else kept.verdict)
+    return ""

@@ -1,0 +1,120 @@
+"""Measures how this machine keeps time for a loop: waking up, the step, a datagram to another process and back.
+
+The loop's side runs in a process prepared as the online loop's; the other side stands for whatever answers on the same
+machine and is an ordinary process.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import OutputError
+
+TELEGRAM: Final = bytes(600)
+"""As long as a robot's telegram."""
+_END: Final = b"end"
+_LONGEST_S: Final = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """Samples of n cycles, s.
+
+    Attributes:
+        late_s: (n,) after the moment at which the loop wanted to wake up.
+        compute_s: (n,) time of the step.
+        echo_s: (n,) until the datagram was back; not-a-number where it was not within a cycle.
+    """
+
+    late_s: Float
+    compute_s: Float
+    echo_s: Float
+
+
+def echo_socket() -> socket.socket:
+    """A socket on loopback for :func:`echo`.
+
+    Raises:
+        OutputError: There is no loopback interface.
+    """
+    out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        out.bind(("127.0.0.1", 0))
+    except OSError as fault:
+        out.close()
+        raise OutputError(f"loopback cannot be used: {fault.strerror or fault}", where="127.0.0.1") from fault
+    return out
+
+
+def echo(own: socket.socket) -> None:
+    """Send every datagram back, until one says end or none came for 10 s; closes the socket."""
+    own.settimeout(_LONGEST_S)
+    with own:
+        while True:
+            try:
+                data, peer = own.recvfrom(2048)
+            except TimeoutError:
+                return
+            if data == _END:
+                return
+            own.sendto(data, peer)
+
+
+def measure(
+    cycle: Callable[[int], None], cycles: int, period_s: float, peer: tuple[str, int], *, warm: int = 50
+) -> Timed:
+    """Run a loop and time its parts.
+
+    Args:
+        cycle: The step; told the number of the cycle.
+        cycles: How many are measured.
+        period_s: Cycle time.
+        peer: Address of :func:`echo`; told to end afterwards.
+        warm: Cycles before the measured ones.
+    """
+    late, compute, back = (np.full(cycles, np.nan) for _ in range(3))
+    buffer = bytearray(2048)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
+        own.bind(("127.0.0.1", 0))
+        own.settimeout(period_s)
+        wanted = time.perf_counter() + period_s
+        for k in range(-warm, cycles):
+            rest = wanted - time.perf_counter()
+            if rest > 0.0:
+                time.sleep(rest)
+            woke = time.perf_counter()
+            cycle(k + warm)
+            computed = time.perf_counter()
+            _flush(own, buffer, period_s)
+            begin = time.perf_counter()
+            own.sendto(TELEGRAM, peer)
+            try:
+                own.recv_into(buffer)
+                end = time.perf_counter()
+            except (TimeoutError, ConnectionError):
+                end = np.nan
+            if k >= 0:
+                late[k], compute[k], back[k] = woke - wanted, computed - woke, end - begin
+            # A cycle that was missed is not made up for: the next one is the next that can be met.
+            missed = max(0.0, time.perf_counter() - wanted) // period_s
+            wanted += period_s * (1.0 + missed)
+        own.sendto(_END, peer)
+    return Timed(late, compute, back)
+
+
+def _flush(own: socket.socket, buffer: bytearray, period_s: float) -> None:
+    """Throw away echoes that came too late."""
+    own.settimeout(0.0)
+    try:
+        while True:
+            own.recv_into(buffer)
+    except (BlockingIOError, ConnectionError):
+        pass
+    own.settimeout(period_s)
