@@ -395,3 +395,25 @@ def test_no_address_or_name_breaks_out_of_its_place(host: str, sentype: str) -> 
         return
     assert (config.host, config.sentype, config.port) == (host.strip(), sentype.strip(), 59152)
     assert len(config.receive) == len(parse_config(ETHERNET.encode(), "x").receive)
+
+
+@pytest.mark.parametrize("text", ["nan", "1e400", "-inf", "1_0", "", "4,0", "1e12"])
+def test_a_parameter_that_is_no_number_is_refused(text: str) -> None:
+    with pytest.raises(FileFormatError, match="Precision"):
+        found(context=CONTEXT.replace('ParamID="8" ParamValue="4"', f'ParamID="8" ParamValue="{text}"'))
+
+
+@pytest.mark.parametrize("value", ["-1e9", "-3", "3.9", "+1.5e0"])
+def test_any_small_precision_is_an_error(value: str) -> None:
+    text = CONTEXT.replace('ParamID="8" ParamValue="4"', f'ParamID="8" ParamValue="{value}"')
+    assert rules(found(context=text), "error") == {"precision"}
+
+
+@pytest.mark.parametrize("digits", ["9" * 5000, "0", "65536", "-1", "1.5", "\u0661"])
+def test_numbers_that_are_none_are_refused(digits: str) -> None:
+    for text in (ETHERNET.replace("<PORT>59152", f"<PORT>{digits}"), ETHERNET.replace('INDX="2"', f'INDX="{digits}"')):
+        with pytest.raises(FileFormatError):
+            found(text, None, None)
+    if digits != "65536":
+        with pytest.raises(FileFormatError, match="InIdx"):
+            found(context=CONTEXT.replace('InIdx="2"', f'InIdx="{digits}"'))

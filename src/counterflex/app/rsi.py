@@ -13,7 +13,7 @@ from counterflex.core.errors import FileFormatError, InputError, ProgramError
 from counterflex.core.similar import missing_file
 from counterflex.files.cell import read_cell
 from counterflex.files.cell_online import OnlineTable
-from counterflex.files.cell_schema import CellTables
+from counterflex.files.cell_schema import CellTables, ControllerTable
 from counterflex.files.summary_file import write_summary
 from counterflex.programs.krl_rsi import RsiSwitching, called, check_path, link_test, with_correction
 from counterflex.wire.rsi_calls import parse_calls, read_calls
@@ -128,7 +128,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         feed_hold_index=FEED_HOLD_INDEX,
         ramp_s=table.correction_mm / table.ramp_mm_s + _SETTLE_S,
     )
-    programs, main, elsewhere = _programs(settings.program, switching)
+    programs, main, elsewhere = _programs(settings.program, switching, cell.tables.controller)
     texts = {files.ethernet_name: files.ethernet(), files.context_name: files.context()}
     findings = judge(
         Setup(
@@ -181,11 +181,17 @@ def _online_of(tables: CellTables, path: Path) -> OnlineTable:
     return tables.online
 
 
-def _programs(program: Path | None, switching: RsiSwitching) -> tuple[dict[str, str], str, tuple[str, ...]]:
+def _programs(
+    program: Path | None, switching: RsiSwitching, controller: ControllerTable
+) -> tuple[dict[str, str], str, tuple[str, ...]]:
     """KRL files by name, the main one, and routines that it calls but that do not lie beside it."""
     if program is None:
         main = f"{LINK_TEST}.src"
-        return {main: link_test(LINK_TEST, switching)}, main, ()
+        return (
+            {main: link_test(LINK_TEST, switching, tool=controller.tool_number, base=controller.base_number)},
+            main,
+            (),
+        )
     text = _krl(program)
     found = {program.name: with_correction(text, switching, program.name)}
     elsewhere = []

@@ -58,7 +58,8 @@ CHECK ON THE CONTROLLER, IN THIS ORDER
     the value may be 0.
 11. Feed hold: $SEN_PREA[{FEED_HOLD_INDEX}] = 1 stops the path by interrupt 21 (BRAKE), 0 lets it go on. Is interrupt
     21 free? May an interrupt compare $SEN_PREA? Does the correction stay while the path stands?
-12. Enable: $SEN_PREA[{ENABLE_INDEX}] arrives as Enable in the telegrams. Are both $SEN_PREA free?
+12. Enable: $SEN_PREA[{ENABLE_INDEX}] arrives as Enable in the telegrams. Are both $SEN_PREA free? The parameter
+    number of the SEN_PREA object was taken from its sister SEN_PINT.
 13. Behind the path the program waits {ramp_s:.1f} s for the correction to ramp out. The tool must be clear of the part
     there. If the correction stands still while no motion runs, ramp out on a retract motion instead.
 14. Timeout is {files.timeout} cycles. Whether late answers are counted back is not published: watch Delay for an hour.

@@ -136,12 +136,14 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False) ->
             )
 
 
-def link_test(name: str, switching: RsiSwitching, *, seconds: int = 60) -> str:
+def link_test(name: str, switching: RsiSwitching, *, tool: int, base: int, seconds: int = 60) -> str:
     """A program that stands still with RSI on, for watching the link: correction is never enabled.
 
     Args:
         name: Of the program.
         switching: See there.
+        tool: Number of TOOL_DATA.
+        base: Number of BASE_DATA.
         seconds: How long it stands.
 
     Raises:
@@ -156,6 +158,9 @@ def link_test(name: str, switching: RsiSwitching, *, seconds: int = 60) -> str:
         "; stands still with RSI on: try the link, correction is not enabled",
         "DECL INT cfr",
         "DECL INT cfid",
+        "BAS(#INITMOV,0)",
+        f"$TOOL=TOOL_DATA[{tool}]",
+        f"$BASE=BASE_DATA[{base}]",
         "PTP $AXIS_ACT_MEAS",
         *on,
         f"WAIT SEC {seconds}.0",

@@ -9,6 +9,7 @@ from typing import Final, Literal
 
 from counterflex.core.errors import FileFormatError
 from counterflex.core.similar import missing_file
+from counterflex.wire.rsi_context import decimal
 
 Mode = Literal["absolute", "relative"]
 _MOTION: Final = re.compile(r"(PTP_REL|PTP|LIN_REL|LIN|CIRC_REL|CIRC|SPTP|SLIN|SCIRC|SPL|SPLINE)\b", re.IGNORECASE)
@@ -87,11 +88,7 @@ class RsiCalls:
         for item in self.statements:
             if item.what == "RSI_SETPUBLICPAR" and len(item.arguments) == 4:
                 name, parameter = (text.strip('"') for text in item.arguments[1:3])
-                try:
-                    value: float | None = float(item.arguments[3])
-                except ValueError:
-                    value = None
-                found[name, parameter] = (value, item.line)
+                found[name, parameter] = (decimal(item.arguments[3]), item.line)
         return found
 
 

@@ -144,7 +144,7 @@ def parse_config(text: bytes, where: str) -> RsiConfig:
     if not sentype.isascii() or not sentype.isprintable() or set(sentype) & set("<>&\"'"):
         raise FileFormatError("SENTYPE cannot be written into a telegram", where=where, value=repr(sentype))
     port_text = _text(root, "CONFIG/PORT", where)
-    if not (port_text.isascii() and port_text.isdigit()) or not 1 <= int(port_text) <= 65535:
+    if not (port_text.isascii() and port_text.isdigit() and len(port_text) <= 5) or not 1 <= int(port_text) <= 65535:
         raise FileFormatError("PORT is no UDP port", where=where, value=repr(port_text), limit="1 .. 65535")
     only = root.findtext("CONFIG/ONLYSEND", "FALSE").strip().upper()
     if only not in ("TRUE", "FALSE"):
@@ -183,7 +183,7 @@ def _tags(root: Element, section: str, keywords: dict[str, tuple[str, ...]], whe
             raise FileFormatError("keyword is unknown", where=place, value=tag, limit=", ".join(sorted(keywords)))
         channel = None
         if index.upper() != "INTERNAL":
-            if not (index.isascii() and index.isdigit()) or not 1 <= int(index) <= MAX_CHANNELS:
+            if not (index.isascii() and index.isdigit() and len(index) <= 3) or not 1 <= int(index) <= MAX_CHANNELS:
                 limit = f"INTERNAL or 1 .. {MAX_CHANNELS}"
                 raise FileFormatError("INDX is no channel", where=place, value=repr(index), limit=limit)
             channel = int(index)

@@ -6,7 +6,7 @@ Two forms are read: ``.rsi.xml`` (RSI 3: root ``RSIObjects``, indices from 1) an
 
 from __future__ import annotations
 
-import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -19,6 +19,8 @@ from counterflex.core.errors import FileFormatError
 from counterflex.core.similar import missing_file
 
 _FIRST_INDEX: Final = {"rsiobjects": 1, "rsidata": 1, "rsicontext": 0}
+_NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", re.ASCII)
+_LARGEST: Final = 1e9
 _SINKS: Final = ("POSCORR", "AXISCORR", "AXISCORREXT", "STOP", "ETHERNET")
 
 
@@ -57,16 +59,13 @@ class ContextObject:
         """Value of a parameter; ``default`` where the file does not give it.
 
         Raises:
-            FileFormatError: It is not a finite number.
+            FileFormatError: It is no number, or beyond 1e9.
         """
         text = next((v for k, v in self.parameters.items() if k.lower() == parameter.lower()), None)
         if text is None:
             return default
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
+        value = decimal(text)
+        if value is None:
             raise FileFormatError("not a number", where=f"{self.name} {parameter}", value=repr(text))
         return value
 
@@ -117,6 +116,14 @@ class RsiContextFile:
                         passed.append(item)
                         todo.append((item.name, None))
         return ends, passed
+
+
+def decimal(text: str) -> float | None:
+    """Value of a plain decimal number as controllers write it; None where the text is none, or too large."""
+    if not _NUMBER.fullmatch(text.strip()):
+        return None
+    value = float(text)
+    return value if abs(value) <= _LARGEST else None
 
 
 def read_context(path: str | Path) -> RsiContextFile:
@@ -194,6 +201,6 @@ def _attributes(element: Element) -> dict[str, str]:
 
 
 def _index(text: str, first: int, where: str, what: str) -> int:
-    if not (text.isascii() and text.isdigit()) or not first <= int(text) < first + 1000:
+    if not (text.isascii() and text.isdigit() and len(text) <= 3) or int(text) < first:
         raise FileFormatError(f"{what} is no index", where=where, value=repr(text), limit=f">= {first}")
     return int(text) - first + 1

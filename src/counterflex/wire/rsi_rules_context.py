@@ -61,7 +61,7 @@ def precision(setup: Setup) -> Iterator[Finding]:
             "precision",
             "error",
             setup.within(item, "Precision"),
-            f"poses come in steps of {10.0**-found:g} mm and deg",
+            "poses come rounded" if found < 0 else f"poses come in steps of {10.0**-found:g} mm and deg",
             f"{found:g}",
             ">= 4",
             "Set Precision to 4",
