@@ -268,6 +268,8 @@ def test_parquet_is_read_like_csv(tmp_path: Path) -> None:
         (('kind = "pulls"', 'kind = "pull"'), "Did you mean 'pulls'"),
         (("sigma = 2.0", "sigma = -1"), "above zero"),
         (("sigma = 2.0", "sigma = nan"), "sigma"),
+        (("sigma = 2.0", "sigma = inf"), "finite standard deviations"),
+        (('"Fy"', '"Fx"'), "named twice"),
         (("sigma = 2.0", "sigma = 2.0\n[settings]\npayload_lb = 3"), "there is no such setting"),
         (("version = 1", "version = 2"), "newer"),
         (("[[files]]", "[files]"), "files"),

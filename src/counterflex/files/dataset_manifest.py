@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -90,8 +91,8 @@ class ChannelTable(Table):
         if value is None or value == REPEATS:
             return value
         given = value if isinstance(value, list) else [value]
-        if not all(isinstance(s, int | float) and not isinstance(s, bool) and s > 0.0 for s in given):
-            raise ValueError(f'sigma = {value!r}; expected standard deviations above zero, or "repeats"')
+        if not all(isinstance(s, int | float) and not isinstance(s, bool) and 0.0 < s < math.inf for s in given):
+            raise ValueError(f'sigma = {value!r}; expected finite standard deviations above zero, or "repeats"')
         return tuple(given)
 
     @field_validator("columns", "sigma_columns", mode="before")
@@ -103,6 +104,14 @@ class ChannelTable(Table):
             if not (whole and column >= 1) and not (isinstance(column, str) and column):
                 raise ValueError(f"a column is {column!r}; expected the text of its header, or its number from 1")
         return tuple(given)
+
+    @field_validator("columns")
+    @classmethod
+    def _once(cls, value: tuple[Any, ...]) -> tuple[Any, ...]:
+        twice = [column for column, count in Counter(value).items() if count > 1]
+        if twice:
+            raise ValueError(f"column {twice[0]!r} is named twice; every number of a channel has a column of its own")
+        return value
 
     @model_validator(mode="after")
     def _one_source(self) -> ChannelTable:

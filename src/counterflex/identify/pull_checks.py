@@ -32,6 +32,7 @@ _SURE: Final = 3.0  # standard deviations of the work
 _LEAST_FORCE_N: Final = 1.0
 _MOVES_RAD: Final = 1e-3
 _FEWEST: Final = 3
+_NOTHING_PERCENT: Final = 100.0
 
 
 def check_plain(data: Dataset) -> None:
@@ -132,6 +133,30 @@ def check_work(
         f"{pulls.name}: {count} of {n} rows have a displacement against their load (negative work, which no passive "
         f"arm does): lines {lines}",
     )
+
+
+def check_worth(unexplained_percent: float, where: str) -> None:
+    """Refuse a result that predicts unseen deflections worse than no deflection at all would.
+
+    However large the priors, springs that were found have to explain something; where they do not, deflections are
+    smaller than anything the priors allow (mm stated as m), or have nothing to do with the loads.
+
+    Args:
+        unexplained_percent: ``sum |measured - predicted| / sum |measured|`` of held-out pulls, in %.
+        where: The data, for the message.
+
+    Raises:
+        InputError: 100 % or more.
+    """
+    if not unexplained_percent < _NOTHING_PERCENT:
+        raise InputError(
+            "unseen deflections are predicted worse than by no deflection at all",
+            where=where,
+            value=f"{unexplained_percent:.4g} % not explained",
+            limit=f"below {_NOTHING_PERCENT:.0f} %",
+            hint="Check the units of displacement and load and which rows belong together; if the data are right, add "
+            "--set as_stated=true",
+        )
 
 
 def readings(chain: ElasticChain, data: Dataset) -> tuple[Reading, ...]:

@@ -87,12 +87,15 @@ def identify(
         parameters, blocks = found.parameters, list(found.blocks)
         fit = solve(parameters, blocks)
     held, measured = _judged(chain, plan, found, fit, blocks, unseen, _axes(tracker), int(options["folds"]))
+    headline = pull_report.headline(held, measured)
+    if not stated:
+        pull_checks.check_worth(headline[0].value, data[0].where or data[0].name)
     values = fit.values[: len(plan.springs)]
     after = with_compliance(chain, plan.springs.compliance(chain, values))
     return Identification(
         recipe="stiffness",
         fits={"stiffness": fit},
-        headline=pull_report.headline(held, measured),
+        headline=headline,
         figures=pull_report.figures(after, pulls, fit, held),
         changes=plan.springs.changes(chain, values),
         remarks=(*said, *pull_report.remarks(chain, plan, fit, held, pulls, found)),
