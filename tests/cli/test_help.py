@@ -15,8 +15,15 @@ import pytest
 import typer
 
 from counterflex.app import examples
+from counterflex.app.online import online_loop
 from counterflex.cli.main import app
+from counterflex.evaluate.loop_timing import LoopSamples
+from counterflex.files.cell import read_cell
 from counterflex.files.dataset_writer import write_dataset
+from counterflex.files.run_log import RunLog
+from counterflex.links.machine import Machine
+from counterflex.links.realtime import Granted
+from counterflex.runtime import record_ring as record
 
 HEAVY = ("numpy", "numba", "scipy", "polars", "mujoco", "plotly", "pydantic", "trimesh", "jinja2")
 
@@ -36,6 +43,8 @@ EXAMPLES = [
     for command in COMMANDS.values()
     for example in re.findall(r"`counterflex ([^`]+)`", " ".join((command.help or "").split()))
 ]
+ALONE = [example for example in EXAMPLES if example.split()[0] != "run" and not example.startswith("twin cell")]
+"""Without those of two commands that wait for each other; they are run over sockets in a test of their own."""
 
 
 def test_all_commands_are_known() -> None:
@@ -58,7 +67,7 @@ def test_help_of_the_groups(counterflex: Any) -> None:
     assert counterflex("--version").out.startswith("counterflex ")
 
 
-@pytest.mark.parametrize("example", EXAMPLES)
+@pytest.mark.parametrize("example", ALONE)
 def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pytest.MonkeyPatch, example: str) -> None:
     """Every example of the help, on the small cell and program, in a folder where what it reads is there."""
     small = {"cell.toml": (folder / "cell.toml").read_text(encoding="utf-8")}
@@ -78,6 +87,11 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     if words[0] in ("evaluate", "report"):
         shutil.copytree(machined.folder / "run", folder / "run-before")
         shutil.copytree(machined.folder / "run", folder / "run-after")
+    if words[0] == "doctor":
+        monkeypatch.setattr("counterflex.app.doctor.probe", good_machine)
+        monkeypatch.setattr("counterflex.app.doctor.machine_file", lambda: folder / "machine.json")
+    if words[0] == "log":
+        run_log(folder)
     if words[0] in ("twin", "campaign"):
         shutil.copy(machined.folder / "truth.toml", folder)
     if words[0] == "twin":
@@ -96,6 +110,30 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     assert ended.out
     if "--out" in words:
         assert (folder / words[words.index("--out") + 1]).exists()
+
+
+def run_log(folder: Path) -> None:
+    """A run log ``log`` of ten cycles of the cell's loop."""
+    with (folder / "cell.toml").open("a", encoding="utf-8") as stream:
+        stream.write('\n[online]\nforce = "measured"\nalong_feed = true\n')
+    loop = online_loop(read_cell(folder / "cell.toml"), None, compensated=False)
+    rows = np.zeros((10, record.WIDTH))
+    for row in rows:
+        loop.feed(T_part_tcp=np.eye(4), q=np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0]))
+        loop.run()
+        row[record.GIVEN :] = np.r_[loop.given, loop.flags, loop.results, loop.outcome, loop.cycle]
+    log = RunLog(folder / "log", {})
+    log.add(rows)
+    log.close()
+
+
+def good_machine(*_: object) -> tuple[LoopSamples, Granted, Machine]:
+    """What the doctor would measure on a good machine."""
+    n = 2500
+    samples = LoopSamples(
+        4e-3, np.full(n, 4e-5), np.full(n, 1e-5), np.full(n, 5e-5), np.ones(9) * 1e-5, np.ones(2) * 1e-3
+    )
+    return samples, Granted(True, True, True, ()), Machine(4, ("performance",), "tsc", False, None)
 
 
 def fiducials(folder: Path) -> None:

@@ -106,7 +106,7 @@ def replay(
 
     Ends with status 1 when they are not, or when records are missing so that not every cycle can be compared.
 
-    Example: `counterflex log replay log --cell cell.toml --plan plan.parquet --original`
+    Example: `counterflex log replay log --cell cell.toml`
     """
     from counterflex.app import run_log as job
 
