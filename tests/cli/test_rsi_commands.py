@@ -164,6 +164,8 @@ def test_link_and_simulated_robot_accept_what_is_made(shop: Path) -> None:
         ("krl/part.src", "END\n", "PTP XSTART\nEND\n", ["part.src:10", "LIN and CIRC only"]),
         ("krl/part.src", "LIN {", "SLIN {", ["part.src:9", "spline", "SLIN"]),
         ("krl/part.src", "$VEL.CP=0.025", "cfr=RSI_OFF()", ["part.src:7", "switches RSI itself"]),
+        ("krl/part.src", "$VEL.CP=0.025", "$SEN_PREA[3]=1.0", ["part.src:7", "$SEN_PREA", "free"]),
+        ("krl/part_001.src", "LIN", "INTERRUPT DECL 21 WHEN $IN[1] DO X()\nLIN", ["part_001.src:2", "interrupt 21"]),
         ("krl/part.src", "END\n", "", ["part.src", "cut off"]),
         ("krl/part.src", "DEF part( )", "", ["part.src", "no DEF"]),
         ("krl/part_001.src", "LIN", "PTP", ["part_001.src:2", "LIN and CIRC only"]),

@@ -18,6 +18,9 @@ _CALL: Final = re.compile(r"\s*(\w+)\s*\(\s*\)\s*$")
 _SPLINE: Final = re.compile(r"\s*(SLIN|SCIRC|SPL|SPLINE)\b", re.IGNORECASE)
 _SENSOR: Final = re.compile(r"\bRSI_\w+\s*\(", re.IGNORECASE)
 _INTERRUPT: Final = 21
+_TAKEN: Final = re.compile(
+    rf"\bINTERRUPT\s+DECL\s+{_INTERRUPT}\b|\$SEN_PREA\b|\bcf(?:r|id)\b|\bCF_(?:CHECK|HOLD)\b", re.IGNORECASE
+)
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,7 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False) ->
         first_only: It is the main file: PTP is judged elsewhere.
 
     Raises:
-        ProgramError: PTP, a spline motion or a call of RSI.
+        ProgramError: PTP, a spline motion, a call of RSI, a name or an interrupt that the correction uses.
     """
     for i, line in enumerate(map(_code, lines)):
         if not first_only and _POINT_TO_POINT.match(line):
@@ -133,6 +136,13 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False) ->
                 where=f"{where}:{i + 1}",
                 value=line.strip(),
                 hint="Give the program as compensate wrote it",
+            )
+        if taken := _TAKEN.search(line):
+            raise ProgramError(
+                "the program uses what the correction needs",
+                where=f"{where}:{i + 1}",
+                value=taken[0],
+                limit=f"interrupt {_INTERRUPT}, $SEN_PREA, cfr, cfid, CF_CHECK and CF_HOLD free",
             )
 
 
