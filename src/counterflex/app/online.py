@@ -186,7 +186,8 @@ def _tcp_target(cell: Cell, chain: ElasticChain) -> Float:
         raise InputError("the cell has no tracker", where=str(cell.path))
     if table.target_on == "tcp":
         return table.T_on_target
-    out: Float = pose.inverse(chain.T_flange_tcp) @ table.T_on_target
+    T_flange_target = table.T_on_target
+    out: Float = pose.inverse(chain.T_flange_tcp) @ T_flange_target
     return out
 
 

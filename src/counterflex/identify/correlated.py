@@ -58,7 +58,7 @@ def long_run(scores: Float) -> Float:
     Args:
         scores: (n, p), mean zero at a least-squares solution.
     """
-    n, p = scores.shape
+    n = len(scores)
     if n < 4:
         out: Float = scores.T @ scores / max(n, 1)
         return out
