@@ -6,6 +6,8 @@ import math
 import multiprocessing
 import os
 import platform
+import signal
+import socket
 import tempfile
 import time
 from dataclasses import dataclass
@@ -118,8 +120,16 @@ def feed(loop: Loop, k: int) -> None:
     loop.run()
 
 
+def _echo_process(own: socket.socket) -> None:
+    """The other side, prepared alike: a robot controller does not wait for other programs of this machine either."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started this one ends it
+    prepare()
+    timing_probe.echo(own)
+
+
 def _loop_process(cycles: int, peer: tuple[str, int], pipe: Any) -> None:
     """The loop's side, in a process prepared as the online loop's."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         loop = demo_loop()
         for k in range(20):
@@ -153,7 +163,7 @@ def probe(seconds: float, folder: Path, progress: Progress = silent) -> tuple[Lo
     peer = own.getsockname()
     mine, theirs = context.Pipe()
     with own:
-        other = context.Process(target=timing_probe.echo, args=(own,), daemon=True)
+        other = context.Process(target=_echo_process, args=(own,), daemon=True)
         loop = context.Process(target=_loop_process, args=(cycles, peer, theirs), daemon=True)
         before = processor_times()
         try:

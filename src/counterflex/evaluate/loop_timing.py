@@ -205,4 +205,4 @@ def _slowest(late: Float, compute: Float, echo: Float) -> str:
 
 
 def _ms(time_s: float) -> str:
-    return "no answer" if math.isinf(time_s) else f"{time_s / MS:.3g} ms"
+    return "more than a cycle" if math.isinf(time_s) else f"{time_s / MS:.3g} ms"

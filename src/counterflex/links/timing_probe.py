@@ -1,7 +1,7 @@
 """Measures how this machine keeps time for a loop: waking up, the step, a datagram to another process and back.
 
-The loop's side runs in a process prepared as the online loop's; the other side stands for whatever answers on the same
-machine and is an ordinary process.
+Both sides are meant to run in processes prepared as the online loop's: the other one stands for the robot's controller,
+which shares no processor with other programs of this machine.
 """
 
 from __future__ import annotations
