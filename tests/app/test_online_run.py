@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import counterflex
-from counterflex.app import evaluate, live, online
+from counterflex.app import evaluate, live, online, run_log
 from counterflex.app.compensate import run as compensate
 from counterflex.app.truth import make_truth
 from counterflex.core.errors import FileFormatError, InputError
@@ -117,6 +117,12 @@ def test_correcting_while_milling_pair(place: Place) -> None:
     assert np.all(steps >= 0)
     force = named["filtered_fy"][named["out_state"] == State.ACTIVE]
     assert np.max(np.abs(force)) > 200.0
+    again = run_log.replay(place.folder / "acted-log", place.cell, place.plan, compensated=False)
+    assert again.proved
+    assert again.notes == []
+    other = run_log.replay(place.folder / "acted-log", place.cell, place.plan, compensated=True)
+    assert other.difference is not None
+    assert len(other.notes) == 2
 
 
 def test_what_is_missing_is_said(place: Place, tmp_path: Path) -> None:
