@@ -12,7 +12,8 @@ from counterflex.identify.parameters import Parameters
 
 Seen = Literal["determined", "partly", "prior", "held"]
 """How much of a parameter's value comes from the data: ``determined`` (standard deviation below half of the prior's),
-``partly``, ``prior`` (above nine tenths: the data do not see it) or ``held`` (not free)."""
+``partly`` (also where the value rests against a bound), ``prior`` (above nine tenths: the data do not see it) or
+``held`` (not free)."""
 
 
 @dataclass(frozen=True)

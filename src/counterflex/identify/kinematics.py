@@ -214,7 +214,7 @@ RECIPE: Final = Recipe(
         "length_sigma_mm": 0.5,
         "angle_sigma_mrad": 0.5,
         "mass_sigma": 0.1,
-        "periodic_sigma_urad": 300.0,
+        "periodic_sigma_urad": 60.0,
         "folds": 5,
         "as_stated": False,
         "seed": 0,

@@ -217,13 +217,17 @@ def _fit(problem: Stacked, state: _State, reason: str, converged: bool) -> Fit:
     squares = sum(float(np.sum(w[:, None] * r**2)) for w, r in zip(state.weights, rows, strict=True))
     dof = sum(float(np.sum(w)) * r.shape[1] for w, r in zip(state.weights, rows, strict=True)) - sum(used)
     found = examine(parameters, free, np.concatenate(parts)[:, :-1], sigma_u, problem.known > 0.0)
+    at_bound = _at_bound(problem, state.u)
     return Fit(
         parameters=parameters,
         values=x,
         sigma=sigma,
         covariance=covariance,
         free_index=free,
-        seen=found.seen,
+        seen=tuple(
+            "partly" if name in at_bound and how == "determined" else how
+            for name, how in zip(parameters.names, found.seen, strict=True)
+        ),
         residuals=tuple(rows),
         weights=tuple(state.weights),
         outliers=_outliers(problem.blocks, rows, state),
@@ -236,7 +240,7 @@ def _fit(problem: Stacked, state: _State, reason: str, converged: bool) -> Fit:
         reason=reason,
         evaluations=problem.evaluations,
         converged=converged,
-        at_bound=_at_bound(problem, state.u),
+        at_bound=at_bound,
     )
 
 
