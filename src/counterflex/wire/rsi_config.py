@@ -9,13 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
-from xml.etree.ElementTree import Element, ParseError
-
-from defusedxml.common import DefusedXmlException
-from defusedxml.ElementTree import fromstring
+from xml.etree.ElementTree import Element
 
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
+from counterflex.wire.xml_file import file_bytes, xml_root
 
 Kind = Literal["DOUBLE", "LONG", "BOOL", "STRING"]
 _KINDS: Final = ("DOUBLE", "LONG", "BOOL", "STRING")
@@ -121,22 +118,12 @@ def read_config(path: str | Path) -> RsiConfig:
     Raises:
         FileFormatError: Missing, not XML, an unknown or repeated tag, a type, channel or port out of range.
     """
-    file = Path(path)
-    try:
-        text = file.read_bytes()
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
-    return parse_config(text, str(file))
+    return parse_config(file_bytes(path), str(path))
 
 
 def parse_config(text: bytes, where: str) -> RsiConfig:
     """Check the text of an ETHERNET configuration file. Raises as :func:`read_config`."""
-    try:
-        root = fromstring(text)
-    except (ParseError, DefusedXmlException, ValueError, LookupError) as fault:
-        raise FileFormatError(f"not an XML file: {fault}", where=where) from fault
+    root = xml_root(text, where)
     if root.tag != "ROOT":
         raise FileFormatError("not an RSI ETHERNET file", where=where, value=f"<{root.tag}>", limit="<ROOT>")
     host = _text(root, "CONFIG/IP_NUMBER", where)

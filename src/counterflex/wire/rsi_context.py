@@ -10,13 +10,10 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
-from xml.etree.ElementTree import Element, ParseError
-
-from defusedxml.common import DefusedXmlException
-from defusedxml.ElementTree import fromstring
+from xml.etree.ElementTree import Element
 
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
+from counterflex.wire.xml_file import file_bytes, xml_root
 
 _FIRST_INDEX: Final = {"rsiobjects": 1, "rsidata": 1, "rsicontext": 0}
 _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", re.ASCII)
@@ -132,22 +129,12 @@ def read_context(path: str | Path) -> RsiContextFile:
     Raises:
         FileFormatError: Missing, not XML, no RSI context, an object without type or name, an index out of range.
     """
-    file = Path(path)
-    try:
-        text = file.read_bytes()
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
-    return parse_context(text, str(file))
+    return parse_context(file_bytes(path), str(path))
 
 
 def parse_context(text: bytes, where: str) -> RsiContextFile:
     """Check the text of a context. Raises as :func:`read_context`."""
-    try:
-        root = fromstring(text)
-    except (ParseError, DefusedXmlException, ValueError, LookupError) as fault:
-        raise FileFormatError(f"not an XML file: {fault}", where=where) from fault
+    root = xml_root(text, where)
     first = _FIRST_INDEX.get(_local(root).lower())
     if first is None:
         raise FileFormatError(
