@@ -1,0 +1,271 @@
+"""Scripted, seeded faults of a simulated instrument or controller: what happens when, or to which datagram.
+
+A pure schedule: the same seed, the same times and the same datagrams give the same faults. Chance is a hash of seed,
+fault and number of the datagram, so that one fault more or less changes none of the others. Nothing here knows a
+protocol, a clock or a socket; :mod:`counterflex.twin.faulty_line` carries datagrams by it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Final, Literal, get_args
+
+from counterflex.core.errors import InputError
+
+Direction = Literal["out", "in"]
+"""Of datagrams: what the instrument sends, or what it receives."""
+DatagramKind = Literal["lost", "late", "reordered", "repeated", "garbage", "truncated"]
+SourceKind = Literal["silent", "dying", "counter", "saturated", "frozen", "status", "nan", "beam_broken", "offset"]
+DATAGRAM_KINDS: Final[tuple[str, ...]] = get_args(DatagramKind)
+SOURCE_KINDS: Final[tuple[str, ...]] = get_args(SourceKind)
+_WHOLE: Final = (1 << 64) - 1
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault.
+
+    Attributes:
+        kind: What happens; to datagrams
+
+            - ``lost``, ``repeated`` (twice), ``truncated`` (to ``length`` bytes),
+            - ``late`` by ``late_s``, overtaken by those that follow in the meantime,
+            - ``reordered``: it comes after the one that follows it,
+            - ``garbage``: bytes of chance in its place, of its own length;
+
+            to the instrument
+
+            - ``silent``: it sends nothing, and goes on afterwards; ``dying``: it never comes back,
+            - ``counter``: its counter of datagrams jumps, once, by ``step``,
+            - ``saturated``, ``frozen`` (the last value is repeated), ``nan``, ``status`` (``bits`` are set),
+            - ``beam_broken``, ``offset``: all readings are off by ``offset`` (a wrong reflector).
+
+        share: Share of the datagrams or samples of its window that it hits, 0 .. 1.
+        from_s: Begin of its window, s since the start.
+        for_s: Length of its window.
+        first: First datagram of its window, from 0; with ``count`` instead of times.
+        count: Number of datagrams in its window.
+        direction: Of the datagrams.
+        late_s: See ``late``.
+        length: See ``truncated``.
+        step: See ``counter``.
+        bits: See ``status``.
+        offset: (3,) m along the instrument's axes, for a force sensor (3,) N.
+    """
+
+    kind: DatagramKind | SourceKind
+    share: float = 1.0
+    from_s: float = 0.0
+    for_s: float = math.inf
+    first: int = 0
+    count: int | None = None
+    direction: Direction = "out"
+    late_s: float = 0.0
+    length: int = 0
+    step: int = 0
+    bits: int = 0
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        """Check that the numbers belong to the kind.
+
+        Raises:
+            InputError: An unknown kind, a number out of range, or one that is missing.
+        """
+        if self.kind not in (*DATAGRAM_KINDS, *SOURCE_KINDS):
+            raise InputError("unknown fault", value=self.kind, limit=", ".join((*DATAGRAM_KINDS, *SOURCE_KINDS)))
+        where = f"fault {self.kind}"
+        if not 0.0 < self.share <= 1.0:
+            raise InputError("share of a fault", where=where, value=self.share, limit="> 0 and <= 1")
+        if not (0.0 <= self.from_s < math.inf and self.for_s > 0.0):
+            raise InputError("window of a fault", where=where, value=(self.from_s, self.for_s), limit=">= 0 and > 0")
+        if self.first < 0 or (self.count is not None and self.count < 1):
+            raise InputError("window of a fault", where=where, value=(self.first, self.count), limit=">= 0 and >= 1")
+        if self.direction not in get_args(Direction):
+            raise InputError("direction of a fault", where=where, value=self.direction, limit="out or in")
+        if self.direction == "in" and self.kind not in DATAGRAM_KINDS:
+            raise InputError("only datagrams have a direction", where=where, value="in", limit="out")
+        if self.kind == "late" and not 0.0 < self.late_s < math.inf:
+            raise InputError("how late is not said", where=where, value=self.late_s, limit="> 0 s")
+        if self.kind == "truncated" and not 0 <= self.length <= 65507:
+            raise InputError("length left of a datagram", where=where, value=self.length, limit="0 .. 65507 bytes")
+        if self.kind == "counter" and self.step == 0:
+            raise InputError("how far the counter jumps is not said", where=where, value=0, limit="not 0")
+        if self.kind == "status" and not 0 < self.bits <= 0xFFFFFFFF:
+            raise InputError("bits of the status", where=where, value=self.bits, limit="1 .. 0xFFFFFFFF")
+        if self.kind == "offset" and (not all(map(math.isfinite, self.offset)) or not any(self.offset)):
+            raise InputError("offset of the readings", where=where, value=self.offset, limit="finite and not zero")
+        if self.kind in ("silent", "dying", "counter") and self.share != 1.0:
+            raise InputError("this fault has no share", where=where, value=self.share, limit="1")
+
+    def covers(self, index: int, time_s: float) -> bool:
+        """Whether a datagram or sample lies in the window."""
+        if index < self.first or (self.count is not None and index >= self.first + self.count):
+            return False
+        return self.from_s <= time_s < self.from_s + self.for_s
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """What arrives of a datagram.
+
+    Attributes:
+        data: Bytes.
+        late_s: After it was sent.
+        behind: Datagrams that follow it and arrive before it.
+    """
+
+    data: bytes
+    late_s: float = 0.0
+    behind: int = 0
+
+
+@dataclass(frozen=True)
+class Condition:
+    """In what condition an instrument is for one sample.
+
+    Attributes:
+        silent: It sends nothing.
+        dead: It never will again.
+        saturated: Its readings are at the end of their range.
+        frozen: It repeats its last reading.
+        not_a_number: Its readings are NaN.
+        beam_broken: A tracker does not see its target.
+        bits: Set in its status.
+        offset: (3,) m or N added to its readings.
+        step: Sum of the jumps of its counter so far.
+    """
+
+    silent: bool = False
+    dead: bool = False
+    saturated: bool = False
+    frozen: bool = False
+    not_a_number: bool = False
+    beam_broken: bool = False
+    bits: int = 0
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    step: int = 0
+
+
+SOUND: Final = Condition()
+"""Nothing is wrong."""
+
+
+@dataclass(frozen=True)
+class FaultSchedule:
+    """All faults of one instrument.
+
+    Attributes:
+        faults: In any order; datagram faults act in the order lost, garbage, truncated, late, reordered, repeated.
+        seed: Of chance.
+    """
+
+    faults: tuple[Fault, ...] = ()
+    seed: int = 0
+    _of_datagrams: dict[str, tuple[tuple[int, Fault], ...]] = field(init=False, repr=False, compare=False)
+    _of_source: tuple[tuple[int, Fault], ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Sort the faults by what they act on."""
+        if self.seed < 0:
+            raise InputError("seed of faults", value=self.seed, limit=">= 0")
+        numbered = tuple(enumerate(self.faults))
+        by_direction = {
+            d: tuple((n, f) for n, f in numbered if f.kind in DATAGRAM_KINDS and f.direction == d)
+            for d in get_args(Direction)
+        }
+        object.__setattr__(self, "_of_datagrams", by_direction)
+        object.__setattr__(self, "_of_source", tuple((n, f) for n, f in numbered if f.kind in SOURCE_KINDS))
+
+    def require(self, kinds: Iterable[str], instrument: str) -> None:
+        """Refuse faults that an instrument cannot show.
+
+        Raises:
+            InputError: One of the faults is not among ``kinds``.
+        """
+        known = (*DATAGRAM_KINDS, *kinds)
+        wrong = next((f.kind for f in self.faults if f.kind not in known), None)
+        if wrong is not None:
+            raise InputError(f"{instrument} cannot show this fault", value=wrong, limit=", ".join(known))
+
+    def deliveries(self, data: bytes, index: int, time_s: float, direction: Direction = "out") -> list[Delivery]:
+        """What arrives of a datagram: nothing, itself, something else, or several.
+
+        Args:
+            data: The datagram.
+            index: Its number in its direction, from 0.
+            time_s: At which it is sent, s since the start.
+            direction: See :data:`Direction`.
+        """
+        present = self._of_datagrams[direction]
+        if not present:
+            return [Delivery(data)]
+        hit = {f.kind: (n, f) for n, f in present if f.covers(index, time_s) and self._strikes(n, f, index)}
+        if "lost" in hit:
+            return []
+        if "garbage" in hit:
+            data = self._garbage(hit["garbage"][0], index, len(data))
+        if "truncated" in hit:
+            data = data[: hit["truncated"][1].length]
+        late_s = hit["late"][1].late_s if "late" in hit else 0.0
+        once = Delivery(data, late_s, int("reordered" in hit))
+        return [once, once] if "repeated" in hit else [once]
+
+    def condition(self, index: int, time_s: float) -> Condition:
+        """Condition of the instrument.
+
+        Args:
+            index: Number of the sample, from 0.
+            time_s: At which it is taken, s since the start.
+        """
+        if not self._of_source:
+            return SOUND
+        hit: dict[str, bool] = dict.fromkeys(SOURCE_KINDS, False)
+        bits, step, offset = 0, 0, [0.0, 0.0, 0.0]
+        for n, fault in self._of_source:
+            if fault.kind in ("dying", "counter"):  # once begun, for good
+                begun = index >= fault.first and time_s >= fault.from_s
+                hit[fault.kind] |= begun
+                step += fault.step if begun else 0
+                continue
+            if not (fault.covers(index, time_s) and self._strikes(n, fault, index)):
+                continue
+            hit[fault.kind] = True
+            bits |= fault.bits
+            offset = [a + b for a, b in zip(offset, fault.offset, strict=True)]
+        return Condition(
+            silent=hit["silent"] or hit["dying"],
+            dead=hit["dying"],
+            saturated=hit["saturated"],
+            frozen=hit["frozen"],
+            not_a_number=hit["nan"],
+            beam_broken=hit["beam_broken"],
+            bits=bits,
+            offset=(offset[0], offset[1], offset[2]),
+            step=step,
+        )
+
+    def _strikes(self, number: int, fault: Fault, index: int) -> bool:
+        return fault.share >= 1.0 or chance(self.seed, number, index) < fault.share
+
+    def _garbage(self, number: int, index: int, length: int) -> bytes:
+        words = (mixed(mixed(self.seed, number), mixed(index, k + 1)) for k in range(-(-length // 8)))
+        return b"".join(word.to_bytes(8, "little") for word in words)[:length]
+
+
+def mixed(a: int, b: int) -> int:
+    """A well-mixed whole number below 2^64 of two whole numbers: the finaliser of splitmix64 over their sum.
+
+    Source: Steele, Lea, Flood 2014, "Fast splittable pseudorandom number generators".
+    """
+    z = (a + 0x9E3779B97F4A7C15 * (b + 1)) & _WHOLE
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _WHOLE
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _WHOLE
+    return z ^ (z >> 31)
+
+
+def chance(seed: int, stream: int, index: int) -> float:
+    """A number in [0, 1), evenly distributed, of a seed, a stream and a place in it; no state."""
+    return (mixed(mixed(mixed(seed, 0), stream), index) >> 11) * 2.0**-53
