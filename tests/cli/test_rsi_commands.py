@@ -17,8 +17,8 @@ from counterflex.app.rsi import CheckSettings, MakeSettings, check, make
 from counterflex.core.errors import CounterflexError, InputError, OutputError, ProgramError
 from counterflex.core.units import DEG, MM
 from counterflex.links.rsi_link import RsiLink
+from counterflex.twin.commanded_motion import Report
 from counterflex.twin.fake_rsi import CORRECTING, FakeRsi, RsiContext
-from counterflex.twin.live_cell import Report
 from counterflex.wire.rsi_calls import read_calls
 from counterflex.wire.rsi_config import read_config
 from counterflex.wire.rsi_context import read_context

@@ -9,8 +9,8 @@ import pytest
 
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
+from counterflex.twin.commanded_motion import Report
 from counterflex.twin.fake_rsi import CLAMPED, CORRECTING, FREE, FakeRsi, RsiContext
-from counterflex.twin.live_cell import Report
 from counterflex.wire.rsi_config import parse_config
 from counterflex.wire.rsi_kernel import OK
 from counterflex.wire.rsi_telegram import answer_writer, robot_reader

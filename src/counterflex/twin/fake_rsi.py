@@ -17,7 +17,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.geometry import rotation
-from counterflex.twin.live_cell import Report
+from counterflex.twin.commanded_motion import Report
 from counterflex.wire.rsi_config import RsiConfig
 from counterflex.wire.rsi_kernel import MISSING, OK
 from counterflex.wire.rsi_telegram import answer_reader, robot_writer

@@ -11,44 +11,21 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from counterflex.core.arrays import Float, as_float
-from counterflex.core.errors import InputError, ReachError
+from counterflex.core.errors import InputError
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.geometry import pose, rotation
+from counterflex.geometry import rotation
 from counterflex.path.toolpath import ToolPath
-from counterflex.robot.opw import BRANCHES, branches
-from counterflex.robot.opw_chain import from_opw
-from counterflex.twin.controller import Controller, interpolate
-from counterflex.twin.path_answer import AnswerState, PathAnswer
+from counterflex.twin.commanded_motion import CommandedMotion
+from counterflex.twin.commanded_motion import Report as Report
+from counterflex.twin.controller import Controller
+from counterflex.twin.path_answer import PathAnswer
 from counterflex.twin.plant import STEP_S, Plant
 from counterflex.twin.process import Process
 from counterflex.twin.record import Record
 from counterflex.twin.setup import touched_part_frame
 from counterflex.twin.simulate import as_delivered, hermite, near_stock
 from counterflex.twin.truth import Truth
-
-
-@dataclass(frozen=True, eq=False)
-class Report:
-    """What the controller knows after a cycle.
-
-    Attributes:
-        time_s: Simulated time.
-        T_part_nominal: (4, 4) commanded pose without correction, as the controller reckons it.
-        T_part_actual: (4, 4) pose from motor encoders and nominal geometry, correction included.
-        q_command: (6,) rad commanded angles without correction.
-        q_actual: (6,) rad motor encoders.
-        cutting_program: The program runs (not waiting before its start, not at its end).
-        finished: The program has come to its end.
-    """
-
-    time_s: float
-    T_part_nominal: Float
-    T_part_actual: Float
-    q_command: Float
-    q_actual: Float
-    cutting_program: bool
-    finished: bool
 
 
 @dataclass(eq=False)
@@ -80,6 +57,7 @@ class LiveCell:
         plant: The robot in motion; instruments read it.
         T_base_part: (4, 4) where the part truly lies.
         period_s: Cycle.
+        motion: What its controller commands.
     """
 
     def __init__(
@@ -98,7 +76,8 @@ class LiveCell:
         if substeps < 1 or abs(substeps * step_s - controller.cycle_s) > 1e-9:
             raise InputError("integration step does not divide the controller's cycle", value=step_s)
         self.path, self.controller = path, controller
-        self.reference = interpolate(path, controller)
+        self.motion = CommandedMotion(path, controller, answer)
+        self.reference = self.motion.reference
         self.plant = Plant(truth, step_s=step_s)
         self.T_base_part, self._residual = as_float("T_base_part", controller.T_base_part, (4, 4)), np.zeros((0, 3))
         if datum_points_part is not None:
@@ -107,19 +86,10 @@ class LiveCell:
         self._process = Process(blank, cutter, truth.cutting, step_s, self.T_base_part)
         self._near = near_stock(self.reference.p_part_command, blank, cutter.radius_m)
         self._spindle = path.spindle_rad_s[self.reference.source]
-        self._poses = controller.tool_poses(self.reference.p_part_command, self.reference.axis_part)
         self.period_s, self._substeps = controller.cycle_s, substeps
         self._place, self._speed = hermite(substeps, controller.cycle_s)
-        answer = answer if answer is not None else PathAnswer()
-        self._cartesian = AnswerState(answer, self.period_s)
-        self._axes = AnswerState(answer, self.period_s)
-        self._arm = from_opw("controller", controller.opw, controller.joint_limits_rad)
-        self._branch = BRANCHES.index(controller.branch)
-        self._T_flange_tcp_inverse = pose.inverse(controller.T_flange_tcp)
         self._log = _Log()
         self._cycle = 0
-        self._running = False
-        self._at = 0.0
         self._turning, self._was_near = np.nan, False
         self._q = self.reference.q_ref[0].copy()
         self._qd: Float = np.zeros(6)
@@ -127,7 +97,7 @@ class LiveCell:
 
     def start(self) -> None:
         """Let the program run."""
-        self._running = True
+        self.motion.running = True
 
     @property
     def time_s(self) -> float:
@@ -137,13 +107,13 @@ class LiveCell:
     @property
     def finished(self) -> bool:
         """Whether the program has come to its end."""
-        return self._at >= len(self.reference.time_s) - 1
+        return self.motion.finished
 
     def skip_to_contact(self, lead_s: float = 0.6) -> None:
         """Put the robot on its path shortly before the tool first comes near the stock (before :meth:`start`)."""
         first = int(np.argmax(self._near)) if self._near.any() else 0
         k = max(0, first - round(lead_s / self.period_s))
-        self._at = float(k)
+        self.motion.at = float(k)
         self._q = self.reference.q_ref[k].copy()
         self.plant.reset(self._q, None, np.zeros(6))
 
@@ -162,17 +132,8 @@ class LiveCell:
             ReachError: The corrected pose cannot be reached.
             SimulationError: The cell left its physical range.
         """
-        last = len(self.reference.time_s) - 1
-        before = self._at
-        if self._running:
-            self._at = min(float(last), self._at + override)
-        pose_offset = self._cartesian(cartesian)
-        axis_offset = self._axes(np.zeros(6) if axes is None else axes)
-        q_nominal, T_part_nominal = self._commanded(self._at)
-        q_next = q_nominal
-        if np.any(pose_offset != 0.0):
-            q_next = self._corrected(T_part_nominal, pose_offset, q_nominal)
-        q_next = q_next + axis_offset
+        before = self.motion.at
+        q_nominal, T_part_nominal, q_next = self.motion.advance(cartesian, axes, override)
         qd_next = (q_next - self._q) / self.period_s
         self._integrate(int(before), q_next, qd_next)
         self._q, self._qd = q_next, qd_next
@@ -181,10 +142,10 @@ class LiveCell:
         return Report(
             time_s=self.time_s,
             T_part_nominal=T_part_nominal,
-            T_part_actual=self._forward(q_motor),
+            T_part_actual=self.motion.forward(q_motor),
             q_command=q_nominal,
             q_actual=q_motor,
-            cutting_program=self._running and not self.finished,
+            cutting_program=self.motion.running and not self.finished,
             finished=self.finished,
         )
 
@@ -192,7 +153,7 @@ class LiveCell:
         """What was machined so far, as :func:`counterflex.twin.simulate.simulate` gives it."""
         log, reference = self._log, self.reference
         k = np.array(log.k, dtype=np.int64)
-        Rs_part_command = self._poses[k, :3, :3]
+        Rs_part_command = self.motion.poses[k, :3, :3]
         Rs_part_tcp = self.T_base_part[:3, :3].T @ np.array(log.R_base)
         tilt = rotation.log(Rs_part_tcp @ np.swapaxes(Rs_part_command, -1, -2))
         p_part: Float = (np.array(log.p_base) - self.T_base_part[:3, 3]) @ self.T_base_part[:3, :3]
@@ -223,39 +184,6 @@ class LiveCell:
             datum_residual_m=self._residual,
         )
 
-    def _commanded(self, at: float) -> tuple[Float, Float]:
-        """Angles and pose of the program at a place of its interpolation, between samples where it was slowed down."""
-        k = min(int(at), len(self._poses) - 2)
-        u = at - k
-        q = (1.0 - u) * self.reference.q_ref[k] + u * self.reference.q_ref[k + 1]
-        T = self._poses[k].copy()
-        T[:3, 3] = (1.0 - u) * self._poses[k, :3, 3] + u * self._poses[k + 1, :3, 3]
-        if u > 0.0:
-            turn = rotation.log(self._poses[k + 1, :3, :3] @ T[:3, :3].T)
-            T[:3, :3] = rotation.exp(u * turn) @ T[:3, :3]
-        return q, T
-
-    def _corrected(self, T_part_nominal: Float, offset: Float, q_nominal: Float) -> Float:
-        T = T_part_nominal.copy()
-        T[:3, 3] += offset[:3]
-        T[:3, :3] = rotation.exp(offset[3:]) @ T[:3, :3]
-        T_base_flange: Float = self.controller.T_base_part @ T @ self._T_flange_tcp_inverse
-        q = branches(self.controller.opw, T_base_flange[None])[0, self._branch]
-        if not np.all(np.isfinite(q)):
-            raise ReachError("the corrected pose is out of reach", value=np.round(offset[:3] * 1e3, 3).tolist())
-        turned: Float = q + 2.0 * np.pi * np.round((q_nominal - q) / (2.0 * np.pi))
-        return turned
-
-    def _forward(self, q: Float) -> Float:
-        """Pose of the tool in the part frame by the nominal geometry: what the controller shows."""
-        T_base_flange = np.eye(4)
-        for joint, segment in enumerate(self._arm.segments):
-            angle = segment.sign * float(q[joint]) + segment.offset_rad
-            T_base_flange = T_base_flange @ segment.T_prev_seg @ pose.make(rotation.about_z(angle))
-        T_base_flange = T_base_flange @ self._arm.T_last_flange
-        out: Float = pose.inverse(self.controller.T_base_part) @ T_base_flange @ self.controller.T_flange_tcp
-        return out
-
     def _integrate(self, k: int, q_next: Float, qd_next: Float) -> None:
         plant, process = self.plant, self._process
         log = self._log
@@ -265,7 +193,7 @@ class LiveCell:
         log.R_base.append(plant.R_base_tcp.copy())
         log.q_ref.append(self._q.copy())
         log.q_motor.append(plant.q_motor())
-        near = bool(self._near[k]) and self._running
+        near = bool(self._near[k]) and self.motion.running
         if near:
             if not self._was_near:
                 process.restart(self._in_part())
