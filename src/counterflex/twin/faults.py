@@ -1,8 +1,9 @@
 """Scripted, seeded faults of a simulated instrument or controller: what happens when, or to which datagram.
 
-A pure schedule: the same seed, the same times and the same datagrams give the same faults. Chance is a hash of seed,
-fault and number of the datagram, so that one fault more or less changes none of the others. Nothing here knows a
-protocol, a clock or a socket; :mod:`counterflex.twin.faulty_line` carries datagrams by it.
+A pure schedule: the same seed, the same times and the same datagrams give the same faults, and one fault more or less
+changes none of the others. What chance does to a datagram is the matter of :mod:`counterflex.twin.impairment`; here it
+is said when, and what becomes of the instrument itself. Nothing here knows a protocol, a clock or a socket;
+:mod:`counterflex.twin.faulty_line` carries datagrams by it.
 """
 
 from __future__ import annotations
@@ -13,14 +14,15 @@ from dataclasses import dataclass, field
 from typing import Final, Literal, get_args
 
 from counterflex.core.errors import InputError
+from counterflex.twin.impairment import Burst, Impairment, Schedule
 
 Direction = Literal["out", "in"]
 """Of datagrams: what the instrument sends, or what it receives."""
-DatagramKind = Literal["lost", "late", "reordered", "repeated", "garbage", "truncated"]
+DatagramKind = Literal["lost", "bursts", "late", "reordered", "repeated", "garbage", "truncated", "flipped"]
 SourceKind = Literal["silent", "dying", "counter", "saturated", "frozen", "status", "nan", "beam_broken", "offset"]
 DATAGRAM_KINDS: Final[tuple[str, ...]] = get_args(DatagramKind)
 SOURCE_KINDS: Final[tuple[str, ...]] = get_args(SourceKind)
-_WHOLE: Final = (1 << 64) - 1
+_LONGEST_S: Final = 60.0
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ class Fault:
     Attributes:
         kind: What happens; to datagrams
 
-            - ``lost``, ``repeated`` (twice), ``truncated`` (to ``length`` bytes),
+            - ``lost``, each by itself, or in ``bursts`` of ``mean`` length,
+            - ``repeated`` (it comes twice), ``truncated`` (anywhere), ``flipped`` (one bit),
             - ``late`` by ``late_s``, overtaken by those that follow in the meantime,
             - ``reordered``: it comes after the one that follows it,
             - ``garbage``: bytes of chance in its place, of its own length;
@@ -49,7 +52,7 @@ class Fault:
         count: Number of datagrams in its window.
         direction: Of the datagrams.
         late_s: See ``late``.
-        length: See ``truncated``.
+        mean: See ``bursts``.
         step: See ``counter``.
         bits: See ``status``.
         offset: (3,) m along the instrument's axes, for a force sensor (3,) N.
@@ -63,7 +66,7 @@ class Fault:
     count: int | None = None
     direction: Direction = "out"
     late_s: float = 0.0
-    length: int = 0
+    mean: float = 1.0
     step: int = 0
     bits: int = 0
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -87,10 +90,8 @@ class Fault:
             raise InputError("direction of a fault", where=where, value=self.direction, limit="out or in")
         if self.direction == "in" and self.kind not in DATAGRAM_KINDS:
             raise InputError("only datagrams have a direction", where=where, value="in", limit="out")
-        if self.kind == "late" and not 0.0 < self.late_s < math.inf:
-            raise InputError("how late is not said", where=where, value=self.late_s, limit="> 0 s")
-        if self.kind == "truncated" and not 0 <= self.length <= 65507:
-            raise InputError("length left of a datagram", where=where, value=self.length, limit="0 .. 65507 bytes")
+        if self.kind == "late" and not 0.0 < self.late_s <= _LONGEST_S:
+            raise InputError("how late is not said", where=where, value=self.late_s, limit=f"> 0 and <= {_LONGEST_S} s")
         if self.kind == "counter" and self.step == 0:
             raise InputError("how far the counter jumps is not said", where=where, value=0, limit="not 0")
         if self.kind == "status" and not 0 < self.bits <= 0xFFFFFFFF:
@@ -99,6 +100,31 @@ class Fault:
             raise InputError("offset of the readings", where=where, value=self.offset, limit="finite and not zero")
         if self.kind in ("silent", "dying", "counter") and self.share != 1.0:
             raise InputError("this fault has no share", where=where, value=self.share, limit="1")
+        self.impairment()
+
+    def impairment(self) -> Impairment:
+        """The fault as what chance does to datagrams; one that is lost there is one that the fault hits.
+
+        Raises:
+            InputError: Bursts that cannot be.
+        """
+        match self.kind:
+            case "bursts":
+                return Impairment(burst=Burst(self.share, self.mean))
+            case "late":
+                return Impairment(reorder=self.share, reorder_s=self.late_s)
+            case "reordered":
+                return Impairment(reorder=self.share, reorder_s=_LONGEST_S)
+            case "repeated":
+                return Impairment(duplicate=self.share, reorder_s=0.0)
+            case "garbage":
+                return Impairment(garbage=self.share)
+            case "truncated":
+                return Impairment(truncate=self.share)
+            case "flipped":
+                return Impairment(flip=self.share)
+            case _:
+                return Impairment(loss=self.share)
 
     def covers(self, index: int, time_s: float) -> bool:
         """Whether a datagram or sample lies in the window."""
@@ -158,26 +184,26 @@ class FaultSchedule:
     """All faults of one instrument.
 
     Attributes:
-        faults: In any order; datagram faults act in the order lost, garbage, truncated, late, reordered, repeated.
+        faults: Those of datagrams act one after the other, each on what the one before has left.
         seed: Of chance.
     """
 
     faults: tuple[Fault, ...] = ()
     seed: int = 0
-    _of_datagrams: dict[str, tuple[tuple[int, Fault], ...]] = field(init=False, repr=False, compare=False)
-    _of_source: tuple[tuple[int, Fault], ...] = field(init=False, repr=False, compare=False)
+    _of_datagrams: dict[str, tuple[tuple[Fault, Schedule], ...]] = field(init=False, repr=False, compare=False)
+    _of_source: tuple[tuple[Fault, Schedule], ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Sort the faults by what they act on."""
         if self.seed < 0:
             raise InputError("seed of faults", value=self.seed, limit=">= 0")
-        numbered = tuple(enumerate(self.faults))
+        drawn = tuple((f, Schedule(f.impairment(), self.seed, n)) for n, f in enumerate(self.faults))
         by_direction = {
-            d: tuple((n, f) for n, f in numbered if f.kind in DATAGRAM_KINDS and f.direction == d)
+            d: tuple((f, chance) for f, chance in drawn if f.kind in DATAGRAM_KINDS and f.direction == d)
             for d in get_args(Direction)
         }
         object.__setattr__(self, "_of_datagrams", by_direction)
-        object.__setattr__(self, "_of_source", tuple((n, f) for n, f in numbered if f.kind in SOURCE_KINDS))
+        object.__setattr__(self, "_of_source", tuple((f, chance) for f, chance in drawn if f.kind in SOURCE_KINDS))
 
     def require(self, kinds: Iterable[str], instrument: str) -> None:
         """Refuse faults that an instrument cannot show.
@@ -199,19 +225,21 @@ class FaultSchedule:
             time_s: At which it is sent, s since the start.
             direction: See :data:`Direction`.
         """
-        present = self._of_datagrams[direction]
-        if not present:
-            return [Delivery(data)]
-        hit = {f.kind: (n, f) for n, f in present if f.covers(index, time_s) and self._strikes(n, f, index)}
-        if "lost" in hit:
-            return []
-        if "garbage" in hit:
-            data = self._garbage(hit["garbage"][0], index, len(data))
-        if "truncated" in hit:
-            data = data[: hit["truncated"][1].length]
-        late_s = hit["late"][1].late_s if "late" in hit else 0.0
-        once = Delivery(data, late_s, int("reordered" in hit))
-        return [once, once] if "repeated" in hit else [once]
+        found = [Delivery(data)]
+        for fault, chance in self._of_datagrams[direction]:
+            if not fault.covers(index, time_s):
+                continue
+            behind = fault.kind == "reordered"
+            found = [
+                Delivery(
+                    arrived.of(one.data),
+                    one.late_s + (0.0 if behind else arrived.delay_s),
+                    one.behind + int(behind and arrived.delay_s > 0.0),
+                )
+                for one in found
+                for arrived in chance.decide(index)
+            ]
+        return found
 
     def condition(self, index: int, time_s: float) -> Condition:
         """Condition of the instrument.
@@ -224,13 +252,13 @@ class FaultSchedule:
             return SOUND
         hit: dict[str, bool] = dict.fromkeys(SOURCE_KINDS, False)
         bits, step, offset = 0, 0, [0.0, 0.0, 0.0]
-        for n, fault in self._of_source:
+        for fault, chance in self._of_source:
             if fault.kind in ("dying", "counter"):  # once begun, for good
                 begun = index >= fault.first and time_s >= fault.from_s
                 hit[fault.kind] |= begun
                 step += fault.step if begun else 0
                 continue
-            if not (fault.covers(index, time_s) and self._strikes(n, fault, index)):
+            if not fault.covers(index, time_s) or chance.decide(index):
                 continue
             hit[fault.kind] = True
             bits |= fault.bits
@@ -246,26 +274,3 @@ class FaultSchedule:
             offset=(offset[0], offset[1], offset[2]),
             step=step,
         )
-
-    def _strikes(self, number: int, fault: Fault, index: int) -> bool:
-        return fault.share >= 1.0 or chance(self.seed, number, index) < fault.share
-
-    def _garbage(self, number: int, index: int, length: int) -> bytes:
-        words = (mixed(mixed(self.seed, number), mixed(index, k + 1)) for k in range(-(-length // 8)))
-        return b"".join(word.to_bytes(8, "little") for word in words)[:length]
-
-
-def mixed(a: int, b: int) -> int:
-    """A well-mixed whole number below 2^64 of two whole numbers: the finaliser of splitmix64 over their sum.
-
-    Source: Steele, Lea, Flood 2014, "Fast splittable pseudorandom number generators".
-    """
-    z = (a + 0x9E3779B97F4A7C15 * (b + 1)) & _WHOLE
-    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _WHOLE
-    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _WHOLE
-    return z ^ (z >> 31)
-
-
-def chance(seed: int, stream: int, index: int) -> float:
-    """A number in [0, 1), evenly distributed, of a seed, a stream and a place in it; no state."""
-    return (mixed(mixed(mixed(seed, 0), stream), index) >> 11) * 2.0**-53
