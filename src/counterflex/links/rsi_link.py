@@ -2,49 +2,22 @@
 
 from __future__ import annotations
 
-import socket
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError, OutputError
+from counterflex.core.errors import InputError
+from counterflex.links.robot_port import Counters, RobotPort, Verdict
 from counterflex.runtime import layout as at
-from counterflex.wire.decimal_kernel import Bytes
+from counterflex.runtime.supervisor import State
 from counterflex.wire.kuka_pose_kernel import read_axes, read_pose, write_axes, write_correction
 from counterflex.wire.rsi_config import RsiConfig
 from counterflex.wire.rsi_kernel import MISSING, OK
 from counterflex.wire.rsi_telegram import LARGEST_DATAGRAM, answer_writer, robot_reader
 
-LOOPBACK: Final = ("127.0.0.1", "localhost", "::1")
 _RESTART: Final = 250
 """Cycles by which the counter may jump ahead within one session."""
-
-
-@dataclass(eq=False)
-class Counters:
-    """What came, since the link was opened.
-
-    Attributes:
-        telegrams: Good ones that were answered or could have been.
-        drained: Older ones that were passed over because a newer one was there.
-        malformed: In all.
-        malformed_in_a_row: Until the last good one.
-        foreign: From an address that is not the controller's.
-        old: With a counter at or before the last one.
-        lost: Cycles without a telegram, by the counter.
-        late_at_robot: What the controller itself counts as late (Delay), last value.
-    """
-
-    telegrams: int = 0
-    drained: int = 0
-    malformed: int = 0
-    malformed_in_a_row: int = 0
-    foreign: int = 0
-    old: int = 0
-    lost: int = 0
-    late_at_robot: int = 0
 
 
 class RsiLink:
@@ -58,7 +31,6 @@ class RsiLink:
         period_s: Cycle of the controller.
 
     Attributes:
-        address: Where telegrams are expected.
         counters: See :class:`Counters`.
         elapsed: Cycles from the telegram before to the newest one, by its counter; 0 when none came.
         restarted: The newest telegram belongs to another session than the one before.
@@ -115,24 +87,10 @@ class RsiLink:
         self._stop = self._place_of("Stop")
         self._feed_hold = self._place_of("FeedHold")
         self._override = self._place_of("Override")
+        self._state = self._place_of("State")
         self._cycle_ms = round(period_s * 1e3)
-        self._peers = peers
-        self._peer: tuple[str, int] | None = None
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        wanted = config.port if port is None else port
-        try:
-            self._socket.bind((host, wanted))
-        except OSError as fault:
-            self._socket.close()
-            raise OutputError(
-                f"the port cannot be opened: {fault.strerror or fault}",
-                where=f"{host}:{wanted}",
-                hint="Is another sensor program running? One at a time answers a robot",
-            ) from fault
-        self.address: tuple[str, int] = self._socket.getsockname()
-        self._bytes = bytearray(LARGEST_DATAGRAM)
-        self._spare: Bytes = np.frombuffer(self._bytes, dtype=np.uint8)
-        self.counters = Counters()
+        self._port = RobotPort(host, config.port if port is None else port, LARGEST_DATAGRAM, peers)
+        self.counters: Counters = self._port.counters
         self.elapsed = 0
         self.restarted = False
         self.enable = False
@@ -165,52 +123,22 @@ class RsiLink:
             Whether there is a telegram to be answered. :attr:`elapsed` says how many cycles passed.
         """
         self.elapsed, self.restarted = 0, False
-        found = False
-        self._socket.settimeout(timeout_s)
-        while True:
-            try:
-                length, peer = self._socket.recvfrom_into(self._bytes)
-            except (TimeoutError, BlockingIOError):
-                break
-            except ConnectionError:
-                continue
-            self._socket.settimeout(0.0)
-            if self._take(length, peer):
-                if found:
-                    self.counters.drained += 1
-                found = True
+        found = self._port.wait(timeout_s, self._read)
         if found:
             self._count()
         return found
 
-    def _take(self, length: int, peer: tuple[str, int]) -> bool:
-        counters = self.counters
-        if self._peer is None:
-            if self._peers is not None and peer[0] not in self._peers:
-                counters.foreign += 1
-                return False
-        elif peer != self._peer:
-            counters.foreign += 1
-            return False
-        status = self._reader.read(self._spare, length)
-        if status not in (OK, MISSING):
-            counters.malformed += 1
-            counters.malformed_in_a_row += 1
-            return False
-        self._peer = peer
-        if status == MISSING and self._reader.seen.any():
-            counters.malformed += 1
-            counters.malformed_in_a_row += 1
-            return False
+    def _read(self, length: int) -> Verdict:
+        status = self._reader.read(self._port.data, length)
+        if status not in (OK, MISSING) or (status == MISSING and self._reader.seen.any()):
+            return Verdict.MALFORMED
         self._empty = status == MISSING
-        counters.malformed_in_a_row = 0
         step = self._reader.counter - self._newest if self._newest >= 0 else self._cycle_ms
         if 0 >= step > -_RESTART * self._cycle_ms:
-            counters.old += 1
-            return False
+            return Verdict.OLD
         self._newest = self._reader.counter
         self._held[:] = self._reader.values
-        return True
+        return Verdict.NEW
 
     def _count(self) -> None:
         counters = self.counters
@@ -228,6 +156,11 @@ class RsiLink:
             counters.late_at_robot = int(self._held[self._delay])
         self.enable = self._enable < 0 or self._held[self._enable] > 0.5
         self.clamped = self._stat >= 0 and self._held[self._stat] > 1.5
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Where telegrams are expected."""
+        return self._port.address
 
     @property
     def counter(self) -> int:
@@ -259,6 +192,7 @@ class RsiLink:
         stop: bool = False,
         feed_hold: bool = False,
         override: float = 1.0,
+        state: State = State.IDLE,
     ) -> bool:
         """Answer the newest telegram.
 
@@ -268,6 +202,7 @@ class RsiLink:
             stop: Tell the controller to stop.
             feed_hold: Ask the robot program to hold the feed, where the configuration has the tag.
             override: Speed of the program, 0..1, where the configuration has the tag.
+            state: What the loop is doing, where the configuration has a tag ``State``.
 
         Returns:
             Whether an answer was sent: not, where a number cannot be written or nobody has asked yet.
@@ -284,15 +219,11 @@ class RsiLink:
             values[self._feed_hold] = float(feed_hold)
         if self._override >= 0:
             values[self._override] = 100.0 * override
+        if self._state >= 0:
+            values[self._state] = float(state)
         length = self._writer.write(self._newest)
-        if length == 0 or self._peer is None:
-            return False
-        try:
-            self._socket.sendto(self._writer.buffer.data[:length], self._peer)
-        except (BlockingIOError, ConnectionError):
-            return False
-        return True
+        return length > 0 and self._port.send(self._writer.buffer.data[:length])
 
     def close(self) -> None:
         """Free the port."""
-        self._socket.close()
+        self._port.close()

@@ -16,7 +16,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.geometry import pose
 from counterflex.links.netft_link import NetftLink
-from counterflex.links.rsi_link import RsiLink
+from counterflex.links.robot_link import RobotLink
 from counterflex.links.tracker_link import TrackerLink
 from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record
@@ -85,7 +85,7 @@ class OnlineSession:
 
     def __init__(
         self,
-        link: RsiLink,
+        link: RobotLink,
         loop: Loop,
         *,
         force: NetftLink | None = None,
@@ -165,6 +165,7 @@ class OnlineSession:
                 loop.axes if self._axes else None,
                 stop=bool(outcome[at.O_STOP]),
                 feed_hold=bool(outcome[at.O_FEED_HOLD]),
+                state=State(int(outcome[at.O_STATE])),
             )
         sent = time.monotonic_ns()
         self.compute_ns = sent - received

@@ -1,0 +1,76 @@
+"""What the online session needs of a robot, whatever it speaks."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from counterflex.core.arrays import Float
+from counterflex.links.robot_port import Counters
+from counterflex.runtime.supervisor import State
+
+
+class RobotLink(Protocol):
+    """One session with a controller, from the sensor program's side."""
+
+    counters: Counters
+    """What came, since the link was opened."""
+    elapsed: int
+    """Cycles from the telegram before to the newest one, by its counter; 0 when none came."""
+    restarted: bool
+    """The newest telegram belongs to another session than the one before."""
+    enable: bool
+    """The robot program wants the correction."""
+    clamped: bool
+    """The controller limits the correction."""
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Where telegrams are expected."""
+
+    @property
+    def counter(self) -> int:
+        """Time of the newest telegram by the controller's clock, ms."""
+
+    @property
+    def empty(self) -> bool:
+        """The newest telegram says nothing of the robot: answer it, do not use it."""
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for a telegram, then take all that are there and keep the newest good one.
+
+        Args:
+            timeout_s: Longest wait.
+
+        Returns:
+            Whether there is a telegram to be answered. :attr:`elapsed` says how many cycles passed.
+        """
+
+    def fill(self, given: Float) -> None:
+        """Write commanded pose without correction and axis angles into the inputs of the step."""
+
+    def answer(
+        self,
+        correction: Float,
+        axes: Float | None = None,
+        *,
+        stop: bool = False,
+        feed_hold: bool = False,
+        override: float = 1.0,
+        state: State = State.IDLE,
+    ) -> bool:
+        """Answer the newest telegram.
+
+        Args:
+            correction: (6,) m and rotation vector, part axes; ignored where ``axes`` are given.
+            axes: (6,) rad, axis corrections instead.
+            stop: Tell the controller to stop.
+            feed_hold: Ask for the feed to be held.
+            override: Speed of the program, 0..1.
+            state: What the loop is doing.
+
+        Returns:
+            Whether an answer was sent.
+        """
+
+    def close(self) -> None:
+        """Free the port."""
