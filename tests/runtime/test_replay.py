@@ -17,6 +17,7 @@ from counterflex.core.errors import InputError
 from counterflex.files.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.links.session import REQUESTS, OnlineSession, Request, SessionChecks
+from counterflex.links.telegram_watch import WatchSettings
 from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop, LoopPlan
@@ -52,7 +53,7 @@ class _Robot:
         self.counter, self.elapsed = 1000, 0
         self.restarted = self.empty = self.clamped = False
         self.enable = False
-        self.counters = type("Counters", (), {"malformed_in_a_row": 0})()
+        self.counters = type("Counters", (), {"malformed_in_a_row": 0, "late_at_robot": -1})()
         self.x = 0.0
         self.waited = 1
         self.sent: list[Float] = []
@@ -74,6 +75,9 @@ class _Robot:
         given_[at.G_Q : at.G_Q + 6] = Q + 0.01 * self.rng.standard_normal(6)
         if self.rng.random() < self.nan:
             given_[int(self.rng.integers(at.G_W))] = self.rng.choice([np.nan, np.inf, -np.inf])
+
+    def forget(self) -> None:
+        """Nobody is known."""
 
     def answer(self, correction: Float, *_: object, **__: object) -> bool:
         self.sent.append(correction.copy())
@@ -131,6 +135,7 @@ def recorded(
         ring=ring,
         control=control,
         checks=SessionChecks(settle_cycles=5),
+        watch=WatchSettings(clock=False),
     )
     session.loop.run()
     session.loop.reset()

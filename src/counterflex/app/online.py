@@ -26,7 +26,8 @@ from counterflex.geometry import pose
 from counterflex.links.netft_link import NetftLink, fetch_scaling
 from counterflex.links.realtime import prepare
 from counterflex.links.rsi_link import RsiLink
-from counterflex.links.session import REQUESTS, OnlineSession, Request, SessionChecks, tracker_frames
+from counterflex.links.session import CONTROL, OnlineSession, Request, SessionChecks, Tally, tracker_frames
+from counterflex.links.telegram_watch import WatchSettings
 from counterflex.links.tracker_link import TrackerLink
 from counterflex.plan.plan import Plan
 from counterflex.robot.chain import ElasticChain
@@ -76,6 +77,7 @@ class RunSettings:
         force_http_port: Of its scaling document.
         force_wait_s: How long to wait for the sensor to serve it: parts of a cell may be started in any order.
         tracker_port: Port for tracker datagrams, or None.
+        peer: Address and port of the controller, port 0 for any; None takes the first that sends a good telegram.
         arm: Arm as soon as all checks are passed; else only watch.
         lockstep: The robot is simulated and waits for every answer: telegrams are lost by their counter only.
         quiet_s: End when no telegram has come for so long, after the first.
@@ -91,6 +93,7 @@ class RunSettings:
     force_http_port: int = 80
     force_wait_s: float = 10.0
     tracker_port: int | None = None
+    peer: tuple[str, int] | None = None
     arm: bool = False
     lockstep: bool = False
     quiet_s: float = _QUIET_S
@@ -142,7 +145,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
             value=f'tracker = "{table.tracker}"',
             hint='Give --tracker PORT and a table [tracker], or set tracker = "none"',
         )
-    link = RsiLink(config, host=settings.host, port=settings.port, period_s=loop.settings.period_s)
+    link = RsiLink(config, host=settings.host, port=settings.port, peer=settings.peer, period_s=loop.settings.period_s)
     force = tracker = None
     wrench = None
     frames: tuple[Float | None, Float | None] = (None, None)
@@ -164,6 +167,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         ring=ring,
         control=control,
         checks=SessionChecks(),
+        watch=WatchSettings(clock=not settings.lockstep),
     )
 
 
@@ -202,6 +206,7 @@ class Status:
         correction_um: (3,) of the tool, part axes.
         compute_us: Median time of a cycle since the last status.
         log_trouble: Why the log cannot be written, or empty.
+        foreign: Telegrams from an address that is not the controller's, so far.
     """
 
     state: State
@@ -210,6 +215,7 @@ class Status:
     correction_um: tuple[float, float, float]
     compute_us: float
     log_trouble: str
+    foreign: int = 0
 
 
 def run(
@@ -236,7 +242,7 @@ def run(
         CounterflexError: As :func:`open_session`, and when the log cannot be begun.
     """
     context = multiprocessing.get_context("spawn")
-    control = context.Array("q", REQUESTS, lock=False)
+    control = context.Array("q", CONTROL, lock=False)
     parent, child = context.Pipe()
     ring = RecordRing()
     log: RunLog | None = None
@@ -303,6 +309,7 @@ def _record(
                         tuple(float(v) * 1e6 for v in last[RESULTS : RESULTS + 3]),  # type: ignore[arg-type]
                         float(np.median(tail)),
                         log.trouble,
+                        int(control[Tally.FOREIGN]),
                     )
                 )
                 shown, recent = now, []
@@ -326,6 +333,7 @@ def _record(
             "p99": round(float(np.percentile(compute_us, 99)), 1),
             "max": round(float(np.max(compute_us)), 1),
         },
+        "telegrams": {tally.name.lower(): int(control[tally]) for tally in Tally},
         "records": log.written,
         "records_lost": log.lost + reader.dropped,
         "counterflex": __version__,
@@ -361,13 +369,12 @@ def _loop_process(settings: RunSettings, ring_name: str, control: Any, pipe: Any
         pipe.send(fault)
         return
     pipe.send((session.link.address, session.loop.sha256()))
-    period = session.loop.settings.period_s
     quiet = 0.0
     while not shared[Request.END]:
         if session.cycles == 0:
             session.cycle(0.1)
             continue
-        patience = settings.quiet_s if settings.lockstep else 3.0 * period
+        patience = settings.quiet_s if settings.lockstep else session.patience_s
         came = session.cycle(patience)
         quiet = 0.0 if came else quiet + patience
         if quiet >= settings.quiet_s:

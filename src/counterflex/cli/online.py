@@ -56,6 +56,14 @@ def run(
     listen: Annotated[str, typer.Option("--listen", help="Address to listen on; only this computer unless told.")] = (
         "127.0.0.1"
     ),
+    peer: Annotated[
+        str | None,
+        typer.Option(
+            "--peer",
+            help="The controller's address, port 0 for any; nobody else is heard. Without it: the first that sends.",
+            metavar="HOST:PORT",
+        ),
+    ] = None,
     arm: Annotated[
         bool, typer.Option("--arm", help="Arm when all checks are passed. Without it the loop only watches.")
     ] = False,
@@ -93,6 +101,7 @@ def run(
         force=None if force is None else address(force, "--force"),
         force_http_port=force_http,
         tracker_port=tracker,
+        peer=None if peer is None else address(peer, "--peer"),
         arm=arm,
         lockstep=lockstep,
     )
@@ -101,6 +110,8 @@ def run(
         x, y, z = status.correction_um
         cause = f" ({status.cause.name.lower().replace('_', ' ')})" if status.cause else ""
         trouble = f"  LOG LOST: {status.log_trouble}" if status.log_trouble else ""
+        if status.foreign:
+            trouble += f"  FOREIGN TELEGRAMS: {status.foreign}"
         typer.echo(
             f"{status.state.name.lower():9s}{cause} {status.cycles:7d} cycles  "
             f"correction {x:+6.0f} {y:+6.0f} {z:+6.0f} um  {status.compute_us:4.0f} us{trouble}",

@@ -72,5 +72,8 @@ class RobotLink(Protocol):
             Whether an answer was sent.
         """
 
+    def forget(self) -> None:
+        """Whoever sends the next good telegram is the controller, as far as it is allowed to be."""
+
     def close(self) -> None:
         """Free the port."""

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import socket
+import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
 
 import numpy as np
 
-from counterflex.core.errors import OutputError
+from counterflex.core.errors import InputError, OutputError
 from counterflex.wire.decimal_kernel import Bytes
+
+_MOST_DRAINED: Final = 512
 
 
 class Verdict(IntEnum):
@@ -22,6 +27,8 @@ class Verdict(IntEnum):
     """Good, but not newer than what was there."""
     NEW = 1
     """To be answered."""
+    ASTRAY = 2
+    """Good, but its counter lies far from the last one's; perhaps of another session."""
 
 
 @dataclass(eq=False)
@@ -35,8 +42,9 @@ class Counters:
         malformed_in_a_row: Until the last good one.
         foreign: From an address that is not the controller's.
         old: With a counter at or before the last one.
+        astray: With a counter far away from the last one.
         lost: Cycles without a telegram, by the counter.
-        late_at_robot: What the controller itself counts as late (Delay), last value.
+        late_at_robot: What the controller itself counts as late (Delay), last value; -1 where it does not say.
     """
 
     telegrams: int = 0
@@ -45,8 +53,9 @@ class Counters:
     malformed_in_a_row: int = 0
     foreign: int = 0
     old: int = 0
+    astray: int = 0
     lost: int = 0
-    late_at_robot: int = 0
+    late_at_robot: int = -1
 
 
 class RobotPort:
@@ -56,7 +65,8 @@ class RobotPort:
         host: Address to listen on.
         port: UDP port; 0 takes a free one.
         largest: Longest datagram, bytes.
-        peers: Addresses whose telegrams are taken; None takes the first that comes, and from then on only that one.
+        peer: Address and port of the controller, port 0 for any: nobody else is listened to; None takes the first that
+            sends a good telegram. From then on it is that address and port alone, until :meth:`forget`.
 
     Attributes:
         address: Where telegrams are expected.
@@ -65,13 +75,16 @@ class RobotPort:
         counters: See :class:`Counters`.
 
     Raises:
+        InputError: The peer's name is none.
         OutputError: The port cannot be bound.
     """
 
-    def __init__(self, host: str, port: int, largest: int, peers: tuple[str, ...] | None = None) -> None:
-        self._peers = peers
+    def __init__(self, host: str, port: int, largest: int, peer: tuple[str, int] | None = None) -> None:
+        self._allowed = None if peer is None else (_numeric(peer[0]), peer[1])
         self.peer: tuple[str, int] | None = None
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        if sys.platform == "win32":  # elsewhere a port that is bound cannot be bound again
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
         try:
             self._socket.bind((host, port))
         except OSError as fault:
@@ -96,27 +109,27 @@ class RobotPort:
         Returns:
             Whether one of them was :attr:`Verdict.NEW`.
         """
-        found = False
+        found, taken = False, 0
+        end = time.monotonic() + timeout_s
         self._socket.settimeout(timeout_s)
-        while True:
+        while taken < _MOST_DRAINED:
             try:
                 length, peer = self._socket.recvfrom_into(self._bytes)
             except (TimeoutError, BlockingIOError):
-                return found
+                break
             except ConnectionError:
                 continue
-            self._socket.settimeout(0.0)
+            taken += 1
             if self._take(length, peer, read):
                 self.counters.drained += int(found)
                 found = True
+            # What is no telegram does not end the wait: rubbish must not look like a cycle without one.
+            self._socket.settimeout(0.0 if found else max(0.0, end - time.monotonic()))
+        return found
 
     def _take(self, length: int, peer: tuple[str, int], read: Callable[[int], Verdict]) -> bool:
         counters = self.counters
-        if self.peer is None:
-            if self._peers is not None and peer[0] not in self._peers:
-                counters.foreign += 1
-                return False
-        elif peer != self.peer:
+        if not self._known(peer):
             counters.foreign += 1
             return False
         verdict = read(length)
@@ -126,10 +139,19 @@ class RobotPort:
             return False
         self.peer = peer
         counters.malformed_in_a_row = 0
-        if verdict == Verdict.OLD:
-            counters.old += 1
-            return False
-        return True
+        counters.old += int(verdict == Verdict.OLD)
+        counters.astray += int(verdict == Verdict.ASTRAY)
+        return verdict == Verdict.NEW
+
+    def _known(self, peer: tuple[str, int]) -> bool:
+        if self.peer is not None:
+            return peer == self.peer
+        allowed = self._allowed
+        return allowed is None or (peer[0] == allowed[0] and allowed[1] in (0, peer[1]))
+
+    def forget(self) -> None:
+        """Whoever sends the next good telegram is the controller, as far as it is allowed to be."""
+        self.peer = None
 
     def send(self, data: bytes | memoryview) -> bool:
         """Send to the peer; False where there is none yet or the system does not take it."""
@@ -144,3 +166,15 @@ class RobotPort:
     def close(self) -> None:
         """Free the port."""
         self._socket.close()
+
+
+def _numeric(host: str) -> str:
+    """Numeric address of a host.
+
+    Raises:
+        InputError: There is no such host.
+    """
+    try:
+        return socket.gethostbyname(host)
+    except OSError as fault:
+        raise InputError("the controller's address is none", value=host) from fault

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.links.robot_port import Counters, RobotPort, Verdict
+from counterflex.links.session_counter import SessionCounter
 from counterflex.runtime import layout as at
 from counterflex.runtime.supervisor import State
 from counterflex.wire.kuka_pose_kernel import read_axes, read_pose, write_axes, write_correction
 from counterflex.wire.rsi_config import RsiConfig
 from counterflex.wire.rsi_kernel import MISSING, OK
 from counterflex.wire.rsi_telegram import LARGEST_DATAGRAM, answer_writer, robot_reader
-
-_RESTART: Final = 250
-"""Cycles by which the counter may jump ahead within one session."""
 
 
 class RsiLink:
@@ -27,7 +23,7 @@ class RsiLink:
         config: The controller's ETHERNET configuration.
         host: Address to listen on; loopback unless told otherwise.
         port: None takes the one of the configuration; 0 a free one.
-        peers: Addresses whose telegrams are taken; None takes the first that comes, and from then on only that one.
+        peer: Address and port of the controller, see :class:`RobotPort`.
         period_s: Cycle of the controller.
 
     Attributes:
@@ -48,7 +44,7 @@ class RsiLink:
         *,
         host: str = "127.0.0.1",
         port: int | None = None,
-        peers: tuple[str, ...] | None = None,
+        peer: tuple[str, int] | None = None,
         period_s: float = 4e-3,
     ) -> None:
         self.config = config
@@ -88,15 +84,13 @@ class RsiLink:
         self._feed_hold = self._place_of("FeedHold")
         self._override = self._place_of("Override")
         self._state = self._place_of("State")
-        self._cycle_ms = round(period_s * 1e3)
-        self._port = RobotPort(host, config.port if port is None else port, LARGEST_DATAGRAM, peers)
+        self._line = SessionCounter(round(period_s * 1e3))
+        self._port = RobotPort(host, config.port if port is None else port, LARGEST_DATAGRAM, peer)
         self.counters: Counters = self._port.counters
         self.elapsed = 0
         self.restarted = False
         self.enable = False
         self.clamped = False
-        self._last = -1
-        self._newest = -1
         self._held: Float = np.zeros(len(names))
         self._empty = False
 
@@ -132,25 +126,16 @@ class RsiLink:
         status = self._reader.read(self._port.data, length)
         if status not in (OK, MISSING) or (status == MISSING and self._reader.seen.any()):
             return Verdict.MALFORMED
-        self._empty = status == MISSING
-        step = self._reader.counter - self._newest if self._newest >= 0 else self._cycle_ms
-        if 0 >= step > -_RESTART * self._cycle_ms:
-            return Verdict.OLD
-        self._newest = self._reader.counter
-        self._held[:] = self._reader.values
-        return Verdict.NEW
+        verdict = self._line.judge(self._reader.counter)
+        if verdict == Verdict.NEW:
+            self._empty = status == MISSING
+            self._held[:] = self._reader.values
+        return verdict
 
     def _count(self) -> None:
         counters = self.counters
-        step = self._newest - self._last
-        if self._last < 0:
-            self.elapsed = 1
-        elif step <= 0 or step > _RESTART * self._cycle_ms:
-            self.elapsed, self.restarted = 1, True
-        else:
-            self.elapsed = max(1, round(step / self._cycle_ms))
-            counters.lost += self.elapsed - 1
-        self._last = self._newest
+        self.elapsed, self.restarted = self._line.advance()
+        counters.lost += self.elapsed - 1
         counters.telegrams += 1
         if self._delay >= 0:
             counters.late_at_robot = int(self._held[self._delay])
@@ -165,7 +150,7 @@ class RsiLink:
     @property
     def counter(self) -> int:
         """IPOC of the newest telegram, ms."""
-        return self._newest
+        return self._line.newest
 
     @property
     def empty(self) -> bool:
@@ -221,8 +206,12 @@ class RsiLink:
             values[self._override] = 100.0 * override
         if self._state >= 0:
             values[self._state] = float(state)
-        length = self._writer.write(self._newest)
+        length = self._writer.write(self._line.newest)
         return length > 0 and self._port.send(self._writer.buffer.data[:length])
+
+    def forget(self) -> None:
+        """Another session may come from another port of the controller."""
+        self._port.forget()
 
     def close(self) -> None:
         """Free the port."""

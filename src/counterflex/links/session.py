@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -17,6 +18,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.geometry import pose
 from counterflex.links.netft_link import NetftLink
 from counterflex.links.robot_link import RobotLink
+from counterflex.links.telegram_watch import TelegramWatch, WatchSettings
 from counterflex.links.tracker_link import TrackerLink
 from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record
@@ -26,12 +28,9 @@ from counterflex.runtime.sensor_wrench import SensorWrench
 from counterflex.runtime.settings import ForceMode, Output, TrackerMode
 from counterflex.runtime.supervisor import Cause, State
 
-_WINDOW = 125
-"""Cycles over which scattered losses are counted: 500 ms."""
-_MOST_LOST = 0.10
-_MALFORMED_HOLD, _MALFORMED_FAULT = 3, 10
 _TARE_CYCLES = 50
 _FORGET_CYCLES = 10_000
+_FORGET_PEER_CYCLES = 250
 
 
 class Request(IntEnum):
@@ -44,6 +43,28 @@ class Request(IntEnum):
 
 
 REQUESTS = len(Request)
+
+
+class Tally(IntEnum):
+    """What the loop counts for whoever watches it: places of the control array after those of :class:`Request`."""
+
+    FOREIGN = 4
+    """Telegrams from an address that is not the controller's."""
+    MALFORMED = 5
+    OUT_OF_LINE = 6
+    """Repeated, overtaken, or of another session."""
+    DRAINED = 7
+    """Passed over because a newer one was there."""
+    LOST = 8
+    """By the controller's counter."""
+    LATE = 9
+    """Answers that came too late for the controller, by its own count; -1 where it does not say."""
+    CLOCK = 10
+    """How often this computer's clock and the controller's counter parted."""
+
+
+CONTROL = REQUESTS + len(Tally)
+"""Length of an array that holds requests and tallies."""
 
 
 @dataclass(frozen=True)
@@ -75,10 +96,14 @@ class OnlineSession:
         T_part_tracker: (4, 4) tracker in the part frame; needed with ``tracker``.
         T_target_tcp: (4, 4) tool tip in the tracker's target; needed with ``tracker``.
         ring: Where records go, or None.
-        control: (4,) of :class:`Request`, written by the operator's side, or None.
+        control: Of :class:`Request`, written by the operator's side, and where it is long enough (:data:`CONTROL`) of
+            :class:`Tally`, written by the loop; or None.
         checks: See :class:`SessionChecks`.
+        watch: When telegrams are no longer good enough.
+        clock_ns: Monotonic clock; time of day is never used.
 
     Attributes:
+        watch: See :class:`TelegramWatch`.
         cycles: Telegrams answered or passed over in silence.
         compute_ns: Time of the last cycle from the return of the receive call to the return of the send call.
     """
@@ -96,6 +121,8 @@ class OnlineSession:
         ring: RecordRing | None = None,
         control: Int | None = None,
         checks: SessionChecks | None = None,
+        watch: WatchSettings | None = None,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.link, self.loop, self.force, self.tracker, self.ring = link, loop, force, tracker, ring
         self._wrench = wrench
@@ -107,17 +134,22 @@ class OnlineSession:
         self._needs_force = loop.settings.force in (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.SCALE)
         self._needs_tracker = loop.settings.tracker != TrackerMode.NONE
         self._force_age = self._tracker_age = _FORGET_CYCLES
-        self._good = 0
+        self.watch = TelegramWatch(loop.settings.period_s, watch)
+        self._clock_ns = clock_ns
         self._zero: Float = np.zeros(6)
         self._sum: Float = np.zeros(6)
         self._tared = 0
-        self._lost: Float = np.zeros(_WINDOW)
-        self._place = 0
-        self._malformed = 0
         self._healthy_force = False
-        self._time_zero = time.monotonic()
+        self._time_zero_ns = clock_ns()
+        self._silent_cycles = 0
         self.cycles = 0
         self.compute_ns = 0
+
+    @property
+    def patience_s(self) -> float:
+        """How long to wait for the next telegram: until half a cycle after it is due, then a cycle each."""
+        period = self.loop.settings.period_s
+        return period if self._silent_cycles else 1.5 * period
 
     def cycle(self, timeout_s: float) -> bool:
         """Wait for a telegram and deal with it.
@@ -130,7 +162,7 @@ class OnlineSession:
         """
         link, loop = self.link, self.loop
         came = link.wait(timeout_s)
-        received = time.monotonic_ns()
+        received = self._clock_ns()
         given, flags = loop.given, loop.flags
         soft, hard = int(Cause.NONE), int(Cause.NONE)
         if came and link.restarted:
@@ -140,7 +172,7 @@ class OnlineSession:
             return True
         if came:
             link.fill(given)
-        soft, hard = self._watch_telegrams(came, soft, hard)
+        soft, hard = self._watch_telegrams(came, received, hard)
         soft, hard = self._read_force(given, soft, hard)
         new = self._read_tracker(given)
         if link.clamped and soft == 0:
@@ -158,6 +190,7 @@ class OnlineSession:
         outcome = loop.outcome
         if outcome[at.O_STATE] == State.ARMED:
             control[Request.ARM] = 0
+        self._let_go(bool(control[Request.RESET]))
         control[Request.RESET] = 0
         if came and not outcome[at.O_SILENT]:
             link.answer(
@@ -167,29 +200,40 @@ class OnlineSession:
                 feed_hold=bool(outcome[at.O_FEED_HOLD]),
                 state=State(int(outcome[at.O_STATE])),
             )
-        sent = time.monotonic_ns()
+        sent = self._clock_ns()
         self.compute_ns = sent - received
         self.cycles += int(came)
         if self.ring is not None:
             self._record(received, sent)
+        if len(control) >= CONTROL:
+            self._tally(control)
         return came
 
-    def _watch_telegrams(self, came: bool, soft: int, hard: int) -> tuple[int, int]:
-        link = self.link
-        malformed = link.counters.malformed_in_a_row
-        if malformed >= _MALFORMED_FAULT and hard == 0:
-            hard = int(Cause.TELEGRAM_MALFORMED)
-        elif malformed >= _MALFORMED_HOLD and soft == 0:
-            soft = int(Cause.TELEGRAM_MALFORMED)
-        lost = link.elapsed - 1 if came else 1
-        for _ in range(min(_WINDOW, max(1, link.elapsed))):
-            self._lost[self._place] = 1.0 if lost > 0 else 0.0
-            lost -= 1
-            self._place = (self._place + 1) % _WINDOW
-        if soft == 0 and float(self._lost.sum()) > _MOST_LOST * _WINDOW:
-            soft = int(Cause.TELEGRAMS_SCATTERED)
-        self._good = self._good + 1 if came and link.elapsed == 1 else 0
-        return soft, hard
+    def _watch_telegrams(self, came: bool, received: int, hard: int) -> tuple[int, int]:
+        link, watch = self.link, self.watch
+        counters = link.counters
+        self._silent_cycles = 0 if came else self._silent_cycles + 1
+        if not came:
+            return watch.silent(counters.malformed_in_a_row)
+        if link.restarted:
+            watch.restart()
+        soft, found = watch.came(
+            link.elapsed, link.counter, received, counters.late_at_robot, counters.malformed_in_a_row
+        )
+        return soft, hard or found
+
+    def _let_go(self, reset: bool) -> None:
+        """Another session may come from another port: after a person's reset, or when nothing is going on at all."""
+        idle = self.loop.outcome[at.O_STATE] == State.IDLE
+        if idle and (reset or self._silent_cycles >= _FORGET_PEER_CYCLES):
+            self.link.forget()
+
+    def _tally(self, control: Int) -> None:
+        counters = self.link.counters
+        control[Tally.FOREIGN], control[Tally.MALFORMED] = counters.foreign, counters.malformed
+        control[Tally.OUT_OF_LINE], control[Tally.DRAINED] = counters.old + counters.astray, counters.drained
+        control[Tally.LOST], control[Tally.LATE] = counters.lost, counters.late_at_robot
+        control[Tally.CLOCK] = self.watch.clock_jumps
 
     def _read_force(self, given: Float, soft: int, hard: int) -> tuple[int, int]:
         if self.force is None or self._wrench is None:
@@ -203,9 +247,9 @@ class OnlineSession:
             self._force_age += 1
             return (soft or (int(Cause.FORCE_INVALID) if force.frozen else 0)), hard
         self._force_age = 0
-        age = time.monotonic() - self._time_zero
+        age = (self._clock_ns() - self._time_zero_ns) * 1e-9
         w = self._wrench(given[at.G_Q : at.G_Q + 6], force.w_sensor, age)
-        if self._tared < _TARE_CYCLES and self._good > self._checks.settle_cycles // 2:
+        if self._tared < _TARE_CYCLES and self.watch.good > self._checks.settle_cycles // 2:
             self._tare(w)
         if self._needs_force and self._tared >= _TARE_CYCLES and not self._healthy_force and soft == 0:
             soft = int(Cause.FORCE_OFFSET)
@@ -238,7 +282,7 @@ class OnlineSession:
     def _healthy(self) -> int:
         force = not self._needs_force or (self._healthy_force and self._force_age == 0)
         tracker = not self._needs_tracker or self._tracker_age < self.loop.settings.stale_cycles
-        return int(self._good >= self._checks.settle_cycles and force and tracker)
+        return int(self.watch.good >= self._checks.settle_cycles and force and tracker)
 
     @property
     def idle_force(self) -> Float:

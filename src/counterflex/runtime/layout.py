@@ -87,7 +87,8 @@ N_RING: Final = 5  # next row of the ring
 N_CYCLES: Final = 6  # cycles since the start
 N_LATE: Final = 7  # telegrams lost in a row
 N_INPUTS: Final = 8  # 10: inputs of the supervisor
-WHOLE: Final = 18
+N_SESSION: Final = 18  # 1: another session of the controller came, and the fault it raised has not been reset
+WHOLE: Final = 19
 
 RING_ROWS: Final = 128
 RING_NOMINAL: Final = 0  # 12

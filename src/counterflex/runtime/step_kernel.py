@@ -58,6 +58,7 @@ _INTEGRATOR, _OBSERVER = 1, 2
 _ACTIVE, _HOLD, _RAMP_OUT, _FAULT = int(State.ACTIVE), int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
 _LATE, _STOPPED, _FORCE_STALE = int(Cause.TELEGRAMS_LATE), int(Cause.TELEGRAMS_STOPPED), int(Cause.FORCE_STALE)
 _TRACKER_LOST, _SOFT_LIMIT, _HARD_LIMIT = int(Cause.TRACKER_LOST), int(Cause.LIMIT_SOFT), int(Cause.LIMIT_HARD)
+_SESSION = int(Cause.SESSION_RESTARTED)
 _NOT_FINITE, _OFF_PATH, _SINGULAR = int(Cause.NOT_FINITE), int(Cause.OFF_PATH), int(Cause.SINGULAR)
 
 
@@ -294,6 +295,14 @@ def step(
     inputs[IN_NEAR] = 1 if away < _NEAR_M * _NEAR_M else 0
     supervise(whole[:5], inputs, supervisor_settings)
     now = whole[AT_STATE]
+    # Another session of the controller begins with no correction in force: what was held belongs to the one before. In
+    # a fault nothing is said to it, because whether it is another one is not certain, and either answer may be a jump.
+    if flags[at.F_HARD] == _SESSION:
+        whole[at.N_SESSION] = 1
+        for k in range(6):
+            state[at.S_Y + k] = state[at.S_V + k] = 0.0
+    if now != _FAULT:
+        whole[at.N_SESSION] = 0
     # Limits.
     limits = 0
     target = state[at.S_HELD : at.S_HELD + 6]
@@ -308,7 +317,8 @@ def step(
     first = at.C_RAMP if now == _RAMP_OUT else at.C_TRANSLATION
     second = at.C_RAMP_ROTATION if now == _RAMP_OUT else at.C_ROTATION
     y, v = state[at.S_Y : at.S_Y + 6], state[at.S_V : at.S_V + 6]
-    for _ in range(max(1, elapsed)):
+    # Without a telegram nothing is sent, so nothing moves: the cycles are made up for when the next one comes.
+    for _ in range(elapsed):
         limits |= limited_step(y[:3], v[:3], target[:3], constants[first : first + 3], period)
         limits |= limited_step(y[3:], v[3:], target[3:6], constants[second : second + 3], period) << 4
     for k in range(6):
@@ -350,8 +360,9 @@ def step(
     results[at.R_PATH], results[at.R_SIGMA], results[at.R_CUT] = distance, elastic[OUT_SIGMA], cut
     outcome[at.O_STATE], outcome[at.O_CAUSE] = now, whole[1]
     outcome[at.O_FEED_HOLD] = 1 if now in (_HOLD, _FAULT) else 0
-    outcome[at.O_STOP] = 1 if now == _FAULT and whole[AT_CYCLES] < supervisor_settings[SET_STOP_CYCLES] else 0
-    outcome[at.O_SILENT] = 1 if now == _FAULT and whole[AT_CYCLES] >= supervisor_settings[SET_STOP_CYCLES] else 0
+    silent = whole[AT_CYCLES] >= supervisor_settings[SET_STOP_CYCLES] or whole[at.N_SESSION] == 1
+    outcome[at.O_STOP] = 1 if now == _FAULT and not silent else 0
+    outcome[at.O_SILENT] = 1 if now == _FAULT and silent else 0
     outcome[at.O_LIMITS], outcome[at.O_ELASTIC], outcome[at.O_SOFT], outcome[at.O_HARD] = (
         limits,
         elastic_status,

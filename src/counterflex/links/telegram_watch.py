@@ -1,0 +1,177 @@
+"""Watches the telegrams themselves: late ones in a row and in a window, clocks that part, answers that are not ours.
+
+The controller is the judge of what it used: where it counts late answers (``Delay`` of RSI) that count is taken, else
+the gaps in its counter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError
+from counterflex.runtime.supervisor import Cause
+
+WINDOW: Final = 125
+"""Cycles over which scattered losses are counted: 500 ms at 4 ms."""
+UNKNOWN: Final = -1
+"""In place of the controller's count where it sends none."""
+_CLOCK_SPAN: Final = 250
+_UNEXPLAINED: Final = 3
+
+
+@dataclass(frozen=True)
+class WatchSettings:
+    """When telegrams are no longer good enough.
+
+    Attributes:
+        hold_late: Answers in a row that the controller did not get in time, for a hold.
+        fault_late: Likewise, for a fault.
+        share_late: Share of late ones within :data:`WINDOW` above which it holds.
+        malformed_hold: Unreadable telegrams in a row for a hold.
+        malformed_fault: Likewise, for a fault.
+        clock_cycles: Cycles by which this computer's clock and the controller's counter may part within a second.
+        clock: Compare them; off where the controller waits for every answer.
+    """
+
+    hold_late: int = 3
+    fault_late: int = 10
+    share_late: float = 0.10
+    malformed_hold: int = 3
+    malformed_fault: int = 10
+    clock_cycles: float = 2.0
+    clock: bool = True
+
+    def __post_init__(self) -> None:
+        """Check ranges.
+
+        Raises:
+            InputError: A number is out of range.
+        """
+        if not 1 <= self.hold_late <= self.fault_late or not 1 <= self.malformed_hold <= self.malformed_fault:
+            raise InputError("cycles of a hold and of a fault", limit="1 <= hold <= fault")
+        if not 0.0 < self.share_late < 1.0 or not self.clock_cycles > 0.0:
+            raise InputError("share of late answers, or parting of clocks", value=(self.share_late, self.clock_cycles))
+
+
+class TelegramWatch:
+    """Judges one session's telegrams, cycle by cycle.
+
+    Args:
+        period_s: Cycle of the controller.
+        settings: See :class:`WatchSettings`.
+
+    Attributes:
+        good: Telegrams in a row without a gap.
+        late_in_a_row: Answers that the controller did not get in time, up to the newest telegram.
+        clock_jumps: How often the clocks parted.
+        unexplained: Cycles that we did not answer and that the controller does not count as late.
+    """
+
+    def __init__(self, period_s: float, settings: WatchSettings | None = None) -> None:
+        self.settings = settings if settings is not None else WatchSettings()
+        self._period_ns = round(period_s * 1e9)
+        self._late: Float = np.zeros(WINDOW)
+        self._place = 0
+        self._offsets: Int = np.zeros(_CLOCK_SPAN, dtype=np.int64)
+        self._known = 0
+        self._parted = False
+        self._count = UNKNOWN
+        self.good = self.late_in_a_row = self.clock_jumps = self.unexplained = 0
+
+    @property
+    def share_late(self) -> float:
+        """Share 0..1 of late cycles within the window."""
+        return float(self._late.sum()) / WINDOW
+
+    def restart(self) -> None:
+        """The controller began another session: its counts mean something else."""
+        self._known, self._parted, self._count = 0, False, UNKNOWN
+        self.good = self.late_in_a_row = self.unexplained = 0
+
+    def silent(self, malformed_in_a_row: int) -> tuple[int, int]:
+        """A cycle without a telegram.
+
+        Args:
+            malformed_in_a_row: Unreadable ones since the last good one.
+
+        Returns:
+            Causes of a hold and of a fault, or 0.
+        """
+        self.good = 0
+        return self._judge(malformed_in_a_row, 0, 0)
+
+    def came(
+        self, elapsed: int, counter_ms: int, now_ns: int, late_count: int, malformed_in_a_row: int
+    ) -> tuple[int, int]:
+        """A telegram came.
+
+        Args:
+            elapsed: Cycles since the one before, by the controller's counter; 1 when none was lost.
+            counter_ms: The controller's counter.
+            now_ns: This computer's monotonic clock when it was received.
+            late_count: The controller's count of late answers, or :data:`UNKNOWN`.
+            malformed_in_a_row: Unreadable ones since the last good one.
+
+        Returns:
+            Causes of a hold and of a fault, or 0.
+        """
+        lost = elapsed - 1
+        late = lost
+        soft = hard = int(Cause.NONE)
+        if late_count != UNKNOWN and self._count != UNKNOWN:
+            risen = late_count - self._count
+            late = min(elapsed, risen if risen >= 0 else late_count)
+            if late < lost:
+                self.unexplained += lost - late
+                late = lost
+                if self.unexplained >= _UNEXPLAINED:
+                    hard = int(Cause.FOREIGN_PEER)
+            elif lost > 0:
+                self.unexplained = 0
+        self._count = late_count
+        self.late_in_a_row = self.late_in_a_row + elapsed if late >= elapsed else late
+        for k in range(min(WINDOW, elapsed)):
+            self._late[self._place] = 1.0 if k < late else 0.0
+            self._place = (self._place + 1) % WINDOW
+        self.good = self.good + 1 if lost == 0 else 0
+        if self.settings.clock and self._clocks_part(now_ns - counter_ms * 1_000_000):
+            soft = int(Cause.CLOCK)
+        return self._judge(malformed_in_a_row, soft, hard)
+
+    def _judge(self, malformed: int, soft: int, hard: int) -> tuple[int, int]:
+        settings = self.settings
+        if malformed >= settings.malformed_fault:
+            hard = hard or int(Cause.TELEGRAM_MALFORMED)
+        elif malformed >= settings.malformed_hold:
+            soft = soft or int(Cause.TELEGRAM_MALFORMED)
+        if self.late_in_a_row >= settings.fault_late:
+            hard = hard or int(Cause.TELEGRAMS_LATE)
+        elif self.late_in_a_row >= settings.hold_late:
+            soft = soft or int(Cause.TELEGRAMS_LATE)
+        if self.share_late > settings.share_late:
+            soft = soft or int(Cause.TELEGRAMS_SCATTERED)
+        return soft, hard
+
+    def _clocks_part(self, offset_ns: int) -> bool:
+        """Whether clock minus counter moved too far: at once, or against its value up to a second ago."""
+        most = self.settings.clock_cycles * self._period_ns
+        known = self._known
+        if known == 0:
+            self._offsets[0], self._known = offset_ns, 1
+            return False
+        jumped = abs(offset_ns - int(self._offsets[(known - 1) % _CLOCK_SPAN])) > most
+        if jumped:
+            self._offsets[0], self._known = offset_ns, 1
+            self.clock_jumps += 1
+            return True
+        oldest = int(self._offsets[known % _CLOCK_SPAN if known >= _CLOCK_SPAN else 0])
+        parted = abs(offset_ns - oldest) > most
+        self.clock_jumps += int(parted and not self._parted)
+        self._parted = parted
+        self._offsets[known % _CLOCK_SPAN] = offset_ns
+        self._known = known + 1
+        return parted
