@@ -1,4 +1,4 @@
-"""Tells telegrams of one session of a controller from repeated and overtaken ones, and from those of another session."""
+"""Tells telegrams of a controller's session from repeated and overtaken ones, and from those of another session."""
 
 from __future__ import annotations
 
