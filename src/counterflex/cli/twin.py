@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli.fakes import register as register_fakes
 from counterflex.cli.online import register_twin
 from counterflex.cli.output import keep_inputs, progress_bar
 from counterflex.cli.program import CellFile, Out
@@ -18,6 +19,7 @@ def register(app: typer.Typer) -> None:
     """Add these commands."""
     _twin.command("measure")(measure)
     register_twin(_twin)
+    register_fakes(_twin)
     _twin.callback()(_group)
     app.add_typer(_twin, name="twin")
 

@@ -1,28 +1,22 @@
-"""The whole simulated cell on real sockets: controller with RSI, force sensor, tracker.
-
-Two ways of keeping time. *Lockstep*: after every telegram the cell waits for the answer, as long as ``patience_s``; as
-fast as both sides can, and the same result every time. *Real time*: a telegram every cycle by the clock; what has not
-come when the next is due is late.
-"""
+"""The whole simulated cell on real sockets: controller with RSI, force sensor, tracker."""
 
 from __future__ import annotations
 
 import contextlib
 import socket
-import time
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
 from counterflex.geometry import pose, rotation
 from counterflex.twin.fake_rsi import FakeRsi
 from counterflex.twin.force_sensor import ForceSensor
 from counterflex.twin.laboratory import Laboratory
 from counterflex.twin.live_cell import LiveCell
 from counterflex.twin.netft_server import NetftServer
+from counterflex.twin.rsi_server import RsiServer
 from counterflex.wire.tracker_pose import BEAM_BROKEN, TrackerPose, write_pose
 
 _STEPS_PER_SAMPLE = 2  # integration steps of 0.5 ms per sample of the instruments: 1 kHz
@@ -87,7 +81,7 @@ class Instruments:
             self.netft.close()
 
 
-class CellServer:
+class CellServer(RsiServer):
     """Runs a live cell behind its protocols until the program has ended.
 
     Args:
@@ -95,15 +89,7 @@ class CellServer:
         rsi: The controller's side of RSI.
         peer: Where telegrams go: host and port of the sensor program.
         instruments: Or None.
-        realtime: Keep real time; else lockstep.
-        patience_s: Lockstep: how long an answer may take.
-        waiting_s: How long it waits for the sensor program to be there, as a robot program does before RSI_ON.
-        gate_cycles: Cycles for which the program waits after the session began, so that everything can settle; the
-            robot program enables the correction at their end.
-
-    Attributes:
-        cycles: Telegrams sent.
-        stop_reason: Why it ended: ``finished``, or what stopped the controller.
+        settings: Further arguments of :class:`counterflex.twin.rsi_server.RsiServer`.
     """
 
     def __init__(
@@ -112,22 +98,10 @@ class CellServer:
         rsi: FakeRsi,
         peer: tuple[str, int],
         instruments: Instruments | None = None,
-        *,
-        realtime: bool = False,
-        patience_s: float = 5.0,
-        waiting_s: float = 60.0,
-        gate_cycles: int = 150,
+        **settings: Any,
     ) -> None:
-        if abs(rsi.context.cycle_s - cell.period_s) > 1e-9:
-            raise InputError("cycle of RSI and of the cell", value=rsi.context.cycle_s, limit=cell.period_s)
-        self.cell, self.rsi, self.peer, self.instruments = cell, rsi, peer, instruments
-        self.realtime, self.patience_s, self.gate_cycles = realtime, patience_s, gate_cycles
-        self.waiting_s = waiting_s
-        self.cycles = 0
-        self.stop_reason = ""
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1" if peer[0] in ("127.0.0.1", "localhost") else "0.0.0.0", 0))
-        self._due = time.perf_counter()
+        super().__init__(cell, rsi, peer, **settings)
+        self.cell, self.instruments = cell, instruments
         if instruments is not None:
             cell.on_step = self._on_step  # type: ignore[method-assign]
 
@@ -135,102 +109,13 @@ class CellServer:
         if (i + 1) % _STEPS_PER_SAMPLE == 0 and self.instruments is not None:
             self.instruments.sample(self.cell, self.cell.time_s + (i + 1) * self.cell.plant.step_s)
 
-    def run(self, *, after: int = 50, most_cycles: int | None = None, progress: Progress = silent) -> str:
-        """Run until the program has ended, the controller has stopped, or the cycles are used up.
-
-        Args:
-            after: Cycles that go on after the end of the program.
-            most_cycles: Or None.
-            progress: Told the fraction done.
-
-        Returns:
-            :attr:`stop_reason`.
-        """
-        if not self._wait_for_peer():
-            self.stop_reason = "no sensor program"
-            return self.stop_reason
-        rest = after
-        total = len(self.cell.reference.time_s)
-        self._due = time.perf_counter()
-        while most_cycles is None or self.cycles < most_cycles:
-            if self.cycles == self.gate_cycles:
-                self.cell.start()
-            self.rsi.frees["Enable"] = float(self.cycles >= self.gate_cycles and not self.cell.finished)
-            if self.instruments is not None and self.instruments.netft is not None:
-                self.instruments.netft.poll()
-            held = self.rsi.feed_hold and self.cycles > self.gate_cycles
-            report = self.cell.advance(self.rsi.pose_correction(), self.rsi.axes, 0.0 if held else self.rsi.override)
-            self.exchange(self.rsi.telegram(report))
-            self.cycles += 1
-            if self.cycles % 250 == 0:
-                progress(min(0.99, self.cycles / total), "milling")
-            if self.rsi.stopped:
-                self.stop_reason = self.rsi.stopped
-                return self.stop_reason
-            if report.finished:
-                rest -= 1
-                if rest <= 0:
-                    self.stop_reason = "finished"
-                    return self.stop_reason
-        self.stop_reason = "cycles"
-        return self.stop_reason
-
-    def _wait_for_peer(self) -> bool:
-        """Repeat the first telegram until somebody answers; nothing moves, nothing is counted."""
-        end = time.perf_counter() + self.waiting_s
-        nothing = np.zeros(6)
-        report = self.cell.advance(nothing)
-        first = self.rsi.telegram(report)
-        self._socket.settimeout(0.1)
-        while time.perf_counter() < end:
-            if self.instruments is not None and self.instruments.netft is not None:
-                self.instruments.netft.poll()
-            with contextlib.suppress(ConnectionError):
-                self._socket.sendto(first, self.peer)
-            try:
-                self._socket.recv(65536)
-            except (TimeoutError, ConnectionError):
-                continue
-            return True
-        return False
-
-    def exchange(self, telegram: bytes) -> None:
-        """Send a telegram and take what comes until the cycle is over."""
-        with contextlib.suppress(ConnectionError):
-            self._socket.sendto(telegram, self.peer)
-        self._due += self.cell.period_s
-        answer = self._wait_realtime() if self.realtime else self._wait_lockstep()
-        self.rsi.answer(answer)
-
-    def _wait_lockstep(self) -> bytes | None:
-        end = time.perf_counter() + self.patience_s
-        mark = f"<IPOC>{self.rsi.counter}</IPOC>".encode("ascii")
-        while (left := end - time.perf_counter()) > 0.0:
-            self._socket.settimeout(left)
-            try:
-                data = self._socket.recv(65536)
-            except (TimeoutError, ConnectionError):
-                return None
-            if mark in data:
-                return data
-        return None
-
-    def _wait_realtime(self) -> bytes | None:
-        found = None
-        while (left := self._due - time.perf_counter()) > 0.0:
-            self._socket.settimeout(left)
-            try:
-                found = self._socket.recv(65536)
-            except TimeoutError:
-                break
-            except ConnectionError:
-                continue
-        if time.perf_counter() - self._due > 10.0 * self.cell.period_s:
-            self._due = time.perf_counter()  # the simulation itself came late: start counting anew
-        return found
+    def poll(self) -> None:
+        """Take what was asked of the instruments."""
+        if self.instruments is not None and self.instruments.netft is not None:
+            self.instruments.netft.poll()
 
     def close(self) -> None:
         """Free the sockets."""
-        self._socket.close()
+        super().close()
         if self.instruments is not None:
             self.instruments.close()

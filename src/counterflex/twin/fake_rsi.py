@@ -137,9 +137,10 @@ class FakeRsi:
     def answer(self, data: bytes | None) -> None:
         """What came in the cycle (the last datagram), or None; then :attr:`correction` is what is in force.
 
-        An answer that is late, for another cycle, of another SENTYPE or not readable counts as none.
+        An answer that is late, for another cycle, of another SENTYPE or not readable counts as none. With ONLYSEND
+        none is expected.
         """
-        if self.stopped:
+        if self.stopped or self.config.only_send:
             return
         self.refused = self._accept(data)
         if self.refused:

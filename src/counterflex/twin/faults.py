@@ -23,6 +23,7 @@ SourceKind = Literal["silent", "dying", "counter", "saturated", "frozen", "statu
 DATAGRAM_KINDS: Final[tuple[str, ...]] = get_args(DatagramKind)
 SOURCE_KINDS: Final[tuple[str, ...]] = get_args(SourceKind)
 _LONGEST_S: Final = 60.0
+_TICK_S: Final = 1e-9  # times of cycles are sums and differences of decimals
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ class Fault:
         """Whether a datagram or sample lies in the window."""
         if index < self.first or (self.count is not None and index >= self.first + self.count):
             return False
-        return self.from_s <= time_s < self.from_s + self.for_s
+        return -_TICK_S <= time_s - self.from_s < self.for_s - _TICK_S
 
 
 @dataclass(frozen=True)
@@ -254,7 +255,7 @@ class FaultSchedule:
         bits, step, offset = 0, 0, [0.0, 0.0, 0.0]
         for fault, chance in self._of_source:
             if fault.kind in ("dying", "counter"):  # once begun, for good
-                begun = index >= fault.first and time_s >= fault.from_s
+                begun = index >= fault.first and time_s >= fault.from_s - _TICK_S
                 hit[fault.kind] |= begun
                 step += fault.step if begun else 0
                 continue

@@ -109,6 +109,11 @@ class LiveCell:
         """Whether the program has come to its end."""
         return self.motion.finished
 
+    @property
+    def cycles(self) -> int:
+        """Cycles that the program takes at full speed."""
+        return self.motion.cycles
+
     def skip_to_contact(self, lead_s: float = 0.6) -> None:
         """Put the robot on its path shortly before the tool first comes near the stock (before :meth:`start`)."""
         first = int(np.argmax(self._near)) if self._near.any() else 0

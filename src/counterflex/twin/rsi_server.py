@@ -1,0 +1,282 @@
+"""A simulated controller with KUKA RSI on a real socket: it sends every cycle and applies what comes back.
+
+Two ways of keeping time. *Lockstep*: after every telegram it waits for the answer, as long as ``patience_s``; as fast
+as both sides can, and the same result every time. *Real time*: a telegram every cycle by the clock; what has not come
+when the next is due is late.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.twin.commanded_motion import Report
+from counterflex.twin.exact_robot import ControlledRobot
+from counterflex.twin.fake_rsi import FakeRsi
+from counterflex.twin.faults import FaultSchedule
+from counterflex.twin.faulty_line import FaultyLine
+
+FAULTS: Final = ("silent", "dying", "counter")
+"""Faults of the instrument itself that the controller can show."""
+_LATE_CYCLES: Final = 10
+
+
+@dataclass(frozen=True, eq=False)
+class CycleSeen:
+    """What one cycle was.
+
+    Attributes:
+        cycle: From 0.
+        counter: IPOC of its telegram.
+        sent: The telegram left unharmed.
+        reply_s: From sending to the answer, NaN without one.
+        refused: Why no answer was accepted, or empty.
+        late: Answers that were late or refused so far.
+        stat: POSCORR status.
+        correction: (6,) Cartesian correction in force, m and rad (A B C).
+        axes: (6,) axis correction in force, rad.
+        report: What the controller reported.
+    """
+
+    cycle: int
+    counter: int
+    sent: bool
+    reply_s: float
+    refused: str
+    late: int
+    stat: int
+    correction: Float
+    axes: Float
+    report: Report
+
+
+class RsiServer:
+    """Runs a robot behind RSI until its program has ended.
+
+    Args:
+        robot: The robot.
+        rsi: The controller's side of RSI.
+        peer: Where telegrams go: host and port of the sensor program.
+        realtime: Keep real time; else lockstep.
+        patience_s: Lockstep: how long an answer may take.
+        waiting_s: How long it waits for the sensor program to be there, as a robot program does before RSI_ON; 0 does
+            not wait.
+        gate_cycles: Cycles for which the program waits after the session began, so that everything can settle; the
+            robot program enables the correction at their end.
+        answer_s: Real time: how long an answer may take; None is the whole cycle (a KR C2 leaves 10 of 12 ms).
+        faults: Scripted, by the time since the first cycle and the numbers of telegrams and answers.
+        observe: Told every cycle.
+
+    Attributes:
+        cycles: Telegrams sent.
+        stop_reason: Why it ended: ``finished``, ``cycles``, ``died``, ``no sensor program``, or what stopped the
+            controller.
+    """
+
+    def __init__(
+        self,
+        robot: ControlledRobot,
+        rsi: FakeRsi,
+        peer: tuple[str, int],
+        *,
+        realtime: bool = False,
+        patience_s: float = 5.0,
+        waiting_s: float = 60.0,
+        gate_cycles: int = 150,
+        answer_s: float | None = None,
+        faults: FaultSchedule | None = None,
+        observe: Callable[[CycleSeen], None] | None = None,
+    ) -> None:
+        if abs(rsi.context.cycle_s - robot.period_s) > 1e-9:
+            raise InputError("cycle of RSI and of the cell", value=rsi.context.cycle_s, limit=robot.period_s)
+        if answer_s is not None and not 0.0 < answer_s <= robot.period_s:
+            raise InputError("time for an answer", value=answer_s, limit=f"> 0 and <= {robot.period_s:g} s")
+        self.robot, self.rsi, self.peer = robot, rsi, peer
+        self.realtime, self.patience_s, self.gate_cycles = realtime, patience_s, gate_cycles
+        self.waiting_s = waiting_s
+        self.cycles = 0
+        self.stop_reason = ""
+        self._answer_s = robot.period_s if answer_s is None else answer_s
+        self._faults = faults if faults is not None else FaultSchedule()
+        self._faults.require(FAULTS, "a robot controller")
+        self._out, self._in = FaultyLine(self._faults, "out"), FaultyLine(self._faults, "in")
+        self._observe = observe
+        self._step = 0
+        self._sent_at = self._reply_s = math.nan
+        self._unharmed = False
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1" if peer[0] in ("127.0.0.1", "localhost") else "0.0.0.0", 0))
+        self.address: tuple[str, int] = self._socket.getsockname()
+        self._due = time.perf_counter()
+
+    def poll(self) -> None:
+        """Called before every cycle, and while waiting for the sensor program."""
+
+    def run(self, *, after: int = 50, most_cycles: int | None = None, progress: Progress = silent) -> str:
+        """Run until the program has ended, the controller has stopped, or the cycles are used up.
+
+        Args:
+            after: Cycles that go on after the end of the program.
+            most_cycles: Or None.
+            progress: Told the fraction done.
+
+        Returns:
+            :attr:`stop_reason`.
+        """
+        if not self._wait_for_peer():
+            self.stop_reason = "no sensor program"
+            return self.stop_reason
+        rest = after
+        total = self.robot.cycles
+        self._due = time.perf_counter()
+        while most_cycles is None or self.cycles < most_cycles:
+            if self.cycles == self.gate_cycles:
+                self.robot.start()
+            self.rsi.frees["Enable"] = float(self.cycles >= self.gate_cycles and not self.robot.finished)
+            self.poll()
+            condition = self._faults.condition(self.cycles, self.cycles * self.robot.period_s)
+            if condition.dead:
+                self.stop_reason = "died"
+                return self.stop_reason
+            held = (self.rsi.feed_hold and self.cycles > self.gate_cycles) or condition.silent
+            report = self.robot.advance(self.rsi.pose_correction(), self.rsi.axes, 0.0 if held else self.rsi.override)
+            self.rsi.counter += condition.step - self._step
+            self._step = condition.step
+            self.exchange(self.rsi.telegram(report), silent=condition.silent)
+            self._tell(report)
+            self.cycles += 1
+            if self.cycles % 250 == 0:
+                progress(min(0.99, self.cycles / total), "milling")
+            if self.rsi.stopped:
+                self.stop_reason = self.rsi.stopped
+                return self.stop_reason
+            if report.finished:
+                rest -= 1
+                if rest <= 0:
+                    self.stop_reason = "finished"
+                    return self.stop_reason
+        self.stop_reason = "cycles"
+        return self.stop_reason
+
+    def _wait_for_peer(self) -> bool:
+        """Repeat the first telegram until somebody answers; nothing moves, nothing is counted."""
+        if self.waiting_s <= 0.0 or self.rsi.config.only_send:
+            return True
+        end = time.perf_counter() + self.waiting_s
+        nothing = np.zeros(6)
+        report = self.robot.advance(nothing)
+        first = self.rsi.telegram(report)
+        self._socket.settimeout(0.1)
+        while time.perf_counter() < end:
+            self.poll()
+            self._send(first)
+            try:
+                self._socket.recv(65536)
+            except (TimeoutError, ConnectionError):
+                continue
+            return True
+        return False
+
+    def exchange(self, telegram: bytes, *, silent: bool = False) -> None:
+        """Send a telegram and take what comes until the cycle is over.
+
+        Args:
+            telegram: Of this cycle.
+            silent: It is not sent, and nothing is expected.
+        """
+        now_s = self.cycles * self.robot.period_s
+        self._reply_s, self._unharmed = math.nan, False
+        self._sent_at = time.perf_counter()
+        self._due += self.robot.period_s
+
+        def deliver(data: bytes) -> None:
+            self._unharmed |= data == telegram
+            self._send(data)
+
+        if not silent:
+            self._out.put(telegram, now_s, deliver)
+        answer = self._wait_realtime(now_s) if self.realtime else self._wait_lockstep(now_s)
+        if not silent:
+            self.rsi.answer(answer)
+
+    def _send(self, data: bytes) -> None:
+        with contextlib.suppress(ConnectionError):
+            self._socket.sendto(data, self.peer)
+
+    def _wait_lockstep(self, now_s: float) -> bytes | None:
+        """Wait for the answer to this cycle's telegram, if that went out: faults of the way are known at both ends."""
+        found: list[bytes] = []
+        self._in.release(now_s, found.append)
+        if not self._unharmed or self.rsi.config.only_send:
+            return found[-1] if found else None
+        end = time.perf_counter() + self.patience_s
+        mark = f"<IPOC>{self.rsi.counter}</IPOC>".encode("ascii")
+        while (left := end - time.perf_counter()) > 0.0:
+            self._socket.settimeout(left)
+            try:
+                data = self._socket.recv(65536)
+            except (TimeoutError, ConnectionError):
+                break
+            if mark in data:
+                self._reply_s = time.perf_counter() - self._sent_at
+                self._in.put(data, now_s, found.append)
+                break
+        return found[-1] if found else None
+
+    def _wait_realtime(self, now_s: float) -> bytes | None:
+        found: list[bytes] = []
+        begin, window = self._due - self.robot.period_s, self._due - self.robot.period_s + self._answer_s
+
+        def elapsed_s() -> float:
+            return now_s + max(0.0, time.perf_counter() - begin)
+
+        while (left := self._due - time.perf_counter()) > 0.0:
+            if time.perf_counter() > window:
+                time.sleep(left)  # what comes now is late, and waits in the socket
+                break
+            self._out.release(elapsed_s(), self._send)
+            self._in.release(elapsed_s(), found.append)
+            pending = min(self._out.due_s(), self._in.due_s()) - elapsed_s()
+            self._socket.settimeout(max(min(left, window - time.perf_counter(), pending), 1e-5))
+            try:
+                data = self._socket.recv(65536)
+            except (TimeoutError, ConnectionError):
+                continue
+            self._reply_s = time.perf_counter() - self._sent_at
+            self._in.put(data, elapsed_s(), found.append)
+        if time.perf_counter() - self._due > _LATE_CYCLES * self.robot.period_s:
+            self._due = time.perf_counter()  # the simulation itself came late: start counting anew
+        return found[-1] if found else None
+
+    def _tell(self, report: Report) -> None:
+        if self._observe is None:
+            return
+        rsi = self.rsi
+        self._observe(
+            CycleSeen(
+                cycle=self.cycles,
+                counter=rsi.counter,
+                sent=self._unharmed,
+                reply_s=self._reply_s,
+                refused=rsi.refused,
+                late=rsi.late,
+                stat=rsi.stat,
+                correction=rsi.correction,
+                axes=rsi.axes,
+                report=report,
+            )
+        )
+
+    def close(self) -> None:
+        """Free the socket."""
+        self._socket.close()
