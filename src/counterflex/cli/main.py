@@ -9,7 +9,21 @@ from typing import Annotated, Any, Final, NoReturn
 import typer
 
 from counterflex import __version__
-from counterflex.cli import campaign, dataset, demo, doctor, identify, log, online, program, prove, question, rsi, twin
+from counterflex.cli import (
+    campaign,
+    dataset,
+    demo,
+    doctor,
+    identify,
+    log,
+    online,
+    program,
+    prove,
+    question,
+    reproduce,
+    rsi,
+    twin,
+)
 from counterflex.cli.interrupt import interruptible
 from counterflex.core.errors import CounterflexError
 
@@ -44,6 +58,7 @@ online.register(app)
 log.register(app)
 doctor.register(app)
 rsi.register(app)
+reproduce.register(app)
 demo.register(app)
 
 

@@ -23,6 +23,8 @@ BEHIND: Final = 2
 """Segments behind the last place that are looked at."""
 GIVE_UP_M: Final = 2e-3
 """The search ends where the distance has grown by this over the least one found."""
+ALIKE_M: Final = 20e-6
+"""Of places this much alike the first call takes the earliest: a closed path begins at its beginning."""
 
 
 @kernel("Tuple((float64, float64))(float64[:, ::1], int64, float64, float64, float64)")
@@ -45,7 +47,7 @@ def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int)
 
     Looks from two segments behind the last place up to ``window`` ahead, and no farther once the distance has grown by
     2 mm over the least one: a path that comes back to the same spot later is not jumped to. The first call (place
-    below zero) looks at the whole path.
+    below zero) looks at the whole path and takes the earliest place that is as near as any.
 
     Args:
         plan: (n, 20), n >= 2.
@@ -67,7 +69,7 @@ def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int)
     best, found, at = math.inf, begin, 0.0
     for i in range(begin, end + 1):
         d, u = _on_segment(plan, i, x, y, z)
-        if d < best:
+        if d < best and (not anywhere or math.sqrt(d) < math.sqrt(best) - ALIKE_M):
             best, found, at = d, i, u
         elif not anywhere and i > row and math.sqrt(d) > math.sqrt(best) + GIVE_UP_M:
             break

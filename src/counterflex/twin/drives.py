@@ -65,6 +65,48 @@ def apply_drives(
         force[c] += tau
 
 
+def following_gains(drives: tuple[Drive, ...], everywhere_per_s: float | None = None) -> Float:
+    """Kv of each axis that trails its reference (6,) 1/s; infinite where speed feed-forward is full.
+
+    Args:
+        drives: Six.
+        everywhere_per_s: For axes whose drive says nothing; None is full feed-forward.
+    """
+    rest = math.inf if everywhere_per_s is None else everywhere_per_s
+    return np.array([rest if d.following_gain_per_s is None else d.following_gain_per_s for d in drives])
+
+
+class FollowingLag:
+    """What the drives make of the angles they are told, cycle by cycle: :func:`first_order_lag` per axis.
+
+    Args:
+        gains_per_s: (n,) Kv; infinite follows at once.
+        cycle_s: Time between samples.
+        start: (n,) rad, where they stand.
+    """
+
+    def __init__(self, gains_per_s: Float, cycle_s: float, start: Float) -> None:
+        x = np.asarray(gains_per_s, dtype=np.float64) * cycle_s
+        trailing = np.isfinite(x)
+        safe = np.where(trailing, x, 1.0)
+        self._decay: Float = np.where(trailing, np.exp(-safe), 0.0)
+        mean = np.where(trailing, (1.0 - np.exp(-safe)) / safe, 0.0)
+        self._before: Float = mean - self._decay
+        self._now: Float = 1.0 - mean
+        self.reset(start)
+
+    def reset(self, start: Float) -> None:
+        """Stand at ``start`` (n,) rad."""
+        self._told: Float = np.array(start, dtype=np.float64)
+        self._followed: Float = self._told.copy()
+
+    def __call__(self, q: Float) -> Float:
+        """Take the angles (n,) of the end of this cycle; returns where the drives' references are by then."""
+        self._followed = self._decay * self._followed + self._before * self._told + self._now * q
+        self._told = np.array(q, dtype=np.float64)
+        return self._followed
+
+
 def first_order_lag(q: Float, cycle_s: float, gain_per_s: float) -> Float:
     """Reference behind a first-order lag, exact for a reference that is linear between samples.
 

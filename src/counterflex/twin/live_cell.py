@@ -6,7 +6,7 @@ before the next. Nothing here knows a protocol: :mod:`counterflex.twin.fake_rsi`
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from counterflex.path.toolpath import ToolPath
 from counterflex.twin.commanded_motion import CommandedMotion
 from counterflex.twin.commanded_motion import Report as Report
 from counterflex.twin.controller import Controller
+from counterflex.twin.drives import FollowingLag, following_gains
 from counterflex.twin.path_answer import PathAnswer
 from counterflex.twin.plant import STEP_S, Plant
 from counterflex.twin.process import Process
@@ -76,7 +77,7 @@ class LiveCell:
         if substeps < 1 or abs(substeps * step_s - controller.cycle_s) > 1e-9:
             raise InputError("integration step does not divide the controller's cycle", value=step_s)
         self.path, self.controller = path, controller
-        self.motion = CommandedMotion(path, controller, answer)
+        self.motion = CommandedMotion(path, replace(controller, following_gain_per_s=None), answer)
         self.reference = self.motion.reference
         self.plant = Plant(truth, step_s=step_s)
         self.T_base_part, self._residual = as_float("T_base_part", controller.T_base_part, (4, 4)), np.zeros((0, 3))
@@ -92,6 +93,8 @@ class LiveCell:
         self._cycle = 0
         self._turning, self._was_near = np.nan, False
         self._q = self.reference.q_ref[0].copy()
+        gains = following_gains(truth.drives, controller.following_gain_per_s)
+        self._following = FollowingLag(gains, self.period_s, self._q)
         self._qd: Float = np.zeros(6)
         self.plant.reset(self._q, None, self._qd)
 
@@ -120,6 +123,7 @@ class LiveCell:
         k = max(0, first - round(lead_s / self.period_s))
         self.motion.at = float(k)
         self._q = self.reference.q_ref[k].copy()
+        self._following.reset(self._q)
         self.plant.reset(self._q, None, np.zeros(6))
 
     def advance(self, cartesian: Float, axes: Float | None = None, override: float = 1.0) -> Report:
@@ -138,7 +142,8 @@ class LiveCell:
             SimulationError: The cell left its physical range.
         """
         before = self.motion.at
-        q_nominal, T_part_nominal, q_next = self.motion.advance(cartesian, axes, override)
+        q_nominal, T_part_nominal, q_told = self.motion.advance(cartesian, axes, override)
+        q_next = self._following(q_told)
         qd_next = (q_next - self._q) / self.period_s
         self._integrate(int(before), q_next, qd_next)
         self._q, self._qd = q_next, qd_next

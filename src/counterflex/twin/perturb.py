@@ -112,6 +112,9 @@ def _body(body: Body, seed: int) -> Body:
 def _drive(drive: Drive, seed: int, axis: int) -> Drive:
     dry = _factor(seed, f"axis{axis + 1}.friction", FRICTION_SIGMA)
     slip = _factor(seed, f"axis{axis + 1}.slip", SLIP_SIGMA)
+    trailing = drive.following_gain_per_s
+    if trailing is not None:
+        trailing *= _factor(seed, f"axis{axis + 1}.following", LOOP_SIGMA)
     return replace(
         drive,
         speed_bandwidth_per_s=drive.speed_bandwidth_per_s * _factor(seed, f"axis{axis + 1}.servo", SERVO_SIGMA),
@@ -122,6 +125,7 @@ def _drive(drive: Drive, seed: int, axis: int) -> Drive:
         dead_band_rad=drive.dead_band_rad * _factor(seed, f"axis{axis + 1}.play", PLAY_SIGMA),
         motor_friction_nm=drive.motor_friction_nm * dry,
         link_friction_nm=tuple(f * dry for f in drive.link_friction_nm),
+        following_gain_per_s=trailing,
     )
 
 
@@ -208,6 +212,10 @@ def differences(known: Truth, true: Truth) -> tuple[Difference, ...]:
             scale = 1.0 if unit == "1/s" else MS
             rows.append(
                 Difference("drives", f"axis {axis} {gain}", getattr(d, what) / scale, getattr(e, what) / scale, unit)
+            )
+        if d.following_gain_per_s is not None and e.following_gain_per_s is not None:
+            rows.append(
+                Difference("drives", f"axis {axis} following", d.following_gain_per_s, e.following_gain_per_s, "1/s")
             )
         rows.append(
             Difference(

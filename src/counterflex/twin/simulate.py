@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_float
@@ -12,6 +14,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import rotation
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.twin.controller import Controller, Reference, interpolate
+from counterflex.twin.drives import first_order_lag, following_gains
 from counterflex.twin.plant import STEP_S, Plant
 from counterflex.twin.process import Process
 from counterflex.twin.record import Record
@@ -70,7 +73,7 @@ def simulate(
     substeps = round(controller.cycle_s / step_s)
     if substeps < 1 or abs(substeps * step_s - controller.cycle_s) > 1e-9:
         raise InputError("integration step does not divide the controller's cycle", value=step_s)
-    reference = interpolate(path, controller)
+    reference = _as_driven(interpolate(path, controller), truth, controller.cycle_s)
     plant = Plant(truth, step_s=step_s)
     T_base_part, residual = as_float("T_base_part", controller.T_base_part, (4, 4)), np.zeros((0, 3))
     if datum_points_part is not None:
@@ -113,6 +116,18 @@ def simulate(
         T_base_part=T_base_part,
         datum_residual_m=residual,
     )
+
+
+def _as_driven(reference: Reference, truth: Truth, cycle_s: float) -> Reference:
+    """References behind the lag of drives without speed feed-forward."""
+    gains = following_gains(truth.drives)
+    trailing = np.flatnonzero(np.isfinite(gains))
+    if len(trailing) == 0:
+        return reference
+    q = reference.q_ref.copy()
+    for axis in trailing:
+        q[:, axis : axis + 1] = first_order_lag(q[:, axis : axis + 1], cycle_s, float(gains[axis]))
+    return replace(reference, q_ref=q, qd_ref=np.gradient(q, cycle_s, axis=0))
 
 
 def as_delivered(stock: HeightMap, offset_m: float) -> HeightMap:

@@ -94,6 +94,7 @@ class Drive:
         motor_slip_rad: Displacement at which it yields.
         link_friction_nm: (3,) dry friction of the elements on the link side.
         link_slip_rad: (3,) displacements at which they yield.
+        following_gain_per_s: Kv of a drive that trails its reference by ``v / Kv``; None is full speed feed-forward.
     """
 
     rotor_inertia_kg_m2: float
@@ -106,6 +107,7 @@ class Drive:
     motor_slip_rad: float
     link_friction_nm: tuple[float, ...]
     link_slip_rad: tuple[float, ...]
+    following_gain_per_s: float | None = None
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -126,6 +128,8 @@ class Drive:
             as_positive("truth drive: link_friction_nm", value, zero=True)
         for value in self.link_slip_rad:
             as_positive("truth drive: link_slip_rad", value)
+        if self.following_gain_per_s is not None:
+            as_positive("truth drive: following_gain_per_s", self.following_gain_per_s)
 
 
 @dataclass(frozen=True)

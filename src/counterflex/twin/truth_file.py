@@ -74,6 +74,7 @@ def to_dict(truth: Truth) -> dict[str, Any]:
             "motor_slip_urad": d.motor_slip_rad / URAD,
             "link_friction_nm": list(d.link_friction_nm),
             "link_slip_urad": _list(d.link_slip_rad, URAD),
+            **({} if d.following_gain_per_s is None else {"following_gain_per_s": d.following_gain_per_s}),
         }
         for d in truth.drives
     ]
@@ -252,6 +253,7 @@ def _drive_from(t: _Table) -> Drive:
         motor_slip_rad=t.number("motor_slip_urad", URAD),
         link_friction_nm=t.numbers("link_friction_nm", 3),
         link_slip_rad=t.numbers("link_slip_urad", 3, URAD),
+        following_gain_per_s=t.number("following_gain_per_s") if "following_gain_per_s" in t else None,
     )
 
 

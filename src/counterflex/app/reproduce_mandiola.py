@@ -1,0 +1,231 @@
+"""Reproduce Mandiola2023: square and circle with a tracker in the loop, over sockets, judged by the true tool.
+
+Every run is kept on disk when it has ended; an interrupted job goes on where it was.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app import live, mandiola_case, online, over_sockets, simulate
+from counterflex.app.compensate import compensate
+from counterflex.app.kept import begin, fingerprint, finish, finished
+from counterflex.app.mandiola_case import VARIANTS, Case
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import DEG, MM
+from counterflex.evaluate import tracking
+from counterflex.files.cell import read_cell
+from counterflex.files.plan_file import write_plan
+from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import write_summary
+from counterflex.twin.path_answer import PathAnswer
+
+SHAPES: Final = ("square", "circle")
+QUICK_SCALE: Final = 0.15
+CORNER_M: Final = 15.0 * MM
+"""Path on either side of a corner that counts as corner, at full size: 1.3 s at 700 mm/min."""
+AFTER_REVERSAL_S: Final = 1.5
+PAPER: Final[dict[str, Any]] = {
+    "circle_reduction": 0.66,
+    "overall_reduction": (0.8, 0.9),
+    "tracker_um": 25.0,
+    "static_um": (100.0, 400.0),
+    "moving_um": 1000.0,
+}
+"""What Mandiola2023 reports (sections IV and V)."""
+
+
+def run(
+    out: str | Path,
+    *,
+    seeds: int = 3,
+    quick: bool = False,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Do the job on files: a folder per truth, ``summary.json`` over all of them.
+
+    Args:
+        out: Folder; what is there and was made from the same inputs is not done again.
+        seeds: Number of truth seeds, from 1 on.
+        quick: Paths of 15 % of the size.
+        progress: Told the fraction done.
+
+    Returns:
+        The summary.
+
+    Raises:
+        InputError: No seeds.
+        CounterflexError: As the jobs it consists of.
+    """
+    if seeds < 1:
+        raise InputError("number of truth seeds is out of range", value=seeds, limit=">= 1")
+    start = time.perf_counter()
+    folder, scale = Path(out), QUICK_SCALE if quick else 1.0
+    jobs = [(seed, shape, variant) for seed in range(1, seeds + 1) for shape in SHAPES for variant in VARIANTS]
+    found: dict[tuple[int, str, str], dict[str, Any]] = {}
+    cases: dict[int, Case] = {}
+    for n, (seed, shape, variant) in enumerate(jobs):
+        if seed not in cases:
+            cases[seed] = mandiola_case.write_case(folder / f"seed-{seed}", seed, scale=scale)
+
+        def told(fraction: float, what: str = "", *, n: int = n) -> None:
+            progress((n + fraction) / len(jobs), what)
+
+        found[seed, shape, variant] = one(cases[seed], shape, variant, progress=told)
+    summary = _summary(found, scale, time.perf_counter() - start)
+    write_summary(folder / "summary.json", summary)
+    progress(1.0, "done")
+    return summary
+
+
+def one(case: Case, shape: str, variant: str, *, progress: Progress = silent) -> dict[str, Any]:
+    """Run one shape with one controller, unless that was done, and judge it.
+
+    Args:
+        case: Files of the truth.
+        shape: ``square`` or ``circle``.
+        variant: Of :data:`~counterflex.app.mandiola_case.VARIANTS`.
+        progress: Told the fraction done.
+
+    Returns:
+        Figures and what the loop said.
+    """
+    cell, program = case.cell(variant), case.program(shape)
+    part = case.folder / f"{shape}-{variant}"
+    mark = fingerprint(cell, program, case.truth, shape=shape, variant=variant, dead=mandiola_case.DEAD_S)
+    kept = finished(part, mark)
+    if kept is None:
+        begin(part)
+        kept = _mill(case, shape, variant, part, progress)
+        kept["figures"] = figures(tracked(part, cell), case, shape)
+        finish(part, mark, kept)
+    return kept
+
+
+def _mill(case: Case, shape: str, variant: str, part: Path, progress: Progress) -> dict[str, Any]:
+    cell, program = case.cell(variant), case.program(shape)
+    with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as rsi:
+        twin = live.LiveSettings(
+            program,
+            cell,
+            case.truth,
+            rsi,
+            seed=case.seed,
+            answer=PathAnswer(dead_s=mandiola_case.DEAD_S, natural_hz=0.0),
+        )
+        plan = case.folder / f"{shape}-plan.parquet"
+        planned = compensate(program, read_cell(cell), predict=False)
+        write_plan(plan, planned.plan, {"program": program.name, "counterflex": __version__})
+        cycles = round(float(planned.plan.path.time_s[-1]) / mandiola_case.PERIOD_S) + 250
+        loop = online.RunSettings(cell, rsi, plan, compensated=False, arm=variant != "off")
+        log = part.with_name(f"{part.name}-log")
+        shutil.rmtree(log, ignore_errors=True)
+        said = over_sockets.run(
+            twin,
+            part,
+            loop,
+            log,
+            sensors=over_sockets.Sensors(force=False, tracker=True),
+            cycles=cycles,
+            progress=progress,
+        )
+    shutil.rmtree(log, ignore_errors=True)
+    return {"loop": {key: said[key] for key in ("cycles", "states", "causes", "largest_correction_um", "seconds")}}
+
+
+def tracked(part: Path, cell: Path) -> tracking.Tracked:
+    """What the twin recorded of a run; the angles are those of the program."""
+    run_, _ = read_run(part / "run.parquet")
+    upright = np.tile(np.array([0.0, 0.0, 1.0]), (len(run_.time_s), 1))
+    q = simulate.controller(read_cell(cell)).joints(run_.p_part_command, upright)
+    return tracking.Tracked(run_.time_s, run_.p_part_command, run_.p_part_tcp, run_.tilt_part, q)
+
+
+def figures(run_: tracking.Tracked, case: Case, shape: str) -> dict[str, Any]:
+    """Figures of one run.
+
+    Args:
+        run_: What the twin recorded.
+        case: Which paths.
+        shape: ``square`` or ``circle``.
+    """
+    if shape == "square":
+        contour = tracking.contour_error(run_.p_actual, case.corners, tracking.segment_of(run_.p_command, case.corners))
+        straight, corner = tracking.corner_zones(run_, case.corners, CORNER_M * min(1.0, 2.0 * case.scale))
+        zones = {"straights": straight, "corners": corner}
+    else:
+        contour = tracking.circle_error(run_.p_actual, case.radius_m)
+        turn = tracking.turn_zone(run_, mandiola_case.RUN_IN_DEG * DEG)
+        zones = {"turn": turn, "reversals": tracking.reversal_zone(run_, turn, AFTER_REVERSAL_S)}
+    out = {}
+    for name, where in zones.items():
+        if not where.any():
+            continue
+        out[name] = {
+            "contour": tracking.spread(contour, where).as_um(),
+            "total": tracking.spread(run_.total, where).as_um(),
+            "orientation": tracking.spread(run_.turned, where).as_mdeg(),
+        }
+    return out
+
+
+def _summary(found: Mapping[tuple[int, str, str], dict[str, Any]], scale: float, seconds: float) -> dict[str, Any]:
+    seeds = sorted({seed for seed, _, _ in found})
+    rows = [
+        {
+            "seed": seed,
+            "variants": {v: {s: found[seed, s, v]["figures"] for s in SHAPES} for v in VARIANTS},
+            "loops": {v: {s: found[seed, s, v]["loop"] for s in SHAPES} for v in VARIANTS},
+        }
+        for seed in seeds
+    ]
+    return {
+        "job": "reproduce mandiola2023",
+        "truth_level": "seeded",
+        "scale": scale,
+        "seeds": rows,
+        "reductions": reductions(rows),
+        "paper": PAPER,
+        "seconds": round(seconds, 1),
+        "counterflex": __version__,
+    }
+
+
+def reductions(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """What each controller leaves of the figures that the paper and the goals speak of, truth by truth."""
+    out = []
+    for row in rows:
+        v = row["variants"]
+        off, published = v["off"], v["published"]
+        item: dict[str, Any] = {"seed": row["seed"]}
+        for name in VARIANTS:
+            if name == "off":
+                continue
+            item[name] = {
+                "circle_contour_rms": _share(v[name], off, "circle", "turn", "contour", "rms_um"),
+                "circle_total_rms": _share(v[name], off, "circle", "turn", "total", "rms_um"),
+                "square_total_rms": _share(v[name], off, "square", "straights", "total", "rms_um"),
+                "corner_peak_to_published": _ratio(v[name], published, "square", "corners", "total", "max_um"),
+            }
+        out.append(item)
+    return out
+
+
+def _ratio(a: Mapping[str, Any], b: Mapping[str, Any], *keys: str) -> float:
+    for key in keys:
+        a, b = a[key], b[key]
+    return float(np.round(float(a) / float(b), 4))  # type: ignore[arg-type]
+
+
+def _share(a: Mapping[str, Any], b: Mapping[str, Any], *keys: str) -> float:
+    """Reduction 1 - a / b."""
+    return round(1.0 - _ratio(a, b, *keys), 4)

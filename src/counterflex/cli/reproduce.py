@@ -1,0 +1,99 @@
+"""Commands that repeat published experiments on the simulated cell, over sockets: a group, one command per paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli.output import print_json, print_table, progress_bar
+from counterflex.core.errors import Interrupted
+
+_reproduce = typer.Typer(
+    no_args_is_help=True, help="Published experiments, repeated on the simulated cell over its real protocols."
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    _reproduce.command("mandiola2023")(mandiola2023)
+    _reproduce.callback()(_group)
+    app.add_typer(_reproduce, name="reproduce")
+
+
+def _group() -> None:
+    """Published experiments, repeated on the simulated cell over its real protocols."""
+
+
+def mandiola2023(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the results.", metavar="DIR")],
+    seeds: Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)] = 3,
+    quick: Annotated[bool, typer.Option("--quick", help="Small paths and one seed: does it work at all?")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Square and circle with a laser tracker in the loop: off, the published integrator, the designed controller.
+
+    A 400 mm square and a circle of 150 mm radius at 700 mm/min (Mandiola 2023), each run in lockstep over sockets and
+    judged by where the simulated tool truly was. Interrupted, the same command goes on where it was.
+
+    Example: `counterflex reproduce mandiola2023 --out mandiola`
+    """
+    from counterflex.app import reproduce_mandiola as job
+
+    with progress_bar("mandiola2023") as progress:
+        try:
+            summary = job.run(out, seeds=1 if quick else seeds, quick=quick, progress=progress)
+        except KeyboardInterrupt as stop:
+            raise Interrupted(
+                "interrupted; finished runs are kept", where=str(out), hint="The same command goes on where it was"
+            ) from stop
+    if as_json:
+        print_json(summary)
+    else:
+        _show_mandiola(summary)
+        typer.echo(f"wrote {out}")
+
+
+def _show_mandiola(summary: dict[str, Any]) -> None:
+    stretches = (
+        ("circle", "turn", "circle"),
+        ("circle", "reversals", "reversals"),
+        ("square", "straights", "straights"),
+        ("square", "corners", "corners"),
+    )
+    rows = []
+    for row in summary["seeds"]:
+        for name, figures in row["variants"].items():
+            for shape, zone, title in stretches:
+                if zone not in figures[shape]:
+                    continue
+                f = figures[shape][zone]
+                numbers = [f["contour"][k] for k in ("rms_um", "max_um")] + [
+                    f["total"][k] for k in ("rms_um", "max_um")
+                ]
+                numbers.append(f["orientation"]["max_mdeg"])
+                rows.append([str(row["seed"]), name, title, *(f"{v:.1f}" for v in numbers)])
+    print_table(
+        "True error of the tool",
+        ["seed", "controller", "where", "contour rms um", "max um", "total rms um", "max um", "orientation max mdeg"],
+        rows,
+    )
+    print_table(
+        "Reduction against off (Mandiola2023: circle 66 %), and corner peak against the published gain's",
+        ["seed", "controller", "circle contour %", "circle total %", "straights total %", "corner peak ratio"],
+        [
+            [
+                str(item["seed"]),
+                name,
+                *(
+                    f"{100.0 * item[name][key]:.1f}"
+                    for key in ("circle_contour_rms", "circle_total_rms", "square_total_rms")
+                ),
+                f"{item[name]['corner_peak_to_published']:.2f}",
+            ]
+            for item in summary["reductions"]
+            for name in item
+            if name != "seed"
+        ],
+    )

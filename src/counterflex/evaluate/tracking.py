@@ -1,0 +1,198 @@
+"""How closely a tool follows a path in the air: error across the path and in all, on straights, at corners, on arcs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, UM
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Figures of an error over the samples of a stretch.
+
+    Attributes:
+        rms: Root of the mean square.
+        p997: What 99.7 % of the samples stay at or below; a value that was met.
+        largest: Largest.
+        count: Samples.
+    """
+
+    rms: float
+    p997: float
+    largest: float
+    count: int
+
+    def as_um(self) -> dict[str, float]:
+        """Figures of a length, in um."""
+        return {
+            "rms_um": round(self.rms / UM, 2),
+            "p997_um": round(self.p997 / UM, 2),
+            "max_um": round(self.largest / UM, 2),
+        }
+
+    def as_mdeg(self) -> dict[str, float]:
+        """Figures of an angle, in thousandths of a degree."""
+        unit = 1e-3 * DEG
+        return {
+            "rms_mdeg": round(self.rms / unit, 2),
+            "p997_mdeg": round(self.p997 / unit, 2),
+            "max_mdeg": round(self.largest / unit, 2),
+        }
+
+
+def spread(size: Float, where: Bool) -> Spread:
+    """Figures of the sizes ``size`` (n,) over the samples ``where`` (n,).
+
+    Raises:
+        InputError: No sample is chosen.
+    """
+    chosen = np.sort(np.abs(np.asarray(size, dtype=np.float64)[np.asarray(where, dtype=bool)]))
+    if len(chosen) == 0:
+        raise InputError("no sample lies in this stretch")
+    at = max(0, int(np.ceil(0.997 * len(chosen))) - 1)
+    return Spread(float(np.sqrt(np.mean(chosen**2))), float(chosen[at]), float(chosen[-1]), len(chosen))
+
+
+def contour_error(p: Float, corners: Float, near: Int) -> Float:
+    """Distance of each point from the nearest piece of a polyline close to where the point belongs.
+
+    Args:
+        p: (n, 3) m, actual points.
+        corners: (k, 3) m, the polyline, k >= 2.
+        near: (n,) segment 0..k-2 that each point is on by the program; it, the one before and the one after count.
+
+    Returns:
+        (n,) m.
+    """
+    points, line = as_float("p", p, (None, 3)), as_float("corners", corners, (None, 3))
+    segments = len(line) - 1
+    if segments < 1:
+        raise InputError("a polyline needs two points", value=len(line))
+    best = np.full(len(points), np.inf)
+    for step in (-1, 0, 1):
+        i = np.clip(np.asarray(near, dtype=np.int64) + step, 0, segments - 1)
+        a, d = line[i], line[i + 1] - line[i]
+        u = np.clip(np.sum((points - a) * d, axis=1) / np.maximum(np.sum(d * d, axis=1), 1e-18), 0.0, 1.0)
+        best = np.minimum(best, np.linalg.norm(points - a - u[:, None] * d, axis=1))
+    return best
+
+
+def circle_error(p: Float, radius_m: float) -> Float:
+    """Distance (n,) m of points (n, 3) m from a circle about the origin in the plane z = 0."""
+    points, radius = as_float("p", p, (None, 3)), as_positive("radius_m", radius_m)
+    out: Float = np.hypot(np.hypot(points[:, 0], points[:, 1]) - radius, points[:, 2])
+    return out
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """A path as it was run, one row per cycle; part frame, m and rad.
+
+    Attributes:
+        time_s: (n,) s.
+        p_command: (n, 3) where the tool tip should have been at that time.
+        p_actual: (n, 3) where it was.
+        tilt: (n, 3) rotation vector from the commanded to the true tool frame.
+        q: (n, 6) rad, angles of the axes.
+    """
+
+    time_s: Float
+    p_command: Float
+    p_actual: Float
+    tilt: Float
+    q: Float
+
+    @property
+    def total(self) -> Float:
+        """(n,) m, distance from where the tip should have been, lag along the path included."""
+        out: Float = np.linalg.norm(self.p_actual - self.p_command, axis=1)
+        return out
+
+    @property
+    def turned(self) -> Float:
+        """(n,) rad, size of the orientation error."""
+        out: Float = np.linalg.norm(self.tilt, axis=1)
+        return out
+
+
+def segment_of(p_command: Float, corners: Float) -> Int:
+    """Segment of a polyline on which each commanded point lies, never going back: (n,) 0..k-2."""
+    line = as_float("corners", corners, (None, 3))
+    out = np.zeros(len(p_command), dtype=np.int64)
+    segment, last = 0, len(line) - 2
+    for n, p in enumerate(p_command):
+        while segment < last:
+            d = line[segment + 1] - line[segment]
+            if float((p - line[segment]) @ d) < float(d @ d) * (1.0 - 1e-9):
+                break
+            segment += 1
+        out[n] = segment
+    return out
+
+
+def corner_zones(tracked: Tracked, corners: Float, reach_m: float) -> tuple[Bool, Bool]:
+    """Samples of a polyline's straights, and those around its inner corners.
+
+    Args:
+        tracked: The run.
+        corners: (k, 3) m.
+        reach_m: Around a corner, and at both ends of the path, this much of the path is no straight.
+
+    Returns:
+        Straights (n,) and corners (n,).
+    """
+    line = as_float("corners", corners, (None, 3))
+    near = segment_of(tracked.p_command, line)
+    before = np.linalg.norm(tracked.p_command - line[near], axis=1)
+    after = np.linalg.norm(tracked.p_command - line[near + 1], axis=1)
+    moving = _moving(tracked)
+    straight = moving & (before > reach_m) & (after > reach_m)
+    inner = ((before <= reach_m) & (near > 0)) | ((after <= reach_m) & (near < len(line) - 2))
+    return straight, moving & inner
+
+
+def turn_zone(tracked: Tracked, run_in_rad: float) -> Bool:
+    """Samples (n,) of one whole turn of a circle about the origin, after a run-in."""
+    angle = np.unwrap(np.arctan2(tracked.p_command[:, 1], tracked.p_command[:, 0]))
+    gone = angle - angle[0]
+    out: Bool = (gone >= run_in_rad) & (gone < run_in_rad + 2.0 * np.pi)
+    return out
+
+
+def reversal_zone(tracked: Tracked, where: Bool, after_s: float, least_rad: float = 100e-6) -> Bool:
+    """Samples (n,) of ``where`` within a time after an axis turned round.
+
+    Args:
+        tracked: The run.
+        where: Samples that count.
+        after_s: Time after the turn of an axis that is counted.
+        least_rad: An axis must have moved this much before it turns: less is noise.
+    """
+    out = np.zeros(len(tracked.time_s), dtype=bool)
+    for q in tracked.q.T:
+        extreme, direction = q[0], 0.0
+        for n, angle in enumerate(q):
+            if direction == 0.0:
+                direction = float(np.sign(angle - extreme)) if abs(angle - extreme) > least_rad else 0.0
+                continue
+            if (angle - extreme) * direction > 0.0:
+                extreme = angle
+            elif (extreme - angle) * direction > least_rad:
+                out |= (tracked.time_s >= tracked.time_s[n] - 0.5 * after_s) & (
+                    tracked.time_s < tracked.time_s[n] + after_s
+                )
+                extreme, direction = angle, -direction
+    return out & where
+
+
+def _moving(tracked: Tracked) -> Bool:
+    step = np.linalg.norm(np.diff(tracked.p_command, axis=0, prepend=tracked.p_command[:1]), axis=1)
+    begun = np.maximum.accumulate(step > 0.0)
+    ended = np.maximum.accumulate((step > 0.0)[::-1])[::-1]
+    out: Bool = begun & ended
+    return out
