@@ -107,6 +107,7 @@ class _Tracker:
     def __init__(self, robot: _Robot) -> None:
         self.robot = robot
         self.T_tracker_target = np.eye(4)
+        self.time_ns, self.sigma_m = 0, 0.0
 
     def drain(self) -> bool:
         rng = self.robot.rng

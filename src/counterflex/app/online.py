@@ -31,7 +31,8 @@ from counterflex.links.telegram_watch import WatchSettings
 from counterflex.links.tracker_link import TrackerLink
 from counterflex.plan.plan import Plan
 from counterflex.robot.chain import ElasticChain
-from counterflex.runtime.layout import O_CAUSE, O_SOFT, O_STATE
+from counterflex.runtime.fusion import Source
+from counterflex.runtime.layout import O_CAUSE, O_DEGRADED, O_SOFT, O_SOURCES, O_STATE
 from counterflex.runtime.loop import Loop, LoopPlan
 from counterflex.runtime.record_ring import OUTCOME, RESULTS, RecordRing
 from counterflex.runtime.sensor_wrench import SensorWrench
@@ -131,14 +132,24 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     loop = online_loop(cell, plan, compensated=settings.compensated and plan is not None)
     table = cell.tables.online or OnlineTable()
     sensor = flange_sensor(cell.tables.sensor, cell.chain)
-    if table.force != "none" and (settings.force is None or sensor is None):
+    fused = table.force == "fused"
+    if fused and settings.force is None and settings.tracker_port is None and plan is None:
+        raise InputError(
+            "the estimator has nothing to estimate from",
+            where=str(settings.cell),
+            value='force = "fused"',
+            hint="Give --force HOST:PORT, --tracker PORT, --plan FILE, or several of them",
+        )
+    without = settings.force is None or sensor is None
+    if table.force != "none" and without and not (fused and settings.force is None):
         raise InputError(
             "the force is to be corrected from, but there is no force sensor",
             where=str(settings.cell),
             value=f'force = "{table.force}"',
             hint='Give --force HOST:PORT and a table [sensor], or set force = "none"',
         )
-    if table.tracker != "none" and (settings.tracker_port is None or cell.tables.tracker is None):
+    wanted = table.tracker != "none" or (fused and settings.tracker_port is not None)
+    if wanted and (settings.tracker_port is None or cell.tables.tracker is None):
         raise InputError(
             "the tracker is to be corrected from, but there is none",
             where=str(settings.cell),
@@ -207,6 +218,8 @@ class Status:
         compute_us: Median time of a cycle since the last status.
         log_trouble: Why the log cannot be written, or empty.
         foreign: Telegrams from an address that is not the controller's, so far.
+        sources: What the estimate rests on; nothing without an estimator.
+        degraded: Why one of its sources is missing.
     """
 
     state: State
@@ -216,6 +229,8 @@ class Status:
     compute_us: float
     log_trouble: str
     foreign: int = 0
+    sources: Source = Source.NOTHING
+    degraded: Cause = Cause.NONE
 
 
 def run(
@@ -295,7 +310,7 @@ def _record(
                 for value, count in zip(*np.unique(rows[:, OUTCOME + O_STATE], return_counts=True), strict=True):
                     name = State(int(value)).name.lower()
                     states[name] = states.get(name, 0) + int(count)
-                for column in (O_CAUSE, O_SOFT):
+                for column in (O_CAUSE, O_SOFT, O_DEGRADED):
                     faults |= {Cause(int(c)).name.lower() for c in np.unique(rows[:, OUTCOME + column]) if c}
             now = time.monotonic()
             if now - shown > 0.5 and recent:
@@ -310,6 +325,8 @@ def _record(
                         float(np.median(tail)),
                         log.trouble,
                         int(control[Tally.FOREIGN]),
+                        Source(int(last[OUTCOME + O_SOURCES])),
+                        Cause(int(last[OUTCOME + O_DEGRADED])),
                     )
                 )
                 shown, recent = now, []

@@ -21,6 +21,7 @@ from counterflex.files.cell import read_cell
 from counterflex.files.plan_file import read_plan
 from counterflex.files.run_log import segments
 from counterflex.files.run_log_repair import Repaired, repair_segment
+from counterflex.runtime.fusion import level
 from counterflex.runtime.record_ring import COLUMNS
 from counterflex.runtime.replay import Difference, Gap, Replay
 
@@ -84,6 +85,17 @@ def _shown(found: RunFigures) -> dict[str, Any]:
                 "cause": change.cause.name.lower(),
             }
             for change in found.changes
+        ],
+        "sources": {level(s): cycles for s, cycles in found.sources.items()},
+        "sources_changes": [
+            {
+                "cycle": change.cycle,
+                "time_s": round(change.time_s, 3),
+                "from": level(change.before),
+                "to": level(change.after),
+                "cause": change.cause.name.lower(),
+            }
+            for change in found.sources_changes
         ],
         "reply_us": None if found.reply is None else micro(found.reply),
         "largest_correction_um": round(found.largest_m / UM, 2),

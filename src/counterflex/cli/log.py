@@ -69,10 +69,21 @@ def _show_run(run: dict[str, Any], *, several: bool) -> None:
             for name, value in run["states"].items()
         ],
     )
-    changes = run["changes"]
+    if run["sources"]:
+        print_table(
+            "The estimate rested on", ["sources", "cycles"], [[name, str(n)] for name, n in run["sources"].items()]
+        )
+    _show_changes("Changes of its sources", run["sources_changes"])
+    _show_changes("Changes", run["changes"])
+    if run["causes"]:
+        said = (f"{name.replace('_', ' ')} {count}" for name, count in run["causes"].items())
+        typer.echo("cycles with a cause: " + ", ".join(said))
+
+
+def _show_changes(title: str, changes: list[dict[str, Any]]) -> None:
     if changes:
         print_table(
-            "Changes",
+            title,
             ["cycle", "seconds", "from", "to", "cause"],
             [
                 [
@@ -86,9 +97,6 @@ def _show_run(run: dict[str, Any], *, several: bool) -> None:
             ],
             note=f"and {len(changes) - _SHOWN} more; --json lists them" if len(changes) > _SHOWN else "",
         )
-    if run["causes"]:
-        said = (f"{name.replace('_', ' ')} {count}" for name, count in run["causes"].items())
-        typer.echo("cycles with a cause: " + ", ".join(said))
 
 
 def replay(

@@ -86,6 +86,7 @@ def run(
     Example: `counterflex run --cell cell.toml --rsi rsi.xml --plan plan.parquet --force 192.168.1.1:49152 --out log`
     """
     from counterflex.app import online as job
+    from counterflex.runtime.fusion import level
 
     keep_inputs(out, cell, rsi, *([] if plan is None else [plan]))
     if arm and not lockstep and not trust_machine:
@@ -109,12 +110,15 @@ def run(
     def watch(status: job.Status) -> None:
         x, y, z = status.correction_um
         cause = f" ({status.cause.name.lower().replace('_', ' ')})" if status.cause else ""
+        rests = f"  from {level(status.sources)}" if status.sources else ""
+        if status.degraded:
+            rests += f" ({status.degraded.name.lower().replace('_', ' ')})"
         trouble = f"  LOG LOST: {status.log_trouble}" if status.log_trouble else ""
         if status.foreign:
             trouble += f"  FOREIGN TELEGRAMS: {status.foreign}"
         typer.echo(
             f"{status.state.name.lower():9s}{cause} {status.cycles:7d} cycles  "
-            f"correction {x:+6.0f} {y:+6.0f} {z:+6.0f} um  {status.compute_us:4.0f} us{trouble}",
+            f"correction {x:+6.0f} {y:+6.0f} {z:+6.0f} um  {status.compute_us:4.0f} us{rests}{trouble}",
             err=True,
         )
 

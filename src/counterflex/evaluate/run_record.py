@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -12,10 +12,12 @@ from counterflex.core.errors import InputError
 from counterflex.evaluate.loop_timing import Percentiles, percentiles
 from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record
+from counterflex.runtime.fusion import Source
 from counterflex.runtime.supervisor import Cause, State
 
 _RECEIVED, _SENT, _ELAPSED = 1, 2, 3
 MOST_CHANGES: Final = 10_000
+_SOURCES: Final = 16  # sets of four sources
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,25 @@ class Change:
 
 
 @dataclass(frozen=True)
+class SourcesChange:
+    """A change of what the estimate rests on.
+
+    Attributes:
+        cycle: First cycle with the new sources.
+        time_s: Since the first record.
+        before: Sources before.
+        after: Sources in the cycle.
+        cause: Why one of the cell's is missing, or none.
+    """
+
+    cycle: int
+    time_s: float
+    before: Source
+    after: Source
+    cause: Cause
+
+
+@dataclass(frozen=True)
 class RunFigures:
     """Figures of one run.
 
@@ -51,6 +72,8 @@ class RunFigures:
         states: Cycles and seconds by state, in the order of :class:`State`; states that were not met are left out.
         causes: Cycles by cause of a hold or fault, most frequent first.
         changes: The first :data:`MOST_CHANGES`.
+        sources: Cycles by what the estimate rested on, most frequent first; empty without an estimator.
+        sources_changes: The first :data:`MOST_CHANGES` changes of it.
         reply: From the return of the receive call to the return of the send call; None where nothing was answered.
         largest_m: Largest correction that was sent, length of its translation.
         largest_step_m: Largest change of it from one record to the next cycle's.
@@ -68,6 +91,8 @@ class RunFigures:
     reply: Percentiles | None
     largest_m: float
     largest_step_m: float
+    sources: dict[Source, int] = field(default_factory=dict)
+    sources_changes: tuple[SourcesChange, ...] = ()
 
 
 class RunRecord:
@@ -80,6 +105,8 @@ class RunRecord:
         self._times: Float = np.zeros(len(State))
         self._causes: Int = np.zeros(len(Cause), dtype=np.int64)
         self._changes: list[Change] = []
+        self._sources: Int = np.zeros(_SOURCES, dtype=np.int64)
+        self._sources_changes: list[SourcesChange] = []
         self._reply: list[Float] = []
         self._last: Float | None = None
         self._begin = self._end = 0.0
@@ -121,6 +148,9 @@ class RunRecord:
         soft = _numbers(rows[:, record.OUTCOME + at.O_SOFT], len(Cause), "cause")
         hard = _numbers(rows[:, record.OUTCOME + at.O_HARD], len(Cause), "cause")
         self._causes += np.bincount(np.where(hard > 0, hard, soft), minlength=len(Cause))
+        self._sources += np.bincount(
+            _numbers(rows[:, record.OUTCOME + at.O_SOURCES], _SOURCES, "set of sources"), minlength=_SOURCES
+        )
         length = np.linalg.norm(rows[:, record.RESULTS : record.RESULTS + 3], axis=1)
         self._largest = max(self._largest, float(length.max()))
 
@@ -148,6 +178,27 @@ class RunRecord:
                 )
             )
 
+        sources = rows[:, record.OUTCOME + at.O_SOURCES].astype(np.int64)
+        for k in np.flatnonzero(np.diff(sources)):
+            if len(self._sources_changes) >= MOST_CHANGES:
+                break
+            row = rows[k + 1]
+            self._sources_changes.append(
+                SourcesChange(
+                    int(row[record.CYCLE]),
+                    (float(row[_RECEIVED]) - self._begin) * 1e-9,
+                    Source(int(sources[k])),
+                    Source(int(sources[k + 1])),
+                    Cause(int(row[record.OUTCOME + at.O_DEGRADED])),
+                )
+            )
+
+    def _rested(self) -> dict[Source, int]:
+        if not self._sources[1:].any():
+            return {}
+        order = sorted(np.flatnonzero(self._sources), key=lambda c: -int(self._sources[c]))
+        return {Source(int(c)): int(self._sources[c]) for c in order}
+
     def figures(self) -> RunFigures:
         """Figures of what was taken so far."""
         reply = np.concatenate(self._reply) if self._reply else np.zeros(0)
@@ -165,6 +216,8 @@ class RunRecord:
             reply=percentiles(reply) if len(reply) else None,
             largest_m=self._largest,
             largest_step_m=self._largest_step,
+            sources=self._rested(),
+            sources_changes=tuple(self._sources_changes),
         )
 
 

@@ -7,9 +7,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from counterflex.core.units import DEG, MM, MS, UM
+from counterflex.core.units import DEG, MM, MS, PERCENT, UM
 from counterflex.files.cell_timing import TimingTable
 from counterflex.files.schema import Table
+from counterflex.runtime.fusion import FusionTuning
 from counterflex.runtime.settings import (
     Delays,
     ForceMode,
@@ -18,26 +19,31 @@ from counterflex.runtime.settings import (
     Pilot,
     TrackerMode,
     TrackerTuning,
+    per_direction,
 )
 from counterflex.signals.filters import Smoothing
 from counterflex.signals.limiter import MotionLimit
 
 Above = Annotated[float, Field(gt=0.0, le=1e6)]
 Level = Annotated[float, Field(ge=0.0, le=1e6)]
+Proportional = Annotated[float, Field(ge=0.0, le=2.0)]
+Integral = Annotated[float, Field(ge=0.0, le=10.0)]
+Derivative = Annotated[float, Field(ge=0.0, le=1000.0)]
+Percent = Annotated[float, Field(gt=0.0, le=100.0)]
 
 
 class OnlineTable(Table):
     """Which signals correct, through which filters, within which limits."""
 
-    force: Literal["none", "measured", "pilot", "scale"] = "pilot"
+    force: Literal["none", "measured", "pilot", "scale", "fused"] = "pilot"
     tracker: Literal["none", "integrator", "observer"] = "none"
     output: Literal["cartesian", "axes"] = "cartesian"
     period_ms: Literal[4, 12] = 4
     along_feed: bool = False
     orientation: bool = False
-    proportional: Annotated[float, Field(ge=0.0, le=2.0)] = 1.0
-    integral_per_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
-    derivative_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
+    proportional: Proportional | tuple[Proportional, Proportional, Proportional] = 1.0
+    integral_per_s: Integral | tuple[Integral, Integral, Integral] = 0.0
+    derivative_ms: Derivative | tuple[Derivative, Derivative, Derivative] = 0.0
     corner_hz: Annotated[float, Field(ge=0.0, le=100.0)] = 8.0
     average: Annotated[int, Field(ge=1, le=250)] = 8
     threshold_n: Above = 150.0
@@ -52,6 +58,12 @@ class OnlineTable(Table):
     tracker_step_um: Above = 50.0
     drift_um: Above = 200.0
     noise_um: Above = 60.0
+    force_error_percent: Percent = 25.0
+    model_error_percent: Percent = 15.0
+    offset_mm: Above = 0.5
+    offset_drift_um: Above = 100.0
+    tracker_stale_ms: Above = 500.0
+    torque_noise_nm: Above = 150.0
     correction_mm: Above = 2.0
     correction_deg: Above = 0.3
     speed_mm_s: Above = 20.0
@@ -72,6 +84,7 @@ class OnlineTable(Table):
         period = self.period_ms * MS
         delays = self._delays(timing)
         rotation = self.correction_deg * DEG
+        d_feed, d_across, d_axial = per_direction("derivative_ms", self.derivative_ms)
         share = rotation / (self.correction_mm * MM)
         return OnlineSettings(
             period_s=period,
@@ -83,7 +96,7 @@ class OnlineTable(Table):
             orientation=self.orientation,
             proportional=self.proportional,
             integral_per_s=self.integral_per_s,
-            derivative_s=self.derivative_ms * MS,
+            derivative_s=(d_feed * MS, d_across * MS, d_axial * MS),
             smoothing=Smoothing(self.corner_hz, self.average, period),
             pilot=Pilot(
                 self.threshold_n,
@@ -96,6 +109,14 @@ class OnlineTable(Table):
                 saturation_m=self.tracker_step_um * UM,
                 drift_m=self.drift_um * UM,
                 noise_m=self.noise_um * UM,
+            ),
+            fusion=FusionTuning(
+                factor=self.force_error_percent * PERCENT,
+                model=self.model_error_percent * PERCENT,
+                offset_m=self.offset_mm * MM,
+                offset_drift_m=self.offset_drift_um * UM,
+                tracker_stale_s=self.tracker_stale_ms * MS,
+                torque_nm=self.torque_noise_nm,
             ),
             translation=MotionLimit(self.correction_mm * MM, self.speed_mm_s * MM, self.acceleration_mm_s2 * MM),
             rotation=MotionLimit(rotation, self.speed_mm_s * MM * share, self.acceleration_mm_s2 * MM * share),

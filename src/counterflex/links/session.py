@@ -15,6 +15,7 @@ from enum import IntEnum
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
+from counterflex.core.units import MS, NS
 from counterflex.geometry import pose
 from counterflex.links.netft_link import NetftLink
 from counterflex.links.robot_link import RobotLink
@@ -22,11 +23,13 @@ from counterflex.links.telegram_watch import TelegramWatch, WatchSettings
 from counterflex.links.tracker_link import TrackerLink
 from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record
+from counterflex.runtime.fusion import Source
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.sensor_wrench import SensorWrench
 from counterflex.runtime.settings import ForceMode, Output, TrackerMode
 from counterflex.runtime.supervisor import Cause, State
+from counterflex.signals.arrival import ArrivalClock
 
 _TARE_CYCLES = 50
 _FORGET_CYCLES = 10_000
@@ -131,8 +134,14 @@ class OnlineSession:
         self.control: Int = np.zeros(REQUESTS, dtype=np.int64) if control is None else control
         self._checks = checks if checks is not None else SessionChecks()
         self._axes = loop.settings.output == Output.AXES
+        self._fused = loop.settings.force == ForceMode.FUSED
         self._needs_force = loop.settings.force in (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.SCALE)
-        self._needs_tracker = loop.settings.tracker != TrackerMode.NONE
+        self._needs_force |= self._fused and force is not None
+        self._needs_tracker = loop.settings.tracker != TrackerMode.NONE or (self._fused and tracker is not None)
+        self._sources = int(Source.FORCE) * (force is not None) | int(Source.TRACKER) * (tracker is not None)
+        self._arrival = ArrivalClock(loop.settings.delays.tracker_s)
+        stale_s = loop.settings.fusion.tracker_stale_s if self._fused else 0.0
+        self._tracker_stale = max(loop.settings.stale_cycles, round(stale_s / loop.settings.period_s))
         self._force_age = self._tracker_age = _FORGET_CYCLES
         self.watch = TelegramWatch(loop.settings.period_s, watch)
         self._clock_ns = clock_ns
@@ -186,6 +195,7 @@ class OnlineSession:
         flags[at.F_RESET] = control[Request.RESET]
         flags[at.F_ENABLE] = int(link.enable) if came else flags[at.F_ENABLE]
         flags[at.F_SOFT], flags[at.F_HARD] = soft, hard
+        flags[at.F_SOURCES], flags[at.F_CURRENT_AGE] = self._sources, _FORGET_CYCLES
         loop.run()
         outcome = loop.outcome
         if outcome[at.O_STATE] == State.ARMED:
@@ -277,11 +287,13 @@ class OnlineSession:
         T = self._T_part_tracker @ self.tracker.T_tracker_target @ self._T_target_tcp
         given[at.G_ACTUAL : at.G_ACTUAL + 9] = T[:3, :3].reshape(-1)
         given[at.G_ACTUAL + 9 : at.G_ACTUAL + 12] = T[:3, 3]
+        given[at.G_TRACKER_LATE] = self._arrival.age(self.link.counter * MS, self.tracker.time_ns * NS)
+        given[at.G_TRACKER_SIGMA] = self.tracker.sigma_m
         return 1
 
     def _healthy(self) -> int:
         force = not self._needs_force or (self._healthy_force and self._force_age == 0)
-        tracker = not self._needs_tracker or self._tracker_age < self.loop.settings.stale_cycles
+        tracker = not self._needs_tracker or self._tracker_age < self._tracker_stale
         return int(self.watch.good >= self._checks.settle_cycles and force and tracker)
 
     @property

@@ -22,6 +22,8 @@ class TrackerLink:
     Attributes:
         address: Where datagrams are expected.
         T_tracker_target: (4, 4) newest good pose.
+        time_ns: When it was measured, clock of the source.
+        sigma_m: Standard deviation that the source states; 0 where it does not.
         status: Its status bits, or those of a broken beam that came after it.
         lost: Datagrams lost, in all.
         malformed: Datagrams that are none, in all.
@@ -43,6 +45,7 @@ class TrackerLink:
         self.address: tuple[str, int] = self._socket.getsockname()
         self._peers, self._peer = peers, ""
         self.T_tracker_target: Float = np.eye(4)
+        self.time_ns, self.sigma_m = 0, 0.0
         self.status = BEAM_BROKEN
         self._sequence = -1
         self.lost = self.malformed = self.foreign = 0
@@ -87,6 +90,7 @@ class TrackerLink:
         if measured.status & (BEAM_BROKEN | INACCURATE):
             return False
         self.T_tracker_target = measured.T_tracker_target
+        self.time_ns, self.sigma_m = measured.time_ns, measured.sigma_m
         return True
 
     def close(self) -> None:

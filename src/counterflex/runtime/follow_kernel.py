@@ -81,12 +81,12 @@ def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int)
 
 @kernel("float64(float64[:, ::1], float64[::1], float64, float64[::1])")
 def wrench_at(plan: Float, place: Float, lead_s: float, w: Float) -> float:
-    """Predicted wrench some time after the present place.
+    """Predicted wrench some time after, or before, the present place.
 
     Args:
         plan: (n, 20).
         place: (2,) of :func:`follow`.
-        lead_s: How much later along the plan, >= 0.
+        lead_s: How much later along the plan; below zero earlier.
         w: (6,) N, N m, part axes; written. Zero where nothing is cut.
 
     Returns:
@@ -98,6 +98,8 @@ def wrench_at(plan: Float, place: Float, lead_s: float, w: Float) -> float:
     time = plan[i, PLAN_TIME] + u * (plan[i + 1, PLAN_TIME] - plan[i, PLAN_TIME]) + lead_s
     while i < n - 2 and plan[i + 1, PLAN_TIME] < time:
         i += 1
+    while i > 0 and plan[i, PLAN_TIME] > time:
+        i -= 1
     span = plan[i + 1, PLAN_TIME] - plan[i, PLAN_TIME]
     u = min(1.0, max(0.0, (time - plan[i, PLAN_TIME]) / span)) if span > 0.0 else 1.0
     for k in range(6):

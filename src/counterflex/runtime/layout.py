@@ -9,7 +9,10 @@ G_NOMINAL: Final = 0  # 12: rotation by rows, position m: commanded pose without
 G_Q: Final = 12  # 6: axis angles, rad
 G_W: Final = 18  # 6: wrench of the process on the tool about the TCP, part axes, unfiltered
 G_ACTUAL: Final = 24  # 12: measured pose of the tool, part frame
-GIVEN: Final = 36
+G_TRACKER_LATE: Final = 36  # s from the measurement of G_ACTUAL to now; below zero where not known
+G_TRACKER_SIGMA: Final = 37  # m, of that measurement; 0 where not known
+G_TORQUE: Final = 38  # 6: torque of the process about the axes, from motor currents, N m
+GIVEN: Final = 44
 
 # Inputs of a cycle, int64.
 F_ELAPSED: Final = 0  # cycles since the last telegram, 1 when none was lost; 0 for no telegram
@@ -23,16 +26,18 @@ F_STOP: Final = 7
 F_RESET: Final = 8
 F_SOFT: Final = 9  # cause found outside of the step, or 0
 F_HARD: Final = 10
-FLAGS: Final = 11
+F_SOURCES: Final = 11  # bits of Source: what this cell has
+F_CURRENT_AGE: Final = 12  # cycles since the last good motor currents
+FLAGS: Final = 13
 
 # Constants, float64.
 C_PERIOD: Final = 0
 C_LEAD: Final = 1
 C_THRESHOLD: Final = 2
 C_BLEND: Final = 3  # change of the share per cycle
-C_KP: Final = 4
-C_KI: Final = 5  # times period
-C_KD: Final = 6  # by period
+C_WITHOUT: Final = 4  # 1 where the program contains the correction of the predicted deflection, else 0
+C_REFERENCE_LATE: Final = 5  # s by which the force that stands for the plan's is known late; 0 with a plan
+C_FOLLOW: Final = 6  # s by which the robot trails its programmed path
 C_TRANSLATION: Final = 7  # 3: radius, speed, acceleration
 C_ROTATION: Final = 10  # 3
 C_RAMP: Final = 13  # 3: limits of translation while ramping out
@@ -47,7 +52,13 @@ C_OFF_PATH: Final = 29
 C_ANSWER: Final = 30  # 5: robot_answer
 C_R_BASE_PART: Final = 35  # 9
 C_RAMP_ROTATION: Final = 44  # 3
-CONSTANTS: Final = 47
+C_FUSION: Final = 47  # 9: FusionTuning.packed
+C_TRACKER_LATE: Final = 56  # s, where a sample does not say it
+C_TORQUE: Final = 57  # variance of an axis torque from motor currents
+C_KP: Final = 58  # 3: feed, across, along the tool
+C_KI: Final = 61  # 3, times period
+C_KD: Final = 64  # 3, by period
+CONSTANTS: Final = 67
 
 # Choices, int64.
 W_FORCE: Final = 0
@@ -62,7 +73,9 @@ W_NOMINAL_BACK: Final = 8  # cycles back to the nominal pose that a tracker samp
 W_CORRECTION_BACK: Final = 9  # cycles back to the correction whose answer it shows
 W_DEFLECTION_BACK: Final = 10
 W_WINDOW: Final = 11
-CHOICES: Final = 12
+W_TRACKER_STALE: Final = 12
+W_DISBELIEVED: Final = 13
+CHOICES: Final = 14
 
 # State, float64.
 S_Y: Final = 0  # 6: correction sent, m and rotation vector, part axes
@@ -80,7 +93,15 @@ S_SUM: Final = 41  # 6: integrator of the published tracker control
 S_ANSWER: Final = 47  # 24: memory of the robot's answer, four rows of six
 S_HELD: Final = 71  # 6: correction wanted
 S_IN_FORCE: Final = 77  # 6: correction in effect as the observer reckons it
-STATE: Final = 83
+S_FUSION: Final = 83  # 139: see fusion_kernel
+S_CLOCK: Final = 222  # cycles of the controller since the start, lost ones counted
+S_REFERENCE: Final = 223  # 6: force that stands for the plan's where there is none
+S_TORQUE: Final = 229  # 6: axis torque from the currents without a cut
+S_TORQUE_KNOWN: Final = 235  # cycles it was averaged over
+S_PAST: Final = 236  # 64: row of the ring at the time of a sample
+S_PAST_BENT: Final = 300  # 18
+S_REST: Final = 318  # 6
+STATE: Final = 324
 
 # State, int64: 0..4 of the supervisor, then
 N_RING: Final = 5  # next row of the ring
@@ -88,13 +109,19 @@ N_CYCLES: Final = 6  # cycles since the start
 N_LATE: Final = 7  # telegrams lost in a row
 N_INPUTS: Final = 8  # 10: inputs of the supervisor
 N_SESSION: Final = 18  # 1: another session of the controller came, and the fault it raised has not been reset
-WHOLE: Final = 19
+N_DISBELIEVED: Final = 19  # tracker samples in a row that were too far off
+WHOLE: Final = 20
 
-RING_ROWS: Final = 128
+RING_ROWS: Final = 256
 RING_NOMINAL: Final = 0  # 12
 RING_SENT: Final = 12  # 6
 RING_DEFLECTION: Final = 18  # 6
-RING: Final = 24
+RING_IN_FORCE: Final = 24  # 6: correction in effect
+RING_CONTAINED: Final = 30  # 6
+RING_FRAME: Final = 36  # 9: directions
+RING_BENT: Final = 45  # 18: deflection under the predicted force along each
+RING_CLOCK: Final = 63
+RING: Final = 64
 
 # Results, float64.
 R_CORRECTION: Final = 0  # 6: what to send, m and rotation vector, part axes
@@ -108,7 +135,12 @@ R_DEVIATION: Final = 42  # 6: of the tracker
 R_PATH: Final = 48  # distance from the path
 R_SIGMA: Final = 49
 R_CUT: Final = 50
-RESULTS: Final = 51
+R_FACTOR: Final = 51  # 3: measured by predicted force
+R_MODEL: Final = 54  # 3: share of the deflection that the force does not explain
+R_OFFSET: Final = 57  # 6: deviation that does not go with the force, m and rad, part axes
+R_UNCERTAIN: Final = 63  # standard deviation of the expected deviation
+R_SURPRISE: Final = 64  # 3: largest innovation by its standard deviation: force, tracker, currents; 0 without a sample
+RESULTS: Final = 67
 
 # Results, int64.
 O_STATE: Final = 0
@@ -120,4 +152,6 @@ O_LIMITS: Final = 5  # bits of the limiter: translation, then rotation shifted b
 O_ELASTIC: Final = 6  # bits of the elastic step
 O_SOFT: Final = 7
 O_HARD: Final = 8
-OUTCOME: Final = 9
+O_SOURCES: Final = 9  # bits of Source: what the estimate rests on
+O_DEGRADED: Final = 10  # cause for which a source of the cell is missing, or 0
+OUTCOME: Final = 11

@@ -12,6 +12,7 @@ from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.robot.chain import ElasticChain
 from counterflex.robot.kernels_step import OUT_SIZE, SCRATCH
+from counterflex.runtime import fusion_kernel as fk
 from counterflex.runtime import layout as at
 from counterflex.runtime.follow_kernel import (
     PLAN_C,
@@ -22,12 +23,16 @@ from counterflex.runtime.follow_kernel import (
     PLAN_V,
     PLAN_W,
 )
-from counterflex.runtime.settings import ForceMode, OnlineSettings, robot_answer
+from counterflex.runtime.fusion import Source
+from counterflex.runtime.settings import ForceMode, OnlineSettings, per_direction, robot_answer
 from counterflex.runtime.step_kernel import step
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.signals.filters import Smoother
 
 _WINDOW = 200
+_NO_CURRENTS = 10_000
+_TORQUE_MEMORY_S = 0.5
+"""Over which the friction in a motor current stays the same, so that its samples are no new information."""
 _SCALE_VARIANCE = 0.25**2
 _OFFSET_M2 = (0.5e-3) ** 2
 _OFFSET_RAD2 = (5e-3) ** 2
@@ -118,7 +123,7 @@ class Loop:
         compact = chain.compact
         m = compact.stations
         self._real, self._kind = compact.real, compact.kind
-        self._constants = _constants(settings, as_float("T_base_part", T_base_part, (4, 4)))
+        self._constants = _constants(settings, as_float("T_base_part", T_base_part, (4, 4)), plan is not None)
         self._choices = _choices(settings, plan is not None)
         self._supervisor = settings.supervisor.packed()
         self._plan = np.zeros((2, PLAN_COLUMNS)) if plan is None else plan.packed()
@@ -138,7 +143,7 @@ class Loop:
         self._delta: Float = np.zeros((m, 6))
         self._scratch: Float = np.zeros((SCRATCH, 36))
         self._load: Float = np.zeros(12)
-        self._work: Float = np.zeros((8, 12))
+        self._work: Float = np.zeros((9, 12))
         self.reset()
 
     def reset(self) -> None:
@@ -151,6 +156,7 @@ class Loop:
         self._state[at.S_SCALE : at.S_SCALE + 3] = 1.0
         self._state[at.S_VARIANCE : at.S_VARIANCE + 3] = _SCALE_VARIANCE
         self._state[at.S_OFFSET_VARIANCE : at.S_OFFSET_VARIANCE + 2] = _OFFSET_M2, _OFFSET_RAD2
+        self.settings.fusion.begin(self._state[at.S_FUSION : at.S_FUSION + fk.SIZE])
         self._whole[:] = 0
         self._ring[:] = 0.0
         self.given[:] = 0.0
@@ -175,6 +181,10 @@ class Loop:
         reset: bool = False,
         soft: Cause = Cause.NONE,
         hard: Cause = Cause.NONE,
+        sources: Source = Source.FORCE | Source.TRACKER,
+        tracker_late_s: float | None = None,
+        tracker_sigma_m: float = 0.0,
+        torque: Float | None = None,
     ) -> None:
         """Fill the inputs of a cycle; for tests, replays and experiments.
 
@@ -193,6 +203,10 @@ class Loop:
             reset: The operator resets a fault.
             soft: Cause of a hold found elsewhere.
             hard: Cause of a fault found elsewhere.
+            sources: What the cell has beside the plan, for the estimator.
+            tracker_late_s: Time from the measurement of ``T_part_actual`` to now; None is the identified one.
+            tracker_sigma_m: Standard deviation that the tracker states; 0 where it does not.
+            torque: (6,) N m, torque of the process about the axes from motor currents; None where there are none.
         """
         self.given[:9] = T_part_tcp[:3, :3].reshape(-1)
         self.given[9:12] = T_part_tcp[:3, 3]
@@ -203,7 +217,14 @@ class Loop:
             self.given[at.G_ACTUAL : at.G_ACTUAL + 9] = T_part_actual[:3, :3].reshape(-1)
             self.given[at.G_ACTUAL + 9 : at.G_ACTUAL + 12] = T_part_actual[:3, 3]
         new = int(T_part_actual is not None)
-        self.flags[:] = (elapsed, force_age, new, tracker_age, healthy, arm, enable, stop, reset, soft, hard)
+        self.given[at.G_TRACKER_LATE] = -1.0 if tracker_late_s is None else tracker_late_s
+        self.given[at.G_TRACKER_SIGMA] = tracker_sigma_m
+        if torque is not None:
+            self.given[at.G_TORQUE : at.G_TORQUE + 6] = torque
+        self.flags[:] = (
+            elapsed, force_age, new, tracker_age, healthy, arm, enable, stop, reset, soft, hard, sources,
+            int(torque is None) * _NO_CURRENTS,
+        )  # fmt: skip
 
     def run(self) -> None:
         """One cycle."""
@@ -273,12 +294,21 @@ class Loop:
     @property
     def scale(self) -> Float:
         """(3,) learnt factors of the force: feed, across, along the tool."""
+        if self.settings.force == ForceMode.FUSED:
+            return self._state[at.S_FUSION + fk.X : at.S_FUSION + fk.X + 3].copy()
         return self._state[at.S_SCALE : at.S_SCALE + 3].copy()
 
     @property
     def offset(self) -> Float:
         """(6,) deviation that force and plan do not explain, m and rad, part axes."""
+        if self.settings.force == ForceMode.FUSED:
+            return self.results[at.R_OFFSET : at.R_OFFSET + 6].copy()
         return self._state[at.S_OFFSET : at.S_OFFSET + 6].copy()
+
+    @property
+    def sources(self) -> Source:
+        """What the estimate of the last cycle rests on; nothing where the loop has no estimator."""
+        return Source(int(self.outcome[at.O_SOURCES]))
 
     @property
     def place(self) -> float:
@@ -286,7 +316,7 @@ class Loop:
         return float(self._state[at.S_PLACE] + self._state[at.S_PLACE + 1])
 
 
-def _constants(settings: OnlineSettings, T_base_part: Float) -> Float:
+def _constants(settings: OnlineSettings, T_base_part: Float, planned: bool) -> Float:
     T, tuning = settings.period_s, settings.tuning
     out = np.zeros(at.CONSTANTS)
 
@@ -294,7 +324,18 @@ def _constants(settings: OnlineSettings, T_base_part: Float) -> Float:
         out[place : place + len(values)] = values
 
     put(at.C_PERIOD, [T, settings.pilot.lead_s, settings.pilot.threshold_n, T / settings.pilot.blend_s])
-    put(at.C_KP, [settings.proportional, settings.integral_per_s * T, settings.derivative_s / T])
+    fused = settings.force == ForceMode.FUSED
+    for place, name, factor in (
+        (at.C_KP, "proportional", 1.0),
+        (at.C_KI, "integral_per_s", T),
+        (at.C_KD, "derivative_s", 1.0 / T),
+    ):
+        put(place, [factor * gain for gain in per_direction(name, getattr(settings, name))])
+    put(at.C_WITHOUT, [float(settings.compensated), 0.0 if planned else settings.smoothing.delay_s])
+    out[at.C_FOLLOW] = settings.delays.follow_s if fused else 0.0
+    put(at.C_FUSION, settings.fusion.packed(T))
+    out[at.C_TRACKER_LATE] = settings.delays.tracker_s
+    out[at.C_TORQUE] = settings.fusion.torque_nm**2 * _TORQUE_MEMORY_S / T
     put(at.C_TRANSLATION, settings.translation.packed())
     put(at.C_ROTATION, settings.rotation.packed())
     share = settings.ramp_m_s / settings.translation.speed
@@ -319,7 +360,7 @@ def _choices(settings: OnlineSettings, planned: bool) -> Int:
     ahead = settings.pilot.lead_s if settings.force == ForceMode.SCALE else -settings.smoothing.delay_s
     back = {
         at.W_NOMINAL_BACK: round((delays.follow_s + delays.tracker_s) / T),
-        at.W_CORRECTION_BACK: dead + tracker,
+        at.W_CORRECTION_BACK: dead + (0 if settings.force == ForceMode.FUSED else tracker),
         at.W_DEFLECTION_BACK: max(0, round((ahead + delays.tracker_s) / T)),
     }
     if max(back.values()) >= at.RING_ROWS:
@@ -334,6 +375,8 @@ def _choices(settings: OnlineSettings, planned: bool) -> Int:
     out[at.W_ORIENTATION], out[at.W_PLAN] = settings.orientation, planned
     out[at.W_STALE], out[at.W_LOST] = settings.stale_cycles, settings.lost_cycles
     out[at.W_WINDOW] = _WINDOW
+    out[at.W_TRACKER_STALE] = max(1, round(settings.fusion.tracker_stale_s / T))
+    out[at.W_DISBELIEVED] = settings.fusion.disbelieved
     for place, value in back.items():
         out[place] = value
     return out

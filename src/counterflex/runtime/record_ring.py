@@ -28,13 +28,28 @@ def _columns() -> tuple[str, ...]:
     names += [f"sensor_{a}" for a in wrench]
     names += [f"nominal_{p}" for p in pose] + [f"q{i}" for i in range(1, 7)]
     names += [f"wrench_{a}" for a in wrench] + [f"actual_{p}" for p in pose]
+    names += ["tracker_late", "tracker_sigma"] + [f"torque_{i}" for i in range(1, 7)]
     flags = ("elapsed", "force_age", "tracker_new", "tracker_age", "healthy", "arm", "enable", "stop", "reset")
-    names += [f"flag_{f}" for f in (*flags, "soft", "hard")]
+    names += [f"flag_{f}" for f in (*flags, "soft", "hard", "sources", "current_age")]
     names += [f"correction_{a}" for a in six] + [f"axis_{i}" for i in range(1, 7)]
     names += [f"used_{a}" for a in wrench] + [f"predicted_{a}" for a in wrench] + [f"filtered_{a}" for a in wrench]
     names += [f"deflection_{a}" for a in six] + [f"wanted_{a}" for a in six] + [f"deviation_{a}" for a in six]
     names += ["path_distance", "sigma", "cutting"]
-    outcome = ("state", "cause", "feed_hold", "stop", "silent", "limits", "elastic", "soft", "hard")
+    names += [f"factor_{d}" for d in ("feed", "across", "axial")] + [f"model_{d}" for d in ("feed", "across", "axial")]
+    names += [f"offset_{a}" for a in six] + ["uncertain"] + [f"surprise_{s}" for s in ("force", "tracker", "currents")]
+    outcome = (
+        "state",
+        "cause",
+        "feed_hold",
+        "stop",
+        "silent",
+        "limits",
+        "elastic",
+        "soft",
+        "hard",
+        "sources",
+        "degraded",
+    )
     return (*names, *(f"out_{o}" for o in outcome), "cycle")
 
 

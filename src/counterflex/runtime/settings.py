@@ -10,9 +10,12 @@ import numpy as np
 from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MS, UM
+from counterflex.runtime.fusion import FusionTuning
 from counterflex.runtime.supervisor import SupervisorSettings
 from counterflex.signals.filters import Smoothing
 from counterflex.signals.limiter import MotionLimit
+
+Gain = float | tuple[float, float, float]
 
 
 class ForceMode(IntEnum):
@@ -22,6 +25,8 @@ class ForceMode(IntEnum):
     MEASURED = 1
     PILOT = 2
     SCALE = 3
+    FUSED = 4
+    """One estimator for plan, force, tracker and motor currents (:mod:`counterflex.runtime.fusion_kernel`)."""
 
 
 class TrackerMode(IntEnum):
@@ -117,13 +122,15 @@ class OnlineSettings:
         compensated: The program already contains the correction of the predicted deflection: only the rest is sent.
         normal_only: Leave out the component along the feed (Haehn2020 eq. 10-11).
         orientation: Correct the orientation too.
-        proportional: Gain of the deflection under force; 1 undoes it.
-        integral_per_s: Integral gain.
-        derivative_s: Derivative gain.
+        proportional: Gains of the deflection under force along the feed, across it and along the tool; 1 undoes it. A
+            single number holds for all three, here and in the next two.
+        integral_per_s: Integral gains.
+        derivative_s: Derivative gains.
         smoothing: Filters of the force.
         pilot: See :class:`Pilot`.
         delays: See :class:`Delays`.
         tuning: See :class:`TrackerTuning`.
+        fusion: See :class:`counterflex.runtime.fusion.FusionTuning`.
         force_noise_n: Standard deviation of a filtered force, for the scale's filter.
         timing_s: Uncertainty of the timing between plan and force, likewise.
         scale_drift: Standard deviation that a factor gains per root second.
@@ -144,13 +151,14 @@ class OnlineSettings:
     compensated: bool = False
     normal_only: bool = True
     orientation: bool = False
-    proportional: float = 1.0
-    integral_per_s: float = 0.0
-    derivative_s: float = 0.0
+    proportional: Gain = 1.0
+    integral_per_s: Gain = 0.0
+    derivative_s: Gain = 0.0
     smoothing: Smoothing = field(default_factory=lambda: Smoothing(8.0, 8, 4.0 * MS))
     pilot: Pilot = field(default_factory=Pilot)
     delays: Delays = field(default_factory=Delays)
     tuning: TrackerTuning = field(default_factory=TrackerTuning)
+    fusion: FusionTuning = field(default_factory=FusionTuning)
     force_noise_n: float = 8.0
     timing_s: float = 10.0 * MS
     scale_drift: float = 0.05
@@ -171,8 +179,10 @@ class OnlineSettings:
         """
         for name in ("period_s", "hard_factor", "ramp_m_s", "off_path_m", "force_noise_n", "scale_drift"):
             as_positive(f"online: {name}", getattr(self, name))
-        for name in ("proportional", "integral_per_s", "derivative_s", "timing_s"):
-            as_positive(f"online: {name}", getattr(self, name), zero=True)
+        as_positive("online: timing_s", self.timing_s, zero=True)
+        for name in ("proportional", "integral_per_s", "derivative_s"):
+            for value in per_direction(name, getattr(self, name)):
+                as_positive(f"online: {name}", value, zero=True)
         for holder, names in (
             (self.pilot, ("threshold_n", "blend_s")),
             (self.delays, ("natural_per_s", "damping")),
@@ -197,8 +207,27 @@ class OnlineSettings:
             )
         if self.stale_cycles < 1 or self.lost_cycles < 1:
             raise InputError("cycles without data", value=min(self.stale_cycles, self.lost_cycles), limit=">= 1")
+        if self.force == ForceMode.FUSED and self.tracker != TrackerMode.NONE:
+            raise InputError(
+                "the estimator takes the tracker itself",
+                value=f"tracker = {self.tracker.name.lower()}",
+                hint='With force = "fused" leave tracker = "none"; a tracker that is there is used',
+            )
         if self.force == ForceMode.NONE and self.tracker == TrackerMode.NONE:
             raise InputError("nothing to correct from", value="neither force nor tracker", hint="Choose one of them")
+
+
+def per_direction(name: str, gain: Gain) -> tuple[float, float, float]:
+    """Gains along the feed, across it and along the tool of one number or three.
+
+    Raises:
+        InputError: Neither.
+    """
+    if isinstance(gain, int | float):
+        return (float(gain),) * 3
+    if len(gain) != 3:
+        raise InputError(f"online: {name} per direction", value=len(gain), limit="3: feed, across, along the tool")
+    return gain
 
 
 def lead(settings: OnlineSettings) -> float:

@@ -19,6 +19,15 @@ from counterflex.robot.kernels_step import (
 )
 from counterflex.robot.kernels_step import step as elastic_step
 from counterflex.runtime import layout as at
+from counterflex.runtime.direction_kernel import control
+from counterflex.runtime.estimate_kernel import (
+    answered,
+    estimate_deviation,
+    estimate_loads,
+    missing_cause,
+    of_a_sensor,
+    sources_of,
+)
 from counterflex.runtime.follow_kernel import contained_at, follow, wrench_at
 from counterflex.runtime.force_kernel import blend, learn_scale, scaled
 from counterflex.runtime.frame_kernel import across, directions, pose_deviation, size_of, turn, turn_back
@@ -53,7 +62,7 @@ _NEAR_M = 0.05e-3
 _AT_ZERO_M = 1e-7
 _AT_ZERO_RAD = 1e-7
 _FAULT_LOST = 10
-_MEASURED, _PILOT, _SCALE = 1, 2, 3
+_MEASURED, _PILOT, _SCALE, _FUSED = 1, 2, 3, 4
 _INTEGRATOR, _OBSERVER = 1, 2
 _ACTIVE, _HOLD, _RAMP_OUT, _FAULT = int(State.ACTIVE), int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
 _LATE, _STOPPED, _FORCE_STALE = int(Cause.TELEGRAMS_LATE), int(Cause.TELEGRAMS_STOPPED), int(Cause.FORCE_STALE)
@@ -124,29 +133,31 @@ def step(
         load: (12,) its input.
         results: (at.RESULTS,) written.
         outcome: (at.OUTCOME,) written.
-        work: (8, 12) work space.
+        work: (9, 12) work space.
     """
     period = constants[at.C_PERIOD]
     elapsed = min(max(flags[at.F_ELAPSED], 0), MOST_ELAPSED)
     lost = flags[at.F_ELAPSED] - 1 if flags[at.F_ELAPSED] > 0 else whole[at.N_LATE] + 1
     whole[at.N_LATE] = 0 if flags[at.F_ELAPSED] > 0 else whole[at.N_LATE] + 1
     whole[at.N_CYCLES] += 1
+    state[at.S_CLOCK] += flags[at.F_ELAPSED]
     soft, hard = flags[at.F_SOFT], flags[at.F_HARD]
     if lost >= _FAULT_LOST and hard == 0:
         hard = _STOPPED
     elif lost >= choices[at.W_LOST] and soft == 0:
         soft = _LATE
-    for k in range(at.G_ACTUAL if flags[at.F_TRACKER_NEW] == 0 else at.GIVEN):
-        if not math.isfinite(given[k]):
+    for k in range(at.GIVEN):
+        unused = flags[at.F_TRACKER_NEW] == 0 and at.G_ACTUAL <= k < at.G_TORQUE
+        if not (unused or math.isfinite(given[k])):
             hard = _NOT_FINITE if hard == 0 else hard
     force_mode, tracker_mode = choices[at.W_FORCE], choices[at.W_TRACKER]
     nominal = work[0]
     for k in range(12):
         nominal[k] = given[at.G_NOMINAL + k]
     measured, predicted, ahead, used = work[1], work[2], work[3], work[4]
-    contained, direction, deviation = work[5], work[6], work[7]
+    contained, direction, deviation, behind = work[5], work[6], work[7], work[8]
     for k in range(12):
-        measured[k] = predicted[k] = ahead[k] = used[k] = contained[k] = deviation[k] = 0.0
+        measured[k] = predicted[k] = ahead[k] = used[k] = contained[k] = deviation[k] = behind[k] = 0.0
     row = 0
     distance, cut = 0.0, 0.0
     planned = choices[at.W_PLAN] == 1 and hard != _NOT_FINITE
@@ -154,7 +165,8 @@ def step(
         distance = follow(plan, state[at.S_PLACE :], nominal[9], nominal[10], nominal[11], choices[at.W_WINDOW])
         row = int(state[at.S_PLACE])
         cut = wrench_at(plan, state[at.S_PLACE :], 0.0, predicted[:6])
-        wrench_at(plan, state[at.S_PLACE :], constants[at.C_LEAD], ahead[:6])
+        wrench_at(plan, state[at.S_PLACE :], constants[at.C_LEAD] - constants[at.C_FOLLOW], ahead[:6])
+        wrench_at(plan, state[at.S_PLACE :], -constants[at.C_FOLLOW], behind[:6])
         contained_at(plan, state[at.S_PLACE :], contained[:6])
         if distance > constants[at.C_OFF_PATH] and soft == 0:
             soft = _OFF_PATH
@@ -162,11 +174,19 @@ def step(
     filtered = results[at.R_MEASURED : at.R_MEASURED + 6]
     if hard != _NOT_FINITE:
         smooth(given[at.G_W : at.G_W + 6], filtered, coefficients, measured_memory, measured_ring, measured_place)
-        smooth(predicted[:6], measured[6:12], coefficients, predicted_memory, predicted_ring, predicted_place)
+        smooth(behind[:6], measured[6:12], coefficients, predicted_memory, predicted_ring, predicted_place)
     late_prediction = measured[6:12]
     force_good = flags[at.F_FORCE_AGE] < choices[at.W_STALE]
-    if force_mode != 0 and not force_good and soft == 0:
+    if force_mode not in (0, _FUSED) and not force_good and soft == 0:
         soft = _FORCE_STALE
+    sources = degraded = 0
+    if force_mode == _FUSED:
+        sources = sources_of(flags, choices, soft, whole[at.N_DISBELIEVED], 1 if planned else 0)
+        degraded = missing_cause(flags[at.F_SOURCES], sources, soft)
+        if sources == 0 and soft == 0:
+            soft = degraded if degraded != 0 else _FORCE_STALE
+        elif sources != 0 and of_a_sensor(soft):
+            soft = 0
     directions(plan, row, nominal, direction)
     if force_mode == _MEASURED:
         for k in range(6):
@@ -197,6 +217,11 @@ def step(
         if choices[at.W_COMPENSATED] == 1:
             for k in range(6):
                 used[k] -= ahead[k]
+    elif force_mode == _FUSED and hard != _NOT_FINITE:
+        estimate_loads(
+            given, sources, constants, filtered, cut, predicted[:6], late_prediction, ahead[:6], direction[:9],
+            scratch[1], state, results, used[:6],
+        )  # fmt: skip
     for k in range(6):
         state[at.S_BEFORE + k] = late_prediction[k]
         results[at.R_WRENCH + k] = used[k]
@@ -223,6 +248,13 @@ def step(
     # Tracker.
     active = whole[AT_STATE] == _ACTIVE
     here = whole[at.N_RING]
+    if force_mode == _FUSED:
+        answered(ring, here, max(1, choices[at.W_CORRECTION_BACK]), constants, state)
+    if force_mode == _FUSED and hard != _NOT_FINITE:
+        estimate_deviation(
+            given, flags, constants, choices, elastic, nominal, contained[:6], predicted[:6], direction[:9],
+            active, ring, state, whole, results, deviation[:6],
+        )  # fmt: skip
     if tracker_mode != 0 and flags[at.F_TRACKER_NEW] == 1 and hard != _NOT_FINITE:
         back = (here - choices[at.W_NOMINAL_BACK] + at.RING_ROWS) % at.RING_ROWS
         past = ring[back, at.RING_NOMINAL : at.RING_NOMINAL + 12]
@@ -254,13 +286,25 @@ def step(
         results[at.R_DEVIATION + k] = deviation[k]
     # Correction wanted.
     wanted = results[at.R_WANTED : at.R_WANTED + 6]
-    for k in range(3):
-        if active:
-            state[at.S_INTEGRAL + k] += constants[at.C_KI] * bent[k]
-        change = bent[k] - state[at.S_LAST + k]
-        state[at.S_LAST + k] = bent[k]
-        wanted[k] = -(constants[at.C_KP] * bent[k] + state[at.S_INTEGRAL + k] + constants[at.C_KD] * change)
-        wanted[3 + k] = -constants[at.C_KP] * bent[3 + k] if choices[at.W_ORIENTATION] == 1 else 0.0
+    control(
+        bent,
+        direction[:9],
+        constants[at.C_KP : at.C_KP + 9],
+        1 if active else 0,
+        state[at.S_INTEGRAL : at.S_INTEGRAL + 3],
+        state[at.S_LAST : at.S_LAST + 3],
+        wanted,
+    )
+    if choices[at.W_ORIENTATION] == 0:
+        wanted[3] = wanted[4] = wanted[5] = 0.0
+    if force_mode == _FUSED:
+        offset = load[:6]
+        for k in range(6):
+            offset[k] = results[at.R_OFFSET + k]
+        if choices[at.W_NORMAL] == 1 and planned:
+            across(offset, 0, plan, row)
+        for k in range(6):
+            wanted[k] -= offset[k] if k < 3 or choices[at.W_ORIENTATION] == 1 else 0.0
     if tracker_mode == _INTEGRATOR:
         for k in range(6):
             wanted[k] += state[at.S_SUM + k] if k < 3 or choices[at.W_ORIENTATION] == 1 else 0.0
@@ -331,20 +375,8 @@ def step(
     for k in range(6):
         ring[here, at.RING_SENT + k] = state[at.S_Y + k]
         ring[here, at.RING_DEFLECTION + k] = bent[k] if k < 3 or choices[at.W_ORIENTATION] == 1 else 0.0
-    sent = ring[(here - choices[at.W_CORRECTION_BACK] + at.RING_ROWS) % at.RING_ROWS]
-    for k in range(6):
-        memory = at.S_ANSWER + 4 * k
-        x = sent[at.RING_SENT + k]
-        y = (
-            constants[at.C_ANSWER] * x
-            + constants[at.C_ANSWER + 1] * state[memory]
-            + constants[at.C_ANSWER + 2] * state[memory + 1]
-            - constants[at.C_ANSWER + 3] * state[memory + 2]
-            - constants[at.C_ANSWER + 4] * state[memory + 3]
-        )
-        state[memory + 1], state[memory] = state[memory], x
-        state[memory + 3], state[memory + 2] = state[memory + 2], y
-        state[at.S_IN_FORCE + k] = y
+    if force_mode != _FUSED:
+        answered(ring, here, choices[at.W_CORRECTION_BACK], constants, state)
     whole[at.N_RING] = (here + 1) % at.RING_ROWS
     # The same as axis angles: the damped step of the rigid Jacobian that the elastic step left behind.
     for k in range(6):
@@ -358,6 +390,7 @@ def step(
         cholesky_inverse(scratch[1], 0.0, scratch[2], scratch[3])
         newton_step(scratch[1], scratch[3], error, scratch[5], results[at.R_AXES : at.R_AXES + 6])
     results[at.R_PATH], results[at.R_SIGMA], results[at.R_CUT] = distance, elastic[OUT_SIGMA], cut
+    outcome[at.O_SOURCES], outcome[at.O_DEGRADED] = sources, degraded
     outcome[at.O_STATE], outcome[at.O_CAUSE] = now, whole[1]
     outcome[at.O_FEED_HOLD] = 1 if now in (_HOLD, _FAULT) else 0
     silent = whole[AT_CYCLES] >= supervisor_settings[SET_STOP_CYCLES] or whole[at.N_SESSION] == 1

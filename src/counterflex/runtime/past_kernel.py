@@ -1,0 +1,47 @@
+"""What the loop knew at an instant that has passed: rows of the ring by their time, linear in between."""
+
+from __future__ import annotations
+
+from counterflex.core.arrays import Float
+from counterflex.core.jit import kernel
+from counterflex.runtime import layout as at
+
+
+@kernel("boolean(float64[:, ::1], int64, float64, float64[::1])")
+def row_at(ring: Float, newest: int, clock: float, out: Float) -> bool:
+    """Row of the ring at an instant.
+
+    Positions, corrections and deflections between two cycles are linear; rotations and directions are those of the
+    nearer one.
+
+    Args:
+        ring: (RING_ROWS, RING), one row per cycle of the loop.
+        newest: Row written last.
+        clock: Instant in cycles of the controller, as in ``RING_CLOCK``.
+        out: (RING,) written.
+
+    Returns:
+        False where the instant is before the oldest row, or after the newest by more than a cycle; then ``out`` is not
+        written.
+    """
+    later = newest
+    if clock > ring[later, at.RING_CLOCK] + 1.0:
+        return False
+    for back in range(at.RING_ROWS - 1):
+        earlier = (newest - back + at.RING_ROWS) % at.RING_ROWS
+        stamp = ring[earlier, at.RING_CLOCK]
+        if stamp <= 0.0:
+            return False
+        if stamp <= clock:
+            span = ring[later, at.RING_CLOCK] - stamp
+            u = min(1.0, (clock - stamp) / span) if span > 0.0 else 0.0
+            near = earlier if u < 0.5 else later
+            for k in range(at.RING):
+                turning = k < at.RING_NOMINAL + 9 or at.RING_FRAME <= k < at.RING_FRAME + 9
+                if turning:
+                    out[k] = ring[near, k]
+                else:
+                    out[k] = (1.0 - u) * ring[earlier, k] + u * ring[later, k]
+            return True
+        later = earlier
+    return False

@@ -1,0 +1,51 @@
+"""Age of samples that another clock has stamped, from when they arrive."""
+
+from __future__ import annotations
+
+import math
+
+from counterflex.core.arrays import as_positive
+
+_ANEW_S = 2.0
+_ANEW_SAMPLES = 5
+
+
+class ArrivalClock:
+    """Tells how old a sample is when it arrives, without setting the two clocks.
+
+    Of all samples the one with the smallest difference of arrival and stamp came the shortest way; its age is what was
+    identified for it, and every other sample is older by as much as its difference is larger. The smallest difference
+    is let up slowly, so that a clock that runs slower than ours is followed; one that runs faster is at once. A clock
+    that was set back is taken anew after five samples that would be older than 2 s.
+
+    Args:
+        least_s: Age of a sample that came the shortest way.
+        rate: By how much the clocks may run apart, 1 (1e-4 is 0.1 ms in a second).
+    """
+
+    def __init__(self, least_s: float, rate: float = 1e-4) -> None:
+        self.least_s = as_positive("least_s", least_s, zero=True)
+        self._rate = as_positive("rate", rate, zero=True)
+        self._floor = math.inf
+        self._last = 0.0
+        self._far = 0
+
+    def age(self, now_s: float, stamp_s: float) -> float:
+        """Age of a sample.
+
+        Args:
+            now_s: When it arrived, our clock.
+            stamp_s: When it was measured, its clock.
+
+        Returns:
+            Seconds from its measurement to ``now_s``, at least ``least_s``.
+        """
+        apart = now_s - stamp_s
+        if self._floor < math.inf:
+            self._floor += self._rate * max(0.0, now_s - self._last)
+        self._last = now_s
+        self._far = self._far + 1 if apart - self._floor > _ANEW_S else 0
+        if self._far >= _ANEW_SAMPLES:
+            self._floor, self._far = apart, 0
+        self._floor = min(self._floor, apart)
+        return self.least_s + apart - self._floor
