@@ -43,7 +43,8 @@ EXAMPLES = [
     for command in COMMANDS.values()
     for example in re.findall(r"`counterflex ([^`]+)`", " ".join((command.help or "").split()))
 ]
-ALONE = [example for example in EXAMPLES if example.split()[0] != "run" and not example.startswith("twin cell")]
+LIVE = ("run", "twin cell", "soak")
+ALONE = [example for example in EXAMPLES if not example.startswith(LIVE)]
 """Without those of two commands that wait for each other; they are run over sockets in a test of their own."""
 
 

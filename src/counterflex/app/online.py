@@ -17,6 +17,7 @@ from counterflex import __version__
 from counterflex.app.made_on import made_on
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError, OutputError
+from counterflex.evaluate.latency import LatencyHistogram
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_sensing import flange_sensor
@@ -292,7 +293,7 @@ def _record(
     reader.rewind()
     begin = time.monotonic()
     shown = begin
-    times: list[Float] = []
+    times = LatencyHistogram()
     states: dict[str, int] = {}
     cycles, worst, faults = 0, 0.0, set()
     recent: list[Float] = []
@@ -303,7 +304,7 @@ def _record(
             if len(rows):
                 log.add(rows)
                 compute = (rows[:, 2] - rows[:, 1]) * 1e-3
-                times.append(compute[rows[:, 3] > 0])
+                times.add(compute[rows[:, 3] > 0])
                 recent.append(rows)
                 cycles += int(np.sum(rows[:, 3] > 0))
                 worst = max(worst, float(np.max(np.linalg.norm(rows[:, RESULTS : RESULTS + 3], axis=1))))
@@ -338,7 +339,6 @@ def _record(
         log.add(reader.take())
     finally:
         reader.close()
-    compute_us = np.concatenate(times) if times else np.zeros(1)
     return {
         "cycles": cycles,
         "seconds": round(time.monotonic() - begin, 2),
@@ -346,9 +346,10 @@ def _record(
         "causes": sorted(faults),
         "largest_correction_um": round(worst * 1e6, 1),
         "compute_us": {
-            "p50": round(float(np.percentile(compute_us, 50)), 1),
-            "p99": round(float(np.percentile(compute_us, 99)), 1),
-            "max": round(float(np.max(compute_us)), 1),
+            "p50": round(times.at(0.5), 1),
+            "p99": round(times.at(0.99), 1),
+            "p99.9": round(times.at(0.999), 1),
+            "max": round(times.largest, 1),
         },
         "telegrams": {tally.name.lower(): int(control[tally]) for tally in Tally},
         "records": log.written,

@@ -22,6 +22,7 @@ from counterflex.cli import (
     question,
     reproduce,
     rsi,
+    soak,
     twin,
 )
 from counterflex.cli.interrupt import interruptible
@@ -57,6 +58,7 @@ campaign.register(app)
 online.register(app)
 log.register(app)
 doctor.register(app)
+soak.register(app)
 rsi.register(app)
 reproduce.register(app)
 demo.register(app)

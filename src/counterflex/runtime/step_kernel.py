@@ -62,9 +62,12 @@ _NEAR_M = 0.05e-3
 _AT_ZERO_M = 1e-7
 _AT_ZERO_RAD = 1e-7
 _FAULT_LOST = 10
+_SEEK_CYCLES = 25
+"""Cycles after which the place on the path is sought anew, as long as the loop is idle or ready."""
 _MEASURED, _PILOT, _SCALE, _FUSED = 1, 2, 3, 4
 _INTEGRATOR, _OBSERVER = 1, 2
-_ACTIVE, _HOLD, _RAMP_OUT, _FAULT = int(State.ACTIVE), int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
+_READY, _ACTIVE = int(State.READY), int(State.ACTIVE)
+_HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
 _LATE, _STOPPED, _FORCE_STALE = int(Cause.TELEGRAMS_LATE), int(Cause.TELEGRAMS_STOPPED), int(Cause.FORCE_STALE)
 _TRACKER_LOST, _SOFT_LIMIT, _HARD_LIMIT = int(Cause.TRACKER_LOST), int(Cause.LIMIT_SOFT), int(Cause.LIMIT_HARD)
 _SESSION = int(Cause.SESSION_RESTARTED)
@@ -161,6 +164,8 @@ def step(
     row = 0
     distance, cut = 0.0, 0.0
     planned = choices[at.W_PLAN] == 1 and hard != _NOT_FINITE
+    if whole[AT_STATE] <= _READY and whole[at.N_CYCLES] % _SEEK_CYCLES == 1:
+        state[at.S_PLACE] = -1.0  # nobody is on the way yet: sought on the whole path, from its beginning
     if planned:
         distance = follow(plan, state[at.S_PLACE :], nominal[9], nominal[10], nominal[11], choices[at.W_WINDOW])
         row = int(state[at.S_PLACE])
