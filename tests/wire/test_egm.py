@@ -38,8 +38,9 @@ def test_path_correction_is_the_observed_bytes() -> None:
 @given(VECTOR, VECTOR)
 def test_guidance_round_trip(p: tuple[float, ...], turn: tuple[float, ...]) -> None:
     T = pose.make(rotation.exp(np.array(turn)), np.array(p))
-    sequence, back = read_guidance(write_guidance(9, T))
+    sequence, back, twist = read_guidance(write_guidance(9, T))
     assert sequence == 9
+    np.testing.assert_array_equal(twist, np.zeros(6))
     np.testing.assert_allclose(back, T, atol=1e-12)
 
 

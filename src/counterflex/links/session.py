@@ -17,7 +17,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MS, NS
 from counterflex.geometry import pose
-from counterflex.links.netft_link import NetftLink
+from counterflex.links.force_source import ForceSource
 from counterflex.links.robot_link import RobotLink
 from counterflex.links.telegram_watch import TelegramWatch, WatchSettings
 from counterflex.links.tracker_link import TrackerLink
@@ -116,7 +116,7 @@ class OnlineSession:
         link: RobotLink,
         loop: Loop,
         *,
-        force: NetftLink | None = None,
+        force: ForceSource | None = None,
         wrench: SensorWrench | None = None,
         tracker: TrackerLink | None = None,
         T_part_tracker: Float | None = None,

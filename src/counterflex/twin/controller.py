@@ -15,11 +15,11 @@ from counterflex.core.arrays import Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError, ModelError, ReachError
 from counterflex.core.units import MM
 from counterflex.geometry import pose
+from counterflex.path.path_speed import build_track, timed
 from counterflex.path.toolpath import ToolPath
 from counterflex.robot.description import EndEffector, Opw, Robot
 from counterflex.robot.opw import BRANCHES, branches, nearest_turn, turns
 from counterflex.twin.drives import first_order_lag
-from counterflex.twin.path_speed import build_track, timed
 
 CYCLE_S = 4.0e-3
 

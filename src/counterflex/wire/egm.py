@@ -20,6 +20,7 @@ from counterflex.core.units import DEG, MM, MS
 from counterflex.geometry import pose, rotation
 from counterflex.wire.egm_messages import MESSAGES
 
+UNDEFINED: Final = 0
 DATA: Final = 2
 CORRECTION: Final = 3
 PATH_CORRECTION: Final = 4
@@ -45,6 +46,8 @@ class RobotState:
         rapid_running: The program runs.
         utilization: Share of what the motion interface can do, 1 = 100 %; above, the motion is limited.
         force: (6,) N, N m that the robot itself measures, or None.
+        converged: The robot is where the sensor wants it, within the program's window.
+        move: Number of the movement instruction that is run, or None.
     """
 
     sequence: int
@@ -57,6 +60,8 @@ class RobotState:
     rapid_running: bool
     utilization: float | None
     force: Float | None
+    converged: bool = False
+    move: int | None = None
 
 
 def read_robot(data: bytes) -> RobotState:
@@ -68,6 +73,10 @@ def read_robot(data: bytes) -> RobotState:
     message = _parse("EgmRobot", data)
     if not message.HasField("header"):
         raise ProtocolError("an EGM message has no header", value=f"{len(data)} bytes")
+    if message.header.mtype not in (UNDEFINED, DATA):
+        raise ProtocolError(
+            "an EGM message does not come from a robot", value=f"type {message.header.mtype}", limit=DATA
+        )
     back, planned = message.feedBack, message.planned
     return RobotState(
         sequence=message.header.seqno,
@@ -80,6 +89,8 @@ def read_robot(data: bytes) -> RobotState:
         rapid_running=message.rapidExecState.state == RAPID_RUNNING,
         utilization=_finite(message.utilizationRate) / 100.0 if message.HasField("utilizationRate") else None,
         force=measured_force(message.measuredForce) if message.HasField("measuredForce") else None,
+        converged=message.mciConvergenceMet,
+        move=message.moveIndex if message.HasField("moveIndex") else None,
     )
 
 
@@ -132,6 +143,9 @@ def write_robot(
     message.rapidExecState.state = 2 if state.rapid_running else 1
     if state.utilization is not None:
         message.utilizationRate = 100.0 * state.utilization
+    message.mciConvergenceMet = state.converged
+    if state.move is not None:
+        message.moveIndex = state.move
     if state.force is not None:
         inside = MESSAGES["EgmForceSix" if robotware < 7 else "EgmForceSeven"]()
         if robotware >= 7:
@@ -171,34 +185,53 @@ def read_path_correction(data: bytes) -> tuple[int, Float, float]:
         ProtocolError: Not such a message, or a number that is not finite.
     """
     message = _parse("EgmSensorPathCorr", data)
+    _kind(message.header, PATH_CORRECTION)
     p = message.pathCorr.pos
     correction = np.array([_finite(p.x), _finite(p.y), _finite(p.z)]) * MM
     return message.header.seqno, correction, message.pathCorr.age * MS
 
 
-def write_guidance(sequence: int, T_frame_tcp: Float, time_ms: int = 0) -> bytes:
+def write_guidance(sequence: int, T_frame_tcp: Float, time_ms: int = 0, twist: Float | None = None) -> bytes:
     """An ``EgmSensor`` that guides the tool to a pose.
 
+    The controller's law is ``speed = k (pose - where it is) + speed reference``.
+
+    Args:
+        sequence: Of our messages.
+        T_frame_tcp: (4, 4) m, in the frame that the RAPID program chose.
+        time_ms: Our clock.
+        twist: (6,) m/s and rad/s, speed reference in the same frame; None sends none: the law is then the first term.
+
     Raises:
-        InputError: The pose is not (4, 4) or not finite.
+        InputError: The pose is not (4, 4), the twist not (6,), or a number is not finite.
     """
     message = MESSAGES["EgmSensor"]()
     _head(message.header, sequence, time_ms, CORRECTION)
     _fill(message.planned.cartesian, as_float("T_frame_tcp", T_frame_tcp, (4, 4)))
+    if twist is not None:
+        speed = as_float("twist", twist, (6,))
+        message.speedRef.cartesians.value.extend([*(speed[:3] / MM).tolist(), *(speed[3:] / DEG).tolist()])
     out: bytes = message.SerializeToString()
     return out
 
 
-def read_guidance(data: bytes) -> tuple[int, Float]:
-    """Sequence and pose (4, 4) of an ``EgmSensor``: the robot's side.
+def read_guidance(data: bytes) -> tuple[int, Float, Float]:
+    """Sequence, pose (4, 4) and speed reference (6,) m/s and rad/s (zero where none is given): the robot's side.
 
     Raises:
         ProtocolError: Not such a message, no pose, or a number that is not finite.
     """
     message = _parse("EgmSensor", data)
+    _kind(message.header, CORRECTION)
     if not message.planned.HasField("cartesian"):
         raise ProtocolError("a guidance message has no pose", value=f"{len(data)} bytes")
-    return message.header.seqno, _pose(message.planned.cartesian)
+    twist = np.zeros(6)
+    values = message.speedRef.cartesians.value
+    if values:
+        if len(values) != 6:
+            raise ProtocolError("a speed reference is not six numbers", value=len(values))
+        twist = np.array([_finite(v) for v in values]) * ([MM] * 3 + [DEG] * 3)
+    return message.header.seqno, _pose(message.planned.cartesian), twist
 
 
 def _parse(name: str, data: bytes) -> Any:
@@ -214,6 +247,11 @@ def _head(header: Any, sequence: int, time_ms: int, kind: int) -> None:
     header.seqno, header.mtype = sequence, kind
     if time_ms:
         header.tm = time_ms
+
+
+def _kind(header: Any, wanted: int) -> None:
+    if header.mtype != wanted:
+        raise ProtocolError("an EGM message is of another type", value=header.mtype, limit=wanted)
 
 
 def _finite(value: float) -> float:

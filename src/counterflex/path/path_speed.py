@@ -30,7 +30,8 @@ class Track:
         speed_m_s: (n,) highest speed on that segment.
         corner_m_s: (n,) highest speed at this point.
         dwell_s: (n,) standstill on a segment without length.
-        source: (n,) row of the tool path.
+        source: (n,) row of the tool path that the segment belongs to.
+        turned: (n,) row of the tool path whose orientation is reached here.
     """
 
     p: Float
@@ -40,6 +41,7 @@ class Track:
     corner_m_s: Float
     dwell_s: Float
     source: Int
+    turned: Int
 
 
 def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, acceleration_m_s2: float) -> Track:
@@ -70,14 +72,15 @@ def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, accelera
     dwell = np.where(reach == 0.0, time, 0.0)
     unit = step / np.maximum(length, 1e-12)[:, None]
 
-    rows: list[tuple[Float, Float, float, float, float, float, int]] = []
+    rows: list[tuple[Float, Float, float, float, float, float, int, int]] = []
     begin, begin_axis = path.p_part_tcp[0], path.axis_part[0]
-    rows.append((begin, begin_axis, 0.0, 1.0, 0.0, 0.0, 0))
+    rows.append((begin, begin_axis, 0.0, 1.0, 0.0, 0.0, 0, 0))
+    last = 0
     for i in range(1, n):
         if reach[i] == 0.0:
             if dwell[i] > 0.0:
                 rows[-1] = (*rows[-1][:4], 0.0, *rows[-1][5:])
-                rows.append((begin, begin_axis, 0.0, 1.0, 0.0, float(dwell[i]), i))
+                rows.append((begin, begin_axis, 0.0, 1.0, 0.0, float(dwell[i]), i, last))
             continue
         end, end_axis = path.p_part_tcp[i], path.axis_part[i]
         following = i + 1
@@ -100,8 +103,8 @@ def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, accelera
                     distance = 0.0
         target = end - distance * unit[i]
         span = float(np.linalg.norm(target - begin)) if not turning[i] else float(reach[i])
-        rows.append((target, end_axis, span, float(speed[i]), float(corner), 0.0, i))
-        begin, begin_axis = target, end_axis
+        rows.append((target, end_axis, span, float(speed[i]), float(corner), 0.0, i, i))
+        begin, begin_axis, last = target, end_axis, i
         if distance > 0.0:
             exit_point = end + distance * unit[following]
             chords = max(4, math.ceil(angle / _ROUNDING_STEP_RAD))
@@ -109,7 +112,7 @@ def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, accelera
                 t = k / chords
                 p = (1.0 - t) ** 2 * target + 2.0 * t * (1.0 - t) * end + t * t * exit_point
                 source = i if t <= 0.5 else following
-                rows.append((p, end_axis, float(np.linalg.norm(p - begin)), corner, corner, 0.0, source))
+                rows.append((p, end_axis, float(np.linalg.norm(p - begin)), corner, corner, 0.0, source, i))
                 begin = p
     return Track(
         p=np.array([r[0] for r in rows]),
@@ -119,11 +122,32 @@ def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, accelera
         corner_m_s=np.array([r[4] for r in rows]),
         dwell_s=np.array([r[5] for r in rows]),
         source=np.array([r[6] for r in rows], dtype=np.int64),
+        turned=np.array([r[7] for r in rows], dtype=np.int64),
     )
 
 
 def timed(track: Track, acceleration_m_s2: float, cycle_s: float) -> tuple[Float, Float, Float, Int]:
-    """Run the track: samples at the controller's cycle.
+    """Run the track: samples at the controller's cycle, see :func:`places`.
+
+    Args:
+        track: From :func:`build_track`.
+        acceleration_m_s2: Limit along the path, m/s2.
+        cycle_s: Time between samples, s.
+
+    Returns:
+        Time (m,) s, position (m, 3) m, tool axis (m, 3) and row of the tool path (m,); the last sample is at the end.
+    """
+    segment, along = places(track, acceleration_m_s2, cycle_s)
+    share = along[:, None]
+    p = (1.0 - share) * track.p[segment] + share * track.p[segment + 1]
+    axis = (1.0 - share) * track.axis[segment] + share * track.axis[segment + 1]
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    t: Float = cycle_s * np.arange(len(segment), dtype=np.float64)
+    return t, p, axis, track.source[segment + 1]
+
+
+def places(track: Track, acceleration_m_s2: float, cycle_s: float) -> tuple[Int, Float]:
+    """Where on the track the tool is at each cycle.
 
     Corner speeds are lowered so that ``v_i^2 <= v_(i-1)^2 + 2 a L`` forwards and backwards; each segment is then run
     in three phases (accelerate, hold, brake).
@@ -134,7 +158,7 @@ def timed(track: Track, acceleration_m_s2: float, cycle_s: float) -> tuple[Float
         cycle_s: Time between samples, s.
 
     Returns:
-        Time (m,) s, position (m, 3) m, tool axis (m, 3) and row of the tool path (m,); the last sample is at the end.
+        Segment (m,), which begins at that row of the track, and share (m,) 0 .. 1 of it; the last sample is at the end.
     """
     a, length = acceleration_m_s2, track.length_m
     corner = track.corner_m_s.copy()
@@ -166,8 +190,5 @@ def timed(track: Track, acceleration_m_s2: float, cycle_s: float) -> tuple[Float
     s = begin.ravel()[phase] + speed.ravel()[phase] * dt + 0.5 * slope.ravel()[phase] * dt**2
     segment = phase // 3
     s = np.clip(s, station[segment], station[segment + 1])
-    share = np.where(moving[segment], (s - station[segment]) / np.where(moving, span, 1.0)[segment], 0.0)[:, None]
-    p = (1.0 - share) * track.p[segment] + share * track.p[segment + 1]
-    axis = (1.0 - share) * track.axis[segment] + share * track.axis[segment + 1]
-    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    return t, p, axis, track.source[segment + 1]
+    share = np.where(moving[segment], (s - station[segment]) / np.where(moving, span, 1.0)[segment], 0.0)
+    return np.asarray(segment, dtype=np.int64), share

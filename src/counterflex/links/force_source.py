@@ -1,0 +1,26 @@
+"""What the online session needs of a force sensor, whatever it speaks."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from counterflex.core.arrays import Float
+
+
+class ForceSource(Protocol):
+    """Readings of one sensor."""
+
+    w_sensor: Float
+    """(6,) N, N m, mean of the good samples since the last :meth:`drain`."""
+    good: int
+    """Good samples in the last drain."""
+    saturated: bool
+    """One of them was beyond the range, or the sensor said so."""
+    frozen: bool
+    """The readings have not changed for a while."""
+
+    def drain(self) -> int:
+        """Take every sample that is there; returns the number of good ones."""
+
+    def close(self) -> None:
+        """End the stream."""
