@@ -11,17 +11,14 @@ from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import ProtocolError
 from counterflex.geometry import pose
 from counterflex.links.robot_port import Counters, RobotPort, Verdict
+from counterflex.links.session_counter import SessionCounter
 from counterflex.runtime import layout as at
 from counterflex.wire.egm import RobotState, read_robot
 
 LARGEST_DATAGRAM: Final = 4096
 _WRAP: Final = 1 << 32
-_RESTART: Final = 250
-"""Messages by which the sequence number may jump ahead within one session."""
-_BACK: Final = 10
-"""Messages in a row with growing numbers, all older than the newest: the controller counts anew."""
 _CADENCE: Final = 16
-"""Messages without a gap after which the cycle of the controller is known."""
+"""Messages after which the cycle of the controller is known."""
 
 
 class EgmLink:
@@ -33,7 +30,7 @@ class EgmLink:
     Args:
         host: Address to listen on; loopback unless told otherwise.
         port: UDP port; 0 a free one.
-        peers: Addresses whose messages are taken; None takes the first that comes, and from then on only that one.
+        peer: Address and port of the controller, port 0 for any; None takes the first that sends a good message.
         period_s: Time between messages: SampleRate of the RAPID program.
         T_part_frame: (4, 4) frame of the messages in the part frame; None: the program reports in its work object,
             which is the part frame.
@@ -55,14 +52,14 @@ class EgmLink:
         *,
         host: str = "127.0.0.1",
         port: int = 6510,
-        peers: tuple[str, ...] | None = None,
+        peer: tuple[str, int] | None = None,
         period_s: float = 24e-3,
         T_part_frame: Float | None = None,
     ) -> None:
         self.period_s = as_positive("period_s", period_s)
         self._T_part_frame = T_part_frame
         self._T_frame_part = None if T_part_frame is None else pose.inverse(T_part_frame)
-        self._port = RobotPort(host, port, LARGEST_DATAGRAM, peers)
+        self._port = RobotPort(host, port, LARGEST_DATAGRAM, peer)
         self.counters: Counters = self._port.counters
         self.elapsed = 0
         self.restarted = False
@@ -71,10 +68,12 @@ class EgmLink:
         self.force: Float | None = None
         self._state: RobotState | None = None
         self._last: RobotState | None = None
-        self._behind, self._before = 0, -1
+        self._cycle_ms = max(1, round(self.period_s * 1e3))
+        self._line = SessionCounter(self._cycle_ms)
         self._cadence: list[float] | None = []
         self._sequence = 0
         self._clock_zero = time.monotonic_ns()
+        self._located = False
         self._q: Float = np.zeros(6)
         self._T_part_actual: Float = np.eye(4)
         self._T_part_planned: Float | None = None
@@ -86,12 +85,12 @@ class EgmLink:
 
     @property
     def counter(self) -> int:
-        """Clock of the controller in the newest message, ms."""
-        return 0 if self._state is None else self._state.time_ms
+        """Clock of the controller in the newest message, ms; where it sends none, as if it kept its cycle."""
+        return self._line.newest if self._state is None or not self._state.time_ms else self._state.time_ms
 
     @property
     def empty(self) -> bool:
-        """The newest message says nothing of where the robot is."""
+        """No message has said yet where the robot is; one that does not afterwards is malformed."""
         return self._state is None or self._state.q is None or self._state.T_frame_tcp is None
 
     @property
@@ -123,53 +122,37 @@ class EgmLink:
             state = read_robot(self._port.data[:length].tobytes())
         except ProtocolError:
             return Verdict.MALFORMED
-        if self._state is None:
+        if self._located and (state.q is None or state.T_frame_tcp is None):
+            return Verdict.MALFORMED
+        verdict = self._line.judge(state.sequence * self._cycle_ms)
+        if verdict == Verdict.NEW:
             self._state = state
-            return Verdict.NEW
-        step = _step(self._state.sequence, state.sequence)
-        if step <= 0 and step > -_RESTART and not self._counts_anew(state):
-            return Verdict.OLD
-        self._behind, self._before = 0, -1
-        self._state = state
-        return Verdict.NEW
-
-    def _counts_anew(self, state: RobotState) -> bool:
-        """A session that was begun again soon: its clock went on while its numbers went back, or they keep growing."""
-        newest = self._state
-        if newest is None:
-            return False
-        if newest.time_ms and state.time_ms and _step(newest.time_ms, state.time_ms) > 0:
-            return True
-        self._behind = self._behind + 1 if state.sequence > self._before else 0
-        self._before = state.sequence
-        return self._behind >= _BACK
+        return verdict
 
     def _count(self) -> None:
         state, last, counters = self._state, self._last, self.counters
+        self.elapsed, self.restarted = self._line.advance()
+        counters.lost += self.elapsed - 1
+        counters.telegrams += 1
         if state is None:
             return
-        step = 1 if last is None else _step(last.sequence, state.sequence)
-        if not 0 < step <= _RESTART:
-            step, self.restarted = 1, True
-        self.elapsed = step
-        counters.lost += step - 1
-        counters.telegrams += 1
         if last is not None and not self.restarted:
-            self._watch_cadence(last, state, step)
+            self._watch_cadence(last, state)
         self._last = state
         self.enable = self.guided
         self.clamped = state.utilization is not None and state.utilization > 1.0
         self.force = state.force
         if state.q is not None and state.T_frame_tcp is not None:
+            self._located = True
             self._q[:] = state.q
             self._T_part_actual = self._in_part(state.T_frame_tcp)
             planned = state.T_frame_tcp_planned
             self._T_part_planned = None if planned is None else self._in_part(planned)
 
-    def _watch_cadence(self, last: RobotState, state: RobotState, step: int) -> None:
+    def _watch_cadence(self, last: RobotState, state: RobotState) -> None:
         if self._cadence is None or not last.time_ms or not state.time_ms:
             return
-        self._cadence.append(_step(last.time_ms, state.time_ms) * 1e-3 / step)
+        self._cadence.append(((state.time_ms - last.time_ms) % _WRAP) * 1e-3 / self.elapsed)
         if len(self._cadence) < _CADENCE:
             return
         found = sum(self._cadence) / len(self._cadence)
@@ -200,6 +183,10 @@ class EgmLink:
         self._sequence = (self._sequence + 1) % _WRAP
         return sequence, ((time.monotonic_ns() - self._clock_zero) // 1_000_000) % _WRAP
 
+    def forget(self) -> None:
+        """Another session may come from another port of the controller."""
+        self._port.forget()
+
     def close(self) -> None:
         """Free the port."""
         self._port.close()
@@ -209,8 +196,3 @@ def put_pose(given: Float, place: int, T: Float) -> None:
     """Write a pose (4, 4) into inputs of the step: rotation by rows, position."""
     given[place : place + 9] = T[:3, :3].reshape(-1)
     given[place + 9 : place + 12] = T[:3, 3]
-
-
-def _step(before: int, after: int) -> int:
-    """Difference of two 32-bit counters that wrap around."""
-    return (after - before + _WRAP // 2) % _WRAP - _WRAP // 2
