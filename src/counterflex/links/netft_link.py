@@ -15,6 +15,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError, ProtocolError
 from counterflex.wire import netft
 
+MOST_SAMPLES: Final = 512
+"""Samples of one drain that are kept one by one: half a second at 1 kHz; later ones still enter the mean."""
 FROZEN: Final = 8
 """Samples with the same counts in a row that no living sensor sends."""
 _LONGEST_DOCUMENT: Final = 1 << 20
@@ -32,6 +34,8 @@ class NetftLink:
     Attributes:
         w_sensor: (6,) N, N m, mean of the good samples since the last :meth:`drain`.
         good: Good samples in the last drain.
+        samples: (MOST_SAMPLES, 6) the good ones of the last drain one by one, N, N m, in time.
+        first: Sequence number of the first of them.
         saturated: One of them was beyond the range, or the sensor said so.
         frozen: The counts have not changed for a while.
         lost: Records lost, in all.
@@ -65,6 +69,8 @@ class NetftLink:
         self._sum: Float = np.zeros(6)
         self._counts: Float = np.zeros(6)
         self._before: Float = np.zeros(6)
+        self.samples: Float = np.zeros((MOST_SAMPLES, 6))
+        self.first = -1
         self._sequence = -1
         self._same = 0
         self.good = self.lost = self.bad = self.malformed = 0
@@ -124,6 +130,9 @@ class NetftLink:
         if np.any(np.abs(self._counts) > self._limit):
             self.saturated = True
         self._sum += self._counts
+        if self.good < MOST_SAMPLES:
+            self.samples[self.good] = self._counts
+        self.first = sequence if self.good == 0 else self.first
         self.good += 1
 
     def close(self) -> None:

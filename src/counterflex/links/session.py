@@ -209,6 +209,7 @@ class OnlineSession:
                 stop=bool(outcome[at.O_STOP]),
                 feed_hold=bool(outcome[at.O_FEED_HOLD]),
                 state=State(int(outcome[at.O_STATE])),
+                override=loop.monitor.speed,
             )
         sent = self._clock_ns()
         self.compute_ns = sent - received
@@ -250,6 +251,7 @@ class OnlineSession:
             return soft, hard
         force = self.force
         good = force.drain()
+        self.loop.take(force.samples, force.good, force.first)
         if force.saturated:
             self._force_age += 1
             return (soft or int(Cause.FORCE_SATURATED)), hard
@@ -313,7 +315,10 @@ class OnlineSession:
         row[record.GIVEN : record.FLAGS] = loop.given
         row[record.FLAGS : record.RESULTS] = loop.flags
         row[record.RESULTS : record.OUTCOME] = loop.results
-        row[record.OUTCOME : record.CYCLE] = loop.outcome
+        row[record.OUTCOME : record.MONITOR] = loop.outcome
+        row[record.FAST : record.SENSOR] = loop.monitor.fast
+        row[record.MONITOR : record.MONITOR_OUTCOME] = loop.monitor.results
+        row[record.MONITOR_OUTCOME : record.CYCLE] = loop.monitor.outcome
         row[record.CYCLE] = loop.cycle
         ring.commit()
 

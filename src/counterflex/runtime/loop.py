@@ -24,6 +24,11 @@ from counterflex.runtime.follow_kernel import (
     PLAN_W,
 )
 from counterflex.runtime.fusion import Source
+from counterflex.runtime.monitor import Monitor
+from counterflex.runtime.monitor_layout import Event
+from counterflex.runtime.monitor_plan import monitor_plan
+from counterflex.runtime.monitor_settings import MonitorSettings, Reaction
+from counterflex.runtime.override_settings import OverrideSettings
 from counterflex.runtime.settings import ForceMode, OnlineSettings, per_direction, robot_answer
 from counterflex.runtime.step_kernel import step
 from counterflex.runtime.supervisor import Cause, State
@@ -48,6 +53,11 @@ class LoopPlan:
         w_tcp_part: (n, 6) predicted wrench on the tool about its tip.
         cutting: (n,) 1 where material is cut.
         contained: (n, 6) correction that the program already contains, m and rotation vector.
+        turn_per_s: (n,) spindle speed, turns per second; None is not known.
+        tool: (n,) number of the tool; None is one and the same.
+        teeth: (n,) of the tool; None is not known.
+        need_m: (n, 3) correction across the feed that the loop will want at this place; None is not known.
+        left_m: (n,) size of the error that the program itself is predicted to leave; None is not known.
     """
 
     p_part: Float
@@ -55,6 +65,11 @@ class LoopPlan:
     w_tcp_part: Float
     cutting: Float
     contained: Float
+    turn_per_s: Float | None = None
+    tool: Int | None = None
+    teeth: Int | None = None
+    need_m: Float | None = None
+    left_m: Float | None = None
 
     def packed(self) -> Float:
         """(n, 20) for the step, with feed directions.
@@ -81,6 +96,15 @@ class LoopPlan:
         out[-1, PLAN_V : PLAN_V + 3] = out[-2, PLAN_V : PLAN_V + 3]
         return out
 
+    def watched(self, settings: MonitorSettings) -> Float:
+        """The plan as the monitor needs it, see :func:`counterflex.runtime.monitor_plan.monitor_plan`."""
+        n = len(self.p_part)
+        turn = np.zeros(n) if self.turn_per_s is None else as_float("plan: turn_per_s", self.turn_per_s, (n,))
+        none = np.zeros(n, dtype=np.int64)
+        tool = none if self.tool is None else self.tool
+        teeth = none if self.teeth is None else self.teeth
+        return monitor_plan(self.packed(), settings, turn, teeth, tool)
+
 
 class Loop:
     """One online loop.
@@ -93,6 +117,8 @@ class Loop:
         settings: What to do.
         T_base_part: (4, 4) part frame, the frame of all poses.
         plan: Or None: then only a measured force can be corrected, along the feed too.
+        monitor: What of the process is watched; None watches all and reacts to nothing.
+        override: How the program's speed may be changed; None leaves it alone.
 
     Attributes:
         given: (GIVEN,) inputs, see :mod:`counterflex.runtime.layout`.
@@ -102,13 +128,21 @@ class Loop:
         correction: (6,) view: what to send, m and rotation vector, part axes.
         axes: (6,) view: the same as change of the axis angles, rad.
         settings: As given.
+        monitor: Process monitoring and feed override.
 
     Raises:
-        InputError: The settings need a plan and there is none.
+        InputError: The settings need a plan and there is none, or the monitor has another cycle.
     """
 
     def __init__(
-        self, chain: ElasticChain, settings: OnlineSettings, T_base_part: Float, plan: LoopPlan | None = None
+        self,
+        chain: ElasticChain,
+        settings: OnlineSettings,
+        T_base_part: Float,
+        plan: LoopPlan | None = None,
+        *,
+        monitor: MonitorSettings | None = None,
+        override: OverrideSettings | None = None,
     ) -> None:
         if plan is None and (settings.force in (ForceMode.PILOT, ForceMode.SCALE) or settings.compensated):
             raise InputError(
@@ -144,6 +178,8 @@ class Loop:
         self._scratch: Float = np.zeros((SCRATCH, 36))
         self._load: Float = np.zeros(12)
         self._work: Float = np.zeros((9, 12))
+        self.monitor = _monitor(settings, self._plan, plan, monitor, override)
+        self._place: Float = self._state[at.S_PLACE : at.S_PLACE + 2]
         self.reset()
 
     def reset(self) -> None:
@@ -163,6 +199,11 @@ class Loop:
         self.flags[:] = 0
         self.measured_filter.reset(np.zeros(6))
         self.predicted_filter.reset(np.zeros(6))
+        self.monitor.reset()
+
+    def take(self, samples: Float, count: int, number: int) -> None:
+        """Hand over the force sensor's own samples of the cycle, see :meth:`Monitor.take`; before :meth:`run`."""
+        self.monitor.take(samples, count, number, self._place)
 
     def feed(
         self,
@@ -229,6 +270,7 @@ class Loop:
     def run(self) -> None:
         """One cycle."""
         m, p = self.measured_filter, self.predicted_filter
+        self.monitor.before(self.flags)
         step(
             self.given,
             self.flags,
@@ -257,6 +299,7 @@ class Loop:
             self.outcome,
             self._work,
         )
+        self.monitor.after(self.given, self.flags, self.results, self.outcome, self._place)
 
     @property
     def cycle(self) -> int:
@@ -276,6 +319,7 @@ class Loop:
             self._kind,
             m.coefficients,
             np.array(m.ring.shape),
+            *self.monitor.numbers(),
         ):
             digest.update(f"{array.dtype.str}{array.shape}".encode())
             digest.update(np.ascontiguousarray(array).tobytes())
@@ -314,6 +358,27 @@ class Loop:
     def place(self) -> float:
         """Row of the plan, with fraction; -1 unknown."""
         return float(self._state[at.S_PLACE] + self._state[at.S_PLACE + 1])
+
+
+def _monitor(
+    settings: OnlineSettings,
+    path: Float,
+    plan: LoopPlan | None,
+    monitor: MonitorSettings | None,
+    override: OverrideSettings | None,
+) -> Monitor:
+    if monitor is None:
+        silent = dict.fromkeys(Event, Reaction.WARN)
+        monitor = MonitorSettings(
+            reaction=silent,
+            period_s=settings.period_s,
+            follow_s=settings.delays.follow_s,
+            stale_cycles=settings.stale_cycles,
+        )
+    if abs(monitor.period_s - settings.period_s) > 1e-9:
+        raise InputError("the monitor has another cycle", value=monitor.period_s, limit=settings.period_s)
+    watched = None if plan is None else plan.watched(monitor)
+    return Monitor(monitor, override, path, watched, settings.off_path_m, settings.translation.radius)
 
 
 def _constants(settings: OnlineSettings, T_base_part: Float, planned: bool) -> Float:

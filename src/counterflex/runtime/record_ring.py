@@ -14,6 +14,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.runtime import layout as at
+from counterflex.runtime import monitor_layout as ml
 
 ROWS: Final = 4096
 """16 s at 250 Hz."""
@@ -25,6 +26,7 @@ def _columns() -> tuple[str, ...]:
     six = ("x", "y", "z", "rx", "ry", "rz")
     wrench = ("fx", "fy", "fz", "mx", "my", "mz")
     names = ["counter_ms", "received_ns", "sent_ns", "elapsed", "w_good"]
+    names += [f"fast_{f}" for f in ("samples", "residual", "turn", "tooth", "ready", "separate")]
     names += [f"sensor_{a}" for a in wrench]
     names += [f"nominal_{p}" for p in pose] + [f"q{i}" for i in range(1, 7)]
     names += [f"wrench_{a}" for a in wrench] + [f"actual_{p}" for p in pose]
@@ -50,17 +52,28 @@ def _columns() -> tuple[str, ...]:
         "sources",
         "degraded",
     )
-    return (*names, *(f"out_{o}" for o in outcome), "cycle")
+    names += [f"out_{o}" for o in outcome]
+    feed = ("feed", "across", "tool")
+    names += [f"force_{a}" for a in feed] + [f"expected_{a}" for a in feed]
+    names += ["force_size", "force_least", "force_most", "force_ratio"]
+    watched = [event.name.lower() for event in ml.Event]
+    names += [f"value_{e}" for e in watched] + [f"limit_{e}" for e in watched]
+    names += ["wear_trend", "wear_trend_sigma", "wear_rise", "cut_m", "path_m", "speed_measured", "speed_asked"]
+    return (*names, "event_on", "event_new", "event_seen", "slowed", "cycle")
 
 
 COLUMNS: Final = _columns()
 """Names of a record's numbers: SI, part axes, angles in rad."""
-SENSOR: Final = 5
+FAST: Final = 5
+"""Place of what the force sensor's own samples said: given."""
+SENSOR: Final = FAST + ml.FAST
 GIVEN: Final = SENSOR + 6
 FLAGS: Final = GIVEN + at.GIVEN
 RESULTS: Final = FLAGS + at.FLAGS
 OUTCOME: Final = RESULTS + at.RESULTS
-CYCLE: Final = OUTCOME + at.OUTCOME
+MONITOR: Final = OUTCOME + at.OUTCOME
+MONITOR_OUTCOME: Final = MONITOR + ml.RESULTS
+CYCLE: Final = MONITOR_OUTCOME + ml.OUTCOME
 """Place of the loop's own count of cycles: 1 in its first, one more in each; a step says that records are lost."""
 WIDTH: Final = CYCLE + 1
 

@@ -69,6 +69,11 @@ class Cause(IntEnum):
     INTERNAL = 26
     FORCE_OFFSET = 27
     """The sensor shows a force without a cut: wrong load or zero."""
+    PROCESS_MISSING_CUT = 28
+    PROCESS_OVERLOAD = 29
+    PROCESS_WEAR = 30
+    PROCESS_BREAKAGE = 31
+    PROCESS_CHATTER = 32
 
 
 # Inputs of a cycle.

@@ -1,0 +1,186 @@
+"""Detectors of process monitoring with a memory of their own (wear, breakage, chatter), and how an event is made."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.jit import kernel
+from counterflex.runtime import monitor_layout as ml
+from counterflex.runtime.wear_kernel import add_ratio, force_class, trend
+
+IDLE_LEARNT: Final = 50
+"""Cycles out of the cut after which their noise is believed."""
+IDLE_S: Final = 2.0
+"""Memory of that noise."""
+_SLOW_S: Final = 1.0
+_DOUBT: Final = 250  # cycles after which a lower ratio that was no event becomes the new reference
+_WEAR, _BREAKAGE, _CHATTER = int(ml.Event.WEAR), int(ml.Event.BREAKAGE), int(ml.Event.CHATTER)
+_LATCHED = (1 << _BREAKAGE) | (1 << _WEAR)
+
+
+@kernel("void(float64[::1], int64[::1], int64[::1], int64[::1], int64, float64, float64, int64)")
+def judge(
+    results: Float,
+    outcome: Int,
+    whole: Int,
+    choices: Int,
+    event: int,
+    value: float,
+    limit: float,
+    cycles: int,
+) -> None:
+    """One detector: value above limit for so many cycles in a row is an event; it may come again after a pause.
+
+    Args:
+        results: (RESULTS,) value and limit are written.
+        outcome: (OUTCOME,) bits are written.
+        whole: (WHOLE,) counters; changed.
+        choices: (CHOICES,).
+        event: Which.
+        value: What is watched.
+        limit: Not above 0: cannot be seen at present, the counter stands still.
+        cycles: In a row.
+    """
+    bit = 1 << event
+    results[ml.R_VALUE + event] = value
+    if limit <= 0.0:
+        results[ml.R_LIMIT + event] = 0.0
+        return
+    results[ml.R_LIMIT + event] = limit
+    outcome[ml.O_SEEN] |= bit
+    if value > limit:
+        whole[ml.N_COUNT + event] += 1
+        whole[ml.N_GONE + event] = 0
+        if whole[ml.N_COUNT + event] >= cycles and not whole[ml.N_ON] & bit:
+            whole[ml.N_ON] |= bit
+            outcome[ml.O_NEW] |= bit
+    else:
+        whole[ml.N_COUNT + event] = 0
+        whole[ml.N_GONE + event] += 1
+        if whole[ml.N_GONE + event] >= choices[ml.W_CLEAR] and not bit & _LATCHED:
+            whole[ml.N_ON] &= ~bit
+
+
+@kernel(
+    "void(float64[::1], float64[::1], int64[::1], float64[::1], int64[::1], int64[::1], float64, float64, float64,"
+    " float64, float64)"
+)
+def wear(
+    constants: Float,
+    state: Float,
+    whole: Int,
+    results: Float,
+    outcome: Int,
+    choices: Int,
+    ratio: float,
+    product: float,
+    square: float,
+    moved: float,
+    rate: float,
+) -> None:
+    """Collect ratios by length of cut; judge the rise once there is a trend."""
+    classes = state[ml.S_CLASS : ml.S_CLASS + ml.CLASSES * ml.CLASS].reshape((ml.CLASSES, ml.CLASS))
+    if ratio != 0.0 and moved > 0.0 and 0.8 < rate < 1.2:
+        state[ml.S_BIN] += product * moved
+        state[ml.S_BIN + 1] += square * moved
+        state[ml.S_BIN + 2] += moved
+        if state[ml.S_BIN + 2] >= constants[ml.C_BIN]:
+            force = math.sqrt(state[ml.S_BIN + 1] / state[ml.S_BIN + 2])
+            middle = state[ml.S_CUT] - 0.5 * state[ml.S_BIN + 2]
+            found = state[ml.S_BIN] / state[ml.S_BIN + 1]
+            state[ml.S_CUSUM] = add_ratio(classes, force_class(force), middle, found, state[ml.S_CUSUM])
+            for k in range(3):
+                state[ml.S_BIN + k] = 0.0
+    trend(classes, state[ml.S_CUT], results[ml.R_TREND : ml.R_TREND + 3])
+    rise = results[ml.R_RISE]
+    seen = results[ml.R_TREND_SIGMA] > 0.0 and state[ml.S_CUSUM] > constants[ml.C_CUSUM]
+    judge(results, outcome, whole, choices, _WEAR, rise, constants[ml.C_RISE] if seen else 0.0, 1)
+    if not seen:
+        results[ml.R_VALUE + _WEAR] = rise
+
+
+@kernel(
+    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], float64[::1],"
+    " float64, float64, float64, boolean)"
+)
+def breakage(
+    constants: Float,
+    choices: Int,
+    state: Float,
+    whole: Int,
+    results: Float,
+    outcome: Int,
+    here: Float,
+    fast: Float,
+    ratio: float,
+    predicted: float,
+    noise: float,
+    steady: bool,
+) -> None:
+    """A drop of the ratio against its own past in a steady stretch."""
+    turn = fast[ml.F_TURN] / predicted if predicted > 0.0 else 0.0
+    if not steady:
+        whole[ml.N_STEADY] = 0
+        judge(results, outcome, whole, choices, _BREAKAGE, 0.0, 0.0, choices[ml.W_CYCLES + 1])
+        return
+    whole[ml.N_STEADY] += 1
+    n = whole[ml.N_STEADY]
+    if n == 1:
+        state[ml.S_RATIO], state[ml.S_TURN] = ratio, turn
+        state[ml.S_RATIO_VARIANCE] = state[ml.S_TURN_VARIANCE] = 0.0
+    floor = noise / predicted
+    spread = math.sqrt(state[ml.S_RATIO_VARIANCE] + floor * floor)
+    turn_spread = math.sqrt(state[ml.S_TURN_VARIANCE] + (constants[ml.C_FAST_NOISE] * 0.3 / predicted) ** 2)
+    reference = state[ml.S_RATIO]
+    drop, limit = 0.0, 0.0
+    ready = n > choices[ml.W_SETTLE] and reference > 0.1
+    if ready:
+        drop = 1.0 - ratio / reference
+        scatter = constants[ml.C_Z] * spread / reference
+        tooth = here[ml.P_DROP] if here[ml.P_TEETH] > 0.0 else 0.25
+        told = fast[ml.F_READY] > 0.5 and fast[ml.F_SEPARATE] > 0.5
+        rose = told and turn > state[ml.S_TURN] + constants[ml.C_Z] * turn_spread
+        limit = min(0.5, max(0.5 * tooth if rose else 2.0 * tooth, scatter))
+        if limit < scatter:
+            limit = 0.0
+    judge(results, outcome, whole, choices, _BREAKAGE, drop, limit, choices[ml.W_CYCLES + 1])
+    suspicious = limit > 0.0 and drop > 0.4 * here[ml.P_DROP] and drop > 0.5 * constants[ml.C_Z] * spread / reference
+    whole[ml.N_DOUBT] = whole[ml.N_DOUBT] + 1 if suspicious else 0
+    if not suspicious or whole[ml.N_DOUBT] > _DOUBT:
+        share = max(constants[ml.C_PERIOD] / _SLOW_S, 1.0 / n)
+        state[ml.S_RATIO_VARIANCE] += share * ((ratio - reference) ** 2 - state[ml.S_RATIO_VARIANCE])
+        state[ml.S_TURN_VARIANCE] += share * ((turn - state[ml.S_TURN]) ** 2 - state[ml.S_TURN_VARIANCE])
+        state[ml.S_RATIO] += share * (ratio - reference)
+        state[ml.S_TURN] += share * (turn - state[ml.S_TURN])
+
+
+@kernel(
+    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], float64, boolean)"
+)
+def chatter(
+    constants: Float,
+    choices: Int,
+    state: Float,
+    whole: Int,
+    results: Float,
+    outcome: Int,
+    fast: Float,
+    force: float,
+    idle: bool,
+) -> None:
+    """Energy that does not turn with the spindle against that out of the cut and a share of the force."""
+    ready = fast[ml.F_READY] > 0.5
+    energy = fast[ml.F_RESIDUAL] ** 2
+    floor = constants[ml.C_FAST_NOISE] ** 2
+    if ready and idle:
+        whole[ml.N_IDLE_FAST] += 1
+        share = max(constants[ml.C_PERIOD] / IDLE_S, 1.0 / whole[ml.N_IDLE_FAST])
+        state[ml.S_IDLE_FAST] += share * (energy - state[ml.S_IDLE_FAST])
+    if whole[ml.N_IDLE_FAST] >= IDLE_LEARNT:
+        floor = max(floor, state[ml.S_IDLE_FAST])
+    quiet = floor + (constants[ml.C_CHATTER] * force) ** 2
+    limit = math.sqrt(quiet * constants[ml.C_QUANTILE]) if ready else 0.0
+    judge(results, outcome, whole, choices, _CHATTER, fast[ml.F_RESIDUAL], limit, choices[ml.W_CYCLES + 2]
+    )  # fmt: skip

@@ -1,0 +1,168 @@
+"""Process monitoring and feed override of one loop: owns their arrays, gives them names. No socket, clock or file."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.runtime import layout as at
+from counterflex.runtime import monitor_layout as ml
+from counterflex.runtime.fast_force_kernel import COUNTS, MEMORY, take_samples
+from counterflex.runtime.monitor_kernel import watch
+from counterflex.runtime.monitor_settings import FAST_S, MonitorSettings
+from counterflex.runtime.override_kernel import (
+    K_LEAST,
+    K_RADIUS,
+    K_STEP,
+    OVERRIDE_CONSTANTS,
+    OVERRIDE_STATE,
+    V_SPEED,
+    ask_speed,
+)
+from counterflex.runtime.override_settings import OverrideSettings
+
+
+class Monitor:
+    """Watches the process beside the step of a loop.
+
+    Call :meth:`before` ahead of the step and :meth:`after` behind it; :meth:`take` hands over the force sensor's own
+    samples of the cycle. What :meth:`take` makes of them (``fast``) counts as given, as the tared force does, and is
+    logged as such.
+
+    Args:
+        settings: What is watched.
+        override: How the program's speed may be changed; None leaves it alone.
+        path: (n, PLAN_COLUMNS) the plan as the step has it.
+        plan: (n, P_COLUMNS) of :func:`counterflex.runtime.monitor_plan.monitor_plan`; None without a plan.
+        off_path_m: Distance from the plan at which it is not believed.
+        radius_m: Largest correction.
+
+    Attributes:
+        fast: (FAST,) what the fast samples say.
+        results: (RESULTS,).
+        outcome: (OUTCOME,).
+        settings: As given.
+    """
+
+    def __init__(
+        self,
+        settings: MonitorSettings,
+        override: OverrideSettings | None,
+        path: Float,
+        plan: Float | None,
+        off_path_m: float,
+        radius_m: float,
+    ) -> None:
+        self.settings = settings
+        self._path = path
+        self._planned = int(plan is not None)
+        self._plan = np.zeros((len(path), ml.P_COLUMNS)) if plan is None else plan
+        self._constants = settings.constants(off_path_m)
+        self._choices = settings.choices(plan is not None)
+        self._speed: Float = np.zeros(OVERRIDE_CONSTANTS)
+        self._speed[K_RADIUS] = radius_m
+        self._speed[K_LEAST] = 1.0 if override is None else override.least
+        self._speed[K_STEP] = 0.0 if override is None else override.change_per_s * settings.period_s
+        self.fast: Float = np.zeros(ml.FAST)
+        self.results: Float = np.zeros(ml.RESULTS)
+        self.outcome: Int = np.zeros(ml.OUTCOME, dtype=np.int64)
+        self._state: Float = np.zeros(ml.STATE)
+        self._whole: Int = np.zeros(ml.WHOLE, dtype=np.int64)
+        self._asked: Float = np.zeros(OVERRIDE_STATE)
+        self._frame: Float = np.zeros(9)
+        self._memory: Float = np.zeros(MEMORY)
+        self._counts: Int = np.zeros(COUNTS, dtype=np.int64)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew: nothing learnt, no event, full speed."""
+        for array in (self.fast, self.results, self._state, self._asked, self._frame, self._memory):
+            array[:] = 0.0
+        for counts in (self.outcome, self._whole, self._counts):
+            counts[:] = 0
+        self._asked[V_SPEED] = 1.0
+        self._state[ml.S_RATE] = 1.0
+        self.results[ml.R_SPEED] = 1.0
+
+    def take(self, samples: Float, count: int, number: int, place: Float) -> None:
+        """Samples of the force sensor since the last cycle.
+
+        Args:
+            samples: (n, >= 3) force in any fixed axes, N, in time.
+            count: Rows that are new.
+            number: Sequence number of the first.
+            place: (2,) on the plan.
+        """
+        row = self._plan[max(0, int(place[0]))]
+        take_samples(
+            samples,
+            count,
+            number,
+            row[ml.P_TURN] if self._planned else 0.0,
+            int(row[ml.P_TEETH]) if self._planned else 0,
+            self.settings.sample_s,
+            FAST_S,
+            self._memory,
+            self._counts,
+            self.fast,
+        )
+
+    def before(self, flags: Int) -> None:
+        """Hand what was found before to the supervisor: causes of hold and fault, where there are no others."""
+        if self._whole[ml.N_HOLD] and flags[at.F_SOFT] == 0:
+            flags[at.F_SOFT] = self._whole[ml.N_HOLD]
+        if self._whole[ml.N_STOP] and flags[at.F_HARD] == 0:
+            flags[at.F_HARD] = self._whole[ml.N_STOP]
+
+    def after(self, given: Float, flags: Int, results: Float, outcome: Int, place: Float) -> None:
+        """Look at a cycle; may ask for a feed hold in ``outcome``.
+
+        Args:
+            given: (at.GIVEN,) of the step.
+            flags: (at.FLAGS,).
+            results: (at.RESULTS,).
+            outcome: (at.OUTCOME,); O_FEED_HOLD may be set.
+            place: (2,) on the plan.
+        """
+        watch(
+            given,
+            flags,
+            results,
+            outcome,
+            place,
+            self._path,
+            self._plan,
+            self.fast,
+            self._constants,
+            self._choices,
+            self._state,
+            self._whole,
+            self.results,
+            self.outcome,
+            self._frame,
+        )
+        ask_speed(
+            results,
+            outcome,
+            self._plan,
+            place,
+            self._planned,
+            self._speed,
+            self._asked,
+            self.results,
+            self.outcome,
+        )
+
+    @property
+    def speed(self) -> float:
+        """Share of the programmed speed that is asked for, 0 .. 1."""
+        return float(self.results[ml.R_SPEED])
+
+    @property
+    def events(self) -> tuple[ml.Event, ...]:
+        """Events that are on."""
+        return tuple(event for event in ml.Event if int(self.outcome[ml.O_ON]) >> event & 1)
+
+    def numbers(self) -> tuple[Float | Int, ...]:
+        """Every number it is made of, for the loop's hash."""
+        return (self._constants, self._choices, self._speed, self._plan)

@@ -1,0 +1,244 @@
+"""Process monitoring: one call per cycle after the step. Pure; the same inputs give the same outputs bit for bit.
+
+Force in the feed frame, measured and predicted through the same filter (two equal first-order stages, whose impulse
+response is nowhere negative: what is between two bounds stays between the filtered bounds), and five detectors:
+
+- *missing cut*: the plan's least force about here, less the model's error, lies above twice the noise, and the measured
+  size lies below once the noise, over a length of path. Both hypotheses then err at the same stated rate.
+- *overload*: measured size above the plan's largest force about here times ``1 + model error``, plus noise, plus
+  margin; or the force (moment) of a cycle above the limit of spindle and tool.
+- *wear*: cumulative sum and trend of the ratio, :mod:`counterflex.runtime.wear_kernel`.
+- *breakage*: in a stretch that the plan says is steady the ratio drops at once. By more than half of what one tooth
+  carries (:func:`counterflex.runtime.monitor_plan.lost_tooth`) counts where at the same time the amplitude once per
+  turn rises by force; without that sign, or where it cannot be told, by twice of what one tooth carries; by half of
+  all force in any case.
+- *chatter*: energy of the samples that is neither slow nor a harmonic of the spindle, against what it is out of the
+  cut, plus a share of the largest force to be expected.
+
+Noise is what the filtered force shows out of the cut (root mean square over some seconds), at least what was stated.
+A threshold for noise is z standard deviations, z from the stated rate of false alarms.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.jit import kernel
+from counterflex.runtime import layout as at
+from counterflex.runtime import monitor_layout as ml
+from counterflex.runtime.detector_kernel import IDLE_LEARNT, IDLE_S, breakage, chatter, judge, wear
+from counterflex.runtime.feed_frame_kernel import feed_frame
+from counterflex.runtime.follow_kernel import PLAN_V
+from counterflex.runtime.supervisor import Cause, State
+
+AIR_N: Final = 1.0
+"""Largest predicted force that still is no cut."""
+RATE_S: Final = 0.04
+_MISSING, _OVERLOAD, _WEAR = int(ml.Event.MISSING_CUT), int(ml.Event.OVERLOAD), int(ml.Event.WEAR)
+_FIRST_CAUSE = int(Cause.PROCESS_MISSING_CUT)
+_ARMED, _FAULT = int(State.ARMED), int(State.FAULT)
+
+
+@kernel("void(float64[::1], int64, float64, float64)")
+def two_stages(state: Float, place: int, value: float, keep: float) -> None:
+    """Two first-order stages: ``state[place]``, then ``state[place + 1]``."""
+    state[place] = keep * state[place] + (1.0 - keep) * value
+    state[place + 1] = keep * state[place + 1] + (1.0 - keep) * state[place]
+
+
+@kernel(
+    "void(float64[::1], int64[::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1],"
+    " float64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1])"
+)
+def _look(
+    given: Float,
+    flags: Int,
+    step_results: Float,
+    place: Float,
+    path: Float,
+    plan: Float,
+    fast: Float,
+    constants: Float,
+    choices: Int,
+    state: Float,
+    whole: Int,
+    results: Float,
+    outcome: Int,
+    frame: Float,
+) -> None:
+    """A cycle with a telegram and a good force; arguments as :func:`watch`."""
+    keep, period = constants[ml.C_KEEP], constants[ml.C_PERIOD]
+    planned = choices[ml.W_PLAN] == 1 and place[0] >= 0.0 and step_results[at.R_PATH] <= constants[ml.C_OFF_PATH]
+    row = max(0, int(place[0])) if choices[ml.W_PLAN] == 1 else 0
+    u = place[1]
+    here, there = plan[row], plan[min(row + 1, plan.shape[0] - 1)]
+    feed_frame(
+        path[row, PLAN_V], path[row, PLAN_V + 1], path[row, PLAN_V + 2],
+        -given[at.G_NOMINAL + 2], -given[at.G_NOMINAL + 5], -given[at.G_NOMINAL + 8],
+        state[ml.S_FEED : ml.S_FEED + 6], frame,
+    )  # fmt: skip
+    # Progress along the plan, and what the speed makes of the predicted force.
+    moved = 0.0
+    if planned:
+        time = (1.0 - u) * here[ml.P_TIME] + u * there[ml.P_TIME]
+        distance = (1.0 - u) * here[ml.P_DISTANCE] + u * there[ml.P_DISTANCE]
+        if whole[ml.N_STARTED] == 1:
+            moved = max(0.0, distance - state[ml.S_LAST_DISTANCE])
+            rate = max(0.0, time - state[ml.S_LAST_TIME]) / (flags[at.F_ELAPSED] * period)
+            kept = math.exp(-period / RATE_S)
+            state[ml.S_RATE] = kept * state[ml.S_RATE] + (1.0 - kept) * min(rate, 2.0)
+        else:
+            state[ml.S_RATE], whole[ml.N_STARTED] = 1.0, 1
+        state[ml.S_LAST_TIME], state[ml.S_LAST_DISTANCE] = time, distance
+        results[ml.R_DISTANCE] = distance
+    rate = state[ml.S_RATE]
+    slower = min(max(rate, 0.0), 1.5) ** constants[ml.C_EXPONENT] if planned else 0.0
+    low = high = 0.0
+    if planned:
+        low = min(here[ml.P_LOW], there[ml.P_LOW]) * slower
+        high = max(here[ml.P_HIGH], there[ml.P_HIGH]) * max(1.0, slower)  # going slower never narrows the bound
+    # Forces through the filter.
+    size = 0.0
+    for k in range(3):
+        w = given[at.G_W + k]
+        size += w * w
+        two_stages(state, ml.S_FORCE + 2 * k, w, keep)
+        expected = 0.0
+        if planned:
+            expected = ((1.0 - u) * here[ml.P_FORCE + k] + u * there[ml.P_FORCE + k]) * slower
+        two_stages(state, ml.S_EXPECTED + 2 * k, expected, keep)
+    size = math.sqrt(size)
+    two_stages(state, ml.S_SIZE, size, keep)
+    two_stages(state, ml.S_LOW, low, keep)
+    two_stages(state, ml.S_HIGH, high, keep)
+    filtered, least, most = state[ml.S_SIZE + 1], state[ml.S_LOW + 1], state[ml.S_HIGH + 1]
+    product = square = 0.0
+    for k in range(3):
+        f = e = 0.0
+        for j in range(3):
+            f += frame[3 * k + j] * state[ml.S_FORCE + 2 * j + 1]
+            e += frame[3 * k + j] * state[ml.S_EXPECTED + 2 * j + 1]
+        results[ml.R_FORCE + k], results[ml.R_EXPECTED + k] = f, e
+        product += f * e
+        square += e * e
+    predicted = math.sqrt(square)
+    ratio = product / square if predicted > constants[ml.C_LEAST] else 0.0
+    results[ml.R_SIZE], results[ml.R_RATIO], results[ml.R_RATE] = filtered, ratio, rate
+    # Noise out of the cut.
+    noise = max(constants[ml.C_NOISE], math.sqrt(state[ml.S_IDLE]) if whole[ml.N_IDLE] >= IDLE_LEARNT else 0.0)
+    quiet = constants[ml.C_Z] * noise
+    margin = constants[ml.C_MARGIN]
+    ceiling = most * (1.0 + constants[ml.C_MODEL]) + quiet + margin
+    idle = planned and most < AIR_N and high < AIR_N
+    if idle and filtered < ceiling:
+        whole[ml.N_IDLE] += 1
+        share = max(period / IDLE_S, 1.0 / whole[ml.N_IDLE])
+        state[ml.S_IDLE] += share * (filtered * filtered - state[ml.S_IDLE])
+    results[ml.R_MOST] = ceiling if planned else 0.0
+    # Missing cut.
+    sure = least * (1.0 - constants[ml.C_MODEL])
+    visible = planned and sure > 2.0 * quiet
+    results[ml.R_LEAST] = quiet if visible else 0.0
+    if visible:
+        state[ml.S_BLIND] = state[ml.S_BLIND] + moved if filtered < quiet else 0.0
+    judge(results, outcome, whole, choices, _MISSING, state[ml.S_BLIND],
+        constants[ml.C_MISSING] if visible else 0.0, 1,
+    )  # fmt: skip
+    # Overload.
+    moment = 0.0
+    for k in range(3):
+        moment += given[at.G_W + 3 + k] ** 2
+    moment = math.sqrt(moment)
+    value, limit = filtered, ceiling if planned else 0.0
+    top = size / constants[ml.C_LIMIT_N]
+    if moment / constants[ml.C_LIMIT_NM] > top:
+        top = moment / constants[ml.C_LIMIT_NM]
+    if top > 1.0 or (not planned and top > 0.0):  # the tighter of both bounds is shown
+        value, limit = top * constants[ml.C_LIMIT_N], constants[ml.C_LIMIT_N]
+        if not math.isfinite(limit):
+            value, limit = top * constants[ml.C_LIMIT_NM], constants[ml.C_LIMIT_NM]
+    judge(results, outcome, whole, choices, _OVERLOAD, value, limit, choices[ml.W_CYCLES])
+    cutting = planned and least > constants[ml.C_LEAST]
+    if cutting:
+        state[ml.S_CUT] += moved
+    results[ml.R_CUT] = state[ml.S_CUT]
+    steady = planned and here[ml.P_STEADY] > 0.5 and there[ml.P_STEADY] > 0.5 and predicted > constants[ml.C_LEAST]
+    steady = steady and 0.8 < rate < 1.2
+    if planned and int(here[ml.P_TOOL]) != whole[ml.N_TOOL]:
+        whole[ml.N_TOOL] = int(here[ml.P_TOOL])
+        for k in range(ml.S_CUT, ml.STATE):
+            state[k] = 0.0
+        whole[ml.N_ON] &= ~(1 << _WEAR)
+    wear(constants, state, whole, results, outcome, choices, ratio, product, square, moved if cutting else 0.0, rate)
+    breakage(constants, choices, state, whole, results, outcome, here, fast, ratio, predicted, noise, steady)
+    chatter(constants, choices, state, whole, results, outcome, fast, most if planned else filtered, idle)
+
+
+@kernel(
+    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], float64[:, ::1], float64[:, ::1],"
+    " float64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1])"
+)
+def watch(
+    given: Float,
+    flags: Int,
+    step_results: Float,
+    step_outcome: Int,
+    place: Float,
+    path: Float,
+    plan: Float,
+    fast: Float,
+    constants: Float,
+    choices: Int,
+    state: Float,
+    whole: Int,
+    results: Float,
+    outcome: Int,
+    frame: Float,
+) -> None:
+    """One cycle; see the module and :class:`counterflex.runtime.monitor.Monitor`, which owns the arrays.
+
+    Args:
+        given: (at.GIVEN,) inputs of the step.
+        flags: (at.FLAGS,) likewise.
+        step_results: (at.RESULTS,) results of the step.
+        step_outcome: (at.OUTCOME,) likewise; a feed hold that is asked for is written.
+        place: (2,) on the plan, row and fraction.
+        path: (n, PLAN_COLUMNS) the plan as the step has it.
+        plan: (n, P_COLUMNS) of :func:`counterflex.runtime.monitor_plan.monitor_plan`.
+        fast: (FAST,) of the force sensor's samples.
+        constants: (CONSTANTS,).
+        choices: (CHOICES,).
+        state: (STATE,); changed.
+        whole: (WHOLE,); changed.
+        results: (RESULTS,) written.
+        outcome: (OUTCOME,) written.
+        frame: (9,) work space.
+    """
+    outcome[ml.O_NEW] = outcome[ml.O_SEEN] = 0
+    if flags[at.F_RESET] == 1:
+        whole[ml.N_ON] = whole[ml.N_HOLD] = whole[ml.N_STOP] = whole[ml.N_STEADY] = 0
+        for k in range(ml.EVENTS):
+            whole[ml.N_COUNT + k] = 0
+        state[ml.S_CUSUM] = state[ml.S_BLIND] = 0.0
+    good = flags[at.F_ELAPSED] > 0 and flags[at.F_FORCE_AGE] < choices[ml.W_STALE]
+    for k in range(6):
+        good = good and math.isfinite(given[at.G_W + k])
+    for k in range(12):
+        good = good and math.isfinite(given[at.G_NOMINAL + k])
+    if good:
+        _look(
+            given, flags, step_results, place, path, plan, fast, constants, choices, state, whole, results, outcome,
+            frame,
+        )  # fmt: skip
+    before = step_outcome[at.O_STATE]
+    for event in range(ml.EVENTS):
+        if outcome[ml.O_NEW] & (1 << event) and _ARMED <= before < _FAULT:
+            if choices[ml.W_REACTION + event] == 1 and whole[ml.N_HOLD] == 0:
+                whole[ml.N_HOLD] = _FIRST_CAUSE + event
+            elif choices[ml.W_REACTION + event] == 2 and whole[ml.N_STOP] == 0:
+                whole[ml.N_STOP] = _FIRST_CAUSE + event
+    if whole[ml.N_HOLD] != 0:
+        step_outcome[at.O_FEED_HOLD] = 1
+    outcome[ml.O_ON] = whole[ml.N_ON]

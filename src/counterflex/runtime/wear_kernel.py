@@ -1,0 +1,109 @@
+"""Wear: does the ratio of measured to predicted force rise with the length of cut?
+
+Each stretch of cut gives one ratio. It is held against those before it of cuts of about the same force, because a model
+errs by another percentage in a slot than on a thin wall. With n ratios before, mean m and standard deviation s::
+
+    T = (x - m) / s sqrt(n / (n + 1))        Student, n - 1 degrees of freedom
+
+as long as nothing changes, whatever m and s truly are; made standard normal (Wallace 1959)::
+
+    U = sign(T) (8 nu + 1) / (8 nu + 3) sqrt(nu log(1 + T^2 / nu))
+
+and summed up: ``S = max(0, S + U - 1/2)``. The false alarm rate is therefore that of a cumulative sum of standard
+normal values, with no reference to be learnt first (self-starting CUSUM, Hawkins 1987; Page 1954). Beside it runs the
+regression of the ratio on the length of cut with one mean per class of force: trend per metre, its standard deviation.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from counterflex.core.arrays import Float
+from counterflex.core.jit import kernel
+from counterflex.runtime import monitor_layout as ml
+
+FIRST: Final = 3
+"""Ratios of a class before the next one is judged."""
+LARGEST_U: Final = 4.0
+"""A single ratio counts no more than this: one odd stretch is no trend."""
+LEAST_SPREAD: Final = 0.002
+"""Standard deviation of ratios, at least."""
+
+
+@kernel("int64(float64)")
+def force_class(force_n: float) -> int:
+    """Class of a force: one for each factor of the square root of two from 20 N on, the last for all above."""
+    if force_n <= 20.0:
+        return 0
+    return min(ml.CLASSES - 1, int(2.0 * math.log2(force_n / 20.0)))
+
+
+@kernel("float64(float64, float64)")
+def normal_of_student(t: float, degrees: float) -> float:
+    """Standard normal value at the same probability as a Student value (Wallace 1959)."""
+    size = (8.0 * degrees + 1.0) / (8.0 * degrees + 3.0) * math.sqrt(degrees * math.log1p(t * t / degrees))
+    return size if t >= 0.0 else -size
+
+
+@kernel("float64(float64[:, ::1], int64, float64, float64, float64)")
+def add_ratio(classes: Float, which: int, cut_m: float, ratio: float, total: float) -> float:
+    """Take one ratio.
+
+    Args:
+        classes: (CLASSES, 6) n, mean length of cut, mean ratio, Sxx, Sxy, Syy; changed.
+        which: Class.
+        cut_m: Length of cut at the middle of its stretch, m.
+        ratio: Measured by predicted force.
+        total: Cumulative sum so far.
+
+    Returns:
+        The new cumulative sum.
+    """
+    c = classes[which]
+    n = c[0]
+    if n >= FIRST:
+        spread = max(math.sqrt(c[5] / (n - 1.0)), LEAST_SPREAD)
+        t = (ratio - c[2]) / spread * math.sqrt(n / (n + 1.0))
+        u = normal_of_student(t, n - 1.0)
+        total = max(0.0, total + min(LARGEST_U, u) - 0.5)
+    dx, dy = cut_m - c[1], ratio - c[2]
+    c[0] = n + 1.0
+    c[1] += dx / c[0]
+    c[2] += dy / c[0]
+    c[3] += dx * (cut_m - c[1])
+    c[4] += dx * (ratio - c[2])
+    c[5] += dy * (ratio - c[2])
+    return total
+
+
+@kernel("void(float64[:, ::1], float64, float64[::1])")
+def trend(classes: Float, cut_m: float, out: Float) -> None:
+    """Regression over all classes: ``b = sum Sxy / sum Sxx``.
+
+    Args:
+        classes: (CLASSES, 6).
+        cut_m: Length of cut now.
+        out: (3,) written: trend per metre, its standard deviation (0 where not known), rise since the first cut
+            relative to the ratio there.
+    """
+    n = used = sxx = sxy = syy = mean = 0.0
+    for k in range(classes.shape[0]):
+        n += classes[k, 0]
+        used += 1.0 if classes[k, 0] > 0.0 else 0.0
+        mean += classes[k, 0] * classes[k, 2]
+        sxx += classes[k, 3]
+        sxy += classes[k, 4]
+        syy += classes[k, 5]
+    out[0] = out[1] = out[2] = 0.0
+    degrees = n - used - 1.0
+    if degrees < 1.0 or sxx <= 0.0:
+        return
+    slope = sxy / sxx
+    rest = max(0.0, syy - slope * sxy)
+    middle = 0.0
+    for k in range(classes.shape[0]):
+        middle += classes[k, 0] * classes[k, 1]
+    first = mean / n - slope * middle / n
+    out[0], out[1] = slope, math.sqrt(rest / degrees / sxx)
+    out[2] = slope * cut_m / first if first > 0.0 else 0.0
