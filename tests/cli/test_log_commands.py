@@ -46,7 +46,10 @@ def cycles(loop: Loop) -> Float:
         out[k, record.GIVEN : record.FLAGS] = loop.given
         out[k, record.FLAGS : record.RESULTS] = loop.flags
         out[k, record.RESULTS : record.OUTCOME] = loop.results
-        out[k, record.OUTCOME : record.CYCLE] = loop.outcome
+        out[k, record.OUTCOME : record.MONITOR] = loop.outcome
+        out[k, record.FAST : record.SENSOR] = loop.monitor.fast
+        out[k, record.MONITOR : record.MONITOR_OUTCOME] = loop.monitor.results
+        out[k, record.MONITOR_OUTCOME : record.CYCLE] = loop.monitor.outcome
         out[k, record.CYCLE] = loop.cycle
     return out
 

@@ -90,7 +90,8 @@ class _Force:
     def __init__(self, robot: _Robot) -> None:
         self.robot, self.w_sensor = robot, np.zeros(6)
         self.saturated = self.frozen = False
-        self.good = 4
+        self.good, self.first = 4, 0
+        self.samples = np.zeros((4, 6))
 
     def drain(self) -> int:
         rng = self.robot.rng
@@ -98,6 +99,8 @@ class _Force:
         self.good = 0 if rng.random() < 0.03 else 4
         cutting = 0.03 < self.robot.x < 0.16
         self.w_sensor = np.r_[30.0, 280.0, -70.0, 0.0, 0.0, 0.0] * cutting + rng.standard_normal(6)
+        self.samples[:] = self.w_sensor + rng.standard_normal((4, 6))
+        self.first += 4
         return self.good
 
 

@@ -29,7 +29,8 @@ NEAR_REACH: Final = 0.8
 NEAR_FORCE: Final = 0.85
 _BUSY: Final = 0.05  # share of a cycle in the memory of the limiter: 80 ms at 4 ms
 _ACTIVE, _HOLD = int(State.ACTIVE), int(State.HOLD)
-_LIMITER, _REACH, _FORCE = int(ml.Slowed.LIMITER), int(ml.Slowed.REACH), int(ml.Slowed.FORCE)
+_PLAN, _LIMITER = int(ml.Slowed.PLAN), int(ml.Slowed.LIMITER)
+_REACH, _FORCE = int(ml.Slowed.REACH), int(ml.Slowed.FORCE)
 
 # Constants.
 K_LEAST: Final = 0  # share of the programmed speed; 1 leaves it alone
@@ -86,7 +87,7 @@ def ask_speed(
             row = int(place[0])
             speed = min(plan[row, ml.P_SPEED], plan[min(row + 1, plan.shape[0] - 1), ml.P_SPEED])
             if speed < wanted:
-                wanted, why = max(least, speed), int(ml.Slowed.PLAN)
+                wanted, why = max(least, speed), _PLAN
         busy = 1.0 - max(0.0, state[V_BUSY] - 0.5) * 2.0 * (1.0 - least)
         if busy < wanted:
             wanted, why = busy, _LIMITER
