@@ -19,7 +19,7 @@ from counterflex.twin.exact_robot import StandingRobot, Standstill
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext
 from counterflex.twin.faults import Fault, FaultSchedule
 from counterflex.twin.path_answer import PathAnswer
-from counterflex.twin.rsi_server import CycleSeen, RsiServer
+from counterflex.twin.robot_server import CycleSeen, RobotServer
 from counterflex.wire.rsi_config import parse_config
 from counterflex.wire.rsi_telegram import answer_writer, robot_reader
 
@@ -74,7 +74,7 @@ class Peer(threading.Thread):
 
 def run(
     faults: tuple[Fault, ...] = (), *, cycles: int = 300, seed: int = 1, peer: Peer | None = None, **context: Any
-) -> tuple[RsiServer, Applied, list[CycleSeen], Peer]:
+) -> tuple[RobotServer, Applied, list[CycleSeen], Peer]:
     peer = Peer() if peer is None else peer
     peer.start()
     applied, seen = Applied(), []
@@ -85,7 +85,7 @@ def run(
 
     settings = RsiContext(**{"timeout": 10000, **context})
     robot = StandingRobot(PLACE, settings.cycle_s, PathAnswer(0.0, 0.0))
-    server = RsiServer(
+    server = RobotServer(
         robot,
         FakeRsi(peer.config, settings),
         peer.address,
@@ -204,11 +204,11 @@ def test_nobody_there() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as deaf:
         deaf.bind(("127.0.0.1", 0))
         fake = FakeRsi(config, RsiContext(timeout=10))
-        server = RsiServer(StandingRobot(PLACE, 0.004), fake, deaf.getsockname(), waiting_s=0.01)
+        server = RobotServer(StandingRobot(PLACE, 0.004), fake, deaf.getsockname(), waiting_s=0.01)
         assert server.run() == "no sensor program"
         server.close()
         fake = FakeRsi(config, RsiContext(timeout=10))
-        server = RsiServer(StandingRobot(PLACE, 0.004), fake, deaf.getsockname(), waiting_s=0.0, patience_s=0.001)
+        server = RobotServer(StandingRobot(PLACE, 0.004), fake, deaf.getsockname(), waiting_s=0.0, patience_s=0.001)
         assert server.run() == "RSITimeout"
         server.close()
 
@@ -218,7 +218,7 @@ def test_onlysend_expects_no_answer() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind(("127.0.0.1", 0))
         fake = FakeRsi(parse_config(text.encode(), "x"), RsiContext(timeout=10))
-        server = RsiServer(StandingRobot(PLACE, 0.004), fake, listener.getsockname())
+        server = RobotServer(StandingRobot(PLACE, 0.004), fake, listener.getsockname())
         assert server.run(most_cycles=40) == "cycles"
         server.close()
         assert fake.late == 0

@@ -24,7 +24,7 @@ from counterflex.twin.exact_robot import ControlledRobot, ExactRobot, StandingRo
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext
 from counterflex.twin.faults import FaultSchedule
 from counterflex.twin.path_answer import PathAnswer
-from counterflex.twin.rsi_server import RsiServer
+from counterflex.twin.robot_server import RobotServer
 from counterflex.wire.rsi_config import read_config
 
 
@@ -105,7 +105,7 @@ def run(
                     f"the record cannot be written: {fault.strerror or fault}", where=str(record)
                 ) from fault
         applied = Applied(stream)
-        server = RsiServer(
+        server = RobotServer(
             robot,
             rsi,
             settings.peer if settings.peer is not None else (config.host, config.port),

@@ -12,7 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, US
 from counterflex.geometry import rotation
-from counterflex.twin.rsi_server import CycleSeen
+from counterflex.twin.robot_server import CycleSeen
 
 COLUMNS: Final = (
     "cycle",

@@ -1,4 +1,4 @@
-"""The whole simulated cell on real sockets: controller with RSI, force sensor, tracker."""
+"""The whole simulated cell on real sockets: controller, force sensor, tracker."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
-from counterflex.twin.fake_rsi import FakeRsi
 from counterflex.twin.force_sensor import ForceSensor
 from counterflex.twin.laboratory import Laboratory
 from counterflex.twin.live_cell import LiveCell
 from counterflex.twin.netft_server import NetftServer
-from counterflex.twin.rsi_server import RsiServer
+from counterflex.twin.robot_controller import RobotController
+from counterflex.twin.robot_server import RobotServer
 from counterflex.wire.tracker_pose import BEAM_BROKEN, TrackerPose, write_pose
 
 _STEPS_PER_SAMPLE = 2  # integration steps of 0.5 ms per sample of the instruments: 1 kHz
@@ -81,26 +81,26 @@ class Instruments:
             self.netft.close()
 
 
-class CellServer(RsiServer):
+class CellServer(RobotServer):
     """Runs a live cell behind its protocols until the program has ended.
 
     Args:
         cell: The cell.
-        rsi: The controller's side of RSI.
+        controller: Its side of the protocol.
         peer: Where telegrams go: host and port of the sensor program.
         instruments: Or None.
-        settings: Further arguments of :class:`counterflex.twin.rsi_server.RsiServer`.
+        settings: Further arguments of :class:`counterflex.twin.robot_server.RobotServer`.
     """
 
     def __init__(
         self,
         cell: LiveCell,
-        rsi: FakeRsi,
+        controller: RobotController,
         peer: tuple[str, int],
         instruments: Instruments | None = None,
         **settings: Any,
     ) -> None:
-        super().__init__(cell, rsi, peer, **settings)
+        super().__init__(cell, controller, peer, **settings)
         self.cell, self.instruments = cell, instruments
         if instruments is not None:
             cell.on_step = self._on_step  # type: ignore[method-assign]

@@ -19,6 +19,10 @@ from counterflex.robot.opw_chain import from_opw
 from counterflex.twin.controller import Controller, interpolate
 from counterflex.twin.path_answer import AnswerState, PathAnswer
 
+_SAME_M = 1e-7
+_AHEAD = 250
+"""Cycles of the program that are looked through for the place of a guided tool: a second at 4 ms."""
+
 
 @dataclass(frozen=True, eq=False)
 class Report:
@@ -82,20 +86,26 @@ class CommandedMotion:
         """Whether the program has come to its end."""
         return self.at >= self.cycles - 1
 
-    def advance(self, cartesian: Float, axes: Float | None = None, override: float = 1.0) -> tuple[Float, Float, Float]:
+    def advance(
+        self, cartesian: Float, axes: Float | None = None, override: float = 1.0, T_part_guided: Float | None = None
+    ) -> tuple[Float, Float, Float]:
         """Command the next cycle.
 
         Args:
             cartesian: (6,) correction of the pose, m and rotation vector, in part axes about the commanded tip.
             axes: (6,) rad added to the commanded angles, or None.
             override: Speed of the program, 0 .. 1.
+            T_part_guided: (4, 4) where the tool is to be instead of where the program has it; corrections are then
+                left out, and the place in the program is the nearest one ahead. None follows the program.
 
         Returns:
             Angles (6,) rad and pose (4, 4) of the program without correction, and the corrected angles (6,) rad.
 
         Raises:
-            ReachError: The corrected pose cannot be reached.
+            ReachError: The pose cannot be reached.
         """
+        if T_part_guided is not None:
+            return self._guided(T_part_guided)
         if self.running:
             self.at = min(float(self.cycles - 1), self.at + override)
         pose_offset = self._cartesian(cartesian)
@@ -128,13 +138,26 @@ class CommandedMotion:
         out: Float = self._T_part_base @ T_base_flange @ self.controller.T_flange_tcp
         return out
 
+    def _guided(self, T_part_tcp: Float) -> tuple[Float, Float, Float]:
+        """Angles, pose and angles of a pose that comes from outside."""
+        if self.running:
+            begin = int(self.at)
+            away = np.linalg.norm(self.reference.p_part_command[begin : begin + _AHEAD] - T_part_tcp[:3, 3], axis=1)
+            nearest = np.flatnonzero(away <= away.min() + _SAME_M)[-1]  # behind a dwell at the same point
+            self.at = max(self.at, float(begin + int(nearest)))
+        q = self._inverse(T_part_tcp, self.reference.q_ref[int(self.at)], T_part_tcp[:3, 3])
+        return q, T_part_tcp, q
+
     def _corrected(self, T_part_nominal: Float, offset: Float, q_nominal: Float) -> Float:
-        T = T_part_nominal.copy()
-        T[:3, 3] += offset[:3]
-        T[:3, :3] = rotation.exp(offset[3:]) @ T[:3, :3]
-        T_base_flange: Float = self.controller.T_base_part @ T @ self._T_tcp_flange
+        T_part_tcp = T_part_nominal.copy()
+        T_part_tcp[:3, 3] += offset[:3]
+        T_part_tcp[:3, :3] = rotation.exp(offset[3:]) @ T_part_tcp[:3, :3]
+        return self._inverse(T_part_tcp, q_nominal, offset[:3])
+
+    def _inverse(self, T_part_tcp: Float, q_nominal: Float, named: Float) -> Float:
+        T_base_flange: Float = self.controller.T_base_part @ T_part_tcp @ self._T_tcp_flange
         q = branches(self.controller.opw, T_base_flange[None])[0, self._branch]
         if not np.all(np.isfinite(q)):
-            raise ReachError("the corrected pose is out of reach", value=np.round(offset[:3] * 1e3, 3).tolist())
+            raise ReachError("the corrected pose is out of reach", value=np.round(named * 1e3, 3).tolist())
         turned: Float = q + 2.0 * np.pi * np.round((q_nominal - q) / (2.0 * np.pi))
         return turned

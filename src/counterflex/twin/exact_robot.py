@@ -33,8 +33,18 @@ class ControlledRobot(Protocol):
     def start(self) -> None:
         """Let the program run."""
 
-    def advance(self, cartesian: Float, axes: Float | None = None, override: float = 1.0) -> Report:
-        """Run one cycle with a correction: (6,) m and rotation vector in part axes, and (6,) rad of the axes."""
+    def advance(
+        self, cartesian: Float, axes: Float | None = None, override: float = 1.0, T_part_guided: Float | None = None
+    ) -> Report:
+        """Run one cycle.
+
+        Args:
+            cartesian: (6,) correction of the pose, m and rotation vector in part axes.
+            axes: (6,) rad, correction of the axes.
+            override: Speed of the program, 0 .. 1.
+            T_part_guided: (4, 4) where the tool is to be instead of where the program has it; corrections are then
+                left out. None follows the program.
+        """
 
 
 class ExactRobot:
@@ -63,13 +73,15 @@ class ExactRobot:
         """Let the program run."""
         self._motion.running = True
 
-    def advance(self, cartesian: Float, axes: Float | None = None, override: float = 1.0) -> Report:
+    def advance(
+        self, cartesian: Float, axes: Float | None = None, override: float = 1.0, T_part_guided: Float | None = None
+    ) -> Report:
         """See :class:`ControlledRobot`.
 
         Raises:
-            ReachError: The corrected pose cannot be reached.
+            ReachError: The pose cannot be reached.
         """
-        q_nominal, T_part_nominal, q = self._motion.advance(cartesian, axes, override)
+        q_nominal, T_part_nominal, q = self._motion.advance(cartesian, axes, override, T_part_guided)
         self._cycle += 1
         return Report(
             time_s=self._cycle * self.period_s,
@@ -135,12 +147,14 @@ class StandingRobot:
         """Begin to wait."""
         self._running = True
 
-    def advance(self, cartesian: Float, axes: Float | None = None, override: float = 1.0) -> Report:
+    def advance(
+        self, cartesian: Float, axes: Float | None = None, override: float = 1.0, T_part_guided: Float | None = None
+    ) -> Report:
         """See :class:`ControlledRobot`."""
         self._at += override if self._running else 0.0
         self._cycle += 1
         offset = self._cartesian(cartesian)
-        T = self._place.T_part_tcp.copy()
+        T = (self._place.T_part_tcp if T_part_guided is None else T_part_guided).copy()
         T[:3, 3] += offset[:3]
         T[:3, :3] = rotation.exp(offset[3:]) @ T[:3, :3]
         return Report(

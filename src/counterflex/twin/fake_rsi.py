@@ -109,6 +109,25 @@ class FakeRsi:
     def _increment(self) -> int:
         return round(self.context.cycle_s / MS)
 
+    @property
+    def cycle_s(self) -> float:
+        """Time between telegrams."""
+        return self.context.cycle_s
+
+    @property
+    def only_sends(self) -> bool:
+        """ONLYSEND: nothing is expected back."""
+        return self.config.only_send
+
+    @property
+    def enabled(self) -> bool:
+        """Free tag ``Enable``: the program is where corrections are wanted."""
+        return self.frees.get("Enable", 0.0) > 0.5
+
+    @enabled.setter
+    def enabled(self, value: bool) -> None:
+        self.frees["Enable"] = float(value)
+
     def telegram(self, report: Report) -> bytes:
         """The telegram of the next cycle."""
         self.counter += self._increment
@@ -133,6 +152,10 @@ class FakeRsi:
                 number = self.frees.get(value.name, 0.0)
             self._writer.values[i] = number
         return self._writer.telegram(self.counter)
+
+    def answers(self, data: bytes) -> bool:
+        """Whether a datagram carries the IPOC of the newest telegram."""
+        return f"<IPOC>{self.counter}</IPOC>".encode("ascii") in data
 
     def answer(self, data: bytes | None) -> None:
         """What came in the cycle (the last datagram), or None; then :attr:`correction` is what is in force.
@@ -188,6 +211,10 @@ class FakeRsi:
         self.override = min(1.0, max(0.0, named.get("Override", 100.0) / 100.0))
         if named.get("Stop", 0.0) > 0.5:
             self.stopped = "Stop"
+
+    def guided_pose(self) -> Float | None:
+        """None: RSI corrects a program."""
+        return None
 
     def pose_correction(self) -> Float:
         """(6,) Cartesian correction in force: m, and rotation vector of ``Rz(A) Ry(B) Rx(C)``."""

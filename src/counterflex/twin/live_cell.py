@@ -126,13 +126,16 @@ class LiveCell:
         self._following.reset(self._q)
         self.plant.reset(self._q, None, np.zeros(6))
 
-    def advance(self, cartesian: Float, axes: Float | None = None, override: float = 1.0) -> Report:
+    def advance(
+        self, cartesian: Float, axes: Float | None = None, override: float = 1.0, T_part_guided: Float | None = None
+    ) -> Report:
         """Run one cycle with a correction.
 
         Args:
             cartesian: (6,) correction of the pose, m and rotation vector, in part axes about the commanded tip.
             axes: (6,) rad added to the commanded angles, or None.
             override: Speed of the program, 0 .. 1.
+            T_part_guided: (4, 4) where the tool is to be instead of where the program has it, or None.
 
         Returns:
             What the controller knows afterwards.
@@ -142,7 +145,7 @@ class LiveCell:
             SimulationError: The cell left its physical range.
         """
         before = self.motion.at
-        q_nominal, T_part_nominal, q_told = self.motion.advance(cartesian, axes, override)
+        q_nominal, T_part_nominal, q_told = self.motion.advance(cartesian, axes, override, T_part_guided)
         q_next = self._following(q_told)
         qd_next = (q_next - self._q) / self.period_s
         self._integrate(int(before), q_next, qd_next)

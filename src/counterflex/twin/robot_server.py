@@ -1,4 +1,4 @@
-"""A simulated controller with KUKA RSI on a real socket: it sends every cycle and applies what comes back.
+"""A simulated controller on a real socket: it sends every cycle and applies what comes back.
 
 Two ways of keeping time. *Lockstep*: after every telegram it waits for the answer, as long as ``patience_s``; as fast
 as both sides can, and the same result every time. *Real time*: a telegram every cycle by the clock; what has not come
@@ -22,9 +22,9 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.twin.commanded_motion import Report
 from counterflex.twin.exact_robot import ControlledRobot
-from counterflex.twin.fake_rsi import FakeRsi
 from counterflex.twin.faults import FaultSchedule
 from counterflex.twin.faulty_line import FaultyLine
+from counterflex.twin.robot_controller import RobotController
 
 FAULTS: Final = ("silent", "dying", "counter")
 """Faults of the instrument itself that the controller can show."""
@@ -37,13 +37,13 @@ class CycleSeen:
 
     Attributes:
         cycle: From 0.
-        counter: IPOC of its telegram.
+        counter: Of its telegram.
         sent: The telegram left unharmed.
         reply_s: From sending to the answer, NaN without one.
         refused: Why no answer was accepted, or empty.
         late: Answers that were late or refused so far.
-        stat: POSCORR status.
-        correction: (6,) Cartesian correction in force, m and rad (A B C).
+        stat: 0, 1 correcting, 2 limited.
+        correction: (6,) Cartesian correction in force as the protocol has it, m and rad.
         axes: (6,) axis correction in force, rad.
         report: What the controller reported.
     """
@@ -60,12 +60,12 @@ class CycleSeen:
     report: Report
 
 
-class RsiServer:
-    """Runs a robot behind RSI until its program has ended.
+class RobotServer:
+    """Runs a robot behind the protocol of its controller until its program has ended.
 
     Args:
         robot: The robot.
-        rsi: The controller's side of RSI.
+        controller: Its side of the protocol.
         peer: Where telegrams go: host and port of the sensor program.
         realtime: Keep real time; else lockstep.
         patience_s: Lockstep: how long an answer may take.
@@ -86,7 +86,7 @@ class RsiServer:
     def __init__(
         self,
         robot: ControlledRobot,
-        rsi: FakeRsi,
+        controller: RobotController,
         peer: tuple[str, int],
         *,
         realtime: bool = False,
@@ -97,11 +97,11 @@ class RsiServer:
         faults: FaultSchedule | None = None,
         observe: Callable[[CycleSeen], None] | None = None,
     ) -> None:
-        if abs(rsi.context.cycle_s - robot.period_s) > 1e-9:
-            raise InputError("cycle of RSI and of the cell", value=rsi.context.cycle_s, limit=robot.period_s)
+        if abs(controller.cycle_s - robot.period_s) > 1e-9:
+            raise InputError("cycle of the protocol and of the cell", value=controller.cycle_s, limit=robot.period_s)
         if answer_s is not None and not 0.0 < answer_s <= robot.period_s:
             raise InputError("time for an answer", value=answer_s, limit=f"> 0 and <= {robot.period_s:g} s")
-        self.robot, self.rsi, self.peer = robot, rsi, peer
+        self.robot, self.controller, self.peer = robot, controller, peer
         self.realtime, self.patience_s, self.gate_cycles = realtime, patience_s, gate_cycles
         self.waiting_s = waiting_s
         self.cycles = 0
@@ -142,23 +142,23 @@ class RsiServer:
         while most_cycles is None or self.cycles < most_cycles:
             if self.cycles == self.gate_cycles:
                 self.robot.start()
-            self.rsi.frees["Enable"] = float(self.cycles >= self.gate_cycles and not self.robot.finished)
+            self.controller.enabled = self.cycles >= self.gate_cycles and not self.robot.finished
             self.poll()
             condition = self._faults.condition(self.cycles, self.cycles * self.robot.period_s)
             if condition.dead:
                 self.stop_reason = "died"
                 return self.stop_reason
-            held = (self.rsi.feed_hold and self.cycles > self.gate_cycles) or condition.silent
-            report = self.robot.advance(self.rsi.pose_correction(), self.rsi.axes, 0.0 if held else self.rsi.override)
-            self.rsi.counter += condition.step - self._step
+            held = (self.controller.feed_hold and self.cycles > self.gate_cycles) or condition.silent
+            report = self._advance(held)
+            self.controller.counter += condition.step - self._step
             self._step = condition.step
-            self.exchange(self.rsi.telegram(report), silent=condition.silent)
+            self.exchange(self.controller.telegram(report), silent=condition.silent)
             self._tell(report)
             self.cycles += 1
             if self.cycles % 250 == 0:
                 progress(min(0.99, self.cycles / total), "milling")
-            if self.rsi.stopped:
-                self.stop_reason = self.rsi.stopped
+            if self.controller.stopped:
+                self.stop_reason = self.controller.stopped
                 return self.stop_reason
             if report.finished:
                 rest -= 1
@@ -168,14 +168,19 @@ class RsiServer:
         self.stop_reason = "cycles"
         return self.stop_reason
 
+    def _advance(self, held: bool) -> Report:
+        controller = self.controller
+        override = 0.0 if held else controller.override
+        return self.robot.advance(controller.pose_correction(), controller.axes, override, controller.guided_pose())
+
     def _wait_for_peer(self) -> bool:
         """Repeat the first telegram until somebody answers; nothing moves, nothing is counted."""
-        if self.waiting_s <= 0.0 or self.rsi.config.only_send:
+        if self.waiting_s <= 0.0 or self.controller.only_sends:
             return True
         end = time.perf_counter() + self.waiting_s
         nothing = np.zeros(6)
         report = self.robot.advance(nothing)
-        first = self.rsi.telegram(report)
+        first = self.controller.telegram(report)
         self._socket.settimeout(0.1)
         while time.perf_counter() < end:
             self.poll()
@@ -207,7 +212,7 @@ class RsiServer:
             self._out.put(telegram, now_s, deliver)
         answer = self._wait_realtime(now_s) if self.realtime else self._wait_lockstep(now_s)
         if not silent:
-            self.rsi.answer(answer)
+            self.controller.answer(answer)
 
     def _send(self, data: bytes) -> None:
         with contextlib.suppress(ConnectionError):
@@ -217,17 +222,16 @@ class RsiServer:
         """Wait for the answer to this cycle's telegram, if that went out: faults of the way are known at both ends."""
         found: list[bytes] = []
         self._in.release(now_s, found.append)
-        if not self._unharmed or self.rsi.config.only_send:
+        if not self._unharmed or self.controller.only_sends:
             return found[-1] if found else None
         end = time.perf_counter() + self.patience_s
-        mark = f"<IPOC>{self.rsi.counter}</IPOC>".encode("ascii")
         while (left := end - time.perf_counter()) > 0.0:
             self._socket.settimeout(left)
             try:
                 data = self._socket.recv(65536)
             except (TimeoutError, ConnectionError):
                 break
-            if mark in data:
+            if self.controller.answers(data):
                 self._reply_s = time.perf_counter() - self._sent_at
                 self._in.put(data, now_s, found.append)
                 break
@@ -261,18 +265,18 @@ class RsiServer:
     def _tell(self, report: Report) -> None:
         if self._observe is None:
             return
-        rsi = self.rsi
+        controller = self.controller
         self._observe(
             CycleSeen(
                 cycle=self.cycles,
-                counter=rsi.counter,
+                counter=controller.counter,
                 sent=self._unharmed,
                 reply_s=self._reply_s,
-                refused=rsi.refused,
-                late=rsi.late,
-                stat=rsi.stat,
-                correction=rsi.correction,
-                axes=rsi.axes,
+                refused=controller.refused,
+                late=controller.late,
+                stat=controller.stat,
+                correction=controller.correction,
+                axes=controller.axes,
                 report=report,
             )
         )
