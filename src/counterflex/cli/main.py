@@ -14,6 +14,7 @@ from counterflex.cli import (
     dataset,
     demo,
     doctor,
+    faults,
     identify,
     log,
     online,
@@ -59,6 +60,7 @@ online.register(app)
 log.register(app)
 doctor.register(app)
 soak.register(app)
+faults.register(app)
 rsi.register(app)
 reproduce.register(app)
 demo.register(app)

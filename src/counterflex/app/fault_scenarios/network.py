@@ -1,0 +1,147 @@
+"""Faults of the network between controller and loop: R3 to R7."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from counterflex.app.fault_scenarios.rig import PERIOD_S, Rig
+from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
+from counterflex.links.telegram_watch import WatchSettings
+from counterflex.runtime.settings import ForceMode, OnlineSettings
+from counterflex.runtime.supervisor import State
+from counterflex.twin.impairment import Burst, Impairment
+
+OLDEST: Final = 4
+"""Cycles that a correction in force may be old."""
+LARGEST_STEP_M: Final = 0.40e-3
+"""Largest step that the robot may see."""
+_GOES_ON: Final = WatchSettings(hold_late=30, fault_late=30, share_late=0.5)
+
+
+def described(path: list[str], most: int = 6) -> str:
+    """States in a row, shortened."""
+    return ", ".join(path[:most]) + (f", ... ({len(path)} in all)" if len(path) > most else "")
+
+
+def standing_from(rig: Rig, first: int) -> int:
+    """First cycle from ``first`` on after which the correction at the robot stands still, ramps to zero, or is zero.
+
+    A ramp to zero is the slow, limited reaction that follows a hold; what counts is when following the target ended.
+    """
+    acts = [k for k in range(first, len(rig.seen.state)) if rig.seen.state[k] == State.ACTIVE]
+    return acts[-1] + 1 if acts else first
+
+
+def _random(loss: float, share: float) -> Scenario:
+    def run(effort: Effort) -> Outcome:
+        made = Impairment(loss=loss)
+        cycles = effort.pick(100_000, 5_000)
+        settings = OnlineSettings(force=ForceMode.MEASURED, normal_only=False, lost_cycles=9)
+        with Rig(made, made, seed=effort.seed, watch=_GOES_ON, settings=settings) as rig:
+            begin = rig.activate().cycle_count
+            rig.run(cycles)
+            age = np.array(rig.seen.age[begin:])
+            step = float(rig.seen.steps()[begin - 1 :].max())
+            path = rig.seen.path(begin)
+            active = rig.seen.state[begin:].count(State.ACTIVE) / cycles
+        young = float(np.mean(age <= OLDEST))
+        return Outcome(
+            young >= share and step <= LARGEST_STEP_M,
+            f"{described(path, 4)}; active in {active:.1%} of {cycles} cycles, answered in time in "
+            f"{np.mean(age == 0):.2%}, oldest correction {age.max()} cycles, at most {OLDEST} in {young:.4%}",
+            step,
+            None,
+            {"at_most_4_cycles_old_share": young, "oldest_cycles": float(age.max()), "cycles": float(cycles)},
+        )
+
+    return Scenario(
+        "R3",
+        f"random-{100 * loss:g}",
+        f"{loss:.0%} of telegrams and of answers lost, each by itself; no hold, so that it goes on",
+        f"correction in force at most {OLDEST} cycles old in {share:.2%} of cycles, "
+        f"steps up to {LARGEST_STEP_M * 1e3:.2f} mm",
+        run,
+    )
+
+
+def _held(
+    requirement: str, name: str, injected: str, made: Impairment, back: Impairment | None, within_s: float
+) -> Scenario:
+    """Losses under which the loop must stop correcting, as it is set by default."""
+
+    def run(effort: Effort) -> Outcome:
+        cycles = effort.pick(5_000, 2_000)
+        with Rig(made, back, seed=effort.seed) as rig:
+            begin = rig.activate().cycle_count
+            rig.run(cycles)
+            stopped = standing_from(rig, begin)
+            path = rig.seen.path(begin)
+            step = float(rig.seen.steps()[begin - 1 :].max())
+            again = sum(part == "active" for part in path) - 1
+        safe_s = (stopped - begin) * PERIOD_S
+        held = any(part.startswith(("hold", "fault")) for part in path)
+        passed = held and again == 0 and step <= LARGEST_STEP_M and safe_s <= within_s
+        return Outcome(passed, f"{described(path)}; active again {again} times", step, safe_s)
+
+    return Scenario(requirement, name, injected, f"stops within {within_s:g} s and stays so", run)
+
+
+def _burst(mean: float) -> Scenario:
+    """Bursts: after each one that is long enough it holds at once; in the long run it must not limp on."""
+
+    def run(effort: Effort) -> Outcome:
+        made = Impairment(burst=Burst(0.05, mean))
+        runs = effort.pick(40, 5)
+        steps, times, missed, paths = [], [], 0, []
+        for k in range(runs):
+            with Rig(made, made, seed=1000 * effort.seed + k) as rig:
+                begin = rig.activate().cycle_count
+                rig.run(2_500)
+                seen = rig.seen
+                steps.append(float(seen.steps()[begin - 1 :].max()))
+                stopped = standing_from(rig, begin)
+                times.append((stopped - begin) * PERIOD_S)
+                paths.append(seen.path(begin))
+                acted = np.array([s == State.ACTIVE for s in seen.state[begin:]])
+                missed += int(np.sum(acted & (np.array(seen.age[begin:]) > 10)))
+        ended = sum(path[-1] != "active" for path in paths)
+        faults = sum(any(part.startswith("fault") for part in path) for path in paths)
+        return Outcome(
+            ended == runs and missed == 0 and max(steps) <= LARGEST_STEP_M,
+            f"{ended} of {runs} runs of 10 s stopped, {faults} of them by a fault, the last one after "
+            f"{max(times):.2f} s; e.g. {described(paths[0], 4)}",
+            max(steps),
+            float(np.median(times)),
+            {"runs": float(runs), "active_with_older_than_10_cycles": float(missed)},
+        )
+
+    return Scenario(
+        "R4",
+        f"bursts-{mean:g}",
+        f"5 % of telegrams and of answers lost in bursts, {mean:g} cycles long on average",
+        "hold after 3 missed, fault after 10; never active with one older than 10 cycles; stops, does not limp",
+        run,
+    )
+
+
+SCENARIOS: Final = (
+    _random(0.01, 0.9999),
+    _random(0.05, 0.9999),
+    _random(0.10, 0.999),
+    _burst(3.0),
+    _burst(8.0),
+    _held(
+        "R3",
+        "random-5-as-set",
+        "5% of telegrams and of answers lost, each by itself; the loop as it is set by default",
+        Impairment(loss=0.05),
+        Impairment(loss=0.05),
+        10.0,
+    ),
+    _held("R5", "alternating", "every second telegram lost", Impairment(pattern="10"), None, 0.504),
+    _held(
+        "R5", "scattered-15", "3 of 20 telegrams lost, apart", Impairment(pattern="11101111110111111011"), None, 0.504
+    ),
+)

@@ -1,0 +1,352 @@
+"""The online session against a controller and a force sensor: real sockets, a virtual clock, a bad network in between.
+
+Robot, network, loop and sensor take turns in one process, ordered by their virtual times, so that a run depends on its
+seed alone and takes as long as its sums do. The controller judges: what counts is the correction that it has in force.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import heapq
+import itertools
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from typing import Any, Final, Self
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import SimulationError
+from counterflex.files.cell import Cell, read_cell
+from counterflex.geometry import pose, rotation
+from counterflex.links.netft_link import NetftLink
+from counterflex.links.rsi_link import RsiLink
+from counterflex.links.session import CONTROL, OnlineSession, Request, SessionChecks
+from counterflex.links.telegram_watch import WatchSettings
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.sensor_wrench import SensorWrench
+from counterflex.runtime.settings import ForceMode, OnlineSettings
+from counterflex.runtime.supervisor import Cause, State
+from counterflex.sensing.flange_sensor import FlangeSensor
+from counterflex.twin.commanded_motion import Report
+from counterflex.twin.fake_rsi import FakeRsi, RsiContext
+from counterflex.twin.impairment import Impairment, Schedule
+from counterflex.twin.netft_server import COUNTS, NetftServer
+from counterflex.wire.netft import Scaling
+from counterflex.wire.rsi_config import RsiConfig, read_config
+
+Q: Final = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
+PERIOD_S: Final = 4e-3
+PATIENT: Final = 10**9
+"""Timeout of a controller that is never to stop, so that all of a run can be looked at."""
+_SAMPLES: Final = 4
+_NOISE_N: Final = 0.3
+_WIRE_S: Final = 0.1e-3
+_REPLY_S: Final = 0.2e-3
+_TELEGRAM, _ANSWER = 0, 1
+
+
+def demo_cell() -> Cell:
+    """The demonstration cell."""
+    with resources.as_file(resources.files("counterflex.app") / "demo" / "cell.toml") as file:
+        return read_cell(file)
+
+
+def demo_config() -> RsiConfig:
+    """Its RSI configuration."""
+    with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as file:
+        return read_config(file)
+
+
+def square(time_s: float) -> Float:
+    """Force (3,) N on the tool, part axes: on and off every half second, faster than a correction may follow."""
+    return np.array([0.0, 450.0 if time_s % 1.0 < 0.5 else 0.0, 0.0])
+
+
+@dataclass(eq=False)
+class Seen:
+    """What the controller saw, a row per cycle.
+
+    Attributes:
+        age: (n,) cycles since an answer was accepted; 0: in this cycle.
+        correction_m: (n, 3) in force, RSI's axes.
+        state: (n,) of the loop at the end of the cycle.
+        cause: (n,) its cause.
+        session: (n,) number of the controller's session.
+    """
+
+    age: list[int] = field(default_factory=list)
+    correction_m: list[Float] = field(default_factory=list)
+    state: list[State] = field(default_factory=list)
+    cause: list[Cause] = field(default_factory=list)
+    session: list[int] = field(default_factory=list)
+
+    def steps(self) -> Float:
+        """(n - 1,) m: change of the correction in force from cycle to cycle; none from one session to the next."""
+        change = np.linalg.norm(np.diff(np.array(self.correction_m), axis=0), axis=1)
+        out: Float = np.where(np.diff(self.session) == 0, change, 0.0)
+        return out
+
+    def path(self, first: int = 0) -> list[str]:
+        """States from a cycle on, each once, with the cause by which it was reached."""
+        out: list[str] = []
+        before: tuple[State, Cause] | None = None
+        for state, cause in zip(self.state[first:], self.cause[first:], strict=True):
+            if before is None or state != before[0]:
+                why = f" ({cause.name.lower().replace('_', ' ')})" if cause and state != State.ACTIVE else ""
+                out.append(state.name.lower().replace("_", " ") + why)
+            before = (state, cause)
+        return out
+
+
+class Rig:
+    """A robot with RSI, a network, a loop and a force sensor.
+
+    Args:
+        telegrams: What the network does on the way from the robot.
+        answers: On the way back.
+        seed: Of network and sensor.
+        context: Settings of the controller; None: one that never stops by itself.
+        settings: Of the loop; None: the measured force is undone within the default limits.
+        watch: When telegrams are no longer good enough.
+        force: Force (3,) N on the tool by virtual time, once the program runs; part axes.
+        config: RSI configuration; None: the demonstration's.
+        peer: The only address the loop listens to, or None.
+        sense: A force sensor is there and sends.
+        chosen: Changes of the other arguments of :class:`OnlineSession`.
+
+    Attributes:
+        robot: The controller.
+        session: The loop's side.
+        link: Its link.
+        sensor: The force sensor's side.
+        seen: See :class:`Seen`.
+        cycle_count: Cycles of the controller so far.
+        frozen: The loop's process is stopped: it neither waits nor answers.
+        enable: The robot program wants the correction.
+        feed: The robot program runs: the force acts.
+        clock_offset_s: By how much the clock of the loop's computer is off.
+    """
+
+    def __init__(
+        self,
+        telegrams: Impairment | None = None,
+        answers: Impairment | None = None,
+        *,
+        seed: int = 0,
+        context: RsiContext | None = None,
+        settings: OnlineSettings | None = None,
+        watch: WatchSettings | None = None,
+        force: Callable[[float], Float] = square,
+        config: RsiConfig | None = None,
+        peer: tuple[str, int] | None = None,
+        sense: bool = True,
+        **chosen: Any,
+    ) -> None:
+        cell = demo_cell()
+        self.config = demo_config() if config is None else config
+        chosen_settings = OnlineSettings(force=ForceMode.MEASURED, normal_only=False) if settings is None else settings
+        self.settings = chosen_settings
+        self.loop = Loop(cell.chain, chosen_settings, cell.T_base_part)
+        self.robot_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.robot_socket.bind(("127.0.0.1", 0))
+        self.robot_socket.setblocking(False)
+        if peer is None:
+            peer = self.robot_socket.getsockname()
+        self.link = RsiLink(self.config, port=0, peer=peer)
+        self.context = RsiContext(timeout=PATIENT) if context is None else context
+        self.robot = FakeRsi(self.config, self.context, {"Enable": 0.0})
+        self.sensor = NetftServer(http_port=None)
+        scaling = Scaling(1.0 / COUNTS, 1.0 / COUNTS, 1000, "Net F/T")
+        self.force_link = NetftLink(self.sensor.address, scaling)
+        self.force_link.start()
+        flange = FlangeSensor("sensor", np.eye(4), 0.0, np.zeros(3))
+        wrench = SensorWrench(cell.chain, flange, cell.T_base_part)
+        self._reading = _reading(SensorWrench(cell.chain, flange, cell.T_base_part))
+        self.control = np.zeros(CONTROL, dtype=np.int64)
+        chosen = {"force": self.force_link, "wrench": wrench, "checks": SessionChecks(), **chosen}
+        self.now_s = self.clock_offset_s = 0.0
+        self.session = OnlineSession(
+            self.link,
+            self.loop,
+            control=self.control,
+            watch=watch,
+            clock_ns=self.clock_ns,
+            **chosen,
+        )
+        self.loop.run()
+        self.loop.reset()
+        self.ways = (Schedule(telegrams or Impairment(), seed, 0), Schedule(answers or Impairment(), seed, 1))
+        self.seen = Seen()
+        self.cycle_count = 0
+        self.frozen = self.feed = self.enable = False
+        self.sense = sense
+        self._force = force
+        self._noise = np.random.default_rng([seed, 2])
+        self._events: list[tuple[float, int, int, bytes]] = []
+        self._tie = itertools.count()
+        self._due = 0.0
+        self._sent = [0, 0]
+        self._age = 0
+        self._sessions = 0
+        self._arrived: list[bytes] = []
+        self._feed_begin = 0.0
+
+    def __enter__(self) -> Self:
+        """The rig."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Free the sockets."""
+        self.close()
+
+    def close(self) -> None:
+        """Free the sockets."""
+        self.link.close()
+        self.force_link.close()
+        self.sensor.close()
+        self.robot_socket.close()
+
+    def clock_ns(self) -> int:
+        """The monotonic clock of the loop's computer."""
+        return round((self.now_s + self.clock_offset_s) * 1e9)
+
+    @property
+    def state(self) -> State:
+        """Of the loop."""
+        return self.loop.state
+
+    @property
+    def step_limit_m(self) -> float:
+        """Largest step that the loop may make in one cycle."""
+        return self.settings.translation.speed * self.settings.period_s
+
+    def activate(self, most: int = 600) -> Self:
+        """Let everything settle over a good network, arm, let the program run.
+
+        Raises:
+            SimulationError: The loop did not become active.
+        """
+        ways = self.ways
+        self.ways = (Schedule(Impairment()), Schedule(Impairment()))
+        self.control[Request.ARM] = 1
+        for _ in range(most):
+            if self.state == State.ARMED:
+                self.enable = True
+            if self.state == State.ACTIVE:
+                break
+            self.cycle()
+        else:
+            raise SimulationError("the loop did not become active", value=self.state.name)
+        self.feed, self._feed_begin = True, self.now_s
+        self.ways, self._sent = ways, [0, 0]
+        return self
+
+    def run(self, cycles: int) -> Self:
+        """Go on for some cycles."""
+        for _ in range(cycles):
+            self.cycle()
+        return self
+
+    def restart_robot(self, counter: int, *, empty_first: bool = False) -> None:
+        """The controller begins another session: nothing is in force, its counter begins anew."""
+        self.context = replace(self.context, first_counter=counter, empty_first=empty_first)
+        self.robot = FakeRsi(self.config, self.context, {"Enable": 0.0})
+        self._sessions += 1
+        self._age = 0
+
+    def cycle(self) -> None:
+        """One cycle of the controller."""
+        begin = self.cycle_count * PERIOD_S
+        self.now_s = begin
+        if not self.robot.stopped:
+            self.robot.frees["Enable"] = float(self.enable)
+            self._send(_TELEGRAM, self.robot.telegram(self._report()), begin + _WIRE_S)
+        if self.sense:
+            self.read_sensor()
+        self._until(begin + PERIOD_S)
+        self._finish()
+        self.cycle_count += 1
+
+    def read_sensor(self) -> None:
+        """The sensor's samples of one cycle."""
+        self.sensor.poll()
+        force = self._force(self.now_s - self._feed_begin) if self.feed else np.zeros(3)
+        w = self._reading @ np.concatenate([force, np.zeros(3)])
+        for _ in range(_SAMPLES):
+            self.sensor.send(w + _NOISE_N * self._noise.standard_normal(6) * [1, 1, 1, 0.1, 0.1, 0.1])
+
+    def to_loop(self, data: bytes, sender: socket.socket | None = None) -> None:
+        """Put a datagram into the loop's socket at once; from the robot's own address unless another one sends it."""
+        with contextlib.suppress(ConnectionError, BlockingIOError):
+            (self.robot_socket if sender is None else sender).sendto(data, self.link.address)
+
+    def _report(self) -> Report:
+        x = 0.05 + 1e-4 * (self.cycle_count % 500)
+        T = pose.make(rotation.about_x(np.pi), np.array([x, 0.0, 0.0]))
+        return Report(self.now_s, T, T, Q, Q, self.feed, False)
+
+    def _send(self, kind: int, data: bytes, time_s: float) -> None:
+        number = self._sent[kind]
+        self._sent[kind] += 1
+        for delivery in self.ways[kind].decide(number):
+            heapq.heappush(self._events, (time_s + delivery.delay_s, next(self._tie), kind, delivery.of(data)))
+
+    def _until(self, end_s: float) -> None:
+        """Let the network deliver and the loop act until a time."""
+        while True:
+            arrival = self._events[0][0] if self._events else np.inf
+            if min(arrival, np.inf if self.frozen else self._due) >= end_s:
+                return
+            if not self.frozen and self._due < arrival:
+                self.now_s = max(self.now_s, self._due)
+                self.act()
+                continue
+            self.now_s = max(self.now_s, arrival)
+            came = False
+            while self._events and self._events[0][0] <= arrival:
+                _, _, kind, data = heapq.heappop(self._events)
+                if kind == _ANSWER:
+                    self._arrived.append(data)
+                else:
+                    self.to_loop(data)
+                    came = True
+            if came and not self.frozen:
+                self.act()
+
+    def act(self) -> None:
+        """The loop takes what is there and answers."""
+        self.session.cycle(0.0)
+        self._due = self.now_s + self.session.patience_s
+        while True:
+            try:
+                data = self.robot_socket.recv(65536)
+            except (BlockingIOError, ConnectionError):
+                return
+            self._send(_ANSWER, data, self.now_s + _REPLY_S)
+
+    def _finish(self) -> None:
+        mark = f"<IPOC>{self.robot.counter}</IPOC>".encode("ascii")
+        if not self.robot.stopped:
+            fitting = [data for data in self._arrived if mark in data]
+            self.robot.answer(fitting[-1] if fitting else self._arrived[-1] if self._arrived else None)
+            self._age = self._age + 1 if self.robot.refused else 0
+        self._arrived.clear()
+        seen = self.seen
+        seen.age.append(self._age)
+        seen.correction_m.append(self.robot.correction[:3].copy())
+        seen.state.append(self.loop.state)
+        seen.cause.append(self.loop.cause)
+        seen.session.append(self._sessions)
+
+
+def _reading(wrench: SensorWrench) -> Float:
+    """(6, 6) reading of the sensor for a wrench on the tool, part axes."""
+    out: Float = np.zeros((6, 6))
+    for k in range(6):
+        wrench.w_base[:] = 0.0
+        out[:, k] = wrench(Q, np.eye(6)[k])
+    inverse: Float = np.asarray(np.linalg.inv(out), dtype=np.float64)
+    return inverse
