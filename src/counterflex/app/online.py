@@ -15,8 +15,9 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.made_on import made_on
+from counterflex.app.robot_links import egm_link, rsi_link
 from counterflex.core.arrays import Float, Int
-from counterflex.core.errors import FileFormatError, InputError, OutputError
+from counterflex.core.errors import CounterflexError, FileFormatError, InputError, OutputError
 from counterflex.evaluate.latency import LatencyHistogram
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.cell_online import OnlineTable
@@ -24,9 +25,12 @@ from counterflex.files.cell_sensing import flange_sensor
 from counterflex.files.plan_file import read_plan
 from counterflex.files.run_log import RunLog
 from counterflex.geometry import pose
+from counterflex.links.egm_force import EgmForce
+from counterflex.links.egm_link import EgmLink
+from counterflex.links.force_source import ForceSource
 from counterflex.links.netft_link import NetftLink, fetch_scaling
 from counterflex.links.realtime import prepare
-from counterflex.links.rsi_link import RsiLink
+from counterflex.links.robot_link import RobotLink
 from counterflex.links.session import CONTROL, OnlineSession, Request, SessionChecks, Tally, tracker_frames
 from counterflex.links.telegram_watch import WatchSettings
 from counterflex.links.tracker_link import TrackerLink
@@ -39,7 +43,6 @@ from counterflex.runtime.record_ring import OUTCOME, RESULTS, RecordRing
 from counterflex.runtime.sensor_wrench import SensorWrench
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.wire.netft import Scaling
-from counterflex.wire.rsi_config import read_config
 
 _QUIET_S = 2.0
 _POLL_S = 0.02
@@ -70,12 +73,13 @@ class RunSettings:
 
     Attributes:
         cell: Cell file with an ``[online]`` table.
-        rsi: ETHERNET configuration file of the controller.
+        rsi: ETHERNET configuration file of a KUKA controller, or None.
         plan: Plan file, or None.
         compensated: The robot runs the compensated program.
         host: Address to listen on.
-        port: Of RSI; None takes the configuration's.
-        force: Host and UDP port of the force sensor, or None.
+        port: Of the robot; None takes the configuration's, or that of the table ``[egm]``.
+        egm: The robot is an ABB one, as the table ``[egm]`` says.
+        force: Host and UDP port of the force sensor, or None; with EGM the robot's own force is then taken.
         force_http_port: Of its scaling document.
         force_wait_s: How long to wait for the sensor to serve it: parts of a cell may be started in any order.
         tracker_port: Port for tracker datagrams, or None.
@@ -86,11 +90,12 @@ class RunSettings:
     """
 
     cell: Path
-    rsi: Path
+    rsi: Path | None = None
     plan: Path | None = None
     compensated: bool = True
     host: str = "127.0.0.1"
     port: int | None = None
+    egm: bool = False
     force: tuple[str, int] | None = None
     force_http_port: int = 80
     force_wait_s: float = 10.0
@@ -128,8 +133,15 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         OutputError: A port or the sensor cannot be reached.
     """
     cell = read_cell(settings.cell)
-    config = read_config(settings.rsi)
-    plan = None if settings.plan is None else loop_plan(read_plan(settings.plan)[0], compensated=settings.compensated)
+    if (settings.rsi is None) == (not settings.egm):
+        raise InputError(
+            "the robot's protocol is not clear",
+            value="both" if settings.egm else "none",
+            limit="one of RSI and EGM",
+            hint="Give --rsi FILE for a KUKA robot, --egm for an ABB one",
+        )
+    planned = None if settings.plan is None else read_plan(settings.plan)[0]
+    plan = None if planned is None else loop_plan(planned, compensated=settings.compensated)
     loop = online_loop(cell, plan, compensated=settings.compensated and plan is not None)
     table = cell.tables.online or OnlineTable()
     sensor = flange_sensor(cell.tables.sensor, cell.chain)
@@ -141,7 +153,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
             value='force = "fused"',
             hint="Give --force HOST:PORT, --tracker PORT, --plan FILE, or several of them",
         )
-    without = settings.force is None or sensor is None
+    without = (settings.force is None and not settings.egm) or sensor is None
     if table.force != "none" and without and not (fused and settings.force is None):
         raise InputError(
             "the force is to be corrected from, but there is no force sensor",
@@ -157,14 +169,16 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
             value=f'tracker = "{table.tracker}"',
             hint='Give --tracker PORT and a table [tracker], or set tracker = "none"',
         )
-    link = RsiLink(config, host=settings.host, port=settings.port, peer=settings.peer, period_s=loop.settings.period_s)
-    force = tracker = None
-    wrench = None
+    link = _link(settings, cell, loop, planned)
+    force: ForceSource | None = None
+    tracker = wrench = None
     frames: tuple[Float | None, Float | None] = (None, None)
     if settings.force is not None and sensor is not None:
-        force = NetftLink(settings.force, _scaling(settings))
-        force.start()
-        wrench = SensorWrench(cell.chain, sensor, cell.T_base_part)
+        netft = NetftLink(settings.force, _scaling(settings))
+        netft.start()
+        force, wrench = netft, SensorWrench(cell.chain, sensor, cell.T_base_part)
+    elif isinstance(link, EgmLink) and sensor is not None and table.force != "none":
+        force, wrench = EgmForce(link), SensorWrench(cell.chain, sensor, cell.T_base_part)
     if settings.tracker_port is not None and cell.tables.tracker is not None:
         tracker = TrackerLink(settings.host, settings.tracker_port)
         frames = tracker_frames(cell.T_base_part, cell.tables.tracker.T_base_tracker, _tcp_target(cell, cell.chain))
@@ -180,6 +194,21 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         control=control,
         checks=SessionChecks(),
         watch=WatchSettings(clock=not settings.lockstep),
+    )
+
+
+def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> RobotLink:
+    if settings.rsi is not None:
+        return rsi_link(settings.rsi, loop.settings, settings.host, settings.port, settings.peer)
+    return egm_link(
+        cell,
+        loop.settings,
+        plan,
+        compensated=settings.compensated,
+        watch_only=not settings.arm,
+        host=settings.host,
+        port=settings.port,
+        peer=settings.peer,
     )
 
 
@@ -273,7 +302,10 @@ def run(
         started(where)
         if settings.arm:
             control[Request.ARM] = 1
-        return _record(ring, log, process, control, watch, most_s)
+        summary = _record(ring, log, process, control, watch, most_s)
+        if parent.poll():
+            raise parent.recv()
+        return summary
     finally:
         control[Request.END] = 1
         if log is not None:
@@ -387,8 +419,20 @@ def _loop_process(settings: RunSettings, ring_name: str, control: Any, pipe: Any
         pipe.send(fault)
         return
     pipe.send((session.link.address, session.loop.sha256()))
+    try:
+        _cycle_on(session, settings, shared)
+    except CounterflexError as fault:
+        pipe.send(fault)
+    session.link.close()
+    if session.force is not None:
+        session.force.close()
+    ring.close()
+
+
+def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int) -> None:
+    """Cycle until asked to end, or until the telegrams stop."""
     quiet = 0.0
-    while not shared[Request.END]:
+    while not control[Request.END]:
         if session.cycles == 0:
             session.cycle(0.1)
             continue
@@ -396,8 +440,4 @@ def _loop_process(settings: RunSettings, ring_name: str, control: Any, pipe: Any
         came = session.cycle(patience)
         quiet = 0.0 if came else quiet + patience
         if quiet >= settings.quiet_s:
-            break
-    session.link.close()
-    if session.force is not None:
-        session.force.close()
-    ring.close()
+            return

@@ -21,6 +21,7 @@ from counterflex.runtime.settings import (
     TrackerTuning,
     per_direction,
 )
+from counterflex.runtime.supervisor import SupervisorSettings
 from counterflex.signals.filters import Smoothing
 from counterflex.signals.limiter import MotionLimit
 
@@ -38,7 +39,7 @@ class OnlineTable(Table):
     force: Literal["none", "measured", "pilot", "scale", "fused"] = "pilot"
     tracker: Literal["none", "integrator", "observer"] = "none"
     output: Literal["cartesian", "axes"] = "cartesian"
-    period_ms: Literal[4, 12] = 4
+    period_ms: Literal[4, 12, 24, 48, 72, 96] = 4
     along_feed: bool = False
     orientation: bool = False
     proportional: Proportional | tuple[Proportional, Proportional, Proportional] = 1.0
@@ -122,6 +123,7 @@ class OnlineTable(Table):
             rotation=MotionLimit(rotation, self.speed_mm_s * MM * share, self.acceleration_mm_s2 * MM * share),
             hard_factor=self.hard_factor,
             ramp_m_s=self.ramp_mm_s * MM,
+            supervisor=_supervisor(self.period_ms),
         )
 
     def _delays(self, timing: TimingTable | None) -> Delays:
@@ -137,3 +139,10 @@ class OnlineTable(Table):
             if timing.tracker.dead_time_ms:
                 age = max(0.0, timing.tracker.dead_time_ms[0]) * MS
         return Delays(dead, natural, damping, follow, age)
+
+
+def _supervisor(period_ms: int) -> SupervisorSettings:
+    """Times of the supervisor as cycles: those of 4 ms, at least one cycle each."""
+    usual = SupervisorSettings()
+    cycles = (max(1, round(count * 4 / period_ms)) for count in (usual.hold, usual.good, usual.rise, usual.stop))
+    return SupervisorSettings(*cycles)

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from counterflex.files.cell_dh import DhTable
 from counterflex.files.cell_drive_error import DriveErrorTable
+from counterflex.files.cell_egm import EgmTable
 from counterflex.files.cell_measured import CalibrationTable, IdentifiedTable
 from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_sensing import HolderTable, SensorTable
@@ -332,6 +333,7 @@ class CellTables(Versioned):
     drive_error: DriveErrorTable | None = None
     timing: TimingTable | None = None
     online: OnlineTable | None = None
+    egm: EgmTable | None = None
     identified: tuple[IdentifiedTable, ...] = ()
 
     @model_validator(mode="after")

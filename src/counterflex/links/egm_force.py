@@ -23,6 +23,8 @@ class EgmForce:
 
     Attributes:
         w_sensor: (6,) N, N m of the newest message that had a force.
+        samples: (1, 6) the same.
+        first: -1: they do not come at 1 kHz.
         good: 1 when the newest message had one, else 0.
         saturated: It was beyond the range.
         frozen: It has not changed for 25 messages.
@@ -33,6 +35,8 @@ class EgmForce:
         limits = (np.inf if range_n is None else range_n, np.inf if range_nm is None else range_nm)
         self._limit = 0.95 * np.r_[np.full(3, limits[0]), np.full(3, limits[1])]
         self.w_sensor: Float = np.zeros(6)
+        self.samples: Float = np.zeros((1, 6))
+        self.first = -1
         self.good = 0
         self.saturated = self.frozen = False
         self._seen = -1
@@ -49,6 +53,7 @@ class EgmForce:
         self.frozen = self._same >= FROZEN - 1
         self.saturated = bool(np.any(np.abs(force) > self._limit))
         self.w_sensor[:] = force
+        self.samples[0] = force
         return 1
 
     def close(self) -> None:

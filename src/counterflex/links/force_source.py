@@ -14,6 +14,10 @@ class ForceSource(Protocol):
     """(6,) N, N m, mean of the good samples since the last :meth:`drain`."""
     good: int
     """Good samples in the last drain."""
+    samples: Float
+    """(n, 6) the good ones of the last drain one by one, N, N m, in time."""
+    first: int
+    """Sequence number of the first of them; -1 where they do not come at 1 kHz."""
     saturated: bool
     """One of them was beyond the range, or the sensor said so."""
     frozen: bool

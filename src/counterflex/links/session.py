@@ -251,7 +251,8 @@ class OnlineSession:
             return soft, hard
         force = self.force
         good = force.drain()
-        self.loop.take(force.samples, force.good, force.first)
+        if force.first >= 0:
+            self.loop.take(force.samples, force.good, force.first)
         if force.saturated:
             self._force_age += 1
             return (soft or int(Cause.FORCE_SATURATED)), hard

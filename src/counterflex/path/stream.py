@@ -6,6 +6,8 @@ within the blending distance or stopped at.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from counterflex.core.arrays import Float, as_float, as_positive
@@ -20,7 +22,7 @@ class PoseStream:
 
     Args:
         Ts_part_tcp: (n, 4, 4) poses at the points of the path.
-        path: The path; its points must be those of the poses.
+        path: The path; its feeds, rapids and dwells count, its points and axes are replaced by those of the poses.
         period_s: Cycle.
         acceleration_m_s2: Limit along the path.
         blending_m: Largest distance from a corner at which rounding starts; 0 is exact stop.
@@ -50,7 +52,7 @@ class PoseStream:
         self.period_s = as_positive("period_s", period_s)
         self._slew = self.period_s / as_positive("hold_s", hold_s)
         track = build_track(
-            path,
+            replace(path, p_part_tcp=T[:, :3, 3], axis_part=-T[:, :3, 2]),
             blending_m=as_positive("blending_m", blending_m, zero=True),
             rapid_m_s=as_positive("rapid_m_s", rapid_m_s),
             acceleration_m_s2=as_positive("acceleration_m_s2", acceleration_m_s2),
