@@ -16,7 +16,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.cut import cut
-from counterflex.plan.response import Mode
+from counterflex.signals.preview import Mode
 
 PathOf = Callable[..., ToolPath]
 Block = Callable[..., HeightMap]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs import gcode_reader
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode_writer import GcodeText, write_gcode
-from counterflex.programs.program import Program
+from counterflex.programs.program import Motion, Program
 from counterflex.programs.to_path import tool_path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -107,16 +108,47 @@ def test_feed_spindle_and_tool_survive(name: str) -> None:
     program, path = read(name)
     result = write_gcode(program, corrected(path, "feeds"))
     back = read_gcode(result.text, name=name)
-    feeds = sorted({round(m.feed_m_s, 9) for m in program.motions if m.kind in ("feed", "arc")})
+    feeds = np.array(sorted({m.feed_m_s for m in program.motions if m.kind in ("feed", "arc")}))
     modes = {block.modal.feed_mode for block in program.blocks}
     if 93 not in modes:
-        assert sorted({round(m.feed_m_s, 9) for m in back.motions if m.kind in ("feed", "arc")}) == feeds
+        written = np.array([m.feed_m_s for m in back.motions if m.kind in ("feed", "arc")])
+        factor = written[:, None] / feeds
+        assert np.all(np.any((factor > 0.4999) & (factor < 2.0001), axis=1))
+        still = write_gcode(program, CompensatedPath.nominal(path))
+        again = read_gcode(still.text, name=name)
+        assert sorted({m.feed_m_s for m in again.motions if m.kind in ("feed", "arc")}) == feeds.tolist()
     assert {m.spindle_rad_s for m in back.motions} == {m.spindle_rad_s for m in program.motions}
     assert {m.tool for m in back.motions} == {m.tool for m in program.motions}
     assert sum(m.duration_s for m in back.motions) == pytest.approx(sum(m.duration_s for m in program.motions))
     if program.straight:
         comments = re.findall(r"\([^)]*\)", "\n".join(program.lines))
         assert [c for c in re.findall(r"\([^)]*\)", result.text) if c in comments] == comments
+
+
+def test_the_tool_keeps_its_feed_relative_to_the_part() -> None:
+    """A correction that grows along a cut makes the commanded way longer: the time it takes must not grow."""
+    text = "G21 G90\nG0 X0 Y0 Z0\nG1 X10 F1500\nX20\nG2 X30 Y0 I5 J0\nG1 X40\nF900\nX50\nG0 Z5\nG1 X60 F600\nM2\n"
+    program = read_gcode(text)
+    path = tool_path(program)
+    shift = np.zeros((len(path), 3))
+    x = path.p_part_tcp[:, 0]
+    shift[:, 1] = 1.5e-3 * np.clip((x - 4e-3) / 3e-3, 0.0, 1.0)
+    shift[(x > 20.1e-3) | (path.kind != FEED)] = 0.0
+    back = read_gcode(write_gcode(program, CompensatedPath.from_correction(path, shift), header=False).text)
+
+    def seconds(motions: Sequence[Motion], low: float, high: float) -> float:
+        return sum(
+            float(np.linalg.norm(np.asarray(m.p_end) - np.asarray(m.p_start))) / m.feed_m_s
+            for m in motions
+            if m.kind == "feed" and low <= m.p_start[0] < high - 1e-9
+        )
+
+    assert seconds(back.motions, 0.0, 0.02) == pytest.approx(0.02 / 0.025, rel=0.01)
+    plain = sum(float(np.linalg.norm(np.asarray(m.p_end) - np.asarray(m.p_start))) for m in back.motions[1:-1])
+    assert plain > 0.0505
+    after = [m for m in back.motions if m.kind in ("feed", "arc") and m.p_start[0] > 0.0195]
+    nominal = [m for m in program.motions if m.kind in ("feed", "arc") and m.p_start[0] > 0.0195]
+    assert {(m.kind, m.feed_m_s) for m in after} == {(m.kind, m.feed_m_s) for m in nominal}
 
 
 def linuxcnc_ends(text: str, folder: Path) -> Float:

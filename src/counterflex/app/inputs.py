@@ -17,11 +17,11 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell import Cell
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.compensate import Limits, Setting
-from counterflex.plan.response import Mode, Shaping
 from counterflex.programs.gcode_reader import read_gcode_file
 from counterflex.programs.program import Program
 from counterflex.programs.to_path import tool_path
 from counterflex.robot.chain import ElasticChain
+from counterflex.signals.preview import Mode, Shaping
 
 STEP_M = 0.25 * MM
 """Longest step of a sampled path: a fraction of the distance over which the engagement changes."""

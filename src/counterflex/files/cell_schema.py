@@ -300,7 +300,7 @@ class DynamicsTable(Table):
 
     mode_hz: Annotated[float, Field(gt=0.0, le=1e4)] = 8.0
     damping_ratio: Annotated[float, Field(gt=0.0, lt=2.0)] = 0.1
-    correction_smoothing_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 30.0
+    correction_smoothing_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 20.0
     correction_lead_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
 
 

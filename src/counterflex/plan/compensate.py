@@ -27,16 +27,21 @@ from counterflex.plan.flute_length import check_flutes
 from counterflex.plan.lost_motion import corrected_joints, play_deviation
 from counterflex.plan.part_frame import sag_deviation, true_part_frame
 from counterflex.plan.plan import Plan, across, impulse_share
-from counterflex.plan.response import Mode, Shaping, shaped
+from counterflex.plan.response import within
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
 from counterflex.robot import compliance, gravity
 from counterflex.robot.chain import ElasticChain, forward
 from counterflex.robot.inverse import PathSolution, inverse_path
+from counterflex.signals.preview import Mode, Shaping, by_group
 
 EXTRAPOLATED_SHARE = 0.02
 """Share of the force impulse that may come from chips outside the law's range before planning refuses."""
 _CONTACT_M3 = 1e-12
 _PLAY_ROUNDS = 3
+_APPROACH_S = 0.3
+"""So long before and after contact the path is freed of sag and lost motion too: cuts begin in the right place."""
+_FADE_S = 0.2
+"""Beyond that, corrections that are left over from shaping are taken for zero."""
 """A correction moves the axes and so changes what they lose; the change is a few percent of the lost motion."""
 
 
@@ -157,10 +162,14 @@ def plan(
 
     static = np.concatenate([deflection[:, :3] + sag, deflection[:, 3:]], axis=1)
     feed_run = feed_runs(path)
+    near = within(contact, path.time_s, feed_run, _APPROACH_S)
+    reach = within(near, path.time_s, feed_run, _FADE_S)
+    swung = _through_arm(setting, joints.q, w, deflection)
     q_corrected, play = joints.q, np.zeros_like(sag)
     for _ in range(1 if setting.chain.play is None and setting.chain.servo is None else 1 + _PLAY_ROUNDS):
-        against = static + np.pad(play, ((0, 0), (0, 3)))
-        against = shaped(np.where(contact[:, None], against, 0.0), path.time_s, feed_run, setting.shaping)
+        against = np.where(near[:, None], static - swung + np.pad(play, ((0, 0), (0, 3))), 0.0)
+        against = by_group(against, swung, path.time_s, feed_run, (setting.mode,), setting.shaping)
+        against[~reach] = 0.0
         correction = 0.0 - against[:, :3]
         if setting.normal_only:
             correction = across(correction, path.p_part_tcp)
@@ -362,3 +371,15 @@ def _check_corrections(correction: Float, turn: Float, line: Int, limits: Limits
 def _place(path: ToolPath, line: Int, row: int) -> str:
     at = ", ".join(f"{value:.3f}" for value in path.p_part_tcp[row] / MM)
     return f"line {int(line[row])}, at ({at}) mm"
+
+
+def _through_arm(setting: Setting, q: Float, w_part: Float, deflection_part: Float) -> Float:
+    """The part of the deflection that the arm makes, swinging; sensor, spindle and tool follow a force at once."""
+    R = setting.T_base_part[:3, :3]
+    rows = np.flatnonzero(np.any(w_part != 0.0, axis=1))
+    out = np.zeros_like(deflection_part)
+    if len(rows):
+        own = compliance.shares(setting.chain, q[rows], wrench.rotate(R, w_part[rows]))
+        at_once = np.sum(own[:, setting.chain.flange_segment + 1 :], axis=1)
+        out[rows] = deflection_part[rows] - wrench.rotate(R.T, at_once)
+    return out

@@ -19,7 +19,7 @@ from counterflex.cutting.removal import bin_edges_rad, grid_of, stamp_workspace
 from counterflex.cutting.stock import HeightMap, require_vertical
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.cut_kernel import STATE, cut_rows
-from counterflex.plan.response import Mode
+from counterflex.signals.preview import Mode
 
 ROWS_PER_CALL = 2000
 

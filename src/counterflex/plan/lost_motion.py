@@ -12,10 +12,11 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.geometry import wrench
 from counterflex.plan.part_frame import sag_deviation, true_part_frame
-from counterflex.plan.response import Mode, swing
+from counterflex.plan.response import swing
 from counterflex.robot import play
 from counterflex.robot.chain import ElasticChain, jacobian
 from counterflex.robot.servo import servo_error
+from counterflex.signals.preview import Mode
 
 
 def play_deviation(

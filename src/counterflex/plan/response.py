@@ -8,50 +8,12 @@ Planning knows the future, so the average costs no delay; it makes corrections b
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
+from counterflex.core.arrays import Bool, Float, Int, as_float
 from counterflex.core.jit import kernel
 from counterflex.plan.cut_kernel import oscillator
-from counterflex.plan.smoothing import moving_average
-
-
-@dataclass(frozen=True)
-class Mode:
-    """The lowest structural mode, as a tap test at the tool shows it with the drives on.
-
-    Attributes:
-        omega_rad_s: Undamped angular frequency, > 0.
-        damping_ratio: > 0.
-    """
-
-    omega_rad_s: float
-    damping_ratio: float
-
-    def __post_init__(self) -> None:
-        """Check ranges."""
-        as_positive("mode frequency", self.omega_rad_s)
-        as_positive("mode damping ratio", self.damping_ratio)
-
-
-@dataclass(frozen=True)
-class Shaping:
-    """How a correction is shaped in time.
-
-    Attributes:
-        smoothing_s: Width of each of the two centred moving averages it passes, >= 0.
-        lead_s: How much earlier it is sent, >= 0.
-    """
-
-    smoothing_s: float
-    lead_s: float
-
-    def __post_init__(self) -> None:
-        """Check ranges."""
-        as_positive("smoothing of the correction", self.smoothing_s, zero=True)
-        as_positive("lead of the correction", self.lead_s, zero=True)
+from counterflex.signals.preview import Mode
 
 
 @kernel("void(float64[:,::1], float64[::1], float64, float64, float64[:,::1])")
@@ -91,44 +53,18 @@ def swing(static: Float, time_s: Float, mode: Mode) -> Float:
     return out
 
 
-def shaped(correction: Float, time_s: Float, group: Int, shaping: Shaping) -> Float:
-    """A correction that the robot can follow.
-
-    Two centred moving averages of the same width (a triangular window), then the lead. Nothing passes from one group
-    to the next, the ends of a group are kept, and rows farther than the window and the lead from any correction stay
-    exactly zero.
+def within(active: Bool, time: Float, group: Int, reach_s: float) -> Bool:
+    """Rows within a time of an active row of their group.
 
     Args:
-        correction: (n, k), zero where nothing is to be corrected.
-        time_s: (n,) non-decreasing.
+        active: (n,).
+        time: (n,) s.
         group: (n,) rows that follow each other without interruption have one number.
-        shaping: Window and lead.
+        reach_s: The time.
 
     Returns:
-        (n, k).
+        (n,).
     """
-    values = as_float("correction", correction, (None, None))
-    time = as_float("time_s", time_s, (len(values),))
-    out = values
-    for _ in range(2):
-        out = moving_average(out, time, shaping.smoothing_s, group)
-    reach = _within(np.any(values != 0.0, axis=1), time, group, shaping.smoothing_s + shaping.lead_s)
-    if shaping.lead_s > 0.0:
-        out = _sent_earlier(out, time, group, shaping.lead_s)
-    result: Float = np.where(reach[:, None], out, 0.0)
-    return result
-
-
-def _sent_earlier(values: Float, time: Float, group: Int, lead: float) -> Float:
-    out = values.copy()
-    for rows in _slices(group):
-        for k in range(values.shape[1]):
-            out[rows, k] = np.interp(time[rows] + lead, time[rows], values[rows, k])
-    return out
-
-
-def _within(active: Bool, time: Float, group: Int, reach_s: float) -> Bool:
-    """Rows within a time of an active row of their group."""
     out = active.copy()
     for rows in _slices(group):
         t, on = time[rows], time[rows][active[rows]]

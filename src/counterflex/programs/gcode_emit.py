@@ -7,6 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from counterflex.core.arrays import Float
+from counterflex.programs.feed_hold import feed_factor
 from counterflex.programs.gcode_arcs import emit_arc
 from counterflex.programs.gcode_machine import MOTION_CODES, WrittenMachine
 from counterflex.programs.motion_rows import MotionRows
@@ -54,6 +56,7 @@ class Emitter(WrittenMachine):
 
     def _block(self, block: Block, line: WrittenLine) -> None:
         if block.motion_count == 0:
+            self.hold_feed(line, block.modal, 0.0, 1.0)
             self._still(block, line)
             return
         motion = self.program.motions[block.first_motion]
@@ -63,9 +66,11 @@ class Emitter(WrittenMachine):
         else:
             self._expanding = False
             if motion.kind == "dwell":
+                self.hold_feed(line, block.modal, 0.0, 1.0)
                 self.lines.append(line.render())
                 self.arrive(block.first_motion, motion)
             elif motion.kind == "arc":
+                self.hold_feed(line, block.modal, motion.feed_m_s, 1.0)
                 emit_arc(self, block, line, block.first_motion, motion)
             else:
                 self._straight(block, line, block.first_motion, motion)
@@ -103,6 +108,7 @@ class Emitter(WrittenMachine):
         first, last = int(rows.first[index]), int(rows.last[index])
         if not corrected and not inherits:
             self.keep(line, modal)
+            self.hold_feed(line, modal, motion.feed_m_s, 1.0)
         else:
             self.check_words(block, motion)
             shift = rows.shift[last] if last >= 0 else np.array(self.off)
@@ -110,13 +116,22 @@ class Emitter(WrittenMachine):
             if len(inner):
                 self._split(block, line, index, motion, [int(row) for row in inner])
                 return
+            start = self.here()
             self.set_end(line, block, motion, shift)
+            self.hold_feed(line, modal, motion.feed_m_s, self._whole_factor(first, last, start) if corrected else 1.0)
             completed = not corrected and line.changed
         self.completed_blocks += completed
         self.lines.append(line.render())
         self.arrive(index, motion)
         if motion.kind == "feed":
             self.checked[first : last + 1] = True
+
+    def _whole_factor(self, first: int, last: int, start: Float) -> float:
+        """Feed factor of a corrected motion that stays one block."""
+        if last < 0:
+            return 1.0
+        nominal = float(self.rows.way[last] - self.rows.way[first - 1])
+        return float(feed_factor(np.array([nominal]), np.array([np.linalg.norm(self.here() - start)]))[0])
 
     def _split(self, block: Block, line: WrittenLine, index: int, motion: Motion, inner: list[int]) -> None:
         """One straight motion as several blocks; the first is the source's own line."""
@@ -125,14 +140,17 @@ class Emitter(WrittenMachine):
         stop = self.stop_word(line)
         steps = [*inner, last]
         travel = np.linalg.norm(np.diff(rows.command[[first - 1, *steps]], axis=0), axis=1)
+        factors = feed_factor(np.diff(rows.way[[first - 1, *steps]]), travel)
         feeds = self.feeds(line, modal, self._shares(float(rows.way[first - 1]), rows.way[steps], travel))
         prefix = "G53 G1" if any(w.letter == "G" and w.value == 53.0 for w in line.words) else "G1"
         for step, row in enumerate(steps):
             if step == 0:
                 self.go(line, modal, rows.command[row])
+                self.hold_feed(line, modal, motion.feed_m_s, float(factors[0]))
                 self.lines.append(line.render())
             else:
-                self.lines.append(prefix + self.added(modal, rows.command[row]) + feeds[step])
+                held = self.hold_feed(None, modal, motion.feed_m_s, float(factors[step]))
+                self.lines.append(prefix + self.added(modal, rows.command[row]) + feeds[step] + held)
             self.written[row] = self.here()
         self.off = [self.current(axis) - float(motion.p_end[axis]) for axis in range(3)]
         self.arrive(index, motion)
@@ -152,6 +170,7 @@ class Emitter(WrittenMachine):
         """
         indices = range(block.first_motion, block.first_motion + block.motion_count)
         modal, motions = block.modal, self.program.motions
+        self.hold_feed(line, modal, max(motions[i].feed_m_s for i in indices), 1.0)
         homing = any(w.letter == "G" and w.value in (28.0, 30.0) for w in line.words)
         moved = any(bool(self.rows.moved[i]) for i in indices)
         if homing and not moved:

@@ -17,6 +17,8 @@ from counterflex.programs.written_line import AXES, WrittenLine, number
 MOTION_CODES: Final = frozenset(
     (0.0, 1.0, 2.0, 3.0, 33.0, 38.2, 38.3, 38.4, 38.5, 73.0, 76.0, 80.0, 81.0, 82.0, 83.0, 84.0, 85.0, 86.0, 87.0, 88.0)
 ) | {89.0}
+LEAST_FEED_CHANGE: Final = 0.01
+"""Change of feed that is worth a word."""
 _STOPS: Final = frozenset((0.0, 1.0, 2.0, 30.0, 60.0))
 
 
@@ -49,6 +51,7 @@ class WrittenMachine:
         self.split_motions = self.vertices_added = 0
         self.arcs_kept = self.arcs_split = self.arcs_as_lines = self.radius_replaced = 0
         self.completed_blocks = self.cycles_expanded = 0
+        self.feed_written = 1.0
 
     # ---- positions and numbers -------------------------------------------------------------------------------
 
@@ -200,6 +203,34 @@ class WrittenMachine:
         words = [" F" + number(feed.value / share, 4) for share in shares]
         line.replace(feed, words[0].strip())
         return words
+
+    def hold_feed(self, line: WrittenLine | None, modal: Modal, feed_m_s: float, factor: float) -> str:
+        """Keep the programmed feed of the tool relative to the part; in units per minute (G94) only.
+
+        A corrected piece is longer or shorter than what the loaded tool covers in the part. At the programmed feed the
+        chips would get thinner there and the force another one than planned, so F is multiplied by commanded over
+        nominal length. A following piece without that factor gets the programmed feed back.
+
+        Args:
+            line: Line that gets the word where it is needed; or None for an added line.
+            modal: Its modes.
+            feed_m_s: Programmed feed; 0 where the block has no feed motion.
+            factor: See :func:`feed_factor`.
+
+        Returns:
+            The word with a blank before it, for an added line, perhaps empty.
+        """
+        if modal.feed_mode != 94:
+            return ""
+        if line is not None and line.find("F") is not None:
+            self.feed_written = 1.0
+        if feed_m_s <= 0.0 or abs(factor / self.feed_written - 1.0) <= LEAST_FEED_CHANGE:
+            return ""
+        self.feed_written = factor
+        text = number(feed_m_s * 60.0 / modal.unit_m * factor, 4 if factor == 1.0 else 1)
+        if line is not None:
+            line.set("F", text)
+        return " F" + text
 
     @staticmethod
     def _shares(start: float, ways: Float, steps: Float) -> list[float]:

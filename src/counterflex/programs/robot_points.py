@@ -14,12 +14,14 @@ from counterflex.core.units import MM
 from counterflex.geometry import rotation
 from counterflex.path.sampling import point_spacing
 from counterflex.path.toolpath import RAPID, ToolPath
+from counterflex.programs.feed_hold import feed_factor
 from counterflex.programs.program import Block, Program
 from counterflex.programs.simplify import simplify
 
 BlockLines = Callable[[Block], Sequence[str]]
 """Lines of the robot's language for a block that is not (only) motion; empty for none."""
 
+_SPEED_STEP: Final = 0.02
 _MODAL_ONLY: Final = frozenset("GXYZABCIJKRPQLFN")
 
 
@@ -158,7 +160,15 @@ def choose_points(
     merged, close = _merge(keep, stays, travel, np.where(rapid, 0.0, path.feed_m_s), cycle_s)
     row = np.flatnonzero(keep)
     position, angle = _errors(row, way, p, turned, ~rapid & ~dwells)
-    return RobotPoints(row, T[row], speed[row], exact[row], path.motion[row], merged, close, position, angle)
+    held = _held_speed(row, speed, rapid, way, travel)
+    return RobotPoints(row, T[row], held, exact[row], path.motion[row], merged, close, position, angle)
+
+
+def _held_speed(row: Int, speed: Float, rapid: Bool, way: Float, travel: Float) -> Float:
+    """Speed along each segment, in steps of 2 per cent of the programmed one so that few speeds are declared."""
+    factor = feed_factor(np.diff(way[row], prepend=way[0]), np.diff(travel[row], prepend=travel[0]))
+    out: Float = speed[row] * np.where(rapid[row], 1.0, np.round(factor / _SPEED_STEP) * _SPEED_STEP)
+    return out
 
 
 def _merge(keep: Bool, stays: Bool, travel: Float, feed_m_s: Float, cycle_s: float) -> tuple[int, int]:

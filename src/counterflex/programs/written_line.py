@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from counterflex.programs.program import Block, Word
 
 AXES = "XYZ"
-_ORDER = "XYZABCIJKR"
+_ORDER = "XYZABCIJKRF"
 _COMMENT = re.compile(r"\([^)]*\)|;.*")
 _FLOW_LETTERS = frozenset("ON")
 _CALLS = frozenset((98.0, 99.0))
@@ -53,7 +53,7 @@ class WrittenLine:
         self._edits.append((start, word.end, ""))
 
     def set(self, letter: str, text: str) -> None:
-        """Replace the word with this letter, or add one in its usual place (X Y Z A B C I J K R)."""
+        """Replace the word with this letter, or add one in its usual place (X Y Z A B C I J K R F)."""
         word = self.find(letter)
         if word is None:
             self._added.append((_ORDER.index(letter), letter + text))

@@ -1,0 +1,182 @@
+"""Commands that a lightly damped structure turns into a wanted motion, when the future is known.
+
+A command reaches the tool through the drives and the structure: it comes late, overshoots and rings. Planning knows
+what is wanted ahead of time, so the command can begin early and be shaped such that the structure makes of it what is
+wanted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from counterflex.core.arrays import Float, Int, as_float, as_positive
+from counterflex.core.errors import InputError
+from counterflex.core.units import MS
+
+_PER_PERIOD: Final = 20
+_COARSEST_S: Final = 4.0 * MS
+_MARGIN: Final = 12
+"""Time constants by which a stretch of path is extended, both ways, at rest."""
+_MOST_SAMPLES: Final = 4_000_000
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A structural mode, as a tap test at the tool shows it with the drives on.
+
+    Attributes:
+        omega_rad_s: Undamped angular frequency, > 0.
+        damping_ratio: > 0.
+    """
+
+    omega_rad_s: float
+    damping_ratio: float
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        as_positive("mode frequency", self.omega_rad_s)
+        as_positive("mode damping ratio", self.damping_ratio)
+
+
+@dataclass(frozen=True)
+class Shaping:
+    """How a command is shaped in time.
+
+    Attributes:
+        smoothing_s: tau of :func:`command_for`: motion faster than this is given up for a gentle command; 0 leaves
+            modes out and asks for the wanted motion as it is.
+        lead_s: Dead time of a command, by which it is sent earlier, >= 0.
+    """
+
+    smoothing_s: float
+    lead_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        as_positive("smoothing of the correction", self.smoothing_s, zero=True)
+        as_positive("lead of the correction", self.lead_s, zero=True)
+
+
+def command_for(
+    wanted: Float, time_s: Float, modes: tuple[Mode, ...], shaping: Shaping, swung: Float | None = None
+) -> Float:
+    """The command whose passage through modes comes nearest to a wanted motion.
+
+    With ``P = prod_i (1 + 2 zeta_i/w_i d/dt + 1/w_i^2 d2/dt2)``, the inverse of the modes, the motion x solves
+    ``min integral (x - y)^2 + tau^4 (d2u/dt2)^2 dt`` with ``u = P x``; the command is ``u(t + lead)``. Outside the
+    stretch the wanted motion goes on as at its ends.
+
+    Args:
+        wanted: (n, k) motion y at the tool.
+        time_s: (n,) s, non-decreasing.
+        modes: What the command passes; none gives a mere smoothing.
+        shaping: tau and lead.
+        swung: (n, k) a further wanted motion that is to be passed through the first mode before it is added, as a
+            force makes the arm swing; or None.
+
+    Returns:
+        (n, k) the command at the times given.
+
+    Raises:
+        InputError: Wrong shapes, times that go back, a stretch of more than 4 million samples, a mode to pass through
+            is missing.
+    """
+    y = as_float("wanted", wanted, (None, None))
+    time = as_float("time_s", time_s, (len(y),))
+    if len(y) == 0:
+        return y.copy()
+    if np.any(np.diff(time) < 0.0):
+        raise InputError("times go back", value=float(np.min(np.diff(time))), limit=">= 0 s")
+    tau = shaping.smoothing_s
+    if swung is not None and not modes:
+        raise InputError("there is no mode to pass through")
+    if tau == 0.0:
+        ahead = time + shaping.lead_s
+        return _resampled(y if swung is None else y + as_float("swung", swung, y.shape), time, ahead)
+    h = min([_COARSEST_S] + [2.0 * np.pi / mode.omega_rad_s / _PER_PERIOD for mode in modes])
+    margin = shaping.lead_s + _MARGIN * max([tau, h] + [1.0 / mode.omega_rad_s for mode in modes])
+    count = int(np.ceil((time[-1] - time[0] + 2.0 * margin) / h)) + 1
+    if count > _MOST_SAMPLES:
+        raise InputError(
+            "the stretch of path is too long", value=f"{time[-1] - time[0]:.0f} s", limit=_MOST_SAMPLES * h
+        )
+    grid = time[0] - margin + h * np.arange(count)
+    target = _resampled(y, time, grid)
+    if swung is not None:
+        target += _passed(_resampled(as_float("swung", swung, y.shape), time, grid), h, modes[0])
+    inverse = np.array([1.0])
+    for mode in modes:
+        square = (mode.omega_rad_s * h) ** 2
+        half = mode.damping_ratio / (mode.omega_rad_s * h)
+        inverse = np.convolve(inverse, [1.0 / square + half, 1.0 - 2.0 / square, 1.0 / square - half])
+    bend = np.convolve(inverse, np.array([1.0, -2.0, 1.0])) * (tau / h) ** 2
+    reach = len(bend) // 2
+    padded = np.pad(target, ((reach, reach), (0, 0)), mode="edge")
+    motion = _smoothed(padded, bend)
+    width = len(inverse) // 2
+    ends = np.pad(motion, ((width, width), (0, 0)), mode="edge")
+    command = np.stack([np.convolve(column, inverse, mode="valid") for column in ends.T], axis=1)
+    command = command[reach : len(command) - reach]
+    out = np.empty_like(y)
+    for k in range(y.shape[1]):
+        out[:, k] = np.interp(time + shaping.lead_s, grid, command[:, k])
+    return out
+
+
+def _resampled(values: Float, time: Float, grid: Float) -> Float:
+    out: Float = np.stack([np.interp(grid, time, column) for column in values.T], axis=1)
+    return out
+
+
+def _passed(values: Float, h: float, mode: Mode) -> Float:
+    """Output of a mode, at rest before; exact for an input that is held."""
+    from scipy.signal import cont2discrete, lfilter, lfilter_zi
+
+    w, zeta = mode.omega_rad_s, mode.damping_ratio
+    numerator, denominator, _ = cont2discrete(([w * w], [1.0, 2.0 * zeta * w, w * w]), h)
+    b = numerator.ravel()
+    start = lfilter_zi(b, denominator)[:, None] * values[0]
+    out: Float = lfilter(b, denominator, values, axis=0, zi=start)[0]
+    return out
+
+
+def _smoothed(target: Float, bend: Float) -> Float:
+    """``min |x - y|^2 + |bend * x|^2``, banded normal equations; rows of ``bend`` at the ends are left out."""
+    n, size = len(target), len(bend)
+    bands = np.zeros((size, n))
+    bands[-1] = 1.0
+    for i in range(size):
+        for j in range(i, size):
+            # Rows r = 0 .. n - size: element r + i times element r + j.
+            bands[size - 1 - (j - i), j : n - size + 1 + j] += bend[i] * bend[j]
+    out: Float = solveh_banded(bands, target, check_finite=False)
+    return out
+
+
+def by_group(
+    wanted: Float, swung: Float, time_s: Float, group: Int, modes: tuple[Mode, ...], shaping: Shaping
+) -> Float:
+    """:func:`command_for` for each stretch of a path by itself.
+
+    Args:
+        wanted: (n, k).
+        swung: (n, k).
+        time_s: (n,).
+        group: (n,) rows that follow each other without interruption have one number; non-decreasing.
+        modes: See there.
+        shaping: See there.
+
+    Returns:
+        (n, k).
+    """
+    out = np.zeros_like(wanted)
+    starts = np.flatnonzero(np.diff(group, prepend=group[:1] - 1))
+    for begin, end in zip(starts, [*starts[1:], len(group)][: len(starts)], strict=True):
+        rows = slice(int(begin), int(end))
+        if np.any(wanted[rows]) or np.any(swung[rows]):
+            out[rows] = command_for(wanted[rows], time_s[rows], modes, shaping, swung[rows])
+    return out
