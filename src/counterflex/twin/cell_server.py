@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
-import socket
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
+from counterflex.twin.faults import FaultSchedule
 from counterflex.twin.force_sensor import ForceSensor
 from counterflex.twin.laboratory import Laboratory
 from counterflex.twin.live_cell import LiveCell
 from counterflex.twin.netft_server import NetftServer
 from counterflex.twin.robot_controller import RobotController
 from counterflex.twin.robot_server import RobotServer
-from counterflex.wire.tracker_pose import BEAM_BROKEN, TrackerPose, write_pose
+from counterflex.twin.tracker_sender import TrackerSender
+from counterflex.wire.tracker_pose import BEAM_BROKEN
 
 _STEPS_PER_SAMPLE = 2  # integration steps of 0.5 ms per sample of the instruments: 1 kHz
 
@@ -33,6 +32,7 @@ class Instruments:
         tracker_peer: Where poses go; or None.
         beam_broken: The tracker does not see its target.
         temperature_c: Of the force sensor.
+        tracker_faults: Scripted.
     """
 
     laboratory: Laboratory
@@ -41,14 +41,15 @@ class Instruments:
     tracker_peer: tuple[str, int] | None = None
     beam_broken: bool = False
     temperature_c: float = 20.0
-    _socket: socket.socket = field(default_factory=lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-    _sequence: int = 0
+    tracker_faults: FaultSchedule = field(default_factory=FaultSchedule)
 
     def __post_init__(self) -> None:
         """Take a noise stream of its own for each instrument."""
         self._force_noise = self.laboratory.noise("live force")
         self._tracker_noise = self.laboratory.noise("live tracker")
-        self._last: Float = np.eye(4)
+        self._tracker: TrackerSender | None = None
+        if self.tracker_peer is not None:
+            self._tracker = TrackerSender(self.tracker_peer, self.tracker_faults)
 
     def sample(self, cell: LiveCell, time_s: float) -> None:
         """Read and send."""
@@ -57,26 +58,21 @@ class Instruments:
             w = self.force_sensor.reading(true, time_s, self.temperature_c)
             noise = self._force_noise.standard_normal(6)
             scale = np.r_[np.full(3, self.laboratory.force_n), np.full(3, self.laboratory.moment_nm)]
-            self.netft.send(w + scale * noise)
-        if self.tracker_peer is not None:
-            self._send_pose(cell, time_s)
+            self.netft.send(w + scale * noise, time_s)
+        if self._tracker is not None:
+            self._send_pose(self._tracker, cell, time_s)
 
-    def _send_pose(self, cell: LiveCell, time_s: float) -> None:
+    def _send_pose(self, tracker: TrackerSender, cell: LiveCell, time_s: float) -> None:
         lab = self.laboratory
-        if not self.beam_broken:
-            T = pose.inverse(lab.T_base_tracker) @ cell.plant.tcp_pose() @ lab.T_tcp_target
-            T[:3, 3] += lab.tracker_m * self._tracker_noise.standard_normal(3)
-            T[:3, :3] = rotation.exp(lab.tracker_rad * self._tracker_noise.standard_normal(3)) @ T[:3, :3]
-            self._last = T
-        self._sequence = (self._sequence + 1) & 0xFFFFFFFF
-        status = BEAM_BROKEN if self.beam_broken else 0
-        sample = TrackerPose(self._sequence, round(time_s * 1e9), status, 0, self._last, lab.tracker_m)
-        with contextlib.suppress(BlockingIOError, ConnectionError):
-            self._socket.sendto(write_pose(sample), self.tracker_peer)  # type: ignore[arg-type]
+        T = pose.inverse(lab.T_base_tracker) @ cell.plant.tcp_pose() @ lab.T_tcp_target
+        T[:3, 3] += lab.tracker_m * self._tracker_noise.standard_normal(3)
+        T[:3, :3] = rotation.exp(lab.tracker_rad * self._tracker_noise.standard_normal(3)) @ T[:3, :3]
+        tracker.send(T, time_s, status=BEAM_BROKEN if self.beam_broken else 0, sigma_m=lab.tracker_m)
 
     def close(self) -> None:
         """Free the sockets."""
-        self._socket.close()
+        if self._tracker is not None:
+            self._tracker.close()
         if self.netft is not None:
             self.netft.close()
 
