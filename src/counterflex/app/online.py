@@ -181,7 +181,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         force, wrench = EgmForce(link), SensorWrench(cell.chain, sensor, cell.T_base_part)
     if settings.tracker_port is not None and cell.tables.tracker is not None:
         tracker = TrackerLink(settings.host, settings.tracker_port)
-        frames = tracker_frames(cell.T_base_part, cell.tables.tracker.T_base_tracker, _tcp_target(cell, cell.chain))
+        frames = tracker_frames(cell.T_base_part, cell.tables.tracker.T_base_tracker, tcp_target(cell, cell.chain))
     return OnlineSession(
         link,
         loop,
@@ -224,7 +224,7 @@ def _scaling(settings: RunSettings) -> Scaling:
             time.sleep(0.1)
 
 
-def _tcp_target(cell: Cell, chain: ElasticChain) -> Float:
+def tcp_target(cell: Cell, chain: ElasticChain) -> Float:
     """``T_tcp_target`` of the tracker table, whichever frame it names."""
     table = cell.tables.tracker
     if table is None:

@@ -24,6 +24,7 @@ from counterflex.cli import (
     reproduce,
     rsi,
     soak,
+    tracker,
     twin,
 )
 from counterflex.cli.interrupt import interruptible
@@ -55,6 +56,7 @@ prove.register(app)
 dataset.register(app)
 identify.register(app)
 twin.register(app)
+tracker.register(app)
 campaign.register(app)
 online.register(app)
 log.register(app)

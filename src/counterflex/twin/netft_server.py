@@ -41,6 +41,7 @@ class NetftServer:
         peer: Who gets the records, or None.
         status: Status word of the records.
         dead: It never sends again.
+        records: That left it.
     """
 
     def __init__(
@@ -71,6 +72,7 @@ class NetftServer:
         self._time_s = 0.0
         self._asker: tuple[str, int] | None = None
         self.dead = False
+        self.records = 0
         self._bias: Float = np.zeros(6)
         self._last: Float = np.zeros(6)
         self._shown: Float = np.zeros(6)
@@ -144,6 +146,7 @@ class NetftServer:
         if self.peer is not None:
             with contextlib.suppress(BlockingIOError, ConnectionError):
                 self._socket.sendto(data, self.peer)
+                self.records += 1
 
     def close(self) -> None:
         """Free the sockets."""
