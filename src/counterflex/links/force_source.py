@@ -12,16 +12,24 @@ class ForceSource(Protocol):
 
     w_sensor: Float
     """(6,) N, N m, mean of the good samples since the last :meth:`drain`."""
-    good: int
-    """Good samples in the last drain."""
     samples: Float
-    """(n, 6) the good ones of the last drain one by one, N, N m, in time."""
-    first: int
-    """Sequence number of the first of them; -1 where they do not come at 1 kHz."""
-    saturated: bool
-    """One of them was beyond the range, or the sensor said so."""
-    frozen: bool
-    """The readings have not changed for a while."""
+    """(m, 6) N, N m, the good samples of the last drain one by one."""
+
+    @property
+    def first(self) -> int:
+        """Sequence number of the first of them; -1 where they do not come at 1 kHz."""
+
+    @property
+    def good(self) -> int:
+        """Good samples in the last drain."""
+
+    @property
+    def saturated(self) -> bool:
+        """One of them was beyond the range, or the sensor said so."""
+
+    @property
+    def frozen(self) -> bool:
+        """The readings have not changed for a while."""
 
     def drain(self) -> int:
         """Take every sample that is there; returns the number of good ones."""

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import socket
-import struct
 import urllib.error
 import urllib.request
 from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import OutputError, ProtocolError
+from counterflex.links.datagrams import ROWS, Datagrams
 from counterflex.wire import netft
+from counterflex.wire import netft_kernel as reading
 
 MOST_SAMPLES: Final = 512
 """Samples of one drain that are kept one by one: half a second at 1 kHz; later ones still enter the mean."""
@@ -33,14 +34,7 @@ class NetftLink:
 
     Attributes:
         w_sensor: (6,) N, N m, mean of the good samples since the last :meth:`drain`.
-        good: Good samples in the last drain.
         samples: (MOST_SAMPLES, 6) the good ones of the last drain one by one, N, N m, in time.
-        first: Sequence number of the first of them.
-        saturated: One of them was beyond the range, or the sensor said so.
-        frozen: The counts have not changed for a while.
-        lost: Records lost, in all.
-        bad: Records whose status forbids their use, in all.
-        malformed: Datagrams that are no records, in all.
     """
 
     def __init__(
@@ -63,24 +57,19 @@ class NetftLink:
             raise OutputError(
                 f"the force sensor cannot be addressed: {fault.strerror or fault}", where=f"{peer[0]}:{peer[1]}"
             ) from fault
-        self._socket.setblocking(False)
-        self._buffer = bytearray(2048)
+        self._inbox = Datagrams(self._socket)
         self.w_sensor: Float = np.zeros(6)
         self._sum: Float = np.zeros(6)
-        self._counts: Float = np.zeros(6)
-        self._before: Float = np.zeros(6)
+        self._before: Int = np.zeros(6, dtype=np.int64)
+        self._numbers: Int = np.zeros(reading.NUMBERS, dtype=np.int64)
+        self._numbers[[reading.N_SEQUENCE, reading.N_FIRST]] = -1
         self.samples: Float = np.zeros((MOST_SAMPLES, 6))
-        self.first = -1
-        self._sequence = -1
-        self._same = 0
-        self.good = self.lost = self.bad = self.malformed = 0
-        self.saturated = self.frozen = False
 
     def start(self) -> None:
         """Ask for the stream (again)."""
         with contextlib.suppress(ConnectionError, BlockingIOError):
             self._socket.send(netft.request(netft.START))
-        self._sequence = -1
+        self._numbers[reading.N_SEQUENCE] = -1
 
     def stop(self) -> None:
         """End the stream."""
@@ -93,55 +82,69 @@ class NetftLink:
         Returns:
             Number of good samples; with none :attr:`w_sensor` is left as it was.
         """
+        inbox, numbers = self._inbox, self._numbers
         self._sum[:] = 0.0
-        self.good, self.saturated = 0, False
+        numbers[reading.N_GOOD] = numbers[reading.N_SATURATED] = 0
         while True:
-            try:
-                length = self._socket.recv_into(self._buffer)
-            except BlockingIOError:
+            count = inbox.take()
+            if count:
+                reading.take_records(
+                    inbox.data,
+                    inbox.lengths,
+                    count,
+                    self._scale,
+                    self._limit,
+                    numbers,
+                    self._before,
+                    self._sum,
+                    self.samples,
+                )
+            if count < ROWS:
                 break
-            except ConnectionError:
-                continue
-            if length != netft.RECORD.size:
-                self.malformed += 1
-                continue
-            self._take()
-        if self.good:
-            np.divide(self._sum, self.good, out=self.w_sensor)
-        return self.good
+        good = self.good
+        if good:
+            np.divide(self._sum, good, out=self.w_sensor)
+        return good
 
-    def _take(self) -> None:
-        sequence, _, status, *counts = _UNPACK(self._buffer)
-        if self._sequence >= 0:
-            gap = netft.lost(self._sequence, sequence)
-            if gap < 0:
-                return  # late or repeated: a newer one has been taken already
-            self.lost += gap
-        self._sequence = sequence
-        if status not in (netft.GOOD, netft.MONITOR):
-            self.bad += 1
-            self.saturated = True
-            return
-        self._counts[:] = counts
-        self._same = self._same + 1 if np.array_equal(self._counts, self._before) else 0
-        self.frozen = self._same >= FROZEN - 1
-        self._before[:] = self._counts
-        np.multiply(self._counts, self._scale, out=self._counts)
-        if np.any(np.abs(self._counts) > self._limit):
-            self.saturated = True
-        self._sum += self._counts
-        if self.good < MOST_SAMPLES:
-            self.samples[self.good] = self._counts
-        self.first = sequence if self.good == 0 else self.first
-        self.good += 1
+    @property
+    def good(self) -> int:
+        """Good samples in the last drain."""
+        return int(self._numbers[reading.N_GOOD])
+
+    @property
+    def saturated(self) -> bool:
+        """One of them was beyond the range, or the sensor said so."""
+        return bool(self._numbers[reading.N_SATURATED])
+
+    @property
+    def frozen(self) -> bool:
+        """The counts have not changed for a while."""
+        return bool(self._numbers[reading.N_SAME] >= FROZEN - 1)
+
+    @property
+    def lost(self) -> int:
+        """Records lost, in all."""
+        return int(self._numbers[reading.N_LOST])
+
+    @property
+    def bad(self) -> int:
+        """Records whose status forbids their use, in all."""
+        return int(self._numbers[reading.N_BAD])
+
+    @property
+    def malformed(self) -> int:
+        """Datagrams that are no records, in all."""
+        return int(self._numbers[reading.N_MALFORMED])
+
+    @property
+    def first(self) -> int:
+        """Sequence number of the first good sample that was taken last."""
+        return int(self._numbers[reading.N_FIRST])
 
     def close(self) -> None:
         """End the stream and free the socket."""
         self.stop()
         self._socket.close()
-
-
-_UNPACK = struct.Struct(">III6i").unpack_from
 
 
 def fetch_scaling(host: str, port: int = 80, timeout_s: float = 3.0) -> netft.Scaling:

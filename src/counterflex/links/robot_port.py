@@ -31,6 +31,9 @@ class Verdict(IntEnum):
     """Good, but its counter lies far from the last one's; perhaps of another session."""
 
 
+_MALFORMED, _OLD, _NEW, _ASTRAY = Verdict.MALFORMED, Verdict.OLD, Verdict.NEW, Verdict.ASTRAY
+
+
 @dataclass(eq=False)
 class Counters:
     """What came, since the link was opened.
@@ -133,15 +136,15 @@ class RobotPort:
             counters.foreign += 1
             return False
         verdict = read(length)
-        if verdict == Verdict.MALFORMED:
+        if verdict == _MALFORMED:
             counters.malformed += 1
             counters.malformed_in_a_row += 1
             return False
         self.peer = peer
         counters.malformed_in_a_row = 0
-        counters.old += int(verdict == Verdict.OLD)
-        counters.astray += int(verdict == Verdict.ASTRAY)
-        return verdict == Verdict.NEW
+        counters.old += verdict == _OLD
+        counters.astray += verdict == _ASTRAY
+        return verdict == _NEW
 
     def _known(self, peer: tuple[str, int]) -> bool:
         if self.peer is not None:

@@ -34,6 +34,10 @@ from counterflex.signals.arrival import ArrivalClock
 _TARE_CYCLES = 50
 _FORGET_CYCLES = 10_000
 _FORGET_PEER_CYCLES = 250
+_IDLE, _ARMED = int(State.IDLE), int(State.ARMED)
+_STATES = tuple(State)
+_RESTARTED, _CLAMPED = int(Cause.SESSION_RESTARTED), int(Cause.CLAMPED_BY_ROBOT)
+_SATURATED, _INVALID, _OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_INVALID), int(Cause.FORCE_OFFSET)
 
 
 class Request(IntEnum):
@@ -46,6 +50,7 @@ class Request(IntEnum):
 
 
 REQUESTS = len(Request)
+_ARM, _STOP, _RESET = int(Request.ARM), int(Request.STOP), int(Request.RESET)
 
 
 class Tally(IntEnum):
@@ -173,9 +178,9 @@ class OnlineSession:
         came = link.wait(timeout_s)
         received = self._clock_ns()
         given, flags = loop.given, loop.flags
-        soft, hard = int(Cause.NONE), int(Cause.NONE)
+        soft, hard = 0, 0
         if came and link.restarted:
-            hard = int(Cause.SESSION_RESTARTED)
+            hard = _RESTARTED
         if came and link.empty:
             link.answer(np.zeros(6))
             return True
@@ -185,30 +190,30 @@ class OnlineSession:
         soft, hard = self._read_force(given, soft, hard)
         new = self._read_tracker(given)
         if link.clamped and soft == 0:
-            soft = int(Cause.CLAMPED_BY_ROBOT)
+            soft = _CLAMPED
         control = self.control
         flags[at.F_ELAPSED] = link.elapsed if came else 0
         flags[at.F_FORCE_AGE] = self._force_age if self._needs_force else 0
         flags[at.F_TRACKER_NEW], flags[at.F_TRACKER_AGE] = new, self._tracker_age
         flags[at.F_HEALTHY] = self._healthy()
-        flags[at.F_ARM], flags[at.F_STOP] = control[Request.ARM], control[Request.STOP]
-        flags[at.F_RESET] = control[Request.RESET]
+        flags[at.F_ARM], flags[at.F_STOP] = control[_ARM], control[_STOP]
+        flags[at.F_RESET] = control[_RESET]
         flags[at.F_ENABLE] = int(link.enable) if came else flags[at.F_ENABLE]
         flags[at.F_SOFT], flags[at.F_HARD] = soft, hard
         flags[at.F_SOURCES], flags[at.F_CURRENT_AGE] = self._sources, _FORGET_CYCLES
         loop.run()
         outcome = loop.outcome
-        if outcome[at.O_STATE] == State.ARMED:
-            control[Request.ARM] = 0
-        self._let_go(bool(control[Request.RESET]))
-        control[Request.RESET] = 0
+        if outcome[at.O_STATE] == _ARMED:
+            control[_ARM] = 0
+        self._let_go(bool(control[_RESET]))
+        control[_RESET] = 0
         if came and not outcome[at.O_SILENT]:
             link.answer(
                 loop.correction,
                 loop.axes if self._axes else None,
                 stop=bool(outcome[at.O_STOP]),
                 feed_hold=bool(outcome[at.O_FEED_HOLD]),
-                state=State(int(outcome[at.O_STATE])),
+                state=_STATES[outcome[at.O_STATE]],
                 override=loop.monitor.speed,
             )
         sent = self._clock_ns()
@@ -235,16 +240,21 @@ class OnlineSession:
 
     def _let_go(self, reset: bool) -> None:
         """Another session may come from another port: after a person's reset, or when nothing is going on at all."""
-        idle = self.loop.outcome[at.O_STATE] == State.IDLE
+        idle = self.loop.outcome[at.O_STATE] == _IDLE
         if idle and (reset or self._silent_cycles >= _FORGET_PEER_CYCLES):
             self.link.forget()
 
     def _tally(self, control: Int) -> None:
         counters = self.link.counters
-        control[Tally.FOREIGN], control[Tally.MALFORMED] = counters.foreign, counters.malformed
-        control[Tally.OUT_OF_LINE], control[Tally.DRAINED] = counters.old + counters.astray, counters.drained
-        control[Tally.LOST], control[Tally.LATE] = counters.lost, counters.late_at_robot
-        control[Tally.CLOCK] = self.watch.clock_jumps
+        control[REQUESTS:CONTROL] = (
+            counters.foreign,
+            counters.malformed,
+            counters.old + counters.astray,
+            counters.drained,
+            counters.lost,
+            counters.late_at_robot,
+            self.watch.clock_jumps,
+        )
 
     def _read_force(self, given: Float, soft: int, hard: int) -> tuple[int, int]:
         if self.force is None or self._wrench is None:
@@ -255,17 +265,17 @@ class OnlineSession:
             self.loop.take(force.samples, force.good, force.first)
         if force.saturated:
             self._force_age += 1
-            return (soft or int(Cause.FORCE_SATURATED)), hard
+            return (soft or _SATURATED), hard
         if good == 0 or force.frozen:
             self._force_age += 1
-            return (soft or (int(Cause.FORCE_INVALID) if force.frozen else 0)), hard
+            return (soft or (_INVALID if force.frozen else 0)), hard
         self._force_age = 0
         age = (self._clock_ns() - self._time_zero_ns) * 1e-9
         w = self._wrench(given[at.G_Q : at.G_Q + 6], force.w_sensor, age)
         if self._tared < _TARE_CYCLES and self.watch.good > self._checks.settle_cycles // 2:
             self._tare(w)
         if self._needs_force and self._tared >= _TARE_CYCLES and not self._healthy_force and soft == 0:
-            soft = int(Cause.FORCE_OFFSET)
+            soft = _OFFSET
         for k in range(6):
             given[at.G_W + k] = w[k] - self._zero[k]
         return soft, hard

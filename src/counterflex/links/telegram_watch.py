@@ -20,6 +20,11 @@ WINDOW: Final = 125
 UNKNOWN: Final = -1
 """In place of the controller's count where it sends none."""
 _CLOCK_SPAN: Final = 250
+_CLOCK: Final = int(Cause.CLOCK)
+_FOREIGN_PEER: Final = int(Cause.FOREIGN_PEER)
+_TELEGRAMS_LATE: Final = int(Cause.TELEGRAMS_LATE)
+_TELEGRAMS_SCATTERED: Final = int(Cause.TELEGRAMS_SCATTERED)
+_TELEGRAM_MALFORMED: Final = int(Cause.TELEGRAM_MALFORMED)
 _UNEXPLAINED: Final = 3
 
 
@@ -121,7 +126,7 @@ class TelegramWatch:
         """
         lost = elapsed - 1
         late = lost
-        soft = hard = int(Cause.NONE)
+        soft = hard = 0
         if late_count != UNKNOWN and self._count != UNKNOWN:
             risen = late_count - self._count
             late = min(elapsed, risen if risen >= 0 else late_count)
@@ -129,7 +134,7 @@ class TelegramWatch:
                 self.unexplained += lost - late
                 late = lost
                 if self.unexplained >= _UNEXPLAINED:
-                    hard = int(Cause.FOREIGN_PEER)
+                    hard = _FOREIGN_PEER
             elif lost > 0:
                 self.unexplained = 0
         self._count = late_count
@@ -139,21 +144,21 @@ class TelegramWatch:
             self._place = (self._place + 1) % WINDOW
         self.good = self.good + 1 if lost == 0 else 0
         if self.settings.clock and self._clocks_part(now_ns - counter_ms * 1_000_000):
-            soft = int(Cause.CLOCK)
+            soft = _CLOCK
         return self._judge(malformed_in_a_row, soft, hard)
 
     def _judge(self, malformed: int, soft: int, hard: int) -> tuple[int, int]:
         settings = self.settings
         if malformed >= settings.malformed_fault:
-            hard = hard or int(Cause.TELEGRAM_MALFORMED)
+            hard = hard or _TELEGRAM_MALFORMED
         elif malformed >= settings.malformed_hold:
-            soft = soft or int(Cause.TELEGRAM_MALFORMED)
+            soft = soft or _TELEGRAM_MALFORMED
         if self.late_in_a_row >= settings.fault_late:
-            hard = hard or int(Cause.TELEGRAMS_LATE)
+            hard = hard or _TELEGRAMS_LATE
         elif self.late_in_a_row >= settings.hold_late:
-            soft = soft or int(Cause.TELEGRAMS_LATE)
+            soft = soft or _TELEGRAMS_LATE
         if self.share_late > settings.share_late:
-            soft = soft or int(Cause.TELEGRAMS_SCATTERED)
+            soft = soft or _TELEGRAMS_SCATTERED
         return soft, hard
 
     def _clocks_part(self, offset_ns: int) -> bool:

@@ -6,9 +6,12 @@ import socket
 
 import numpy as np
 
-from counterflex.core.arrays import Float
-from counterflex.core.errors import OutputError, ProtocolError
-from counterflex.wire.tracker_pose import BEAM_BROKEN, INACCURATE, read_pose
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import OutputError
+from counterflex.core.units import MM
+from counterflex.links.datagrams import ROWS, Datagrams, host_number
+from counterflex.wire import tracker_pose_kernel as reading
+from counterflex.wire.tracker_pose import BEAM_BROKEN, INACCURATE
 
 
 class TrackerLink:
@@ -17,17 +20,11 @@ class TrackerLink:
     Args:
         host: Address to listen on; loopback unless told otherwise.
         port: UDP port; 0 takes a free one.
-        peers: Addresses that are listened to; None takes the first that sends.
+        peers: Addresses that are listened to; None takes the first that sends a good datagram.
 
     Attributes:
         address: Where datagrams are expected.
         T_tracker_target: (4, 4) newest good pose.
-        time_ns: When it was measured, clock of the source.
-        sigma_m: Standard deviation that the source states; 0 where it does not.
-        status: Its status bits, or those of a broken beam that came after it.
-        lost: Datagrams lost, in all.
-        malformed: Datagrams that are none, in all.
-        foreign: From another address.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0, peers: tuple[str, ...] | None = None) -> None:
@@ -41,57 +38,59 @@ class TrackerLink:
                 where=f"{host}:{port}",
                 hint="Is another program listening there?",
             ) from fault
-        self._socket.setblocking(False)
         self.address: tuple[str, int] = self._socket.getsockname()
-        self._peers, self._peer = peers, ""
+        self._inbox = Datagrams(self._socket)
+        self._allowed: Int = np.array([host_number(peer) for peer in peers or ()], dtype=np.int64)
+        self._numbers: Int = np.zeros(reading.NUMBERS, dtype=np.int64)
+        self._numbers[[reading.N_SEQUENCE, reading.N_HOST]] = -1
+        self._numbers[reading.N_STATUS] = BEAM_BROKEN
+        self._values: Float = np.zeros(8)
+        self._spare: Float = np.zeros((5, 8))
         self.T_tracker_target: Float = np.eye(4)
-        self.time_ns, self.sigma_m = 0, 0.0
-        self.status = BEAM_BROKEN
-        self._sequence = -1
-        self.lost = self.malformed = self.foreign = 0
 
     def drain(self) -> bool:
         """Take every datagram that is there; returns whether a new good pose is among them."""
         fresh = False
-        newest = b""
+        inbox = self._inbox
         while True:
-            try:
-                data, peer = self._socket.recvfrom(2048)
-            except BlockingIOError:
-                break
-            except ConnectionError:
-                continue
-            if not self._known(peer[0]):
-                self.foreign += 1
-                continue
-            newest = data
-            fresh |= self._take(data)
-        return fresh and newest != b"" and not self.status & (BEAM_BROKEN | INACCURATE)
+            count = inbox.take()
+            if count:
+                fresh |= reading.take_poses(
+                    inbox.data, inbox.lengths, inbox.hosts, count, self._allowed, self._numbers,
+                    self.T_tracker_target, self._spare, self._values,
+                )  # fmt: skip
+            if count < ROWS:
+                return bool(fresh and not self.status & (BEAM_BROKEN | INACCURATE))
 
-    def _known(self, host: str) -> bool:
-        if self._peers is not None:
-            return host in self._peers
-        if not self._peer:
-            self._peer = host
-        return host == self._peer
+    @property
+    def time_ns(self) -> int:
+        """When the newest good pose was measured, clock of the source."""
+        return int(self._numbers[reading.N_TIME])
 
-    def _take(self, data: bytes) -> bool:
-        try:
-            measured = read_pose(data)
-        except ProtocolError:
-            self.malformed += 1
-            return False
-        step = (measured.sequence - self._sequence) & 0xFFFFFFFF if self._sequence >= 0 else 1
-        if step == 0 or step > 0x80000000:
-            return False
-        self.lost += step - 1
-        self._sequence = measured.sequence
-        self.status = measured.status
-        if measured.status & (BEAM_BROKEN | INACCURATE):
-            return False
-        self.T_tracker_target = measured.T_tracker_target
-        self.time_ns, self.sigma_m = measured.time_ns, measured.sigma_m
-        return True
+    @property
+    def sigma_m(self) -> float:
+        """Standard deviation that the source states for it; 0 where it does not."""
+        return float(self._values[7]) * MM
+
+    @property
+    def status(self) -> int:
+        """Its status bits, or those of a broken beam that came after it."""
+        return int(self._numbers[reading.N_STATUS])
+
+    @property
+    def lost(self) -> int:
+        """Datagrams lost, in all."""
+        return int(self._numbers[reading.N_LOST])
+
+    @property
+    def malformed(self) -> int:
+        """Datagrams that are none, in all."""
+        return int(self._numbers[reading.N_MALFORMED])
+
+    @property
+    def foreign(self) -> int:
+        """Datagrams from another address."""
+        return int(self._numbers[reading.N_FOREIGN])
 
     def close(self) -> None:
         """Free the port."""

@@ -8,6 +8,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 
 Bytes = np.ndarray[tuple[int], np.dtype[np.uint8]]
+ByteRows = np.ndarray[tuple[int, int], np.dtype[np.uint8]]
+"""One datagram in a row."""
 
 _POWERS: Float = np.array([10.0**k for k in range(23)])
 MOST_DIGITS = 18

@@ -24,7 +24,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProtocolError
 from counterflex.core.units import MM
-from counterflex.geometry import pose, rotation
+from counterflex.geometry import rotation
+from counterflex.wire import tracker_pose_kernel as reading
 
 MAGIC: Final = b"CFP1"
 DATAGRAM: Final = struct.Struct("<4sIQII3d4dd")
@@ -35,8 +36,7 @@ NO_ORIENTATION: Final = 2
 INACCURATE: Final = 4
 """Status bit: the tracker itself doubts the value."""
 _KNOWN: Final = BEAM_BROKEN | NO_ORIENTATION | INACCURATE
-FARTHEST_MM: Final = 200_000.0
-_UNIT: Final = 1e-6
+FARTHEST_MM: Final = reading.FARTHEST_MM
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,27 +67,23 @@ def read_pose(data: bytes) -> TrackerPose:
         ProtocolError: Another length or magic, unknown status bits, a number that is not finite, a position beyond
             200 m, a quaternion that is not of unit length.
     """
-    if len(data) != DATAGRAM.size:
-        raise ProtocolError("not a tracker datagram", value=f"{len(data)} bytes", limit=f"{DATAGRAM.size} bytes")
-    magic, sequence, time_ns, status, frame_id, *numbers = DATAGRAM.unpack(data)
-    if magic != MAGIC:
-        raise ProtocolError("not a tracker datagram", value=repr(magic), limit=repr(MAGIC))
-    if status & ~_KNOWN:
+    rows = np.zeros((1, DATAGRAM.size), dtype=np.uint8)
+    rows[0, : min(len(data), DATAGRAM.size)] = np.frombuffer(data[: DATAGRAM.size], dtype=np.uint8)
+    T, values = np.eye(4), np.zeros(8)
+    found = reading.read_datagram(rows, 0, len(data), T, values)
+    if found == reading.NO_DATAGRAM:
+        raise ProtocolError("not a tracker datagram", value=f"{len(data)} bytes, {data[:4]!r}", limit="88 bytes, CFP1")
+    _, sequence, time_ns, status, frame_id, *numbers = DATAGRAM.unpack(data)
+    if found == reading.UNKNOWN_STATUS:
         raise ProtocolError("unknown status bits of a tracker", value=f"0x{status:x}", limit=f"0x{_KNOWN:x}")
-    if not all(map(math.isfinite, numbers)):
+    if found == reading.NOT_FINITE:
         raise ProtocolError("a tracker sent a number that is not finite", value=numbers)
-    p, quat, sigma = np.array(numbers[:3]), np.array(numbers[3:7]), float(numbers[7])
-    if float(np.max(np.abs(p))) > FARTHEST_MM or sigma < 0.0:
-        raise ProtocolError(
-            "a tracker's position is out of range", value=[*p.tolist(), sigma], limit=f"{FARTHEST_MM:g} mm"
-        )
-    R = np.eye(3)
-    if not status & NO_ORIENTATION:
-        size = float(np.linalg.norm(quat))
-        if abs(size - 1.0) > _UNIT:
-            raise ProtocolError("a tracker's quaternion is not of unit length", value=size, limit=f"1 +- {_UNIT:g}")
-        R = rotation.from_quat_wxyz(quat / size)
-    return TrackerPose(sequence, time_ns, status, frame_id, pose.make(R, p * MM), sigma * MM)
+    if found == reading.OUT_OF_RANGE:
+        raise ProtocolError("a tracker's position is out of range", value=numbers, limit=f"{FARTHEST_MM:g} mm")
+    if found == reading.NOT_UNIT:
+        size = math.hypot(*numbers[3:7])
+        raise ProtocolError("a tracker's quaternion is not of unit length", value=size, limit=f"1 +- {reading.UNIT:g}")
+    return TrackerPose(sequence, time_ns, status, frame_id, T, float(values[7]) * MM)
 
 
 def write_pose(measured: TrackerPose) -> bytes:
