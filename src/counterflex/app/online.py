@@ -64,6 +64,7 @@ def loop_plan(plan: Plan, *, compensated: bool) -> LoopPlan:
         w_tcp_part=plan.w_tcp_part,
         cutting=plan.cutting.astype(np.float64),
         contained=contained,
+        play=plan.play_part,
     )
 
 
@@ -120,7 +121,7 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
             where=str(cell.path),
             hint='Add a table [online], for example with force = "pilot"',
         )
-    settings = table.settings(cell.tables.timing, compensated=compensated)
+    settings = table.settings(cell.tables.timing, compensated=compensated, mode=cell.tables.lowest_mode)
     return Loop(cell.chain, settings, cell.T_base_part, plan)
 
 

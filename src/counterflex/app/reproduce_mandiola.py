@@ -160,7 +160,9 @@ def figures(run_: tracking.Tracked, case: Case, shape: str) -> dict[str, Any]:
     """
     if shape == "square":
         contour = tracking.contour_error(run_.p_actual, case.corners, tracking.segment_of(run_.p_command, case.corners))
-        straight, corner = tracking.corner_zones(run_, case.corners, CORNER_M * min(1.0, 2.0 * case.scale))
+        straight, corner = tracking.corner_zones(
+            run_, case.corners, min(CORNER_M, 0.25 * mandiola_case.SIDE_M * case.scale)
+        )
         zones = {"straights": straight, "corners": corner}
     else:
         contour = tracking.circle_error(run_.p_actual, case.radius_m)

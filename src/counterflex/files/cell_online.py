@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
@@ -25,6 +25,9 @@ from counterflex.runtime.supervisor import SupervisorSettings
 from counterflex.signals.filters import Smoothing
 from counterflex.signals.limiter import MotionLimit
 
+if TYPE_CHECKING:
+    from counterflex.runtime.tracker_design import TrackerPlant
+
 Above = Annotated[float, Field(gt=0.0, le=1e6)]
 Level = Annotated[float, Field(ge=0.0, le=1e6)]
 Proportional = Annotated[float, Field(ge=0.0, le=2.0)]
@@ -37,7 +40,7 @@ class OnlineTable(Table):
     """Which signals correct, through which filters, within which limits."""
 
     force: Literal["none", "measured", "pilot", "scale", "fused"] = "pilot"
-    tracker: Literal["none", "integrator", "observer"] = "none"
+    tracker: Literal["none", "integrator", "observer", "designed"] = "none"
     output: Literal["cartesian", "axes"] = "cartesian"
     period_ms: Literal[4, 12, 24, 48, 72, 96] = 4
     along_feed: bool = False
@@ -54,9 +57,15 @@ class OnlineTable(Table):
     natural_hz: Above = 5.0
     damping: Above = 0.7
     follow_ms: Level = 0.0
+    follow_lag_ms: Level = 0.0
     tracker_age_ms: Level = 4.0
     tracker_gain: Annotated[float, Field(gt=0.0, le=1.0)] = 0.01
     tracker_step_um: Above = 50.0
+    phase_margin_deg: Annotated[float, Field(ge=20.0, le=80.0)] = 50.0
+    gain_margin_db: Annotated[float, Field(ge=3.0, le=30.0)] = 10.0
+    undo_lag: bool = True
+    undo_play: bool = True
+    undo_lag_mm: Above = 1.5
     drift_um: Above = 200.0
     noise_um: Above = 60.0
     force_error_percent: Percent = 25.0
@@ -72,15 +81,20 @@ class OnlineTable(Table):
     hard_factor: Annotated[float, Field(ge=1.0, le=3.0)] = 1.5
     ramp_mm_s: Above = 2.0
 
-    def settings(self, timing: TimingTable | None, *, compensated: bool) -> OnlineSettings:
+    def settings(
+        self, timing: TimingTable | None, *, compensated: bool, mode: tuple[float, float] | None = None
+    ) -> OnlineSettings:
         """The loop's settings; delays that were identified take the place of those of this table.
 
         Args:
             timing: Identified timing of the cell, or None.
             compensated: The program contains the correction of the predicted deflection.
+            mode: Lowest mode of the robot, Hz, and its damping ratio, for the designed tracker controller; None is a
+                robot without one.
 
         Raises:
             InputError: Values that contradict each other.
+            ModelError: The designed tracker controller cannot keep its margins.
         """
         period = self.period_ms * MS
         delays = self._delays(timing)
@@ -105,12 +119,7 @@ class OnlineTable(Table):
                 delays.correction_s if self.lead_ms is None else self.lead_ms * MS,
             ),
             delays=delays,
-            tuning=TrackerTuning(
-                gain=self.tracker_gain,
-                saturation_m=self.tracker_step_um * UM,
-                drift_m=self.drift_um * UM,
-                noise_m=self.noise_um * UM,
-            ),
+            tuning=self._tuning(delays, period, mode),
             fusion=FusionTuning(
                 factor=self.force_error_percent * PERCENT,
                 model=self.model_error_percent * PERCENT,
@@ -126,9 +135,29 @@ class OnlineTable(Table):
             supervisor=_supervisor(self.period_ms),
         )
 
+    def _tuning(self, delays: Delays, period_s: float, mode: tuple[float, float] | None) -> TrackerTuning:
+        gain, proportional, notch = self.tracker_gain, 0.0, (1.0, 0.0, 0.0, 0.0, 0.0)
+        if self.tracker == "designed":
+            from counterflex.runtime.tracker_design import DesignGoals, design
+
+            goals = DesignGoals(self.phase_margin_deg * DEG, 10.0 ** (self.gain_margin_db / 20.0))
+            found = design(tracker_plant(delays, period_s, mode), goals)
+            gain, proportional, notch = found.integral, found.proportional, found.notch
+        return TrackerTuning(
+            gain=gain,
+            saturation_m=self.tracker_step_um * UM,
+            drift_m=self.drift_um * UM,
+            noise_m=self.noise_um * UM,
+            proportional=proportional,
+            notch=notch,
+            undo_lag=self.undo_lag,
+            undo_play=self.undo_play,
+            lag_most_m=self.undo_lag_mm * MM,
+        )
+
     def _delays(self, timing: TimingTable | None) -> Delays:
         dead, natural, damping = self.dead_ms * MS, 2.0 * math.pi * self.natural_hz, self.damping
-        follow, age = self.follow_ms * MS, self.tracker_age_ms * MS
+        follow, lag, age = self.follow_ms * MS, self.follow_lag_ms * MS, self.tracker_age_ms * MS
         if timing is not None:
             correction = timing.correction
             if correction.dead_time_ms:
@@ -138,7 +167,26 @@ class OnlineTable(Table):
                 natural = 2.0 * damping / (correction.lag_ms * MS)
             if timing.tracker.dead_time_ms:
                 age = max(0.0, timing.tracker.dead_time_ms[0]) * MS
-        return Delays(dead, natural, damping, follow, age)
+            if timing.drive.lag_ms > 0.0:
+                ahead = max(0.0, sum(timing.drive.dead_time_ms) / max(1, len(timing.drive.dead_time_ms))) * MS
+                lag = timing.drive.lag_ms * MS
+                follow = lag + ahead
+        return Delays(dead, natural, damping, follow, age, min(lag, follow))
+
+
+def tracker_plant(delays: Delays, period_s: float, mode: tuple[float, float] | None) -> TrackerPlant:
+    """What the tracker sees of a correction, from identified delays.
+
+    Args:
+        delays: Of the cell.
+        period_s: Cycle.
+        mode: Lowest mode, Hz, and its damping ratio; None is a robot without one.
+    """
+    from counterflex.runtime.tracker_design import TrackerPlant
+
+    hz, damping = mode if mode is not None else (0.0, 0.1)
+    delay = delays.dead_s + delays.tracker_s
+    return TrackerPlant(period_s, delay, delays.natural_per_s, delays.damping, 2.0 * math.pi * hz, damping)
 
 
 def _supervisor(period_ms: int) -> SupervisorSettings:

@@ -17,7 +17,8 @@ PLAN_V: Final = 4  # 3: unit feed direction, part axes; zero where nothing moves
 PLAN_W: Final = 7  # 6: predicted wrench on the tool about the TCP, part axes
 PLAN_CUT: Final = 13  # 1 where material is cut
 PLAN_C: Final = 14  # 6: correction that the program already contains, m and rotation vector, part axes
-PLAN_COLUMNS: Final = 20
+PLAN_PLAY: Final = 20  # 3: deviation by play and friction that the plan predicts and the program does not contain
+PLAN_COLUMNS: Final = 23
 
 BEHIND: Final = 2
 """Segments behind the last place that are looked at."""
@@ -50,7 +51,7 @@ def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int)
     below zero) looks at the whole path and takes the earliest place that is as near as any.
 
     Args:
-        plan: (n, 20), n >= 2.
+        plan: (n, PLAN_COLUMNS), n >= 2.
         place: (2,) row and fraction of the segment that begins there; row -1 is unknown. Changed.
         x: Commanded position, part frame, m.
         y: Likewise.
@@ -84,7 +85,7 @@ def wrench_at(plan: Float, place: Float, lead_s: float, w: Float) -> float:
     """Predicted wrench some time after, or before, the present place.
 
     Args:
-        plan: (n, 20).
+        plan: (n, PLAN_COLUMNS).
         place: (2,) of :func:`follow`.
         lead_s: How much later along the plan; below zero earlier.
         w: (6,) N, N m, part axes; written. Zero where nothing is cut.

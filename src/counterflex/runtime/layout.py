@@ -58,7 +58,11 @@ C_TORQUE: Final = 57  # variance of an axis torque from motor currents
 C_KP: Final = 58  # 3: feed, across, along the tool
 C_KI: Final = 61  # 3, times period
 C_KD: Final = 64  # 3, by period
-CONSTANTS: Final = 67
+C_PROPORTIONAL: Final = 67  # of the designed tracker controller
+C_NOTCH: Final = 68  # 5: its filter, b0 b1 b2 a1 a2
+C_LAG: Final = 73  # 3: gains of lag_correction, its largest translation in m
+C_AHEAD: Final = 76  # 2: dead time and lag of a correction, s
+CONSTANTS: Final = 78
 
 # Choices, int64.
 W_FORCE: Final = 0
@@ -75,7 +79,9 @@ W_DEFLECTION_BACK: Final = 10
 W_WINDOW: Final = 11
 W_TRACKER_STALE: Final = 12
 W_DISBELIEVED: Final = 13
-CHOICES: Final = 14
+W_LAG: Final = 14  # 1: undo the lag behind the program
+W_PLAY: Final = 15  # 1: undo the play that the plan predicts
+CHOICES: Final = 16
 
 # State, float64.
 S_Y: Final = 0  # 6: correction sent, m and rotation vector, part axes
@@ -101,7 +107,13 @@ S_TORQUE_KNOWN: Final = 235  # cycles it was averaged over
 S_PAST: Final = 236  # 64: row of the ring at the time of a sample
 S_PAST_BENT: Final = 300  # 18
 S_REST: Final = 318  # 6
-STATE: Final = 324
+S_NOTCH: Final = 324  # 12: memory of the designed controller's filter, two numbers per component
+S_FILTERED: Final = 336  # 6: deviation behind it
+S_RATE: Final = 342  # 6: speed of the commanded pose
+S_SECOND: Final = 348  # 6: its acceleration
+S_FORWARD: Final = 354  # 6: correction known ahead
+S_EARLIER: Final = 360  # 64: a second row of the ring
+STATE: Final = 424
 
 # State, int64: 0..4 of the supervisor, then
 N_RING: Final = 5  # next row of the ring

@@ -19,6 +19,7 @@ from counterflex.runtime.follow_kernel import (
     PLAN_COLUMNS,
     PLAN_CUT,
     PLAN_P,
+    PLAN_PLAY,
     PLAN_TIME,
     PLAN_V,
     PLAN_W,
@@ -29,7 +30,7 @@ from counterflex.runtime.monitor_layout import Event
 from counterflex.runtime.monitor_plan import monitor_plan
 from counterflex.runtime.monitor_settings import MonitorSettings, Reaction
 from counterflex.runtime.override_settings import OverrideSettings
-from counterflex.runtime.settings import ForceMode, OnlineSettings, per_direction, robot_answer
+from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode, per_direction, robot_answer
 from counterflex.runtime.step_kernel import step
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.signals.filters import Smoother
@@ -53,6 +54,7 @@ class LoopPlan:
         w_tcp_part: (n, 6) predicted wrench on the tool about its tip.
         cutting: (n,) 1 where material is cut.
         contained: (n, 6) correction that the program already contains, m and rotation vector.
+        play: (n, 3) m, deviation by play and friction that the plan predicts; None is none.
         turn_per_s: (n,) spindle speed, turns per second; None is not known.
         tool: (n,) number of the tool; None is one and the same.
         teeth: (n,) of the tool; None is not known.
@@ -65,6 +67,7 @@ class LoopPlan:
     w_tcp_part: Float
     cutting: Float
     contained: Float
+    play: Float | None = None
     turn_per_s: Float | None = None
     tool: Int | None = None
     teeth: Int | None = None
@@ -72,7 +75,7 @@ class LoopPlan:
     left_m: Float | None = None
 
     def packed(self) -> Float:
-        """(n, 20) for the step, with feed directions.
+        """(n, PLAN_COLUMNS) for the step, with feed directions.
 
         Raises:
             InputError: Fewer than two rows, wrong shapes, numbers that are not finite, time that runs backwards.
@@ -90,6 +93,8 @@ class LoopPlan:
         out[:, PLAN_W : PLAN_W + 6] = as_float("plan: w_tcp_part", self.w_tcp_part, (n, 6))
         out[:, PLAN_CUT] = as_float("plan: cutting", self.cutting, (n,))
         out[:, PLAN_C : PLAN_C + 6] = as_float("plan: contained", self.contained, (n, 6))
+        if self.play is not None:
+            out[:, PLAN_PLAY : PLAN_PLAY + 3] = as_float("plan: play", self.play, (n, 3))
         step_p = np.diff(p - out[:, PLAN_C : PLAN_C + 3], axis=0)
         length = np.linalg.norm(step_p, axis=1, keepdims=True)
         out[:-1, PLAN_V : PLAN_V + 3] = step_p / np.where(length > 0.0, length, 1.0)
@@ -177,7 +182,7 @@ class Loop:
         self._delta: Float = np.zeros((m, 6))
         self._scratch: Float = np.zeros((SCRATCH, 36))
         self._load: Float = np.zeros(12)
-        self._work: Float = np.zeros((9, 12))
+        self._work: Float = np.zeros((11, 12))
         self.monitor = _monitor(settings, self._plan, plan, monitor, override)
         self._place: Float = self._state[at.S_PLACE : at.S_PLACE + 2]
         self.reset()
@@ -415,6 +420,10 @@ def _constants(settings: OnlineSettings, T_base_part: Float, planned: bool) -> F
     put(at.C_JUMP, [tuning.largest_jump_m, settings.off_path_m])
     put(at.C_ANSWER, robot_answer(settings)[1])
     put(at.C_R_BASE_PART, T_base_part[:3, :3].reshape(-1))
+    out[at.C_PROPORTIONAL] = tuning.proportional
+    put(at.C_NOTCH, tuning.notch)
+    put(at.C_LAG, [*settings.delays.lag_gains, tuning.lag_most_m])
+    put(at.C_AHEAD, [settings.delays.dead_s, settings.delays.correction_s - settings.delays.dead_s])
     return out
 
 
@@ -442,6 +451,9 @@ def _choices(settings: OnlineSettings, planned: bool) -> Int:
     out[at.W_WINDOW] = _WINDOW
     out[at.W_TRACKER_STALE] = max(1, round(settings.fusion.tracker_stale_s / T))
     out[at.W_DISBELIEVED] = settings.fusion.disbelieved
+    designed = settings.tracker == TrackerMode.DESIGNED
+    out[at.W_LAG] = designed and settings.tuning.undo_lag
+    out[at.W_PLAY] = designed and settings.tuning.undo_play and planned and not settings.compensated
     for place, value in back.items():
         out[place] = value
     return out

@@ -37,6 +37,8 @@ class TrackerMode(IntEnum):
     """As published (Mandiola2023): ``c += sat(K e)``."""
     OBSERVER = 2
     """Estimates what force and plan do not explain, knowing the delay of the correction."""
+    DESIGNED = 3
+    """PI with a filter, gains from delay, lag and mode with stated margins; lag and play are undone ahead."""
 
 
 class Output(IntEnum):
@@ -70,6 +72,7 @@ class Delays:
         natural_per_s: Natural frequency of the robot's answer to a correction (second order), rad/s.
         damping: Its damping ratio.
         follow_s: How late the robot follows its programmed path.
+        follow_lag_s: How much of that is a first-order lag; the rest is dead time.
         tracker_s: Age of a tracker sample when the loop sees it.
     """
 
@@ -78,6 +81,14 @@ class Delays:
     damping: float = 0.7
     follow_s: float = 0.0
     tracker_s: float = 4.0 * MS
+    follow_lag_s: float = 0.0
+
+    @property
+    def lag_gains(self) -> tuple[float, float]:
+        """``f1`` (s) and ``g1 f1 - f2`` (s2) of :mod:`counterflex.runtime.feed_forward_kernel`."""
+        lag, dead = self.follow_lag_s, self.follow_s - self.follow_lag_s
+        second = lag * lag + lag * dead + 0.5 * dead * dead
+        return self.follow_s, self.correction_s * self.follow_s - second
 
     @property
     def correction_s(self) -> float:
@@ -90,7 +101,12 @@ class TrackerTuning:
     """Gains of the tracker loop.
 
     Attributes:
-        gain: K of the integrator, per cycle.
+        gain: K of the integrator, per cycle; Ki of the designed controller.
+        proportional: Kp of the designed controller.
+        notch: Its filter, ``b0 b1 b2 a1 a2``.
+        undo_lag: It undoes the lag behind the program ahead of any measurement.
+        undo_play: Likewise the play that the plan predicts, where the program does not contain it.
+        lag_most_m: Largest translation given for the lag; a faster program is not corrected along its path.
         saturation_m: Largest step of the integrator, per axis and cycle.
         saturation_rad: Likewise for orientation.
         drift_m: Standard deviation that the unexplained deviation gains per root second (observer).
@@ -108,6 +124,11 @@ class TrackerTuning:
     drift_rad: float = 0.02 * DEG
     noise_rad: float = 0.02 * DEG
     largest_jump_m: float = 2.0 * MM
+    proportional: float = 0.0
+    notch: tuple[float, float, float, float, float] = (1.0, 0.0, 0.0, 0.0, 0.0)
+    undo_lag: bool = False
+    undo_play: bool = False
+    lag_most_m: float = 1.5 * MM
 
 
 @dataclass(frozen=True)
@@ -197,6 +218,15 @@ class OnlineSettings:
         as_positive("online: dead_s", self.delays.dead_s, zero=True)
         as_positive("online: tracker_s", self.delays.tracker_s, zero=True)
         as_positive("online: follow_s", self.delays.follow_s, zero=True)
+        as_positive("online: follow_lag_s", self.delays.follow_lag_s, zero=True)
+        if self.delays.follow_lag_s > self.delays.follow_s:
+            raise InputError(
+                "the lag behind the path is longer than the whole delay",
+                value=self.delays.follow_lag_s,
+                limit=self.delays.follow_s,
+            )
+        as_positive("online: proportional gain of the tracker", self.tuning.proportional, zero=True)
+        as_positive("online: lag_most_m", self.tuning.lag_most_m)
         if abs(self.smoothing.period_s - self.period_s) > 1e-9:
             raise InputError("the force filter has another period", value=self.smoothing.period_s, limit=self.period_s)
         if self.hard_factor < 1.0:

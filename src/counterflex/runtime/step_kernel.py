@@ -28,9 +28,11 @@ from counterflex.runtime.estimate_kernel import (
     of_a_sensor,
     sources_of,
 )
+from counterflex.runtime.feed_forward_kernel import known_ahead
 from counterflex.runtime.follow_kernel import contained_at, follow, wrench_at
 from counterflex.runtime.force_kernel import blend, learn_scale, scaled
 from counterflex.runtime.frame_kernel import across, directions, pose_deviation, size_of, turn, turn_back
+from counterflex.runtime.past_kernel import row_at
 from counterflex.runtime.supervisor import (
     AT_CYCLES,
     AT_RISE,
@@ -52,7 +54,7 @@ from counterflex.runtime.supervisor import (
     risen,
     supervise,
 )
-from counterflex.runtime.tracker_kernel import observe, sum_up
+from counterflex.runtime.tracker_kernel import designed, designed_correction, observe, sum_up
 from counterflex.signals.filters import smooth
 from counterflex.signals.limiter import limited_step
 
@@ -65,7 +67,7 @@ _FAULT_LOST = 10
 _SEEK_CYCLES = 25
 """Cycles after which the place on the path is sought anew, as long as the loop is idle or ready."""
 _MEASURED, _PILOT, _SCALE, _FUSED = 1, 2, 3, 4
-_INTEGRATOR, _OBSERVER = 1, 2
+_INTEGRATOR, _OBSERVER, _DESIGNED = 1, 2, 3
 _READY, _ACTIVE = int(State.READY), int(State.ACTIVE)
 _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
 _LATE, _STOPPED, _FORCE_STALE = int(Cause.TELEGRAMS_LATE), int(Cause.TELEGRAMS_STOPPED), int(Cause.FORCE_STALE)
@@ -116,7 +118,7 @@ def step(
         constants: (at.CONSTANTS,).
         choices: (at.CHOICES,).
         supervisor_settings: (4,).
-        plan: (n, 20), or two rows that mean nothing without a plan.
+        plan: (n, PLAN_COLUMNS), or two rows that mean nothing without a plan.
         real: Compact chain.
         kind: Likewise.
         state: (at.STATE,); changed.
@@ -136,7 +138,7 @@ def step(
         load: (12,) its input.
         results: (at.RESULTS,) written.
         outcome: (at.OUTCOME,) written.
-        work: (9, 12) work space.
+        work: (11, 12) work space.
     """
     period = constants[at.C_PERIOD]
     elapsed = min(max(flags[at.F_ELAPSED], 0), MOST_ELAPSED)
@@ -260,7 +262,29 @@ def step(
             given, flags, constants, choices, elastic, nominal, contained[:6], predicted[:6], direction[:9],
             active, ring, state, whole, results, deviation[:6],
         )  # fmt: skip
-    if tracker_mode != 0 and flags[at.F_TRACKER_NEW] == 1 and hard != _NOT_FINITE:
+    forward_share = 1.0
+    if tracker_mode == _DESIGNED and hard != _NOT_FINITE:
+        for k in range(12):
+            ring[here, at.RING_NOMINAL + k] = nominal[k]
+        ring[here, at.RING_CLOCK] = state[at.S_CLOCK]
+        for k in range(12):
+            work[10, k] = 0.0
+        forward_share = known_ahead(
+            plan, ring, here, nominal, constants, choices, 1 if planned and soft == 0 else 0, state, work[9], work[10]
+        )
+        if flags[at.F_TRACKER_NEW] == 1:
+            late = given[at.G_TRACKER_LATE] if given[at.G_TRACKER_LATE] >= 0.0 else constants[at.C_TRACKER_LATE]
+            past = state[at.S_PAST : at.S_PAST + at.RING]
+            if row_at(ring, here, state[at.S_CLOCK] - late / period, past):
+                pose_deviation(given, at.G_ACTUAL, past[:12], contained[:6], deviation[:6])
+                if choices[at.W_NORMAL] == 1 and planned:
+                    across(deviation, 0, plan, row)
+                believed = size_of(deviation, 0) <= constants[at.C_JUMP] or not active
+                if believed:
+                    designed(deviation[:6], active and forward_share == 1.0, constants, state)
+                elif soft == 0:
+                    soft = _TRACKER_LOST
+    elif tracker_mode != 0 and flags[at.F_TRACKER_NEW] == 1 and hard != _NOT_FINITE:
         back = (here - choices[at.W_NOMINAL_BACK] + at.RING_ROWS) % at.RING_ROWS
         past = ring[back, at.RING_NOMINAL : at.RING_NOMINAL + 12]
         if choices[at.W_NOMINAL_BACK] == 0:
@@ -313,6 +337,13 @@ def step(
     if tracker_mode == _INTEGRATOR:
         for k in range(6):
             wanted[k] += state[at.S_SUM + k] if k < 3 or choices[at.W_ORIENTATION] == 1 else 0.0
+    elif tracker_mode == _DESIGNED:
+        offset = load[:6]
+        for k in range(6):
+            offset[k] = 0.0
+        designed_correction(constants, state, offset)
+        for k in range(6):
+            wanted[k] += offset[k] if k < 3 or choices[at.W_ORIENTATION] == 1 else 0.0
     elif tracker_mode == _OBSERVER:
         for k in range(6):
             wanted[k] -= state[at.S_OFFSET + k] if k < 3 or choices[at.W_ORIENTATION] == 1 else 0.0

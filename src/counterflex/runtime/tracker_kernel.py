@@ -1,4 +1,4 @@
-"""What a tracker's deviation does: the published integrator, and an observer of what force and plan do not explain."""
+"""What a tracker's deviation does: published integrator, designed PI with a filter, observer of the unexplained."""
 
 from __future__ import annotations
 
@@ -54,3 +54,37 @@ def observe(deviation: Float, deflection: Float, noise: Float, largest_m: float,
         for k in range(3 * part, 3 * part + 3):
             state[at.S_OFFSET + k] += gain * deviation[6 + k]
     return True
+
+
+@kernel("void(float64[::1], boolean, float64[::1], float64[::1])")
+def designed(deviation: Float, summing: bool, constants: Float, state: Float) -> None:
+    """Designed controller of :mod:`counterflex.runtime.tracker_design`: filter, then sum of what it passes.
+
+    ``f = N deviation``, ``c -= sat(Ki f)`` per component; :func:`designed_correction` adds ``-Kp f``.
+
+    Args:
+        deviation: (6,) actual minus where it should be, m and rad.
+        summing: Whether the sum goes on.
+        constants: Of the loop.
+        state: Of the step; filter and sum are changed.
+    """
+    b0, b1, b2 = constants[at.C_NOTCH], constants[at.C_NOTCH + 1], constants[at.C_NOTCH + 2]
+    a1, a2 = constants[at.C_NOTCH + 3], constants[at.C_NOTCH + 4]
+    for k in range(6):
+        memory = at.S_NOTCH + 2 * k
+        e = deviation[k]
+        f = b0 * e + state[memory]
+        state[memory] = b1 * e - a1 * f + state[memory + 1]
+        state[memory + 1] = b2 * e - a2 * f
+        state[at.S_FILTERED + k] = f
+        if summing:
+            largest = constants[at.C_SATURATION + (0 if k < 3 else 1)]
+            state[at.S_SUM + k] -= min(largest, max(-largest, constants[at.C_GAIN] * f))
+
+
+@kernel("void(float64[::1], float64[::1], float64[::1])")
+def designed_correction(constants: Float, state: Float, out: Float) -> None:
+    """Correction of the designed controller with what is known ahead, (6,) added to ``out``."""
+    for k in range(6):
+        feedback = state[at.S_SUM + k] - constants[at.C_PROPORTIONAL] * state[at.S_FILTERED + k]
+        out[k] += feedback + state[at.S_FORWARD + k]

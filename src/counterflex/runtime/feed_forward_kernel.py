@@ -1,0 +1,188 @@
+"""Corrections known ahead of any measurement: for the lag behind the program, and for play where axes turn round.
+
+With the program's path r, how the robot follows it F and how it answers a correction G (first orders of both)::
+
+    F = 1 - f1 s + f2 s^2 ...,   1/G = 1 + g1 s ...,   c = (1 - F) r / G = f1 dr/dt + (g1 f1 - f2) d2r/dt2
+
+Rates come from the commanded poses of the last telegrams, so they hold at any override.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.jit import kernel
+from counterflex.runtime import layout as at
+from counterflex.runtime.follow_kernel import PLAN_PLAY, PLAN_TIME
+from counterflex.runtime.frame_kernel import across, pose_deviation
+from counterflex.runtime.past_kernel import row_at
+
+SPAN: Final = 4
+"""Cycles over which a rate is taken; two of them lie behind an acceleration."""
+_SLOPE_S: Final = 0.04
+"""Time over which the change of the play is taken: rows of a plan lie 20 ms apart at slow feeds."""
+
+
+@kernel(
+    "boolean(float64[:, ::1], int64, float64[::1], float64, float64, float64[::1], float64[::1], float64[::1],"
+    " float64[::1], float64[::1], float64[::1])"
+)
+def rates(
+    ring: Float,
+    here: int,
+    nominal: Float,
+    clock: float,
+    period: float,
+    rate: Float,
+    second: Float,
+    zero: Float,
+    work: Float,
+    one: Float,
+    two: Float,
+) -> bool:
+    """Speed and acceleration of the commanded pose now, from differences over :data:`SPAN` cycles of the controller.
+
+    The mean speed of the last span belongs to its middle; the acceleration of two spans carries it to now. Poses of
+    telegrams that were lost are taken as linear in between.
+
+    Args:
+        ring: Of the last cycles, this one's pose and clock written.
+        here: Its row.
+        nominal: (12,) commanded pose now.
+        clock: Of now, cycles.
+        period: Cycle, s.
+        rate: (6,) m/s and rad/s, part axes; written.
+        second: (6,) m/s2 and rad/s2; written.
+        zero: (6,) zeros.
+        work: (12,) work space.
+        one: (RING,) work space.
+        two: (RING,) work space.
+
+    Returns:
+        False where the past is not long enough: rates are zero then.
+    """
+    known = row_at(ring, here, clock - SPAN, one) and row_at(ring, here, clock - 2.0 * SPAN, two)
+    if not known:
+        for k in range(6):
+            rate[k] = second[k] = 0.0
+        return False
+    pose_deviation(nominal, 0, one[at.RING_NOMINAL : at.RING_NOMINAL + 12], zero, work[:6])
+    pose_deviation(one, at.RING_NOMINAL, two[at.RING_NOMINAL : at.RING_NOMINAL + 12], zero, work[6:12])
+    span = SPAN * period
+    for k in range(6):
+        last, before = work[k] / span, work[6 + k] / span
+        second[k] = (last - before) / span
+        rate[k] = last + 0.5 * span * second[k]
+    return True
+
+
+@kernel("float64(float64[::1], float64[::1], float64[::1], float64, float64[::1])")
+def lag_correction(rate: Float, second: Float, gains: Float, largest: float, out: Float) -> float:
+    """Correction that undoes the lag behind the program, (6,) written; no larger than allowed, direction kept.
+
+    Args:
+        rate: (6,) m/s, rad/s.
+        second: (6,) m/s2, rad/s2.
+        gains: (2,) ``f1`` s and ``g1 f1 - f2`` s2.
+        largest: Largest translation, m.
+        out: (6,) m, rad.
+
+    Returns:
+        Share 0..1 of it that is given; below 1 the program runs too fast for it.
+    """
+    size = 0.0
+    for k in range(6):
+        out[k] = gains[0] * rate[k] + gains[1] * second[k]
+        size += out[k] * out[k] if k < 3 else 0.0
+    size = math.sqrt(size)
+    share = largest / size if size > largest else 1.0
+    for k in range(6):
+        out[k] *= share
+    return share
+
+
+@kernel("void(float64[:, ::1], float64[::1], float64, float64[::1])")
+def _play_at(plan: Float, place: Float, ahead_s: float, out: Float) -> None:
+    n = plan.shape[0]
+    i, u = int(place[0]), place[1]
+    time = plan[i, PLAN_TIME] + u * (plan[i + 1, PLAN_TIME] - plan[i, PLAN_TIME]) + ahead_s
+    while i < n - 2 and plan[i + 1, PLAN_TIME] < time:
+        i += 1
+    span = plan[i + 1, PLAN_TIME] - plan[i, PLAN_TIME]
+    u = min(1.0, max(0.0, (time - plan[i, PLAN_TIME]) / span)) if span > 0.0 else 1.0
+    for k in range(3):
+        out[k] = (1.0 - u) * plan[i, PLAN_PLAY + k] + u * plan[i + 1, PLAN_PLAY + k]
+
+
+@kernel("void(float64[:, ::1], float64[::1], float64, float64, float64[::1], float64[::1])")
+def play_ahead(plan: Float, place: Float, ahead_s: float, slope_s: float, out: Float, work: Float) -> None:
+    """Predicted deviation by play where the robot will be, ``l(t + D) + g l'(t + D)``: (3,) m, part axes, written.
+
+    Args:
+        plan: (n, PLAN_COLUMNS).
+        place: (2,) of :func:`counterflex.runtime.follow_kernel.follow`.
+        ahead_s: D, dead time of a correction.
+        slope_s: g, its lag.
+        out: (3,).
+        work: (3,) work space.
+    """
+    _play_at(plan, place, ahead_s, out)
+    if slope_s > 0.0:
+        _play_at(plan, place, ahead_s + _SLOPE_S, work)
+        for k in range(3):
+            out[k] += slope_s / _SLOPE_S * (work[k] - out[k])
+
+
+@kernel(
+    "float64(float64[:, ::1], float64[:, ::1], int64, float64[::1], float64[::1], int64[::1], int64, float64[::1],"
+    " float64[::1], float64[::1])"
+)
+def known_ahead(
+    plan: Float,
+    ring: Float,
+    here: int,
+    nominal: Float,
+    constants: Float,
+    choices: Int,
+    planned: int,
+    state: Float,
+    work: Float,
+    zero: Float,
+) -> float:
+    """Correction known ahead of any measurement, written into the state: lag behind the program, then play.
+
+    Args:
+        plan: (n, PLAN_COLUMNS).
+        ring: Of the last cycles, this one's pose and clock written.
+        here: Its row.
+        nominal: (12,) commanded pose now.
+        constants: Of the loop.
+        choices: Likewise.
+        planned: 1 where the place on the plan is known.
+        state: Of the step; rates and what is known ahead are written.
+        work: (12,) work space.
+        zero: (12,) zeros; the last six are used up.
+
+    Returns:
+        Share of the lag that could be undone, see :func:`lag_correction`.
+    """
+    forward = state[at.S_FORWARD : at.S_FORWARD + 6]
+    for k in range(6):
+        forward[k] = 0.0
+    share = 1.0
+    if choices[at.W_LAG] == 1:
+        rate, second = state[at.S_RATE : at.S_RATE + 6], state[at.S_SECOND : at.S_SECOND + 6]
+        rates(
+            ring, here, nominal, state[at.S_CLOCK], constants[at.C_PERIOD], rate, second, zero[:6], work,
+            state[at.S_PAST : at.S_PAST + at.RING], state[at.S_EARLIER : at.S_EARLIER + at.RING],
+        )  # fmt: skip
+        share = lag_correction(rate, second, constants[at.C_LAG : at.C_LAG + 2], constants[at.C_LAG + 2], forward)
+    if choices[at.W_PLAY] == 1 and planned == 1:
+        play_ahead(plan, state[at.S_PLACE :], constants[at.C_AHEAD], constants[at.C_AHEAD + 1], zero[6:9], zero[9:12])
+        for k in range(3):
+            forward[k] -= zero[6 + k]
+    if choices[at.W_NORMAL] == 1 and planned == 1:
+        across(forward, 0, plan, int(state[at.S_PLACE]))
+    return share

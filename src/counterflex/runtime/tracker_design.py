@@ -1,0 +1,392 @@
+"""Gains of the tracker loop from what is known of the robot, and the margins of any gains, in discrete time.
+
+The robot answers a correction after a dead time, behind a second-order lag, and through its lowest mode, which the
+motors shake at its base::
+
+    P(s) = exp(-D s) w0^2 / (s^2 + 2 z0 w0 s + w0^2) (1 + m (-s^2) / (s^2 + 2 z w s + w^2))
+
+D holds everything late: dead time of the correction, age of a tracker sample, half the window it is averaged over. The
+loop holds its output over a cycle T, so that P becomes ``P(z)`` exactly, for any D. The controller adds to the
+correction ``-C(z)`` times the deviation::
+
+    C(z) = N(z) (Kp + Ki / (1 - 1/z)),   N(z): damps the mode
+
+The published integrator (Mandiola2023) is ``Kp = 0, N = 1``. The zero of the PI cancels the slower pole of the lag.
+
+Source: Astrom and Wittenmark, Computer-Controlled Systems, ch. 3 (sampling with a dead time); margins as in Astrom and
+Hagglund, Advanced PID Control, ch. 4.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from counterflex.core.arrays import Float, as_positive
+from counterflex.core.errors import InputError, ModelError
+from counterflex.core.units import DEG
+
+Complex = NDArray[np.complex128]
+FLAT: Final = (1.0, 0.0, 0.0, 0.0, 0.0)
+"""Filter that passes everything: ``b0 b1 b2 a1 a2``."""
+_POINTS: Final = 6000
+_LOWEST_HZ: Final = 1e-3
+
+
+@dataclass(frozen=True)
+class TrackerPlant:
+    """What the tracker sees of a correction.
+
+    Attributes:
+        period_s: T.
+        delay_s: D.
+        natural_per_s: w0, rad/s.
+        damping: z0.
+        mode_per_s: w, rad/s; 0 is a robot without a mode.
+        mode_damping: z.
+        mode_share: m: 1 where the whole tool moves with the mode.
+    """
+
+    period_s: float
+    delay_s: float
+    natural_per_s: float
+    damping: float
+    mode_per_s: float = 0.0
+    mode_damping: float = 0.1
+    mode_share: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        for name in ("period_s", "natural_per_s", "damping", "mode_damping"):
+            as_positive(f"tracker loop: {name}", getattr(self, name))
+        for name in ("delay_s", "mode_per_s", "mode_share"):
+            as_positive(f"tracker loop: {name}", getattr(self, name), zero=True)
+
+    @property
+    def slow_s(self) -> float:
+        """Time constant of the slower pole of the lag; of both together where they are complex."""
+        if self.damping <= 1.0:
+            return 2.0 * self.damping / self.natural_per_s
+        return (self.damping + math.sqrt(self.damping**2 - 1.0)) / self.natural_per_s
+
+    def sampled(self) -> tuple[Float, Float, Float]:
+        """``x' = A x + B u, y = C x`` (n, n), (n,), (n,) over one cycle, exact, the dead time's cycles in the state."""
+        A, B, C = self._continuous()
+        T, n = self.period_s, len(B)
+        whole = math.floor(self.delay_s / T + 1e-9)
+        rest = max(0.0, self.delay_s - whole * T)
+        step, _ = _held(A, B, T)
+        to_the_end, early_input = _held(A, B, T - rest)
+        old = to_the_end @ _held(A, B, rest)[1]  # the input before still acts for ``rest``
+        size = n + whole + 1
+        out, into, seen = np.zeros((size, size)), np.zeros(size), np.zeros(size)
+        out[:n, :n] = step
+        # The state after the plant's: inputs of the last cycles, newest first.
+        if whole == 0:
+            into[:n] = early_input
+            out[:n, n] = old
+        else:
+            out[:n, n + whole - 1] = early_input
+            out[:n, n + whole] = old
+        into[n] = 1.0
+        for k in range(whole):
+            out[n + 1 + k, n + k] = 1.0
+        seen[:n] = C
+        return out, into, seen
+
+    def response(self, frequency_hz: Float) -> Complex:
+        """P at ``z = exp(2 pi i f T)``, (k,) complex."""
+        A, B, C = self.sampled()
+        z = np.exp(2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) * self.period_s)
+        system = z[:, None, None] * np.eye(len(B)) - A
+        solved = np.linalg.solve(system, np.broadcast_to(B.astype(np.complex128)[:, None], (*z.shape, len(B), 1)))
+        out: Complex = solved[..., 0] @ C.astype(np.complex128)
+        return out
+
+    def _continuous(self) -> tuple[Float, Float, Float]:
+        w0, z0, w, z = self.natural_per_s, self.damping, self.mode_per_s, self.mode_damping
+        lag = np.array([[0.0, 1.0], [-w0 * w0, -2.0 * z0 * w0]])
+        if w == 0.0 or self.mode_share == 0.0:
+            return lag, np.array([0.0, w0 * w0]), np.array([1.0, 0.0])
+        A = np.zeros((4, 4))
+        A[:2, :2] = lag
+        # The mode is shaken by the acceleration of its base: r'' + 2 z w r' + w^2 r = -y''.
+        A[2, 3] = 1.0
+        A[3] = [w0 * w0, 2.0 * z0 * w0, -w * w, -2.0 * z * w]
+        return A, np.array([0.0, w0 * w0, 0.0, -w0 * w0]), np.array([1.0, 0.0, self.mode_share, 0.0])
+
+
+@dataclass(frozen=True)
+class TrackerGains:
+    """A controller of the tracker loop.
+
+    Attributes:
+        integral: Ki per cycle.
+        proportional: Kp.
+        notch: ``b0 b1 b2 a1 a2`` of N.
+    """
+
+    integral: float
+    proportional: float = 0.0
+    notch: tuple[float, float, float, float, float] = FLAT
+
+    def response(self, frequency_hz: Float, period_s: float) -> Complex:
+        """C at ``z = exp(2 pi i f T)``, (k,) complex."""
+        back = np.exp(-2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) * period_s)
+        b0, b1, b2, a1, a2 = self.notch
+        shape = (b0 + b1 * back + b2 * back**2) / (1.0 + a1 * back + a2 * back**2)
+        out: Complex = shape * (self.proportional + self.integral / (1.0 - back))
+        return out
+
+    def sampled(self) -> tuple[Float, Float, Float, float]:
+        """``x' = A x + B e, c = C x + D e``: (3, 3), (3,), (3,) and D, c being what is taken off the correction."""
+        b0, b1, b2, a1, a2 = self.notch
+        gain = self.proportional + self.integral
+        # Filter in direct form II transposed: f = b0 e + s1; then the sum.
+        A = np.array([[-a1, 1.0, 0.0], [-a2, 0.0, 0.0], [self.integral, 0.0, 1.0]])
+        B = np.array([b1 - a1 * b0, b2 - a2 * b0, self.integral * b0])
+        return A, B, np.array([gain, 0.0, 1.0]), gain * b0
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far a loop is from instability.
+
+    Attributes:
+        crossover_hz: Where the open loop's gain falls through 1; NaN where it never is 1.
+        phase_rad: Least phase margin over all crossings; infinite without one.
+        gain: Least factor > 1 on the gains that makes it unstable.
+        sensitivity: Largest amplification of a deviation, Ms.
+        stable: All poles of the closed loop lie inside the unit circle.
+    """
+
+    crossover_hz: float
+    phase_rad: float
+    gain: float
+    sensitivity: float
+    stable: bool
+
+    @property
+    def gain_db(self) -> float:
+        """Gain margin in dB."""
+        return 20.0 * math.log10(self.gain)
+
+    @property
+    def phase_deg(self) -> float:
+        """Phase margin in deg."""
+        return self.phase_rad / DEG
+
+    def meets(self, wanted: DesignGoals) -> bool:
+        """Whether the margins are at least those wanted."""
+        return (
+            self.stable
+            and self.phase_rad >= wanted.phase_rad
+            and self.gain >= wanted.gain
+            and self.sensitivity <= wanted.sensitivity
+        )
+
+
+@dataclass(frozen=True)
+class DesignGoals:
+    """Margins that a design keeps.
+
+    Attributes:
+        phase_rad: Least phase margin.
+        gain: Least gain margin, a factor.
+        sensitivity: Largest Ms.
+        mode_off: Relative error of the mode's frequency, both ways, at which they still hold.
+        lag_off: Relative error of lag and delay, likewise.
+    """
+
+    phase_rad: float = 50.0 * DEG
+    gain: float = 10.0**0.5
+    sensitivity: float = 1.6
+    mode_off: float = 0.15
+    lag_off: float = 0.10
+
+
+def margins_of(response: Complex, frequency_hz: Float, stable: bool) -> Margins:
+    """Margins of an open loop from its frequency response.
+
+    Args:
+        response: (k,) L at rising frequencies, fine enough that neighbours differ little.
+        frequency_hz: (k,).
+        stable: Whether the closed loop is.
+    """
+    size, turned = np.abs(response), np.unwrap(np.angle(response))
+    crossings = np.flatnonzero((size[:-1] >= 1.0) != (size[1:] >= 1.0))
+    crossover, phase = math.nan, math.inf
+    for n, k in enumerate(crossings):
+        u = math.log(size[k]) / math.log(size[k] / size[k + 1])
+        angle = turned[k] + u * (turned[k + 1] - turned[k])
+        distance = abs((angle + math.pi + math.pi) % (2.0 * math.pi) - math.pi)
+        phase = min(phase, distance)
+        if n == 0:
+            crossover = float(frequency_hz[k] + u * (frequency_hz[k + 1] - frequency_hz[k]))
+    wound = np.floor((turned + math.pi) / (2.0 * math.pi))
+    gain = math.inf
+    for k in np.flatnonzero(wound[:-1] != wound[1:]):
+        line = math.pi * (2.0 * max(wound[k], wound[k + 1]) - 1.0)
+        u = (line - turned[k]) / (turned[k + 1] - turned[k])
+        at = size[k] ** (1.0 - u) * size[k + 1] ** u
+        if at < 1.0:
+            gain = min(gain, 1.0 / at)
+    return Margins(crossover, phase, gain, float(np.max(1.0 / np.abs(1.0 + response))), stable)
+
+
+def grid(period_s: float) -> Float:
+    """Frequencies from a thousandth of a Hz to just below half the sampling rate, evenly spread in ratio."""
+    out: Float = np.geomspace(_LOWEST_HZ, 0.4999 / as_positive("period_s", period_s), _POINTS)
+    return out
+
+
+def closed_loop_radius(plant: TrackerPlant, gains: TrackerGains) -> float:
+    """Largest magnitude of the closed loop's poles; below 1 is stable."""
+    A, B, C = plant.sampled()
+    F, G, H, D = gains.sampled()
+    # u = -(H x_c + D y), y = C x
+    top = np.concatenate([A - np.outer(B, D * C), -np.outer(B, H)], axis=1)
+    bottom = np.concatenate([np.outer(G, C), F], axis=1)
+    return float(np.max(np.abs(np.linalg.eigvals(np.concatenate([top, bottom])))))
+
+
+def margins(plant: TrackerPlant, gains: TrackerGains) -> Margins:
+    """Margins of a controller on a robot."""
+    f = grid(plant.period_s)
+    response = plant.response(f) * gains.response(f, plant.period_s)
+    # The sum leaves one pole on the circle's inside; 1 itself is the integrator without a loop.
+    return margins_of(response, f, closed_loop_radius(plant, gains) < 1.0 - 1e-12)
+
+
+def observer_response(plant: TrackerPlant, drift: float, noise: float, frequency_hz: Float) -> Complex:
+    """The observer as a controller, in its steady state: (k,) C such that it takes ``C e`` off the correction.
+
+    With L its gain and M the robot's answer as it is reckoned, ``C = L / (1 - (1 - L)/z - L M)``.
+
+    Args:
+        plant: Its lag and delay are what the observer reckons with, its mode is not.
+        drift: Variance that the deviation gains per cycle.
+        noise: Variance of a sample.
+        frequency_hz: (k,).
+    """
+    gain = observer_gain(drift, noise)
+    z = np.exp(2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) * plant.period_s)
+    model = replace(plant, mode_per_s=0.0).response(frequency_hz)
+    out: Complex = gain / (1.0 - (1.0 - gain) / z - gain * model)
+    return out
+
+
+def observer_gain(drift: float, noise: float) -> float:
+    """Steady gain of the observer: of ``P = Q + P R / (P + R)``, ``L = P / (P + R)``.
+
+    Args:
+        drift: Q, per cycle.
+        noise: R, per sample; one sample each cycle.
+    """
+    q = as_positive("drift", drift) / as_positive("noise", noise)
+    before = 0.5 * (q + math.sqrt(q * q + 4.0 * q))
+    return before / (before + 1.0)
+
+
+def notch_at(mode_per_s: float, damping: float, period_s: float) -> tuple[float, float, float, float, float]:
+    """Filter that takes a mode out: ``(s^2 + 2 z w s + w^2) / (s^2 + 2 w s + w^2)``, bilinear, exact at w.
+
+    Args:
+        mode_per_s: w, rad/s, below half the sampling rate.
+        damping: z of the mode.
+        period_s: Cycle.
+
+    Raises:
+        InputError: The mode lies at or above half the sampling rate.
+    """
+    if mode_per_s * period_s >= math.pi:
+        raise InputError("the mode is too fast for the loop", value=mode_per_s, limit=math.pi / period_s)
+    k = math.tan(0.5 * mode_per_s * period_s)
+    norm = 1.0 + 2.0 * k + k * k
+    middle = 2.0 * (k * k - 1.0) / norm
+    return (
+        (1.0 + 2.0 * damping * k + k * k) / norm,
+        middle,
+        (1.0 - 2.0 * damping * k + k * k) / norm,
+        middle,
+        (1.0 - 2.0 * k + k * k) / norm,
+    )
+
+
+def neighbours(plant: TrackerPlant, goals: DesignGoals) -> tuple[TrackerPlant, ...]:
+    """The robot as known, and off from it by what the goals allow for."""
+    out = [plant]
+    for mode in (-1.0, 0.0, 1.0) if plant.mode_per_s > 0.0 else (0.0,):
+        for lag in (-1.0, 0.0, 1.0):
+            if mode == 0.0 and lag == 0.0:
+                continue
+            slower = 1.0 + lag * goals.lag_off
+            out.append(
+                replace(
+                    plant,
+                    mode_per_s=plant.mode_per_s * (1.0 + mode * goals.mode_off),
+                    natural_per_s=plant.natural_per_s / slower,
+                    delay_s=plant.delay_s * slower,
+                )
+            )
+    return tuple(out)
+
+
+def design(plant: TrackerPlant, goals: DesignGoals | None = None, *, notch: bool = True) -> TrackerGains:
+    """Largest gains that keep the margins, on the robot as known and on its neighbours.
+
+    Args:
+        plant: The robot.
+        goals: Margins; None are 50 deg, 10 dB, Ms 1.6 with the mode off by 15 % and lag and delay by 10 %.
+        notch: Take the mode out with a filter.
+
+    Returns:
+        A PI whose zero cancels the slower pole of the lag.
+
+    Raises:
+        ModelError: Not even the smallest gain keeps the margins.
+    """
+    wanted = goals if goals is not None else DesignGoals()
+    shape = FLAT
+    if notch and plant.mode_per_s > 0.0:
+        shape = notch_at(plant.mode_per_s, plant.mode_damping, plant.period_s)
+    ratio = plant.slow_s / plant.period_s - 0.5  # the sum has half a cycle of its own
+    robots = neighbours(plant, wanted)
+    f = grid(plant.period_s)
+    answers = [robot.response(f) for robot in robots]
+
+    def fits(integral: float) -> bool:
+        gains = TrackerGains(integral, max(0.0, ratio) * integral, shape)
+        own = gains.response(f, plant.period_s)
+        for robot, answer in zip(robots, answers, strict=True):
+            if not margins_of(answer * own, f, stable=True).meets(wanted):
+                return False
+            if not closed_loop_radius(robot, gains) < 1.0 - 1e-12:
+                return False
+        return True
+
+    low = 1e-5
+    if not fits(low):
+        raise ModelError("no gain keeps the margins of the tracker loop", value=f"delay {plant.delay_s:g} s")
+    high = low
+    while high < 1.0 and fits(2.0 * high):
+        high *= 2.0
+    low, high = high, 2.0 * high
+    for _ in range(20):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    return TrackerGains(low, max(0.0, ratio) * low, shape)
+
+
+def _held(A: Float, B: Float, time_s: float) -> tuple[Float, Float]:
+    """Transition (n, n) and input (n,) of ``x' = A x + B u`` over a time with u held."""
+    n = len(B)
+    block = np.zeros((n + 1, n + 1))
+    block[:n, :n], block[:n, n] = A * time_s, B * time_s
+    out: Float = expm(block)
+    return out[:n, :n], out[:n, n]
