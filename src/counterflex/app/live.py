@@ -11,20 +11,22 @@ from typing import Any
 from counterflex import __version__
 from counterflex.app import simulate
 from counterflex.app.inputs import read_job
+from counterflex.app.twin_controllers import egm_controller, rsi_controller, which
 from counterflex.core import atomic
+from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, silent
-from counterflex.files.cell import read_cell
+from counterflex.files.cell import Cell, read_cell
 from counterflex.files.run_file import write_run
 from counterflex.files.summary_file import write_summary
 from counterflex.twin.cell_server import CellServer, Instruments
-from counterflex.twin.fake_rsi import FakeRsi, RsiContext
+from counterflex.twin.fake_rsi import RsiContext
 from counterflex.twin.force_sensor import force_sensor
 from counterflex.twin.laboratory import laboratory
 from counterflex.twin.live_cell import LiveCell
 from counterflex.twin.netft_server import NetftServer
 from counterflex.twin.path_answer import PathAnswer
+from counterflex.twin.robot_controller import RobotController
 from counterflex.twin.truth_file import read_truth, write_truth
-from counterflex.wire.rsi_config import read_config
 
 
 @dataclass(frozen=True)
@@ -35,9 +37,11 @@ class LiveSettings:
         program: G-code that its robot runs.
         cell: Cell file: what its controller believes.
         truth: Truth file: how it really is.
-        rsi: ETHERNET configuration; telegrams go to its IP_NUMBER and PORT.
+        rsi: ETHERNET configuration of a KUKA controller; telegrams go to its IP_NUMBER and PORT. None: an ABB one.
         original: The uncompensated program, to judge a compensated one; None is the program itself.
         peer: Where telegrams go instead, or None.
+        egm: Where the messages of an ABB controller go, set as the cell file says; None: a KUKA one.
+        own_force: The ABB controller sends the force sensor's readings itself.
         netft_port: UDP port of the force sensor; 0 takes a free one, None leaves it out.
         netft_http_port: Of its scaling document.
         tracker_peer: Where tracker datagrams go, or None.
@@ -52,9 +56,11 @@ class LiveSettings:
     program: Path
     cell: Path
     truth: Path
-    rsi: Path
+    rsi: Path | None = None
     original: Path | None = None
     peer: tuple[str, int] | None = None
+    egm: tuple[str, int] | None = None
+    own_force: bool = False
     netft_port: int | None = 0
     netft_http_port: int = 0
     tracker_peer: tuple[str, int] | None = None
@@ -100,7 +106,7 @@ def run(
     reference = settings.original if settings.original is not None else settings.program
     if settings.original is not None:
         read_job(reference, cell)
-    config = read_config(settings.rsi)
+    robot_controller, peer, own_force = _controller(settings, cell)
     live = LiveCell(
         job.machined,
         truth=truth,
@@ -110,7 +116,8 @@ def run(
         datum_points_part=cell.datum_points_part if cell.tables.part.measured_with == "robot" else None,
         answer=settings.answer,
     )
-    live.skip_to_contact()
+    if not robot_controller.guides:
+        live.skip_to_contact()
     laboratory_ = laboratory(settings.seed)
     netft = None
     if settings.netft_port is not None:
@@ -124,15 +131,14 @@ def run(
         hose_share=settings.hose_share,
     )
     instruments = Instruments(laboratory_, sensor, netft, settings.tracker_peer)
-    rsi = FakeRsi(config, settings.context)
-    peer = settings.peer if settings.peer is not None else (config.host, config.port)
     server = CellServer(
         live,
-        rsi,
+        robot_controller,
         peer,
         instruments,
+        own_force,
         realtime=settings.realtime,
-        gate_cycles=round(settings.gate_s / settings.context.cycle_s),
+        gate_cycles=round(settings.gate_s / robot_controller.cycle_s),
     )
     begin = time.perf_counter()
     try:
@@ -148,7 +154,7 @@ def run(
                 "truth": truth.name,
                 "seed": truth.seed,
                 "machining": simulate.figures(record),
-                "online": {"cycles": server.cycles, "late_answers": rsi.late, "ended": why},
+                "online": {"cycles": server.cycles, "late_answers": robot_controller.late, "ended": why},
                 "seconds": round(time.perf_counter() - begin, 3),
                 "counterflex": __version__,
             }
@@ -161,3 +167,20 @@ def run(
     finally:
         server.close()
     return summary
+
+
+def _controller(
+    settings: LiveSettings, cell: Cell
+) -> tuple[RobotController, tuple[str, int], Callable[[Float], None] | None]:
+    """Controller, where its telegrams go, and who takes the force that it measures itself."""
+    which(settings.rsi, settings.egm)
+    if settings.rsi is not None:
+        rsi, where = rsi_controller(settings.rsi, settings.context)
+        return rsi, settings.peer if settings.peer is not None else where, None
+    egm = egm_controller(cell)
+
+    def own_force(w_sensor: Float) -> None:
+        egm.force = w_sensor
+
+    peer = settings.egm if settings.egm is not None else ("127.0.0.1", 6510)
+    return egm, settings.peer or peer, own_force if settings.own_force else None

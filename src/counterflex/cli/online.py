@@ -12,7 +12,8 @@ from counterflex.cli.program import CellFile, Out, Program
 from counterflex.core.errors import InputError
 
 Rsi = Annotated[
-    Path, typer.Option("--rsi", help="ETHERNET configuration file of the RSI context (.xml).", metavar="FILE")
+    Path | None,
+    typer.Option("--rsi", help="KUKA: ETHERNET configuration file of the RSI context (.xml).", metavar="FILE"),
 ]
 
 
@@ -40,15 +41,22 @@ def address(text: str, option: str) -> tuple[str, int]:
 
 def run(
     cell: CellFile,
-    rsi: Rsi,
     out: Out,
+    rsi: Rsi = None,
+    egm: Annotated[
+        int | None,
+        typer.Option("--egm", help="ABB: UDP port for EGM, set up by [egm].", min=0, max=65535, metavar="PORT"),
+    ] = None,
     plan: Annotated[
         Path | None, typer.Option("--plan", help="Plan file of the program (.parquet).", metavar="PLAN")
     ] = None,
     original: Annotated[
         bool, typer.Option("--original", help="The robot runs the original program, not the compensated one.")
     ] = False,
-    force: Annotated[str | None, typer.Option("--force", help="Force sensor (Net F/T).", metavar="HOST:PORT")] = None,
+    force: Annotated[
+        str | None,
+        typer.Option("--force", help="Force sensor (Net F/T); with EGM else the robot's own.", metavar="HOST:PORT"),
+    ] = None,
     force_http: Annotated[int, typer.Option("--force-http", help="Port of its scaling document.", min=1)] = 80,
     tracker: Annotated[
         int | None, typer.Option("--tracker", help="UDP port for tracker datagrams.", min=0, max=65535)
@@ -88,7 +96,7 @@ def run(
     from counterflex.app import online as job
     from counterflex.runtime.fusion import level
 
-    keep_inputs(out, cell, rsi, *([] if plan is None else [plan]))
+    keep_inputs(out, cell, *(path for path in (rsi, plan) if path is not None))
     if arm and not lockstep and not trust_machine:
         from counterflex.app.doctor import require_fit
 
@@ -99,6 +107,8 @@ def run(
         plan=plan,
         compensated=not original,
         host=listen,
+        port=egm,
+        egm=egm is not None,
         force=None if force is None else address(force, "--force"),
         force_http_port=force_http,
         tracker_port=tracker,
@@ -150,9 +160,16 @@ def run(
 def cell(
     program: Program,
     cell: CellFile,
-    rsi: Rsi,
     truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH")],
     out: Out,
+    rsi: Rsi = None,
+    egm: Annotated[
+        str | None,
+        typer.Option("--egm", help="ABB: where EGM messages go; set up by [egm] of the cell.", metavar="HOST:PORT"),
+    ] = None,
+    own_force: Annotated[
+        bool, typer.Option("--own-force", help="ABB: the controller sends the force sensor's readings itself.")
+    ] = False,
     original: Annotated[
         Path | None,
         typer.Option("--original", help="The uncompensated program, to judge a compensated one.", metavar="PROGRAM"),
@@ -166,11 +183,12 @@ def cell(
         str | None, typer.Option("--tracker", help="Send tracker datagrams there.", metavar="HOST:PORT")
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Of the instruments.", min=0)] = 0,
+    gate_s: Annotated[float, typer.Option("--gate-s", help="Rest before the program starts.", min=0.0)] = 0.8,
     realtime: Annotated[
         bool, typer.Option("--realtime", help="Keep real time; else wait for every answer, as fast as both can.")
     ] = False,
 ) -> None:
-    """Run a program on the simulated cell behind its real protocols: KUKA RSI, Net F/T, tracker datagrams.
+    """Run a program on the simulated cell behind its real protocols: KUKA RSI or ABB EGM, Net F/T, tracker.
 
     It begins to send at once: start `counterflex run` first. Writes into DIR what `simulate` writes.
 
@@ -178,7 +196,7 @@ def cell(
     """
     from counterflex.app import live as job
 
-    keep_inputs(out, program, cell, truth, rsi)
+    keep_inputs(out, program, cell, truth, *([] if rsi is None else [rsi]))
     settings = job.LiveSettings(
         program=program,
         cell=cell,
@@ -186,10 +204,13 @@ def cell(
         rsi=rsi,
         original=original,
         peer=None if peer is None else address(peer, "--peer"),
-        netft_port=force_port,
+        egm=None if egm is None else address(egm, "--egm"),
+        own_force=own_force,
+        netft_port=None if own_force else force_port,
         netft_http_port=force_http,
         tracker_peer=None if tracker is None else address(tracker, "--tracker"),
         seed=seed,
+        gate_s=gate_s,
         realtime=realtime,
     )
 

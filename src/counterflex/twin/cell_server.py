@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -50,17 +51,30 @@ class Instruments:
         self._tracker: TrackerSender | None = None
         if self.tracker_peer is not None:
             self._tracker = TrackerSender(self.tracker_peer, self.tracker_faults)
+        self._force_sum: Float = np.zeros(6)
+        self._force_count = 0
 
     def sample(self, cell: LiveCell, time_s: float) -> None:
         """Read and send."""
-        if self.netft is not None and self.force_sensor is not None:
+        if self.force_sensor is not None:
             true = self.force_sensor.true_wrench(cell.plant, cell.plant.truth.gravity_base)
             w = self.force_sensor.reading(true, time_s, self.temperature_c)
             noise = self._force_noise.standard_normal(6)
             scale = np.r_[np.full(3, self.laboratory.force_n), np.full(3, self.laboratory.moment_nm)]
-            self.netft.send(w + scale * noise, time_s)
+            self._force_sum += w + scale * noise
+            self._force_count += 1
+            if self.netft is not None:
+                self.netft.send(w + scale * noise, time_s)
         if self._tracker is not None:
             self._send_pose(self._tracker, cell, time_s)
+
+    def mean_force(self) -> Float | None:
+        """(6,) N, N m: mean reading of the force sensor since the last call; None where there was none."""
+        if self._force_count == 0:
+            return None
+        mean: Float = self._force_sum / self._force_count
+        self._force_sum, self._force_count = np.zeros(6), 0
+        return mean
 
     def _send_pose(self, tracker: TrackerSender, cell: LiveCell, time_s: float) -> None:
         lab = self.laboratory
@@ -85,6 +99,7 @@ class CellServer(RobotServer):
         controller: Its side of the protocol.
         peer: Where telegrams go: host and port of the sensor program.
         instruments: Or None.
+        own_force: Told once per telegram what the force sensor showed, for a controller that sends it itself.
         settings: Further arguments of :class:`counterflex.twin.robot_server.RobotServer`.
     """
 
@@ -94,10 +109,11 @@ class CellServer(RobotServer):
         controller: RobotController,
         peer: tuple[str, int],
         instruments: Instruments | None = None,
+        own_force: Callable[[Float], None] | None = None,
         **settings: Any,
     ) -> None:
         super().__init__(cell, controller, peer, **settings)
-        self.cell, self.instruments = cell, instruments
+        self.cell, self.instruments, self._own_force = cell, instruments, own_force
         if instruments is not None:
             cell.on_step = self._on_step  # type: ignore[method-assign]
 
@@ -106,7 +122,11 @@ class CellServer(RobotServer):
             self.instruments.sample(self.cell, self.cell.time_s + (i + 1) * self.cell.plant.step_s)
 
     def poll(self) -> None:
-        """Take what was asked of the instruments."""
+        """Take what was asked of the instruments, and hand on what the controller measures itself."""
+        if self.instruments is not None and self._own_force is not None:
+            mean = self.instruments.mean_force()
+            if mean is not None:
+                self._own_force(mean)
         if self.instruments is not None and self.instruments.netft is not None:
             self.instruments.netft.poll()
 

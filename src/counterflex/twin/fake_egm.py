@@ -93,6 +93,7 @@ class FakeEgm:
 
     Args:
         context: Settings of the controller.
+        T_part_frame: (4, 4) frame of its messages in the part frame; None: they are in the part frame.
 
     Attributes:
         counter: Sequence number of the newest message.
@@ -110,8 +111,10 @@ class FakeEgm:
         converged: The tool stands within the window.
     """
 
-    def __init__(self, context: EgmContext) -> None:
+    def __init__(self, context: EgmContext, T_part_frame: Float | None = None) -> None:
         self.context = context
+        self._T_part_frame = np.eye(4) if T_part_frame is None else T_part_frame
+        self._T_frame_part = pose.inverse(self._T_part_frame)
         self.counter = -1
         self.late, self.stopped, self.refused = 0, "", ""
         self.correction: Float = np.zeros(6)
@@ -138,6 +141,11 @@ class FakeEgm:
         return self.context.cycle_s
 
     @property
+    def guides(self) -> bool:
+        """Position guidance: poses from outside guide the robot, no program."""
+        return self.context.mode == "pose"
+
+    @property
     def only_sends(self) -> bool:
         """False: something is expected back."""
         return False
@@ -154,8 +162,8 @@ class FakeEgm:
             sequence=self.counter & 0xFFFFFFFF,
             time_ms=(self.context.first_ms + round(self._sent * self.context.cycle_s / MS)) & 0xFFFFFFFF,
             q=report.q_actual,
-            T_frame_tcp=report.T_part_actual,
-            T_frame_tcp_planned=planned,
+            T_frame_tcp=self._T_frame_part @ report.T_part_actual,
+            T_frame_tcp_planned=self._T_frame_part @ planned,
             motors_on=True,
             guided=self.enabled and running,
             rapid_running=running,
@@ -200,7 +208,7 @@ class FakeEgm:
 
     def guided_pose(self) -> Float | None:
         """(4, 4) where the tool is to be, part frame, where poses guide; else None."""
-        return self._now if self.context.mode == "pose" else None
+        return self._now if self.guides else None
 
     def _accept(self, data: bytes | None) -> str:
         if data is None:
@@ -209,7 +217,7 @@ class FakeEgm:
             if self.context.mode == "path":
                 sequence, offset, _ = read_path_correction(data)
             else:
-                sequence, T_part_tcp, twist = read_guidance(data)
+                sequence, T_frame_tcp, twist = read_guidance(data)
         except CounterflexError:
             return "unreadable"
         if sequence == self._last:
@@ -218,7 +226,9 @@ class FakeEgm:
         if self.context.mode == "path":
             self.correction[1:3] = offset[1:3]
         else:
-            self._reference, self._twist = T_part_tcp, twist
+            R = self._T_part_frame[:3, :3]
+            self._reference = self._T_part_frame @ T_frame_tcp
+            self._twist = np.r_[R @ twist[:3], R @ twist[3:]]
         return ""
 
     def _follow(self, T_part_tcp: Float) -> None:

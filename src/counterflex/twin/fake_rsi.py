@@ -115,6 +115,11 @@ class FakeRsi:
         return self.context.cycle_s
 
     @property
+    def guides(self) -> bool:
+        """False: RSI corrects a program."""
+        return False
+
+    @property
     def only_sends(self) -> bool:
         """ONLYSEND: nothing is expected back."""
         return self.config.only_send

@@ -37,6 +37,10 @@ class RobotController(Protocol):
         """Time between telegrams."""
 
     @property
+    def guides(self) -> bool:
+        """Poses from outside guide the robot, no program."""
+
+    @property
     def only_sends(self) -> bool:
         """Nothing is expected back."""
 

@@ -64,7 +64,7 @@ class RobotServer:
     """Runs a robot behind the protocol of its controller until its program has ended.
 
     Args:
-        robot: The robot.
+        robot: The robot; its cycle divides that of the protocol.
         controller: Its side of the protocol.
         peer: Where telegrams go: host and port of the sensor program.
         realtime: Keep real time; else lockstep.
@@ -97,16 +97,20 @@ class RobotServer:
         faults: FaultSchedule | None = None,
         observe: Callable[[CycleSeen], None] | None = None,
     ) -> None:
-        if abs(controller.cycle_s - robot.period_s) > 1e-9:
-            raise InputError("cycle of the protocol and of the cell", value=controller.cycle_s, limit=robot.period_s)
-        if answer_s is not None and not 0.0 < answer_s <= robot.period_s:
-            raise InputError("time for an answer", value=answer_s, limit=f"> 0 and <= {robot.period_s:g} s")
+        self._period_s = controller.cycle_s
+        self._per_telegram = round(self._period_s / robot.period_s)
+        if self._per_telegram < 1 or abs(self._period_s - self._per_telegram * robot.period_s) > 1e-9:
+            raise InputError(
+                "cycle of the protocol is no multiple of the cell's", value=controller.cycle_s, limit=robot.period_s
+            )
+        if answer_s is not None and not 0.0 < answer_s <= self._period_s:
+            raise InputError("time for an answer", value=answer_s, limit=f"> 0 and <= {self._period_s:g} s")
         self.robot, self.controller, self.peer = robot, controller, peer
         self.realtime, self.patience_s, self.gate_cycles = realtime, patience_s, gate_cycles
         self.waiting_s = waiting_s
         self.cycles = 0
         self.stop_reason = ""
-        self._answer_s = robot.period_s if answer_s is None else answer_s
+        self._answer_s = self._period_s if answer_s is None else answer_s
         self._faults = faults if faults is not None else FaultSchedule()
         self._faults.require(FAULTS, "a robot controller")
         self._out, self._in = FaultyLine(self._faults, "out"), FaultyLine(self._faults, "in")
@@ -137,14 +141,14 @@ class RobotServer:
             self.stop_reason = "no sensor program"
             return self.stop_reason
         rest = after
-        total = self.robot.cycles
+        total = self.robot.cycles / self._per_telegram
         self._due = time.perf_counter()
         while most_cycles is None or self.cycles < most_cycles:
             if self.cycles == self.gate_cycles:
                 self.robot.start()
             self.controller.enabled = self.cycles >= self.gate_cycles and not self.robot.finished
             self.poll()
-            condition = self._faults.condition(self.cycles, self.cycles * self.robot.period_s)
+            condition = self._faults.condition(self.cycles, self.cycles * self._period_s)
             if condition.dead:
                 self.stop_reason = "died"
                 return self.stop_reason
@@ -169,9 +173,13 @@ class RobotServer:
         return self.stop_reason
 
     def _advance(self, held: bool) -> Report:
+        """The cycles of the robot until the next telegram."""
         controller = self.controller
         override = 0.0 if held else controller.override
-        return self.robot.advance(controller.pose_correction(), controller.axes, override, controller.guided_pose())
+        correction, guided = controller.pose_correction(), controller.guided_pose()
+        for _ in range(self._per_telegram):
+            report = self.robot.advance(correction, controller.axes, override, guided)
+        return report
 
     def _wait_for_peer(self) -> bool:
         """Repeat the first telegram until somebody answers; nothing moves, nothing is counted."""
@@ -199,10 +207,10 @@ class RobotServer:
             telegram: Of this cycle.
             silent: It is not sent, and nothing is expected.
         """
-        now_s = self.cycles * self.robot.period_s
+        now_s = self.cycles * self._period_s
         self._reply_s, self._unharmed = math.nan, False
         self._sent_at = time.perf_counter()
-        self._due += self.robot.period_s
+        self._due += self._period_s
 
         def deliver(data: bytes) -> None:
             self._unharmed |= data == telegram
@@ -239,7 +247,7 @@ class RobotServer:
 
     def _wait_realtime(self, now_s: float) -> bytes | None:
         found: list[bytes] = []
-        begin, window = self._due - self.robot.period_s, self._due - self.robot.period_s + self._answer_s
+        begin, window = self._due - self._period_s, self._due - self._period_s + self._answer_s
 
         def elapsed_s() -> float:
             return now_s + max(0.0, time.perf_counter() - begin)
@@ -258,7 +266,7 @@ class RobotServer:
                 continue
             self._reply_s = time.perf_counter() - self._sent_at
             self._in.put(data, elapsed_s(), found.append)
-        if time.perf_counter() - self._due > _LATE_CYCLES * self.robot.period_s:
+        if time.perf_counter() - self._due > _LATE_CYCLES * self._period_s:
             self._due = time.perf_counter()  # the simulation itself came late: start counting anew
         return found[-1] if found else None
 
