@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
 from counterflex.twin.faults import FaultSchedule
 from counterflex.twin.force_sensor import ForceSensor
