@@ -41,6 +41,7 @@ from counterflex.runtime.layout import O_CAUSE, O_DEGRADED, O_SOFT, O_SOURCES, O
 from counterflex.runtime.loop import Loop, LoopPlan
 from counterflex.runtime.record_ring import OUTCOME, RESULTS, RecordRing
 from counterflex.runtime.sensor_wrench import SensorWrench
+from counterflex.runtime.spindle_inertia import SpindleInertia
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.wire.netft import Scaling
 
@@ -180,6 +181,10 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         force, wrench = netft, SensorWrench(cell.chain, sensor, cell.T_base_part)
     elif isinstance(link, EgmLink) and sensor is not None and table.force != "none":
         force, wrench = EgmForce(link), SensorWrench(cell.chain, sensor, cell.T_base_part)
+    inertia = None
+    if sensor is not None and loop.settings.inertia_hz > 0.0:
+        hz, period = loop.settings.inertia_hz, loop.settings.period_s
+        inertia = SpindleInertia(cell.chain, sensor, cell.T_base_part, hz, period)
     if settings.tracker_port is not None and cell.tables.tracker is not None:
         tracker = TrackerLink(settings.host, settings.tracker_port)
         frames = tracker_frames(cell.T_base_part, cell.tables.tracker.T_base_tracker, tcp_target(cell, cell.chain))
@@ -188,6 +193,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         loop,
         force=force,
         wrench=wrench,
+        inertia=inertia,
         tracker=tracker,
         T_part_tracker=frames[0],
         T_target_tcp=frames[1],

@@ -50,6 +50,7 @@ class OnlineTable(Table):
     derivative_ms: Derivative | tuple[Derivative, Derivative, Derivative] = 0.0
     corner_hz: Annotated[float, Field(ge=0.0, le=100.0)] = 8.0
     average: Annotated[int, Field(ge=1, le=250)] = 8
+    inertia_hz: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
     threshold_n: Above = 150.0
     blend_ms: Above = 80.0
     lead_ms: Level | None = None
@@ -113,6 +114,7 @@ class OnlineTable(Table):
             integral_per_s=self.integral_per_s,
             derivative_s=(d_feed * MS, d_across * MS, d_axial * MS),
             smoothing=Smoothing(self.corner_hz, self.average, period),
+            inertia_hz=self.inertia_hz,
             pilot=Pilot(
                 self.threshold_n,
                 self.blend_ms * MS,

@@ -48,6 +48,9 @@ class RobotLink(Protocol):
     def fill(self, given: Float) -> None:
         """Write commanded pose without correction and axis angles into the inputs of the step."""
 
+    def fill_actual(self, given: Float) -> bool:
+        """Write the pose that the motors stand at into the place of a measured one; False where it is not sent."""
+
     def answer(
         self,
         correction: Float,

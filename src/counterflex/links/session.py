@@ -28,6 +28,7 @@ from counterflex.runtime.loop import Loop
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.sensor_wrench import SensorWrench
 from counterflex.runtime.settings import ForceMode, Output, TrackerMode
+from counterflex.runtime.spindle_inertia import SpindleInertia
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.signals.arrival import ArrivalClock
 
@@ -100,6 +101,7 @@ class OnlineSession:
         loop: The step.
         force: Force sensor, or None.
         wrench: Its reading as process wrench; needed with ``force``.
+        inertia: Takes the inertia of the spindle out of it, or None.
         tracker: Tracker, or None.
         T_part_tracker: (4, 4) tracker in the part frame; needed with ``tracker``.
         T_target_tcp: (4, 4) tool tip in the tracker's target; needed with ``tracker``.
@@ -123,6 +125,7 @@ class OnlineSession:
         *,
         force: ForceSource | None = None,
         wrench: SensorWrench | None = None,
+        inertia: SpindleInertia | None = None,
         tracker: TrackerLink | None = None,
         T_part_tracker: Float | None = None,
         T_target_tcp: Float | None = None,
@@ -133,7 +136,9 @@ class OnlineSession:
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.link, self.loop, self.force, self.tracker, self.ring = link, loop, force, tracker, ring
-        self._wrench = wrench
+        self._wrench, self._inertia = wrench, inertia
+        self._stand: Float = np.zeros(at.GIVEN)
+        self._since = 0
         self._T_part_tracker = np.eye(4) if T_part_tracker is None else np.ascontiguousarray(T_part_tracker)
         self._T_target_tcp = np.eye(4) if T_target_tcp is None else np.ascontiguousarray(T_target_tcp)
         self.control: Int = np.zeros(REQUESTS, dtype=np.int64) if control is None else control
@@ -187,6 +192,7 @@ class OnlineSession:
         if came:
             link.fill(given)
         soft, hard = self._watch_telegrams(came, received, hard)
+        self._since += link.elapsed if came else 0
         soft, hard = self._read_force(given, soft, hard)
         new = self._read_tracker(given)
         if link.clamped and soft == 0:
@@ -276,9 +282,21 @@ class OnlineSession:
             self._tare(w)
         if self._needs_force and self._tared >= _TARE_CYCLES and not self._healthy_force and soft == 0:
             soft = _OFFSET
-        for k in range(6):
-            given[at.G_W + k] = w[k] - self._zero[k]
+        w -= self._zero
+        if self._inertia is None:
+            given[at.G_W : at.G_W + 6] = w
+        elif self._since > 0:
+            given[at.G_W : at.G_W + 6] = self._without_inertia(self._inertia, w)
         return soft, hard
+
+    def _without_inertia(self, inertia: SpindleInertia, w: Float) -> Float:
+        """From where the motors stand: as the controller says, else as it should answer what was sent."""
+        if not self.link.fill_actual(self._stand):
+            nominal = self.loop.given[at.G_NOMINAL : at.G_NOMINAL + 12]
+            self._stand[at.G_ACTUAL : at.G_ACTUAL + 12] = nominal
+            self._stand[at.G_ACTUAL + 9 : at.G_ACTUAL + 12] += self.loop.in_effect[:3]
+        since, self._since = self._since, 0
+        return inertia(self._stand, w, self.loop.compliance, since, at_t=at.G_ACTUAL)
 
     def _tare(self, w: Float) -> None:
         """Mean of the idle reading; what is more than the checks allow is no zero but a wrong load (R17)."""

@@ -24,6 +24,7 @@ from counterflex.runtime.fusion_kernel import (
     unexplained,
 )
 from counterflex.runtime.fusion_kernel import D as BENT
+from counterflex.runtime.lag_kernel import lag
 from counterflex.runtime.past_kernel import row_at
 from counterflex.runtime.supervisor import Cause
 
@@ -85,19 +86,7 @@ def answered(ring: Float, here: int, back: int, constants: Float, state: Float) 
         state: Of the step; changed.
     """
     sent = ring[(here - back + at.RING_ROWS) % at.RING_ROWS]
-    for k in range(6):
-        memory = at.S_ANSWER + 4 * k
-        x = sent[at.RING_SENT + k]
-        y = (
-            constants[at.C_ANSWER] * x
-            + constants[at.C_ANSWER + 1] * state[memory]
-            + constants[at.C_ANSWER + 2] * state[memory + 1]
-            - constants[at.C_ANSWER + 3] * state[memory + 2]
-            - constants[at.C_ANSWER + 4] * state[memory + 3]
-        )
-        state[memory + 1], state[memory] = state[memory], x
-        state[memory + 3], state[memory + 2] = state[memory + 2], y
-        state[at.S_IN_FORCE + k] = y
+    lag(sent, at.RING_SENT, constants, at.C_ANSWER, state, at.S_ANSWER, state, at.S_IN_FORCE)
 
 
 @kernel("boolean(int64)")

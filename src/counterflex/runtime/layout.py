@@ -62,7 +62,8 @@ C_PROPORTIONAL: Final = 67  # of the designed tracker controller
 C_NOTCH: Final = 68  # 5: its filter, b0 b1 b2 a1 a2
 C_LAG: Final = 73  # 3: gains of lag_correction, its largest translation in m
 C_AHEAD: Final = 76  # 2: dead time and lag of a correction, s
-CONSTANTS: Final = 78
+C_INERTIA: Final = 78  # 5: low-pass that the measured force has passed before
+CONSTANTS: Final = 83
 
 # Choices, int64.
 W_FORCE: Final = 0
@@ -113,7 +114,8 @@ S_RATE: Final = 342  # 6: speed of the commanded pose
 S_SECOND: Final = 348  # 6: its acceleration
 S_FORWARD: Final = 354  # 6: correction known ahead
 S_EARLIER: Final = 360  # 64: a second row of the ring
-STATE: Final = 424
+S_INERTIA: Final = 424  # 24: memory of the low-pass of C_INERTIA for the predicted force
+STATE: Final = 448
 
 # State, int64: 0..4 of the supervisor, then
 N_RING: Final = 5  # next row of the ring

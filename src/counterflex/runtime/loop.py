@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.robot.chain import ElasticChain
-from counterflex.robot.kernels_step import OUT_SIZE, SCRATCH
+from counterflex.robot.kernels_step import OUT_C, OUT_SIZE, SCRATCH
 from counterflex.runtime import fusion_kernel as fk
 from counterflex.runtime import layout as at
 from counterflex.runtime.follow_kernel import (
@@ -30,7 +30,15 @@ from counterflex.runtime.monitor_layout import Event
 from counterflex.runtime.monitor_plan import monitor_plan
 from counterflex.runtime.monitor_settings import MonitorSettings, Reaction
 from counterflex.runtime.override_settings import OverrideSettings
-from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode, per_direction, robot_answer
+from counterflex.runtime.settings import (
+    ForceMode,
+    OnlineSettings,
+    TrackerMode,
+    force_delay,
+    inertia_smoothing,
+    per_direction,
+    robot_answer,
+)
 from counterflex.runtime.step_kernel import step
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.signals.filters import Smoother
@@ -307,6 +315,16 @@ class Loop:
         self.monitor.after(self.given, self.flags, self.results, self.outcome, self._place)
 
     @property
+    def compliance(self) -> Float:
+        """(36,) view: compliance of the arm at the tip in the last cycle, base axes, by rows."""
+        return self._elastic[OUT_C : OUT_C + 36]
+
+    @property
+    def in_effect(self) -> Float:
+        """(6,) view: correction that the robot has made of what was sent, m and rotation vector, part axes."""
+        return self._state[at.S_IN_FORCE : at.S_IN_FORCE + 6]
+
+    @property
     def cycle(self) -> int:
         """Cycles run since the start or the last :meth:`reset`; after the first :meth:`run` it is 1."""
         return int(self._whole[at.N_CYCLES])
@@ -401,7 +419,7 @@ def _constants(settings: OnlineSettings, T_base_part: Float, planned: bool) -> F
         (at.C_KD, "derivative_s", 1.0 / T),
     ):
         put(place, [factor * gain for gain in per_direction(name, getattr(settings, name))])
-    put(at.C_WITHOUT, [float(settings.compensated), 0.0 if planned else settings.smoothing.delay_s])
+    put(at.C_WITHOUT, [float(settings.compensated), 0.0 if planned else force_delay(settings)])
     out[at.C_FOLLOW] = settings.delays.follow_s if fused else 0.0
     put(at.C_FUSION, settings.fusion.packed(T))
     out[at.C_TRACKER_LATE] = settings.delays.tracker_s
@@ -419,6 +437,7 @@ def _constants(settings: OnlineSettings, T_base_part: Float, planned: bool) -> F
     put(at.C_NOISE, [tuning.noise_m**2, tuning.noise_rad**2])
     put(at.C_JUMP, [tuning.largest_jump_m, settings.off_path_m])
     put(at.C_ANSWER, robot_answer(settings)[1])
+    put(at.C_INERTIA, inertia_smoothing(settings).coefficients())
     put(at.C_R_BASE_PART, T_base_part[:3, :3].reshape(-1))
     out[at.C_PROPORTIONAL] = tuning.proportional
     put(at.C_NOTCH, tuning.notch)
@@ -431,7 +450,7 @@ def _choices(settings: OnlineSettings, planned: bool) -> Int:
     T, delays = settings.period_s, settings.delays
     tracker = round(delays.tracker_s / T)
     dead, _ = robot_answer(settings)
-    ahead = settings.pilot.lead_s if settings.force == ForceMode.SCALE else -settings.smoothing.delay_s
+    ahead = settings.pilot.lead_s if settings.force == ForceMode.SCALE else -force_delay(settings)
     back = {
         at.W_NOMINAL_BACK: round((delays.follow_s + delays.tracker_s) / T),
         at.W_CORRECTION_BACK: dead + (0 if settings.force == ForceMode.FUSED else tracker),

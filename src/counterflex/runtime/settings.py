@@ -148,6 +148,8 @@ class OnlineSettings:
         integral_per_s: Integral gains.
         derivative_s: Derivative gains.
         smoothing: Filters of the force.
+        inertia_hz: Corner of the low-pass with which the inertia of what hangs behind the sensor is taken out of its
+            force (:mod:`counterflex.runtime.spindle_inertia`); 0 leaves it in.
         pilot: See :class:`Pilot`.
         delays: See :class:`Delays`.
         tuning: See :class:`TrackerTuning`.
@@ -176,6 +178,7 @@ class OnlineSettings:
     integral_per_s: Gain = 0.0
     derivative_s: Gain = 0.0
     smoothing: Smoothing = field(default_factory=lambda: Smoothing(8.0, 8, 4.0 * MS))
+    inertia_hz: float = 0.0
     pilot: Pilot = field(default_factory=Pilot)
     delays: Delays = field(default_factory=Delays)
     tuning: TrackerTuning = field(default_factory=TrackerTuning)
@@ -201,6 +204,7 @@ class OnlineSettings:
         for name in ("period_s", "hard_factor", "ramp_m_s", "off_path_m", "force_noise_n", "scale_drift"):
             as_positive(f"online: {name}", getattr(self, name))
         as_positive("online: timing_s", self.timing_s, zero=True)
+        as_positive("online: inertia_hz", self.inertia_hz, zero=True)
         for name in ("proportional", "integral_per_s", "derivative_s"):
             for value in per_direction(name, getattr(self, name)):
                 as_positive(f"online: {name}", value, zero=True)
@@ -245,6 +249,16 @@ class OnlineSettings:
             )
         if self.force == ForceMode.NONE and self.tracker == TrackerMode.NONE:
             raise InputError("nothing to correct from", value="neither force nor tracker", hint="Choose one of them")
+
+
+def inertia_smoothing(settings: OnlineSettings) -> Smoothing:
+    """The low-pass that the force passes while the inertia is taken out of it; with a corner of 0 it does nothing."""
+    return Smoothing(settings.inertia_hz, 1, settings.period_s)
+
+
+def force_delay(settings: OnlineSettings) -> float:
+    """How late the filtered force is, s."""
+    return settings.smoothing.delay_s + inertia_smoothing(settings).delay_s
 
 
 def per_direction(name: str, gain: Gain) -> tuple[float, float, float]:

@@ -32,6 +32,7 @@ from counterflex.runtime.feed_forward_kernel import known_ahead
 from counterflex.runtime.follow_kernel import contained_at, follow, wrench_at
 from counterflex.runtime.force_kernel import blend, learn_scale, scaled
 from counterflex.runtime.frame_kernel import across, directions, pose_deviation, size_of, turn, turn_back
+from counterflex.runtime.lag_kernel import lag
 from counterflex.runtime.past_kernel import row_at
 from counterflex.runtime.supervisor import (
     AT_CYCLES,
@@ -181,6 +182,7 @@ def step(
     filtered = results[at.R_MEASURED : at.R_MEASURED + 6]
     if hard != _NOT_FINITE:
         smooth(given[at.G_W : at.G_W + 6], filtered, coefficients, measured_memory, measured_ring, measured_place)
+        lag(behind, 0, constants, at.C_INERTIA, state, at.S_INERTIA, behind, 0)
         smooth(behind[:6], measured[6:12], coefficients, predicted_memory, predicted_ring, predicted_place)
     late_prediction = measured[6:12]
     force_good = flags[at.F_FORCE_AGE] < choices[at.W_STALE]
