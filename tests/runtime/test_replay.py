@@ -76,6 +76,12 @@ class _Robot:
         if self.rng.random() < self.nan:
             given_[int(self.rng.integers(at.G_W))] = self.rng.choice([np.nan, np.inf, -np.inf])
 
+    def fill_reported(self, given_: Float) -> bool:
+        given_[at.G_REPORTED : at.G_REPORTED + 12] = given_[:12]
+        if self.sent:
+            given_[at.G_REPORTED + 9 : at.G_REPORTED + 12] += self.sent[-1][:3]
+        return True
+
     def forget(self) -> None:
         """Nobody is known."""
 

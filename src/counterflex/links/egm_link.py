@@ -12,7 +12,6 @@ from counterflex.core.errors import ProtocolError
 from counterflex.geometry import pose
 from counterflex.links.robot_port import Counters, RobotPort, Verdict
 from counterflex.links.session_counter import SessionCounter
-from counterflex.runtime import layout as at
 from counterflex.wire.egm import RobotState, read_robot
 
 LARGEST_DATAGRAM: Final = 4096
@@ -176,6 +175,10 @@ class EgmLink:
         """Write the pose that the controller reports (encoders, nominal geometry) as measured."""
         put_pose(given, at.G_ACTUAL, self._T_part_actual)
         return True
+
+    def fill_reported(self, _given: Float) -> bool:
+        """False: whether the planned pose of a message contains the correction is not documented."""
+        return False
 
     def _numbered(self) -> tuple[int, int]:
         """Sequence number and clock of our next message."""

@@ -51,6 +51,9 @@ class RobotLink(Protocol):
     def fill_actual(self, given: Float) -> bool:
         """Write the pose that the motors stand at into the place of a measured one; False where it is not sent."""
 
+    def fill_reported(self, given: Float, /) -> bool:
+        """Write the pose that the controller itself reports, correction included; False where it reports none."""
+
     def answer(
         self,
         correction: Float,

@@ -169,6 +169,13 @@ class RsiLink:
         read_pose(self._held, self._actual, given, at.G_ACTUAL)
         return True
 
+    def fill_reported(self, given: Float) -> bool:
+        """Write the pose that the controller itself reports (RIst: encoders, nominal geometry); False without one."""
+        if self._actual is None:
+            return False
+        read_pose(self._held, self._actual, given, at.G_REPORTED)
+        return True
+
     def answer(
         self,
         correction: Float,

@@ -38,7 +38,7 @@ _FORGET_PEER_CYCLES = 250
 _IDLE, _ARMED = int(State.IDLE), int(State.ARMED)
 _STATES = tuple(State)
 _RESTARTED, _CLAMPED = int(Cause.SESSION_RESTARTED), int(Cause.CLAMPED_BY_ROBOT)
-_SATURATED, _INVALID, _OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_INVALID), int(Cause.FORCE_OFFSET)
+_SATURATED, _OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OFFSET)
 
 
 class Request(IntEnum):
@@ -189,8 +189,10 @@ class OnlineSession:
         if came and link.empty:
             link.answer(np.zeros(6))
             return True
+        flags[at.F_REPORTED] = 0
         if came:
             link.fill(given)
+            flags[at.F_REPORTED] = int(link.fill_reported(given))
         soft, hard = self._watch_telegrams(came, received, hard)
         self._since += link.elapsed if came else 0
         soft, hard = self._read_force(given, soft, hard)
@@ -274,7 +276,7 @@ class OnlineSession:
             return (soft or _SATURATED), hard
         if good == 0 or force.frozen:
             self._force_age += 1
-            return (soft or (_INVALID if force.frozen else 0)), hard
+            return soft, hard  # it ages: the step goes on by the plan for a while where there is one, then holds
         self._force_age = 0
         age = (self._clock_ns() - self._time_zero_ns) * 1e-9
         w = self._wrench(given[at.G_Q : at.G_Q + 6], force.w_sensor, age)

@@ -88,3 +88,12 @@ def directions(plan: Float, row: int, nominal: Float, frame: Float) -> None:
 def size_of(x: Float, at: int) -> float:
     """Length of the vector ``x[at:at+3]``."""
     return math.sqrt(x[at] * x[at] + x[at + 1] * x[at + 1] + x[at + 2] * x[at + 2])
+
+
+@kernel("boolean(float64[::1], int64, int64)")
+def all_finite(x: Float, begin: int, end: int) -> bool:
+    """Whether every number of ``x[begin:end]`` is finite."""
+    finite = True
+    for k in range(begin, end):
+        finite = finite and math.isfinite(x[k])
+    return finite

@@ -12,12 +12,13 @@ G_ACTUAL: Final = 24  # 12: measured pose of the tool, part frame
 G_TRACKER_LATE: Final = 36  # s from the measurement of G_ACTUAL to now; below zero where not known
 G_TRACKER_SIGMA: Final = 37  # m, of that measurement; 0 where not known
 G_TORQUE: Final = 38  # 6: torque of the process about the axes, from motor currents, N m
-GIVEN: Final = 44
+G_REPORTED: Final = 44  # 12: pose that the controller itself reports, correction included, part frame
+GIVEN: Final = 56
 
 # Inputs of a cycle, int64.
 F_ELAPSED: Final = 0  # cycles since the last telegram, 1 when none was lost; 0 for no telegram
 F_FORCE_AGE: Final = 1  # cycles since the last good force
-F_TRACKER_NEW: Final = 2  # 1: G_ACTUAL is new and good
+F_TRACKER_NEW: Final = 2  # 1: G_ACTUAL is new and good; 2: new, and not believed
 F_TRACKER_AGE: Final = 3  # cycles since the last good tracker sample
 F_HEALTHY: Final = 4
 F_ARM: Final = 5
@@ -28,7 +29,8 @@ F_SOFT: Final = 9  # cause found outside of the step, or 0
 F_HARD: Final = 10
 F_SOURCES: Final = 11  # bits of Source: what this cell has
 F_CURRENT_AGE: Final = 12  # cycles since the last good motor currents
-FLAGS: Final = 13
+F_REPORTED: Final = 13  # 1: G_REPORTED is there
+FLAGS: Final = 14
 
 # Constants, float64.
 C_PERIOD: Final = 0
@@ -82,7 +84,9 @@ W_TRACKER_STALE: Final = 12
 W_DISBELIEVED: Final = 13
 W_LAG: Final = 14  # 1: undo the lag behind the program
 W_PLAY: Final = 15  # 1: undo the play that the plan predicts
-CHOICES: Final = 16
+W_BRIDGE: Final = 16  # age of a force up to which the plan alone goes on
+W_REPORTED_BACK: Final = 17  # cycles back to the nominal pose that a reported one belongs to
+CHOICES: Final = 18
 
 # State, float64.
 S_Y: Final = 0  # 6: correction sent, m and rotation vector, part axes
@@ -168,4 +172,5 @@ O_SOFT: Final = 7
 O_HARD: Final = 8
 O_SOURCES: Final = 9  # bits of Source: what the estimate rests on
 O_DEGRADED: Final = 10  # cause for which a source of the cell is missing, or 0
-OUTCOME: Final = 11
+O_DOUBT: Final = 11  # bits of :mod:`counterflex.runtime.plausibility_kernel`
+OUTCOME: Final = 12

@@ -30,6 +30,7 @@ from counterflex.runtime.monitor_layout import Event
 from counterflex.runtime.monitor_plan import monitor_plan
 from counterflex.runtime.monitor_settings import MonitorSettings, Reaction
 from counterflex.runtime.override_settings import OverrideSettings
+from counterflex.runtime.plausibility_stage import PlausibilityStage
 from counterflex.runtime.settings import (
     ForceMode,
     OnlineSettings,
@@ -192,6 +193,7 @@ class Loop:
         self._load: Float = np.zeros(12)
         self._work: Float = np.zeros((11, 12))
         self.monitor = _monitor(settings, self._plan, plan, monitor, override)
+        self.plausibility = PlausibilityStage(settings, self._choices, self._state, self._whole, self._ring)
         self._place: Float = self._state[at.S_PLACE : at.S_PLACE + 2]
         self.reset()
 
@@ -213,6 +215,7 @@ class Loop:
         self.measured_filter.reset(np.zeros(6))
         self.predicted_filter.reset(np.zeros(6))
         self.monitor.reset()
+        self.plausibility.reset()
 
     def take(self, samples: Float, count: int, number: int) -> None:
         """Hand over the force sensor's own samples of the cycle, see :meth:`Monitor.take`; before :meth:`run`."""
@@ -225,6 +228,7 @@ class Loop:
         q: Float,
         w_tcp_part: Float | None = None,
         T_part_actual: Float | None = None,
+        T_part_reported: Float | None = None,
         elapsed: int = 1,
         force_age: int = 0,
         tracker_age: int = 0,
@@ -247,6 +251,7 @@ class Loop:
             q: (6,) rad.
             w_tcp_part: (6,) wrench of the process about the TCP, part axes; None leaves the last one.
             T_part_actual: (4, 4) measured pose; None where there is none in this cycle.
+            T_part_reported: (4, 4) pose that the controller itself reports, correction included; None: it does not.
             elapsed: Cycles since the last telegram; 0 where none came.
             force_age: Cycles since the last good force.
             tracker_age: Cycles since the last good tracker sample.
@@ -270,6 +275,9 @@ class Loop:
         if T_part_actual is not None:
             self.given[at.G_ACTUAL : at.G_ACTUAL + 9] = T_part_actual[:3, :3].reshape(-1)
             self.given[at.G_ACTUAL + 9 : at.G_ACTUAL + 12] = T_part_actual[:3, 3]
+        if T_part_reported is not None:
+            self.given[at.G_REPORTED : at.G_REPORTED + 9] = T_part_reported[:3, :3].reshape(-1)
+            self.given[at.G_REPORTED + 9 : at.G_REPORTED + 12] = T_part_reported[:3, 3]
         new = int(T_part_actual is not None)
         self.given[at.G_TRACKER_LATE] = -1.0 if tracker_late_s is None else tracker_late_s
         self.given[at.G_TRACKER_SIGMA] = tracker_sigma_m
@@ -277,13 +285,14 @@ class Loop:
             self.given[at.G_TORQUE : at.G_TORQUE + 6] = torque
         self.flags[:] = (
             elapsed, force_age, new, tracker_age, healthy, arm, enable, stop, reset, soft, hard, sources,
-            int(torque is None) * _NO_CURRENTS,
+            int(torque is None) * _NO_CURRENTS, int(T_part_reported is not None),
         )  # fmt: skip
 
     def run(self) -> None:
         """One cycle."""
         m, p = self.measured_filter, self.predicted_filter
         self.monitor.before(self.flags)
+        self.plausibility.before(self.given, self.flags, self.results)
         step(
             self.given,
             self.flags,
@@ -312,6 +321,7 @@ class Loop:
             self.outcome,
             self._work,
         )
+        self.plausibility.after(self.given, self.flags, self.results, self.outcome)
         self.monitor.after(self.given, self.flags, self.results, self.outcome, self._place)
 
     @property
@@ -343,6 +353,7 @@ class Loop:
             m.coefficients,
             np.array(m.ring.shape),
             *self.monitor.numbers(),
+            *self.plausibility.numbers(),
         ):
             digest.update(f"{array.dtype.str}{array.shape}".encode())
             digest.update(np.ascontiguousarray(array).tobytes())
@@ -455,6 +466,7 @@ def _choices(settings: OnlineSettings, planned: bool) -> Int:
         at.W_NOMINAL_BACK: round((delays.follow_s + delays.tracker_s) / T),
         at.W_CORRECTION_BACK: dead + (0 if settings.force == ForceMode.FUSED else tracker),
         at.W_DEFLECTION_BACK: max(0, round((ahead + delays.tracker_s) / T)),
+        at.W_REPORTED_BACK: round(delays.follow_s / T),
     }
     if max(back.values()) >= at.RING_ROWS:
         raise InputError(
@@ -468,6 +480,8 @@ def _choices(settings: OnlineSettings, planned: bool) -> Int:
     out[at.W_ORIENTATION], out[at.W_PLAN] = settings.orientation, planned
     out[at.W_STALE], out[at.W_LOST] = settings.stale_cycles, settings.lost_cycles
     out[at.W_WINDOW] = _WINDOW
+    bridged = planned and settings.force in (ForceMode.PILOT, ForceMode.SCALE)
+    out[at.W_BRIDGE] = settings.stale_cycles + (round(settings.bridge_s / T) if bridged else 0)
     out[at.W_TRACKER_STALE] = max(1, round(settings.fusion.tracker_stale_s / T))
     out[at.W_DISBELIEVED] = settings.fusion.disbelieved
     designed = settings.tracker == TrackerMode.DESIGNED

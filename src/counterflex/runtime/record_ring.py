@@ -30,9 +30,9 @@ def _columns() -> tuple[str, ...]:
     names += [f"sensor_{a}" for a in wrench]
     names += [f"nominal_{p}" for p in pose] + [f"q{i}" for i in range(1, 7)]
     names += [f"wrench_{a}" for a in wrench] + [f"actual_{p}" for p in pose]
-    names += ["tracker_late", "tracker_sigma"] + [f"torque_{i}" for i in range(1, 7)]
+    names += ["tracker_late", "tracker_sigma"] + [f"torque_{i}" for i in range(1, 7)] + [f"reported_{p}" for p in pose]
     flags = ("elapsed", "force_age", "tracker_new", "tracker_age", "healthy", "arm", "enable", "stop", "reset")
-    names += [f"flag_{f}" for f in (*flags, "soft", "hard", "sources", "current_age")]
+    names += [f"flag_{f}" for f in (*flags, "soft", "hard", "sources", "current_age", "reported")]
     names += [f"correction_{a}" for a in six] + [f"axis_{i}" for i in range(1, 7)]
     names += [f"used_{a}" for a in wrench] + [f"predicted_{a}" for a in wrench] + [f"filtered_{a}" for a in wrench]
     names += [f"deflection_{a}" for a in six] + [f"wanted_{a}" for a in six] + [f"deviation_{a}" for a in six]
@@ -51,6 +51,7 @@ def _columns() -> tuple[str, ...]:
         "hard",
         "sources",
         "degraded",
+        "doubt",
     )
     names += [f"out_{o}" for o in outcome]
     feed = ("feed", "across", "tool")

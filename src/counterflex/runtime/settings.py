@@ -11,6 +11,7 @@ from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MS, UM
 from counterflex.runtime.fusion import FusionTuning
+from counterflex.runtime.plausibility import Plausibility
 from counterflex.runtime.supervisor import SupervisorSettings
 from counterflex.signals.filters import Smoothing
 from counterflex.signals.limiter import MotionLimit
@@ -162,9 +163,11 @@ class OnlineSettings:
         hard_factor: A correction wanted beyond the limit times this is a fault.
         ramp_m_s: Speed of ramping out.
         supervisor: See there.
-        stale_cycles: Age of a force at which the loop holds.
+        stale_cycles: Age of a force at which the loop holds, or goes on by the plan alone where the mode has one.
+        bridge_s: How long it may go on so before it holds.
         lost_cycles: Telegrams lost in a row at which it holds; ten are a fault.
         off_path_m: Distance of the commanded point from the planned path at which the plan is not believed.
+        plausibility: Limits of the tests during operation.
     """
 
     period_s: float = 4.0 * MS
@@ -192,8 +195,10 @@ class OnlineSettings:
     ramp_m_s: float = 2.0 * MM
     supervisor: SupervisorSettings = field(default_factory=SupervisorSettings)
     stale_cycles: int = 3
+    bridge_s: float = 80.0 * MS
     lost_cycles: int = 3
     off_path_m: float = 5.0 * MM
+    plausibility: Plausibility = field(default_factory=Plausibility)
 
     def __post_init__(self) -> None:
         """Check that the numbers can belong together.
@@ -231,6 +236,7 @@ class OnlineSettings:
             )
         as_positive("online: proportional gain of the tracker", self.tuning.proportional, zero=True)
         as_positive("online: lag_most_m", self.tuning.lag_most_m)
+        as_positive("online: bridge_s", self.bridge_s, zero=True)
         if abs(self.smoothing.period_s - self.period_s) > 1e-9:
             raise InputError("the force filter has another period", value=self.smoothing.period_s, limit=self.period_s)
         if self.hard_factor < 1.0:

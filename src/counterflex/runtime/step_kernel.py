@@ -152,7 +152,7 @@ def step(
         hard = _STOPPED
     elif lost >= choices[at.W_LOST] and soft == 0:
         soft = _LATE
-    for k in range(at.GIVEN):
+    for k in range(at.G_REPORTED):
         unused = flags[at.F_TRACKER_NEW] == 0 and at.G_ACTUAL <= k < at.G_TORQUE
         if not (unused or math.isfinite(given[k])):
             hard = _NOT_FINITE if hard == 0 else hard
@@ -186,7 +186,7 @@ def step(
         smooth(behind[:6], measured[6:12], coefficients, predicted_memory, predicted_ring, predicted_place)
     late_prediction = measured[6:12]
     force_good = flags[at.F_FORCE_AGE] < choices[at.W_STALE]
-    if force_mode not in (0, _FUSED) and not force_good and soft == 0:
+    if force_mode not in (0, _FUSED) and flags[at.F_FORCE_AGE] >= choices[at.W_BRIDGE] and soft == 0:
         soft = _FORCE_STALE
     sources = degraded = 0
     if force_mode == _FUSED:
@@ -204,9 +204,8 @@ def step(
             for k in range(6):
                 used[k] -= late_prediction[k]
     elif force_mode == _PILOT:
-        state[at.S_SHARE] = blend(
-            filtered, ahead[:6], state[at.S_SHARE], constants[at.C_THRESHOLD], constants[at.C_BLEND], used[:6]
-        )
+        threshold = constants[at.C_THRESHOLD] if force_good else 0.0  # without a force the plan is blended in
+        state[at.S_SHARE] = blend(filtered, ahead[:6], state[at.S_SHARE], threshold, constants[at.C_BLEND], used[:6])
         if choices[at.W_COMPENSATED] == 1:
             share = state[at.S_SHARE]
             for k in range(6):
@@ -385,6 +384,9 @@ def step(
             state[at.S_Y + k] = state[at.S_V + k] = 0.0
     if now != _FAULT:
         whole[at.N_SESSION] = 0
+    elif whole[at.N_LATE] >= _FAULT_LOST and outcome[at.O_SILENT] == 1:
+        for k in range(12):  # nobody asked and nobody was answered: nothing is in effect any more
+            state[at.S_Y + k] = 0.0
     # Limits.
     limits = 0
     target = state[at.S_HELD : at.S_HELD + 6]

@@ -1,0 +1,350 @@
+"""Tests during operation that tell a wrong sign, a wrong frame or a wrong sensor from ordinary errors. Pure kernels.
+
+What each can see, and what it cannot:
+
+- *answer*: the pose that the controller itself reports, minus the commanded one, must be the correction. It sees a
+  correction that is applied in another frame, with another sign or order of axes, or not at all; it needs no tracker.
+  It does not see what is wrong with the force sensor or the tracker.
+- *residual*: the tracker's deviation must not grow while the correction acts (the sign test, and divergence).
+- *frame*: before arming, the tracker must see the tool where the controller says it is.
+- *return*: after a broken beam the tracker must go on where the prediction is, else it may be another reflector.
+- *direction*: while cutting, the measured force must point about where the predicted one points. It sees a sensor frame
+  that is turned or mirrored where this changes the direction of the force by more than the limit; a turn about the
+  force itself, or a factor on it, it cannot see.
+- *idle*: where the plan cuts air, the sensor must show next to nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.jit import kernel
+
+# Limits, float64.
+L_LEAST: Final = 0  # m: below it neither correction nor deviation says anything
+L_ANSWER: Final = 1  # share of the correction that may be missing or too much
+L_ANSWER_LATE: Final = 2  # s: how much later than thought the robot may answer a correction
+L_FOLLOW_LATE: Final = 3  # s: likewise its path, where the path turns
+L_GROWTH: Final = 4  # residual by what it was at the start
+L_AGAINST: Final = 5  # share of the correction's change by which the residual may grow against it
+L_FRAME_M: Final = 6
+L_FRAME_RAD: Final = 7
+L_RETURN_M: Final = 8
+L_COSINE: Final = 9  # of the largest angle between measured and predicted force
+L_FORCE_N: Final = 10  # least force that has a direction
+L_IDLE_N: Final = 11
+L_IDLE_NM: Final = 12
+L_PERIOD: Final = 13
+LIMITS: Final = 14
+
+# Limits in cycles, int64.
+T_ANSWER: Final = 0
+T_RESIDUAL: Final = 1
+T_GAP: Final = 2  # cycles without a sample after which the return is checked
+T_RETURN: Final = 3  # samples in a row that must agree
+T_DIRECTION: Final = 4
+T_IDLE: Final = 5
+T_WINDOW: Final = 6  # cycles over which changes of residual and correction are compared
+TIMES: Final = 7
+
+# What is remembered, float64.
+M_STANDING: Final = 0  # 3: reported minus commanded while nothing is corrected and the robot stands
+M_START: Final = 3  # residual before the correction acted
+M_EXPECTED: Final = 4  # largest expected deflection, fading
+M_SEEN: Final = 5  # 3: last believed deviation
+M_MODEL: Final = 8  # 3: correction in effect plus expected deflection then
+M_RING: Final = 11  # WINDOW_MOST x 6: residual and correction in effect of the last cycles
+WINDOW_MOST: Final = 64
+M_FORCE: Final = M_RING + 6 * WINDOW_MOST  # 6: last wrench that was numbers
+REMEMBERED: Final = M_FORCE + 6
+
+# Counters, int64.
+K_ANSWER: Final = 0
+K_RESIDUAL: Final = 1
+K_FRAME: Final = 2  # 1: the last sample was beyond the limits of the frame test
+K_UNSEEN: Final = 3  # cycles without a sample
+K_WAITING: Final = 4  # 1: after a gap, no sample has been believed yet
+K_AGREED: Final = 5
+K_DIRECTION: Final = 6
+K_IDLE: Final = 7
+K_PLACE: Final = 8  # of the ring
+K_FILLED: Final = 9
+K_AIR: Final = 10  # cycles since the plan last cut
+K_KNOWN: Final = 11  # 1: a sample has been believed
+K_SOFT: Final = 12  # causes for the next cycle
+K_HARD: Final = 13
+K_EARLY: Final = 14  # doubts found before the step
+COUNTS: Final = 15
+
+# Bits that say what is doubted.
+DOUBT_ANSWER: Final = 1
+DOUBT_RESIDUAL: Final = 2
+DOUBT_FRAME: Final = 4
+DOUBT_TRACKER: Final = 8
+"""No sample: its part of the correction stands still."""
+DOUBT_DIRECTION: Final = 16
+DOUBT_IDLE: Final = 32
+DOUBT_BRIDGED: Final = 128
+"""No force: the plan alone goes on for a while."""
+DOUBT_RETURN: Final = 64
+"""The sample is not what was predicted after a gap: it is not used."""
+
+_FADE = 0.98
+_SETTLE = 0.05
+
+
+@kernel("float64(float64[::1])")
+def _norm(x: Float) -> float:
+    return math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+
+
+@kernel(
+    "boolean(float64[::1], float64[::1], float64[::1], float64[::1], float64, float64[::1], boolean, float64[::1],"
+    " int64[::1], float64[::1], int64[::1])"
+)
+def answer_is_wrong(
+    difference: Float,
+    in_effect: Float,
+    moved: Float,
+    moved_before: Float,
+    change_m_s: float,
+    work: Float,
+    corrects: bool,
+    limits: Float,
+    times: Int,
+    memory: Float,
+    counts: Int,
+) -> bool:
+    """Whether the robot does something else than the correction it is sent (R19, WRONG_FRAME).
+
+    ``|P (r - r0 - c)| > max(L, s |c|) + t_c |dc/dt| + t_f |v| sin(turn)`` over T_ANSWER cycles in a row, with r the
+    reported minus the commanded position, r0 the same at rest without a correction, c the correction in effect, P the
+    projection across the motion (along it the robot lags), v the speed and ``turn`` how far the path has turned lately.
+
+    Args:
+        difference: (3,) r, m, part axes.
+        in_effect: (3,) c as the loop reckons it, m, part axes.
+        moved: (3,) way of the commanded point over the last cycles, m.
+        moved_before: (3,) the same some time ago, over as many cycles.
+        change_m_s: Speed at which the correction changes.
+        work: (3,) work space.
+        corrects: The correction may act: r0 is not learnt.
+        limits: (LIMITS,).
+        times: (TIMES,).
+        memory: (REMEMBERED,); changed.
+        counts: (COUNTS,); changed.
+
+    Returns:
+        Whether it has lasted long enough to be a fault.
+    """
+    way, before = _norm(moved), _norm(moved_before)
+    size = _norm(in_effect)
+    least = limits[L_LEAST]
+    if not corrects and size < 1e-6 and way < 1e-6:
+        for k in range(3):
+            memory[M_STANDING + k] += _SETTLE * (difference[k] - memory[M_STANDING + k])
+    if size < least:
+        counts[K_ANSWER] = 0
+        return False
+    along = 0.0
+    for k in range(3):
+        work[k] = difference[k] - memory[M_STANDING + k] - in_effect[k]
+        along += work[k] * moved[k]
+    turn = 0.0
+    if way > 1e-6:
+        for k in range(3):
+            work[k] -= along * moved[k] / (way * way)
+        if before > 1e-6:
+            cosine = 0.0
+            for k in range(3):
+                cosine += moved[k] * moved_before[k]
+            cosine = min(1.0, max(-1.0, cosine / (way * before)))
+            turn = math.sqrt(max(0.0, 1.0 - cosine * cosine)) if cosine > 0.0 else 1.0
+    speed = max(way, before) / (times[T_WINDOW] * limits[L_PERIOD])
+    bound = max(least, limits[L_ANSWER] * size)
+    bound += limits[L_ANSWER_LATE] * change_m_s + limits[L_FOLLOW_LATE] * speed * turn
+    # NaN is no agreement.
+    counts[K_ANSWER] = 0 if _norm(work) <= bound else counts[K_ANSWER] + 1
+    return bool(counts[K_ANSWER] >= times[T_ANSWER])
+
+
+@kernel(
+    "boolean(float64[::1], float64[::1], float64, boolean, boolean, float64[::1], int64[::1], float64[::1], int64[::1])"
+)
+def residual_grows(
+    deviation: Float,
+    in_effect: Float,
+    expected_m: float,
+    known: bool,
+    active: bool,
+    limits: Float,
+    times: Int,
+    memory: Float,
+    counts: Int,
+) -> bool:
+    """Whether the tracker's deviation grows under the correction (R19: sign test, DIVERGENCE).
+
+    Counted are samples with ``|d| > 0.1 mm`` and ``|d| > 1.5 max(start, expected)``: start is the residual before the
+    correction acted, expected the deflection under the force that is known. Where no force is known a deviation can
+    grow by itself; then a sample counts only where the residual moves against the correction, over T_WINDOW cycles:
+    ``dd . dc < -a |dc|^2``. A right correction gives ``dd = dc`` plus what the process adds, a wrong sign ``dd = -dc``.
+
+    Args:
+        deviation: (3,) d across the feed, m, part axes: a new sample.
+        in_effect: (3,) correction in effect, as the loop reckons it.
+        expected_m: Size of the deflection under the known force; 0 where none is known.
+        known: A force is known.
+        active: The correction acts.
+        limits: (LIMITS,).
+        times: (TIMES,).
+        memory: (REMEMBERED,); changed.
+        counts: (COUNTS,); changed.
+
+    Returns:
+        Whether it has lasted long enough to be a fault.
+    """
+    size = _norm(deviation)
+    window = times[T_WINDOW]
+    place = counts[K_PLACE]
+    old = M_RING + 6 * place
+    against = False
+    if counts[K_FILLED] >= window:
+        both = square = 0.0
+        for k in range(3):
+            change = in_effect[k] - memory[old + 3 + k]
+            both += change * (deviation[k] - memory[old + k])
+            square += change * change
+        against = math.sqrt(square) > 0.3 * limits[L_LEAST] and both < -limits[L_AGAINST] * square
+    for k in range(3):
+        memory[old + k], memory[old + 3 + k] = deviation[k], in_effect[k]
+    counts[K_PLACE] = (place + 1) % window
+    counts[K_FILLED] = min(window, counts[K_FILLED] + 1)
+    memory[M_EXPECTED] = max(expected_m, _FADE * memory[M_EXPECTED])
+    if not active:
+        memory[M_START] += _SETTLE * (size - memory[M_START])
+        counts[K_RESIDUAL] = 0
+        return False
+    start = max(memory[M_START], memory[M_EXPECTED])
+    bad = size > limits[L_LEAST] and size > limits[L_GROWTH] * start and (known or against)
+    counts[K_RESIDUAL] = counts[K_RESIDUAL] + 1 if bad else 0
+    return bool(counts[K_RESIDUAL] >= times[T_RESIDUAL])
+
+
+@kernel("boolean(float64[::1], boolean, float64[::1], int64[::1])")
+def frame_is_wrong(deviation: Float, moves: bool, limits: Float, counts: Int) -> bool:
+    """Whether the tracker sees the tool elsewhere than where the controller says it is (R19, before arming).
+
+    A robot that moves trails its program: then a sample can only prove the frame, not disprove it.
+
+    Args:
+        deviation: (6,) measured minus commanded pose, m and rad: a new sample.
+        moves: The robot moves.
+        limits: (LIMITS,).
+        counts: (COUNTS,); changed.
+
+    Returns:
+        Whether the last sample that could be judged lay beyond 2 mm or 0.2 deg.
+    """
+    angle = math.sqrt(deviation[3] ** 2 + deviation[4] ** 2 + deviation[5] ** 2)
+    if _norm(deviation) <= limits[L_FRAME_M] and angle <= limits[L_FRAME_RAD]:
+        counts[K_FRAME] = 0
+    elif not moves:
+        counts[K_FRAME] = 1
+    return bool(counts[K_FRAME] == 1)
+
+
+@kernel(
+    "boolean(float64[::1], float64[::1], float64[::1], boolean, float64[::1], int64[::1], float64[::1], int64[::1])"
+)
+def return_is_believed(
+    deviation: Float,
+    in_effect: Float,
+    expected: Float,
+    corrects: bool,
+    limits: Float,
+    times: Int,
+    memory: Float,
+    counts: Int,
+) -> bool:
+    """Whether a tracker's sample may be used: after a gap only where it goes on as predicted (R18).
+
+    Prediction: the last believed deviation plus how correction in effect and expected deflection have changed since.
+    T_RETURN samples in a row must lie within 0.2 mm of it; the first of all samples within the limit of the frame
+    test. While nothing is corrected every sample is believed: the
+    frame test judges it.
+
+    Args:
+        deviation: (3,) m, part axes: a new sample.
+        in_effect: (3,) correction in effect.
+        expected: (3,) deflection under the known force.
+        corrects: The correction acts or stands.
+        limits: (LIMITS,).
+        times: (TIMES,).
+        memory: (REMEMBERED,); changed.
+        counts: (COUNTS,); changed.
+    """
+    if counts[K_UNSEEN] >= times[T_GAP]:
+        counts[K_WAITING], counts[K_AGREED] = 1, 0
+    counts[K_UNSEEN] = 0
+    if not corrects:
+        counts[K_WAITING] = 0
+    if counts[K_WAITING] == 1:
+        gap, least, largest = 0.0, times[T_RETURN], limits[L_RETURN_M]
+        for k in range(3):
+            predicted = memory[M_SEEN + k] + in_effect[k] + expected[k] - memory[M_MODEL + k]
+            gap += (deviation[k] - predicted) ** 2
+        if counts[K_KNOWN] == 0:
+            gap, least, largest = _norm(deviation) ** 2, 1, limits[L_FRAME_M]
+        counts[K_AGREED] = counts[K_AGREED] + 1 if math.sqrt(gap) <= largest else 0
+        if counts[K_AGREED] < least:
+            return False
+        counts[K_WAITING] = 0
+        counts[K_FILLED] = 0
+    counts[K_KNOWN] = 1
+    for k in range(3):
+        memory[M_SEEN + k], memory[M_MODEL + k] = deviation[k], in_effect[k] + expected[k]
+    return True
+
+
+@kernel("boolean(float64[::1], float64[::1], boolean, float64[::1], int64[::1], int64[::1])")
+def direction_is_wrong(measured: Float, predicted: Float, good: bool, limits: Float, times: Int, counts: Int) -> bool:
+    """Whether the measured force points elsewhere than the predicted one (R19, WRONG_FRAME without a tracker).
+
+    Args:
+        measured: (3,) N, filtered, part axes.
+        predicted: (3,) N through the same filters.
+        good: The measured one is fresh; else the count stands still.
+        limits: (LIMITS,).
+        times: (TIMES,).
+        counts: (COUNTS,); changed.
+
+    Returns:
+        Whether the angle was above the limit over T_DIRECTION cycles in a row in which both had a direction.
+    """
+    a, b = _norm(measured), _norm(predicted)
+    if good and min(a, b) > limits[L_FORCE_N]:
+        both = measured[0] * predicted[0] + measured[1] * predicted[1] + measured[2] * predicted[2]
+        counts[K_DIRECTION] = counts[K_DIRECTION] + 1 if both < limits[L_COSINE] * a * b else 0
+    return bool(counts[K_DIRECTION] >= times[T_DIRECTION])
+
+
+@kernel("boolean(float64[::1], boolean, float64[::1], int64[::1], int64[::1])")
+def idle_is_wrong(measured: Float, air: bool, limits: Float, times: Int, counts: Int) -> bool:
+    """Whether the sensor shows a force where the plan cuts air: drifted zero, wrong load, or a missing plan (R17).
+
+    Args:
+        measured: (6,) N, N m, filtered.
+        air: The plan cuts nothing here, nor did it within the filters' memory, nor will it within the lead.
+        limits: (LIMITS,).
+        times: (TIMES,).
+        counts: (COUNTS,); changed.
+
+    Returns:
+        Whether it was above the limits over T_IDLE cycles in a row.
+    """
+    moment = math.sqrt(measured[3] ** 2 + measured[4] ** 2 + measured[5] ** 2)
+    bad = air and not (_norm(measured) <= limits[L_IDLE_N] and moment <= limits[L_IDLE_NM])
+    counts[K_IDLE] = counts[K_IDLE] + 1 if bad else 0
+    return bool(counts[K_IDLE] >= times[T_IDLE])
