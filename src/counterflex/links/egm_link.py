@@ -12,6 +12,7 @@ from counterflex.core.errors import ProtocolError
 from counterflex.geometry import pose
 from counterflex.links.robot_port import Counters, RobotPort, Verdict
 from counterflex.links.session_counter import SessionCounter
+from counterflex.runtime import layout as at
 from counterflex.wire.egm import RobotState, read_robot
 
 LARGEST_DATAGRAM: Final = 4096
