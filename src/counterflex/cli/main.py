@@ -14,6 +14,7 @@ from counterflex.cli import (
     dataset,
     demo,
     doctor,
+    egm,
     faults,
     identify,
     log,
@@ -64,6 +65,7 @@ doctor.register(app)
 soak.register(app)
 faults.register(app)
 rsi.register(app)
+egm.register(app)
 reproduce.register(app)
 demo.register(app)
 

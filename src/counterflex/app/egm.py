@@ -1,0 +1,182 @@
+"""ABB EGM set-ups: judge a RAPID program before a robot runs it, or make one for a cell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex import __version__
+from counterflex.app.egm_readme import readme
+from counterflex.core import atomic
+from counterflex.core.errors import FileFormatError, InputError, ProgramError
+from counterflex.core.similar import missing_file
+from counterflex.core.units import MS
+from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell_egm import EgmTable
+from counterflex.files.cell_online import OnlineTable
+from counterflex.files.summary_file import write_summary
+from counterflex.programs.rapid_egm import EgmSwitching, called_parts, part_with_egm, with_egm
+from counterflex.wire.egm_calls import EgmCalls, parse_egm_calls, read_egm_calls
+from counterflex.wire.egm_rules import EgmWanted, check_egm
+from counterflex.wire.rsi_setup import Finding
+
+_ENCODING: Final = "latin-1"
+_SETTLE_CYCLES: Final = 130
+_SETTLE_S: Final = 2.0
+
+
+@dataclass(frozen=True)
+class MakeSettings:
+    """What is made.
+
+    Attributes:
+        cell: Cell file with the tables ``[online]`` and ``[egm]``.
+        program: RAPID program that compensate wrote (``.mod``).
+        host: Address of the sensor computer, for the README.
+    """
+
+    cell: Path
+    program: Path
+    host: str = "192.168.125.10"
+
+
+def wanted_of(cell: Cell) -> EgmWanted:
+    """What a cell file wants of a RAPID program.
+
+    Raises:
+        InputError: EGM cannot do what the table ``[online]`` wants.
+    """
+    table, online = cell.tables.egm or EgmTable(), cell.tables.online or OnlineTable()
+    table.require(online, str(cell.path))
+    return EgmWanted(
+        table.mode, online.period_ms, table.device, table.configuration_name, in_part=table.frame == "part"
+    )
+
+
+def check(program: Path, cell: Path | None = None) -> tuple[Finding, ...]:
+    """Judge a RAPID program.
+
+    Args:
+        program: The module that sets up EGM.
+        cell: Cell file with an ``[egm]`` table, or None.
+
+    Returns:
+        Findings, errors first.
+
+    Raises:
+        FileFormatError: A file cannot be read as what it should be.
+    """
+    return check_egm(read_egm_calls(program), None if cell is None else wanted_of(read_cell(cell)))
+
+
+def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
+    """Write the RAPID program of a cell with EGM around its path, and a README, all of it or nothing.
+
+    Args:
+        settings: See there.
+        out: Folder; made when missing.
+
+    Returns:
+        The summary: files, mode, findings about what was written.
+
+    Raises:
+        FileFormatError: The cell has no ``[online]`` table, or a file cannot be read.
+        InputError: EGM cannot do what the cell file wants; what would be written has a finding of severity error.
+        ProgramError: The program cannot run under EGM.
+    """
+    cell = read_cell(settings.cell)
+    online = cell.tables.online
+    if online is None:
+        raise FileFormatError(
+            "the cell file does not say how to correct online",
+            where=str(settings.cell),
+            hint='Add a table [online], for example with force = "pilot"',
+        )
+    table = cell.tables.egm or EgmTable()
+    wanted = wanted_of(cell)
+    switching = EgmSwitching(
+        mode=table.mode,
+        device=table.device,
+        configuration=table.configuration_name,
+        period_ms=online.period_ms,
+        timeout_s=table.timeout_ms * MS,
+        settle_s=round(_SETTLE_S + _SETTLE_CYCLES * online.period_ms * MS, 1),
+        ramp_s=online.correction_mm / online.ramp_mm_s + 0.5,
+        low_pass_hz=table.low_pass_hz,
+        speed_deviation_deg_s=table.speed_deviation_deg_s,
+        ramp_in_s=table.ramp_in_ms * MS,
+        window_mm=table.window_mm,
+        window_deg=table.window_deg,
+        standing_s=table.standing_s,
+    )
+    files = _programs(settings.program, switching)
+    findings = check_egm(_together(files), wanted)
+    bad = next((item for item in findings if item.severity == "error"), None)
+    if bad is not None:
+        raise InputError(bad.what, where=bad.where, value=bad.value, limit=bad.safe, hint=bad.hint)
+    summary = {
+        "job": "egm make",
+        "cell": cell.name,
+        "program": settings.program.name,
+        "mode": table.mode,
+        "files": list(files),
+        "timeout_ms": table.timeout_ms,
+        "sample_ms": online.period_ms,
+        "warnings": [item.line() for item in findings],
+        "counterflex": __version__,
+    }
+    files["README.txt"] = readme(cell.name, table, online, switching, settings.host, tuple(files))
+    with atomic.atomic_folder(out) as staging:
+        for name, text in files.items():
+            atomic.write_bytes(staging / name, text.encode(_ENCODING))
+        write_summary(staging / "summary.json", summary)
+    return summary
+
+
+def _programs(program: Path, switching: EgmSwitching) -> dict[str, str]:
+    """Modules by name, the main one first."""
+    text = _rapid(program)
+    files = {program.name: with_egm(text, switching, program.name)}
+    parts = called_parts(text, program.name)
+    for k, name in enumerate(parts):
+        part = program.with_name(f"{name}{program.suffix}")
+        if not part.is_file():
+            raise ProgramError(
+                "the program calls a procedure whose module does not lie beside it",
+                where=str(program),
+                value=name,
+                hint=f"Its path is not corrected: put {part.name} there",
+            )
+        files[part.name] = part_with_egm(_rapid(part), part.name, first=k == 0)
+    return files
+
+
+def _together(files: dict[str, str]) -> EgmCalls:
+    """The instructions of all modules in the order in which they are run: parts where the main module calls them."""
+    (main, text), *parts = files.items()
+    called = {Path(name).stem.upper(): parse_egm_calls(part, name) for name, part in parts}
+    found = []
+    for item in parse_egm_calls(text, main).instructions:
+        part = called.get(item.name)
+        found += [item] if part is None else list(part.of("MOVEL", "EGMMOVEL", "EGMMOVEC"))
+    return EgmCalls(tuple(found), main)
+
+
+def _rapid(path: Path) -> str:
+    if path.suffix.lower() not in (".mod", ".modx"):
+        raise ProgramError(
+            "not a RAPID module",
+            where=str(path),
+            limit="a .mod file",
+            hint="counterflex compensate PROGRAM --as rapid writes one",
+        )
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(path), hint=missing_file(path)) from fault
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
+    if b"\0" in data:
+        raise ProgramError("not a text", where=str(path))
+    return data.decode(_ENCODING)
