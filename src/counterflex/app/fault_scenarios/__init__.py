@@ -4,9 +4,18 @@ from __future__ import annotations
 
 from typing import Final
 
-from counterflex.app.fault_scenarios import network
+from counterflex.app.fault_scenarios import clocks, network, rubbish, sessions, strangers
 from counterflex.app.fault_scenarios.scenario import Scenario
 
 SCENARIOS: Final[tuple[Scenario, ...]] = tuple(
-    sorted(network.SCENARIOS, key=lambda scenario: int(scenario.requirement[1:]))
+    sorted(
+        (
+            *network.SCENARIOS,
+            *sessions.SCENARIOS,
+            *rubbish.SCENARIOS,
+            *clocks.SCENARIOS,
+            *strangers.SCENARIOS,
+        ),
+        key=lambda scenario: int(scenario.requirement[1:]),
+    )
 )

@@ -11,12 +11,14 @@ from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
 from counterflex.links.telegram_watch import WatchSettings
 from counterflex.runtime.settings import ForceMode, OnlineSettings
 from counterflex.runtime.supervisor import State
-from counterflex.twin.impairment import Burst, Impairment
+from counterflex.twin.impairment import Burst, Impairment, Stall
 
 OLDEST: Final = 4
 """Cycles that a correction in force may be old."""
 LARGEST_STEP_M: Final = 0.40e-3
 """Largest step that the robot may see."""
+_ROUNDING: Final = 1e-6
+"""A telegram's numbers have four decimal places of a millimetre, and three coordinates."""
 _GOES_ON: Final = WatchSettings(hold_late=30, fault_late=30, share_late=0.5)
 
 
@@ -126,12 +128,109 @@ def _burst(mean: float) -> Scenario:
     )
 
 
+def _delay(effort: Effort) -> Outcome:
+    """One second of 10 ms delay; nothing holds, so that the queue can be seen."""
+    first, count = 300, 250
+    made = Impairment(delay_s=10e-3, first=first, end=first + count)
+    watch = WatchSettings(hold_late=10**6, fault_late=10**6, share_late=0.999, clock=False)
+    with Rig(made, seed=effort.seed, watch=watch) as rig:
+        begin = rig.activate().cycle_count
+        rig.run(first + count + 50)
+        age = np.array(rig.seen.age[begin:])
+        step = float(rig.seen.steps()[begin - 1 :].max())
+        late, drained = rig.robot.late, rig.link.counters.drained
+    back = int(np.argmax(age[first + count :] == 0))
+    return Outcome(
+        back <= 1 and late == count,
+        f"{late} answers late by the controller's count, {drained} telegrams passed over; "
+        f"fresh again {back} cycles after the end",
+        step,
+        None,
+        {"late": float(late), "cycles_until_fresh": float(back)},
+    )
+
+
+def _jitter(effort: Effort) -> Outcome:
+    """Jitter of 2 to 12 ms on both ways, as the loop is set by default."""
+    made = Impairment(delay_s=2e-3, jitter_s=10e-3)
+    with Rig(made, made, seed=effort.seed) as rig:
+        begin = rig.activate().cycle_count
+        rig.run(effort.pick(2_500, 500))
+        stopped = standing_from(rig, begin)
+        path = rig.seen.path(begin)
+        step = float(rig.seen.steps()[begin - 1 :].max())
+        again = sum(part == "active" for part in path) - 1
+    return Outcome(
+        again == 0 and rig.state != State.ACTIVE and step <= LARGEST_STEP_M,
+        described(path),
+        step,
+        (stopped - begin) * PERIOD_S,
+    )
+
+
+def _copies(effort: Effort) -> Outcome:
+    """Repeated telegrams change nothing: the corrections are those of a good network, bit for bit."""
+    made = Impairment(duplicate=0.5, reorder_s=9e-3)
+    cycles = effort.pick(2_500, 500)
+    found = []
+    for way in (None, made):
+        with Rig(way, seed=effort.seed) as rig:
+            begin = rig.activate().cycle_count
+            rig.run(cycles)
+            found.append(np.array(rig.seen.correction_m))
+            old = rig.link.counters.old
+            step = float(rig.seen.steps()[begin - 1 :].max())
+            state = rig.state
+    same = bool(np.array_equal(found[0], found[1]))
+    return Outcome(
+        same and old > 0 and state == State.ACTIVE,
+        f"{old} copies passed over, corrections {'the same bit for bit' if same else 'DIFFERENT'}",
+        step,
+    )
+
+
+def _overtaken(effort: Effort) -> Outcome:
+    """Telegrams that are overtaken are never answered; the correction keeps its steps."""
+    made = Impairment(reorder=0.03, reorder_s=6e-3)
+    with Rig(made, seed=effort.seed, watch=_GOES_ON) as rig:
+        begin = rig.activate().cycle_count
+        rig.run(effort.pick(5_000, 1_000))
+        old, refused = rig.link.counters.old, rig.robot.late
+        step = float(rig.seen.steps()[begin - 1 :].max())
+        state = rig.state
+        oldest = max(rig.seen.age[begin:])
+    return Outcome(
+        state == State.ACTIVE and old > 0 and oldest <= OLDEST and step <= LARGEST_STEP_M,
+        f"{old} overtaken telegrams passed over, {refused} cycles without an answer, oldest correction {oldest} cycles",
+        step,
+    )
+
+
+def _gap(effort: Effort) -> Outcome:
+    """Telegrams lost in a row while the correction moves as fast as it may."""
+    largest, worst = 0.0, 0.0
+    for lost in range(1, 13):
+        for start in range(2, effort.pick(30, 6)):
+            made = Impairment(stalls=(Stall(start, lost, lost=True),))
+            with Rig(made, seed=effort.seed) as rig:
+                begin = rig.activate().cycle_count
+                rig.run(start + lost + 20)
+                step = float(rig.seen.steps()[begin - 1 :].max())
+                largest = max(largest, step)
+                worst = max(worst, step / (min(lost + 1, 4) * rig.step_limit_m))
+    return Outcome(
+        worst <= 1.0 + _ROUNDING / 80e-6,
+        f"1 to 12 telegrams lost in a row, at any moment: largest step {worst:.1%} of the elapsed cycles' (4 at most)",
+        largest,
+        None,
+        {"of_limit_share": worst},
+    )
+
+
 SCENARIOS: Final = (
     _random(0.01, 0.9999),
     _random(0.05, 0.9999),
     _random(0.10, 0.999),
-    _burst(3.0),
-    _burst(8.0),
     _held(
         "R3",
         "random-5-as-set",
@@ -140,8 +239,25 @@ SCENARIOS: Final = (
         Impairment(loss=0.05),
         10.0,
     ),
+    _burst(3.0),
+    _burst(8.0),
     _held("R5", "alternating", "every second telegram lost", Impairment(pattern="10"), None, 0.504),
     _held(
         "R5", "scattered-15", "3 of 20 telegrams lost, apart", Impairment(pattern="11101111110111111011"), None, 0.504
+    ),
+    Scenario(
+        "R6",
+        "delay",
+        "telegrams delayed by 10 ms for one second; no hold",
+        "answers the newest only, late ones counted, fresh again within 1 cycle",
+        _delay,
+    ),
+    Scenario(
+        "R6", "jitter", "2 to 12 ms of delay on both ways, each by chance", "stops, does not limp; no queue", _jitter
+    ),
+    Scenario("R7", "copies", "half of the telegrams come twice", "ignored, counted, output unchanged", _copies),
+    Scenario("R7", "overtaken", "3 % of the telegrams overtaken by the next", "never answered, counted", _overtaken),
+    Scenario(
+        "R8", "gaps", "1 to 12 telegrams lost in a row", "the step is that of the elapsed cycles, 4 at most", _gap
     ),
 )

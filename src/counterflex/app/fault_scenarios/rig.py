@@ -19,6 +19,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
+from counterflex.core.units import NS
 from counterflex.files.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.links.netft_link import NetftLink
@@ -46,6 +47,7 @@ _NOISE_N: Final = 0.3
 _WIRE_S: Final = 0.1e-3
 _REPLY_S: Final = 0.2e-3
 _TELEGRAM, _ANSWER = 0, 1
+_LAST_COUNTER: Final = 0xFFFFFFFF
 
 
 def demo_cell() -> Cell:
@@ -128,6 +130,10 @@ class Rig:
         enable: The robot program wants the correction.
         feed: The robot program runs: the force acts.
         clock_offset_s: By how much the clock of the loop's computer is off.
+        clock_rate: Seconds of that clock per second.
+        paused: The controller sends nothing.
+        other: What another program answers to the robot in every cycle in which the loop does not, or None.
+        wrap: The controller's counter begins again at 0 behind ``2^32 - 1``.
     """
 
     def __init__(
@@ -168,6 +174,7 @@ class Rig:
         self.control = np.zeros(CONTROL, dtype=np.int64)
         chosen = {"force": self.force_link, "wrench": wrench, "checks": SessionChecks(), **chosen}
         self.now_s = self.clock_offset_s = 0.0
+        self.clock_rate = 1.0
         self.session = OnlineSession(
             self.link,
             self.loop,
@@ -181,7 +188,8 @@ class Rig:
         self.ways = (Schedule(telegrams or Impairment(), seed, 0), Schedule(answers or Impairment(), seed, 1))
         self.seen = Seen()
         self.cycle_count = 0
-        self.frozen = self.feed = self.enable = False
+        self.frozen = self.feed = self.enable = self.paused = self.wrap = False
+        self.other: Callable[[int], bytes] | None = None
         self.sense = sense
         self._force = force
         self._noise = np.random.default_rng([seed, 2])
@@ -211,7 +219,7 @@ class Rig:
 
     def clock_ns(self) -> int:
         """The monotonic clock of the loop's computer."""
-        return round((self.now_s + self.clock_offset_s) * 1e9)
+        return round((self.clock_rate * self.now_s + self.clock_offset_s) / NS)
 
     @property
     def state(self) -> State:
@@ -244,6 +252,11 @@ class Rig:
         self.ways, self._sent = ways, [0, 0]
         return self
 
+    @property
+    def running(self) -> bool:
+        """The controller sends telegrams."""
+        return not (self.paused or self.robot.stopped)
+
     def run(self, cycles: int) -> Self:
         """Go on for some cycles."""
         for _ in range(cycles):
@@ -261,8 +274,10 @@ class Rig:
         """One cycle of the controller."""
         begin = self.cycle_count * PERIOD_S
         self.now_s = begin
-        if not self.robot.stopped:
+        if self.running:
             self.robot.frees["Enable"] = float(self.enable)
+            if self.wrap:
+                self.robot.counter &= _LAST_COUNTER
             self._send(_TELEGRAM, self.robot.telegram(self._report()), begin + _WIRE_S)
         if self.sense:
             self.read_sensor()
@@ -329,8 +344,10 @@ class Rig:
 
     def _finish(self) -> None:
         mark = f"<IPOC>{self.robot.counter}</IPOC>".encode("ascii")
-        if not self.robot.stopped:
+        if self.running:
             fitting = [data for data in self._arrived if mark in data]
+            if not fitting and self.other is not None:
+                fitting = [self.other(self.robot.counter)]
             self.robot.answer(fitting[-1] if fitting else self._arrived[-1] if self._arrived else None)
             self._age = self._age + 1 if self.robot.refused else 0
         self._arrived.clear()

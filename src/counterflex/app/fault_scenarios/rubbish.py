@@ -1,0 +1,94 @@
+"""Datagrams that are no telegrams: R13."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from counterflex.app.fault_scenarios.network import LARGEST_STEP_M, described
+from counterflex.app.fault_scenarios.rig import PERIOD_S, Rig
+from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
+from counterflex.app.fault_scenarios.sessions import SETTLED, first_cycle
+from counterflex.runtime.supervisor import State
+from counterflex.twin.impairment import Impairment
+
+
+def _rubbish(effort: Effort) -> Outcome:
+    """Instead of telegrams: garbage, cut ones, huge ones, none that is text; then between good ones."""
+    rng = np.random.default_rng([effort.seed, 7])
+    counts = []
+    with Rig(seed=effort.seed) as rig:
+        rig.activate().run(SETTLED)
+        begin = rig.cycle_count
+        good = rig.robot.telegram(rig._report())
+        rig.robot.counter -= 4
+        kinds = [
+            rng.bytes(600),
+            good[: len(good) // 2],
+            good.replace(b"RSol", b"\xff\xfe\x80\x00"),
+            good.replace(b'X="', b'X="-'),
+            b"<" * 60_000,
+            b"",
+        ]
+        rig.paused = True
+        for k in range(12):
+            rig.to_loop(kinds[k % len(kinds)])
+            rig.run(1)
+            counts.append(rig.link.counters.malformed_in_a_row)
+        hold, fault = first_cycle(rig, State.HOLD, begin), first_cycle(rig, State.FAULT, begin)
+        step = float(rig.seen.steps()[begin - 1 :].max())
+        path, malformed = rig.seen.path(begin), rig.link.counters.malformed
+    with Rig(seed=effort.seed) as rig:
+        rig.activate().run(SETTLED)
+        between = rig.cycle_count
+        for k in range(60):
+            rig.to_loop(kinds[k % len(kinds)])
+            rig.run(1)
+        undisturbed = rig.state == State.ACTIVE
+        step = max(step, float(rig.seen.steps()[between - 1 :].max()))
+    passed = hold is not None and hold <= 3 and fault is not None and fault <= 10 and undisturbed and malformed == 12
+    return Outcome(
+        passed and step <= LARGEST_STEP_M,
+        f"hold after {hold}, fault after {fault} in a row; between good telegrams counted only; {described(path)}",
+        step,
+        None if hold is None else hold * PERIOD_S,
+    )
+
+
+def _flips(effort: Effort) -> Outcome:
+    """Damage that the checksum of UDP would catch: bits and ends of telegrams and answers."""
+    steps, ends, runs = [], [], effort.pick(30, 5)
+    for k in range(runs):
+        made = Impairment(flip=0.02, truncate=0.01, garbage=0.01)
+        with Rig(made, seed=1000 * effort.seed + k) as rig:
+            begin = rig.activate().cycle_count
+            rig.run(1_000)
+            steps.append(float(rig.seen.steps()[begin - 1 :].max()))
+            ends.append(rig.seen.path(begin))
+    stopped = sum(path[-1] != "active" for path in ends)
+    return Outcome(
+        max(steps) <= LARGEST_STEP_M,
+        f"{runs} runs of 4 s, no exception; {stopped} had stopped; e.g. {described(ends[0], 4)}",
+        max(steps),
+        None,
+        {"runs": float(runs), "stopped": float(stopped)},
+    )
+
+
+SCENARIOS: Final = (
+    Scenario(
+        "R13",
+        "rubbish",
+        "garbage, cut, huge, empty, not UTF-8 instead of telegrams, and between them",
+        "counted; hold after 3 in a row, fault after 10; no exception",
+        _rubbish,
+    ),
+    Scenario(
+        "R13",
+        "damaged",
+        "2 % of the telegrams with a bit turned over, 1 % cut, 1 % replaced by garbage",
+        "no exception, no step above the limit",
+        _flips,
+    ),
+)
