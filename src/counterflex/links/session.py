@@ -161,6 +161,7 @@ class OnlineSession:
         self._healthy_force = False
         self._time_zero_ns = clock_ns()
         self._silent_cycles = 0
+        self._another, self._answered = False, True
         self.cycles = 0
         self.compute_ns = 0
 
@@ -179,17 +180,29 @@ class OnlineSession:
         Returns:
             False where none came: the loop has then done a cycle without one, and nothing was sent.
         """
+        return self.deal(self.link.wait(timeout_s))
+
+    def deal(self, came: bool) -> bool:
+        """Deal with the telegram that :attr:`link` took, or with a cycle in which none came.
+
+        Args:
+            came: There is a telegram.
+
+        Returns:
+            The same.
+        """
         link, loop = self.link, self.loop
-        came = link.wait(timeout_s)
         received = self._clock_ns()
         given, flags = loop.given, loop.flags
         soft, hard = 0, 0
-        if came and link.restarted:
-            hard = _RESTARTED
-        if came and link.empty:
-            link.answer(np.zeros(6))
+        self._another = self._another or (came and link.restarted)
+        if came and link.empty:  # says nothing of the robot: what is in force stays in force
+            if not loop.outcome[at.O_SILENT]:
+                link.answer(loop.correction, loop.axes if self._axes else None)
             return True
         flags[at.F_REPORTED] = 0
+        if self._another:
+            hard, self._another = _RESTARTED, False
         if came:
             link.fill(given)
             flags[at.F_REPORTED] = int(link.fill_reported(given))
@@ -215,7 +228,9 @@ class OnlineSession:
             control[_ARM] = 0
         self._let_go(bool(control[_RESET]))
         control[_RESET] = 0
-        if came and not outcome[at.O_SILENT]:
+        if came:
+            self._answered = not outcome[at.O_SILENT]
+        if came and self._answered:
             link.answer(
                 loop.correction,
                 loop.axes if self._axes else None,
@@ -239,10 +254,15 @@ class OnlineSession:
         self._silent_cycles = 0 if came else self._silent_cycles + 1
         if not came:
             return watch.silent(counters.malformed_in_a_row)
-        if link.restarted:
+        if hard == _RESTARTED:
             watch.restart()
         soft, found = watch.came(
-            link.elapsed, link.counter, received, counters.late_at_robot, counters.malformed_in_a_row
+            link.elapsed,
+            link.counter,
+            received,
+            counters.late_at_robot,
+            counters.malformed_in_a_row,
+            answered=self._answered,
         )
         return soft, hard or found
 

@@ -110,7 +110,14 @@ class TelegramWatch:
         return self._judge(malformed_in_a_row, 0, 0)
 
     def came(
-        self, elapsed: int, counter_ms: int, now_ns: int, late_count: int, malformed_in_a_row: int
+        self,
+        elapsed: int,
+        counter_ms: int,
+        now_ns: int,
+        late_count: int,
+        malformed_in_a_row: int,
+        *,
+        answered: bool = True,
     ) -> tuple[int, int]:
         """A telegram came.
 
@@ -120,6 +127,7 @@ class TelegramWatch:
             now_ns: This computer's monotonic clock when it was received.
             late_count: The controller's count of late answers, or :data:`UNKNOWN`.
             malformed_in_a_row: Unreadable ones since the last good one.
+            answered: The telegram before was answered; where the loop keeps silent on purpose, nothing is late.
 
         Returns:
             Causes of a hold and of a fault, or 0.
@@ -127,7 +135,7 @@ class TelegramWatch:
         lost = elapsed - 1
         late = lost
         soft = hard = 0
-        if late_count != UNKNOWN and self._count != UNKNOWN:
+        if answered and late_count != UNKNOWN and self._count != UNKNOWN:
             risen = late_count - self._count
             late = min(elapsed, risen if risen >= 0 else late_count)
             if late < lost:

@@ -19,7 +19,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
-from counterflex.core.units import NS
+from counterflex.core.units import MS, NS
 from counterflex.files.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.links.netft_link import NetftLink
@@ -77,6 +77,7 @@ class Seen:
         state: (n,) of the loop at the end of the cycle.
         cause: (n,) its cause.
         session: (n,) number of the controller's session.
+        running: (n,) the controller had not stopped.
     """
 
     age: list[int] = field(default_factory=list)
@@ -84,12 +85,18 @@ class Seen:
     state: list[State] = field(default_factory=list)
     cause: list[Cause] = field(default_factory=list)
     session: list[int] = field(default_factory=list)
+    running: list[bool] = field(default_factory=list)
 
     def steps(self) -> Float:
         """(n - 1,) m: change of the correction in force from cycle to cycle; none from one session to the next."""
         change = np.linalg.norm(np.diff(np.array(self.correction_m), axis=0), axis=1)
         out: Float = np.where(np.diff(self.session) == 0, change, 0.0)
         return out
+
+    def stopped_s(self, first: int) -> float | None:
+        """Time from the begin of a cycle until the controller had stopped; None: it did not."""
+        running = self.running[first:]
+        return None if all(running) else (running.index(False) + 1) * PERIOD_S
 
     def path(self, first: int = 0) -> list[str]:
         """States from a cycle on, each once, with the cause by which it was reached."""
@@ -134,6 +141,7 @@ class Rig:
         paused: The controller sends nothing.
         other: What another program answers to the robot in every cycle in which the loop does not, or None.
         wrap: The controller's counter begins again at 0 behind ``2^32 - 1``.
+        wrapped_at: In which cycle it did.
     """
 
     def __init__(
@@ -189,6 +197,7 @@ class Rig:
         self.seen = Seen()
         self.cycle_count = 0
         self.frozen = self.feed = self.enable = self.paused = self.wrap = False
+        self.wrapped_at = 0
         self.other: Callable[[int], bytes] | None = None
         self.sense = sense
         self._force = force
@@ -276,8 +285,9 @@ class Rig:
         self.now_s = begin
         if self.running:
             self.robot.frees["Enable"] = float(self.enable)
-            if self.wrap:
-                self.robot.counter &= _LAST_COUNTER
+            if self.wrap and self.robot.counter + round(PERIOD_S / MS) > _LAST_COUNTER:
+                self.robot.counter -= _LAST_COUNTER + 1
+                self.wrapped_at = self.cycle_count
             self._send(_TELEGRAM, self.robot.telegram(self._report()), begin + _WIRE_S)
         if self.sense:
             self.read_sensor()
@@ -298,6 +308,12 @@ class Rig:
         with contextlib.suppress(ConnectionError, BlockingIOError):
             (self.robot_socket if sender is None else sender).sendto(data, self.link.address)
 
+    def next_telegram(self) -> bytes:
+        """What the controller will send in its next cycle."""
+        data = self.robot.telegram(self._report())
+        self.robot.counter -= round(PERIOD_S / MS)
+        return data
+
     def _report(self) -> Report:
         x = 0.05 + 1e-4 * (self.cycle_count % 500)
         T = pose.make(rotation.about_x(np.pi), np.array([x, 0.0, 0.0]))
@@ -317,7 +333,7 @@ class Rig:
                 return
             if not self.frozen and self._due < arrival:
                 self.now_s = max(self.now_s, self._due)
-                self.act()
+                self.act(due=True)
                 continue
             self.now_s = max(self.now_s, arrival)
             came = False
@@ -331,9 +347,12 @@ class Rig:
             if came and not self.frozen:
                 self.act()
 
-    def act(self) -> None:
-        """The loop takes what is there and answers."""
-        self.session.cycle(0.0)
+    def act(self, *, due: bool = False) -> None:
+        """The loop takes what is there and answers; where that is nothing, it waits on, unless its patience is due."""
+        came = self.link.wait(0.0)
+        if not came and not due:
+            return
+        self.session.deal(came)
         self._due = self.now_s + self.session.patience_s
         while True:
             try:
@@ -357,6 +376,7 @@ class Rig:
         seen.state.append(self.loop.state)
         seen.cause.append(self.loop.cause)
         seen.session.append(self._sessions)
+        seen.running.append(not self.robot.stopped)
 
 
 def _reading(wrench: SensorWrench) -> Float:

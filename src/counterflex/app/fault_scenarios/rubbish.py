@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 import numpy as np
@@ -21,13 +22,12 @@ def _rubbish(effort: Effort) -> Outcome:
     with Rig(seed=effort.seed) as rig:
         rig.activate().run(SETTLED)
         begin = rig.cycle_count
-        good = rig.robot.telegram(rig._report())
-        rig.robot.counter -= 4
+        good = rig.next_telegram()
         kinds = [
             rng.bytes(600),
             good[: len(good) // 2],
             good.replace(b"RSol", b"\xff\xfe\x80\x00"),
-            good.replace(b'X="', b'X="-'),
+            re.sub(rb'X="[^"]*"', b'X="-"', good),
             b"<" * 60_000,
             b"",
         ]

@@ -84,13 +84,14 @@ def _wrap(effort: Effort) -> Outcome:
         step = float(rig.seen.steps()[begin - 1 :].max())
         path, stopped = rig.seen.path(begin), rig.robot.stopped
         after = np.array(rig.seen.correction_m[wrapped:])
-        counter = rig.robot.counter
+        counter, at_zero = rig.robot.counter, rig.wrapped_at
+        safe_s = rig.seen.stopped_s(at_zero)
     steady = bool(np.all(after == after[0])) and float(np.linalg.norm(after[0])) > 0.0
     return Outcome(
         stopped == "RSITimeout" and steady and counter < 2**31 and step <= LARGEST_STEP_M,
         f"{described(path)}; no answer any more, the controller holds what it has and stops ({stopped})",
         step,
-        10 * PERIOD_S,
+        safe_s,
     )
 
 
@@ -133,13 +134,14 @@ def _stopped(cycles: int) -> Callable[[Effort], Outcome]:
             replies = rig.link.counters.telegrams - sent
             step = float(rig.seen.steps()[begin - 1 :].max())
             path, ended, late = rig.seen.path(begin), rig.robot.stopped, rig.robot.late
+            safe_s = rig.seen.stopped_s(begin)
         passed = answered == waiting and rig.state == State.FAULT and ended != "" and step <= LARGEST_STEP_M
         return Outcome(
             passed,
             f"the newest telegram answered, {drained} passed over, {replies} answers in all; controller: {ended} after "
             f"{late} late; {described(path)}",
             step,
-            10 * PERIOD_S,
+            safe_s,
         )
 
     return run

@@ -73,8 +73,7 @@ def _strangers(effort: Effort) -> Outcome:
         with Rig(seed=effort.seed) as rig, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             stranger.bind(("127.0.0.1", 0))
             begin = rig.activate().cycle_count
-            forged = rig.robot.telegram(rig._report()).replace(b"<IPOC>4", b"<IPOC>3")
-            rig.robot.counter -= 4
+            forged = rig.next_telegram().replace(b"<IPOC>4", b"<IPOC>3")
             for _ in range(cycles):
                 if disturbed:
                     for k in range(40):
