@@ -6,7 +6,7 @@ import hashlib
 import multiprocessing
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
@@ -15,15 +15,19 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.made_on import made_on
+from counterflex.app.process_events import shown_process
 from counterflex.app.robot_links import egm_link, rsi_link
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, OutputError
 from counterflex.evaluate.latency import LatencyHistogram
+from counterflex.evaluate.process_record import ProcessEvent, ProcessRecord
 from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell_monitor import feed_exponent
 from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_sensing import flange_sensor
 from counterflex.files.plan_file import read_plan
 from counterflex.files.run_log import RunLog
+from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose
 from counterflex.links.egm_force import EgmForce
 from counterflex.links.egm_link import EgmLink
@@ -34,18 +38,23 @@ from counterflex.links.robot_link import RobotLink
 from counterflex.links.session import CONTROL, OnlineSession, Request, SessionChecks, Tally, tracker_frames
 from counterflex.links.telegram_watch import WatchSettings
 from counterflex.links.tracker_link import TrackerLink
-from counterflex.plan.plan import Plan
+from counterflex.plan.plan import Plan, across
 from counterflex.robot.chain import ElasticChain
 from counterflex.runtime.fusion import Source
 from counterflex.runtime.layout import O_CAUSE, O_DEGRADED, O_SOFT, O_SOURCES, O_STATE
 from counterflex.runtime.loop import Loop, LoopPlan
-from counterflex.runtime.record_ring import OUTCOME, RESULTS, RecordRing
+from counterflex.runtime.monitor_layout import R_SPEED
+from counterflex.runtime.monitor_settings import unwatched
+from counterflex.runtime.record_ring import MONITOR, OUTCOME, RESULTS, RecordRing
 from counterflex.runtime.sensor_wrench import SensorWrench
 from counterflex.runtime.spindle_inertia import SpindleInertia
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.wire.netft import Scaling
 
+SUMMARY = "summary.json"
 _QUIET_S = 2.0
+_EXPONENT = 0.75
+"""Of the force in the feed, where there is no plan to take it from."""
 _POLL_S = 0.02
 
 
@@ -66,6 +75,13 @@ def loop_plan(plan: Plan, *, compensated: bool) -> LoopPlan:
         cutting=plan.cutting.astype(np.float64),
         contained=contained,
         play=plan.play_part,
+        turn_per_s=np.abs(plan.path.spindle_rad_s) / (2.0 * np.pi),
+        tool=plan.path.tool.astype(np.int64),
+        chip_m=plan.feed_per_tooth_m * np.sin(0.5 * (plan.entry_rad + plan.exit_rad)),
+        need_m=None if compensated else across(-plan.deflection_part[:, :3], plan.path.p_part_tcp),
+        left_m=np.linalg.norm(across(plan.deviation_compensated_part, plan.path.p_part_tcp), axis=1)
+        if compensated
+        else None,
     )
 
 
@@ -123,7 +139,23 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
             hint='Add a table [online], for example with force = "pilot"',
         )
     settings = table.settings(cell.tables.timing, compensated=compensated, mode=cell.tables.lowest_mode)
-    return Loop(cell.chain, settings, cell.T_base_part, plan)
+    watched, override = cell.tables.monitor, cell.tables.override
+    teeth = None
+    exponent = _EXPONENT
+    if plan is not None and plan.tool is not None:
+        flutes = {tool.number: tool.flutes for tool in cell.tables.tools}
+        teeth = np.array([flutes.get(int(number), 0) for number in plan.tool], dtype=np.int64)
+        if plan.chip_m is not None and np.any(chips := np.isfinite(plan.chip_m) & (plan.chip_m > 0.0)):
+            exponent = feed_exponent(cell.force_law, float(np.median(plan.chip_m[chips])))
+        plan = replace(plan, teeth=teeth)
+    return Loop(
+        cell.chain,
+        settings,
+        cell.T_base_part,
+        plan,
+        monitor=unwatched(settings, exponent) if watched is None else watched.settings(settings, exponent),
+        override=None if override is None else override.settings(),
+    )
 
 
 def open_session(settings: RunSettings, *, ring: RecordRing | None = None, control: Int | None = None) -> OnlineSession:
@@ -257,6 +289,8 @@ class Status:
         foreign: Telegrams from an address that is not the controller's, so far.
         sources: What the estimate rests on; nothing without an estimator.
         degraded: Why one of its sources is missing.
+        events: Of the process, since the last status.
+        speed: Share of the programmed speed that is asked for.
     """
 
     state: State
@@ -268,6 +302,8 @@ class Status:
     foreign: int = 0
     sources: Source = Source.NOTHING
     degraded: Cause = Cause.NONE
+    events: tuple[ProcessEvent, ...] = ()
+    speed: float = 1.0
 
 
 def run(
@@ -288,7 +324,7 @@ def run(
         started: Told the address at which telegrams are expected, once.
 
     Returns:
-        Summary: cycles, times, states, losses.
+        Summary: cycles, times, states, losses, what process monitoring found; also written as ``summary.json``.
 
     Raises:
         CounterflexError: As :func:`open_session`, and when the log cannot be begun.
@@ -312,6 +348,7 @@ def run(
         summary = _record(ring, log, process, control, watch, most_s)
         if parent.poll():
             raise parent.recv()
+        write_summary(Path(out) / SUMMARY, {"job": "run", "cell": settings.cell.name, **summary})
         return summary
     finally:
         control[Request.END] = 1
@@ -336,6 +373,8 @@ def _record(
     states: dict[str, int] = {}
     cycles, worst, faults = 0, 0.0, set()
     recent: list[Float] = []
+    seen = ProcessRecord()
+    events: list[ProcessEvent] = []
     try:
         while True:
             alive = process.is_alive()
@@ -345,6 +384,7 @@ def _record(
                 compute = (rows[:, 2] - rows[:, 1]) * 1e-3
                 times.add(compute[rows[:, 3] > 0])
                 recent.append(rows)
+                events += seen.add(rows)
                 cycles += int(np.sum(rows[:, 3] > 0))
                 worst = max(worst, float(np.max(np.linalg.norm(rows[:, RESULTS : RESULTS + 3], axis=1))))
                 for value, count in zip(*np.unique(rows[:, OUTCOME + O_STATE], return_counts=True), strict=True):
@@ -367,15 +407,19 @@ def _record(
                         int(control[Tally.FOREIGN]),
                         Source(int(last[OUTCOME + O_SOURCES])),
                         Cause(int(last[OUTCOME + O_DEGRADED])),
+                        tuple(events),
+                        float(last[MONITOR + R_SPEED]),
                     )
                 )
-                shown, recent = now, []
+                shown, recent, events = now, [], []
             if not alive:
                 break
             if most_s is not None and now - begin > most_s:
                 control[Request.END] = 1
             time.sleep(_POLL_S)
-        log.add(reader.take())
+        rows = reader.take()
+        seen.add(rows)
+        log.add(rows)
     finally:
         reader.close()
     return {
@@ -383,6 +427,7 @@ def _record(
         "seconds": round(time.monotonic() - begin, 2),
         "states": states,
         "causes": sorted(faults),
+        **shown_process(seen.figures()),
         "largest_correction_um": round(worst * 1e6, 1),
         "compute_us": {
             "p50": round(times.at(0.5), 1),

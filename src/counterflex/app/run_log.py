@@ -12,6 +12,7 @@ import polars
 from counterflex import __version__
 from counterflex.app.made_on import made_on
 from counterflex.app.online import loop_plan, online_loop
+from counterflex.app.process_events import shown_process
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import UM
@@ -25,7 +26,7 @@ from counterflex.runtime.fusion import level
 from counterflex.runtime.record_ring import COLUMNS
 from counterflex.runtime.replay import Difference, Gap, Replay
 
-_WHOLE_NUMBERS = ("counter_ms", "received_ns", "sent_ns", "elapsed", "w_good", "cycle")
+_WHOLE_NUMBERS = ("counter_ms", "received_ns", "sent_ns", "elapsed", "w_good", "slowed", "cycle")
 
 
 def show(folder: str | Path) -> dict[str, Any]:
@@ -97,6 +98,7 @@ def _shown(found: RunFigures) -> dict[str, Any]:
             }
             for change in found.sources_changes
         ],
+        **shown_process(found.process),
         "reply_us": None if found.reply is None else micro(found.reply),
         "largest_correction_um": round(found.largest_m / UM, 2),
         "largest_step_um": round(found.largest_step_m / UM, 3),
@@ -230,7 +232,7 @@ def export(folder: str | Path, csv: str | Path, progress: Progress = silent) -> 
     """
     count = 0
     total = len(list(Path(folder).glob("run-*.mcap")))
-    whole = [c for c in COLUMNS if c in _WHOLE_NUMBERS or c.startswith(("flag_", "out_"))]
+    whole = [c for c in COLUMNS if c in _WHOLE_NUMBERS or c.startswith(("flag_", "out_", "event_"))]
     with atomic.atomic_path(csv) as part, part.open("wb") as stream:
         for k, segment in enumerate(segments(folder)):
             progress(k / max(1, total), segment.name)

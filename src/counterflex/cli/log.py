@@ -75,6 +75,7 @@ def _show_run(run: dict[str, Any], *, several: bool) -> None:
         )
     _show_changes("Changes of its sources", run["sources_changes"])
     _show_changes("Changes", run["changes"])
+    show_process(run)
     if run["causes"]:
         said = (f"{name.replace('_', ' ')} {count}" for name, count in run["causes"].items())
         typer.echo("cycles with a cause: " + ", ".join(said))
@@ -96,6 +97,40 @@ def _show_changes(title: str, changes: list[dict[str, Any]]) -> None:
                 for change in changes[:_SHOWN]
             ],
             note=f"and {len(changes) - _SHOWN} more; --json lists them" if len(changes) > _SHOWN else "",
+        )
+
+
+def show_process(found: dict[str, Any]) -> None:
+    """Print what process monitoring found."""
+    events = found["events"]
+    if events:
+        print_table(
+            "Process events",
+            ["event", "path mm", "seconds", "cycle", "value", "limit", ""],
+            [
+                [
+                    event["event"].replace("_", " "),
+                    f"{event['path_mm']:.1f}",
+                    f"{event['time_s']:.3f}",
+                    str(event["cycle"]),
+                    f"{event['value']:g}",
+                    f"{event['limit']:g}",
+                    event["unit"],
+                ]
+                for event in events[:_SHOWN]
+            ],
+            note=f"and {len(events) - _SHOWN} more; --json lists them" if len(events) > _SHOWN else "",
+        )
+    wear = found["wear"]
+    if wear is not None:
+        typer.echo(
+            f"force by predicted force over {wear['cut_m']:g} m of cut: {wear['trend_percent_per_m']:+g} % per metre,"
+            f" standard deviation {wear['sigma_percent_per_m']:g}"
+        )
+    if found["slowed_share"] > 0.0:
+        typer.echo(
+            f"slowed in {100.0 * found['slowed_share']:.1f} % of the cycles,"
+            f" down to {100.0 * found['least_speed']:.0f} % of the programmed speed"
         )
 
 

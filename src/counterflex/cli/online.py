@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli.log import show_process
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.cli.program import CellFile, Out, Program
 from counterflex.core.errors import InputError
@@ -94,6 +95,7 @@ def run(
     Example: `counterflex run --cell cell.toml --rsi rsi.xml --plan plan.parquet --force 192.168.1.1:49152 --out log`
     """
     from counterflex.app import online as job
+    from counterflex.app.process_events import shown_event
     from counterflex.runtime.fusion import level
 
     keep_inputs(out, cell, *(path for path in (rsi, plan) if path is not None))
@@ -126,9 +128,17 @@ def run(
         trouble = f"  LOG LOST: {status.log_trouble}" if status.log_trouble else ""
         if status.foreign:
             trouble += f"  FOREIGN TELEGRAMS: {status.foreign}"
+        speed = f"  speed {100.0 * status.speed:.0f} %" if status.speed < 1.0 else ""
+        for event in status.events:
+            found = shown_event(event)
+            typer.echo(
+                f"PROCESS: {found['event'].replace('_', ' ')} at {found['path_mm']:.1f} mm of the path:"
+                f" {found['value']:g} {found['unit']}, limit {found['limit']:g}",
+                err=True,
+            )
         typer.echo(
             f"{status.state.name.lower():9s}{cause} {status.cycles:7d} cycles  "
-            f"correction {x:+6.0f} {y:+6.0f} {z:+6.0f} um  {status.compute_us:4.0f} us{rests}{trouble}",
+            f"correction {x:+6.0f} {y:+6.0f} {z:+6.0f} um  {status.compute_us:4.0f} us{rests}{speed}{trouble}",
             err=True,
         )
 
@@ -152,6 +162,7 @@ def run(
         ],
     )
     typer.echo("states: " + ", ".join(f"{name} {count}" for name, count in summary["states"].items()))
+    show_process(summary)
     if summary["causes"]:
         typer.echo("causes: " + ", ".join(name.replace("_", " ") for name in summary["causes"]))
     typer.echo(f"wrote {out}")

@@ -10,6 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.evaluate.loop_timing import Percentiles, percentiles
+from counterflex.evaluate.process_record import ProcessFigures, ProcessRecord
 from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.fusion import Source
@@ -77,6 +78,7 @@ class RunFigures:
         reply: From the return of the receive call to the return of the send call; None where nothing was answered.
         largest_m: Largest correction that was sent, length of its translation.
         largest_step_m: Largest change of it from one record to the next cycle's.
+        process: What process monitoring found.
     """
 
     records: int
@@ -93,6 +95,7 @@ class RunFigures:
     largest_step_m: float
     sources: dict[Source, int] = field(default_factory=dict)
     sources_changes: tuple[SourcesChange, ...] = ()
+    process: ProcessFigures | None = None
 
 
 class RunRecord:
@@ -105,6 +108,7 @@ class RunRecord:
         self._times: Float = np.zeros(len(State))
         self._causes: Int = np.zeros(len(Cause), dtype=np.int64)
         self._changes: list[Change] = []
+        self._process = ProcessRecord()
         self._sources: Int = np.zeros(_SOURCES, dtype=np.int64)
         self._sources_changes: list[SourcesChange] = []
         self._reply: list[Float] = []
@@ -133,6 +137,7 @@ class RunRecord:
             joined = np.concatenate([self._last[None], rows])
             known = np.concatenate([[int(self._last[record.OUTCOME + at.O_STATE])], states])
         self._count(rows, states)
+        self._process.add(rows)
         self._follow(joined, known)
         self._last = rows[-1].copy()
         self._end = float(rows[-1, _RECEIVED])
@@ -218,6 +223,7 @@ class RunRecord:
             largest_step_m=self._largest_step,
             sources=self._rested(),
             sources_changes=tuple(self._sources_changes),
+            process=self._process.figures(),
         )
 
 

@@ -12,6 +12,7 @@ from counterflex.files.cell_dh import DhTable
 from counterflex.files.cell_drive_error import DriveErrorTable
 from counterflex.files.cell_egm import EgmTable
 from counterflex.files.cell_measured import CalibrationTable, IdentifiedTable
+from counterflex.files.cell_monitor import MonitorTable, OverrideTable
 from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_sensing import HolderTable, SensorTable
 from counterflex.files.cell_timing import TimingTable
@@ -334,6 +335,8 @@ class CellTables(Versioned):
     timing: TimingTable | None = None
     online: OnlineTable | None = None
     egm: EgmTable | None = None
+    monitor: MonitorTable | None = None
+    override: OverrideTable | None = None
     identified: tuple[IdentifiedTable, ...] = ()
 
     @property

@@ -119,7 +119,9 @@ S_SECOND: Final = 348  # 6: its acceleration
 S_FORWARD: Final = 354  # 6: correction known ahead
 S_EARLIER: Final = 360  # 64: a second row of the ring
 S_INERTIA: Final = 424  # 24: memory of the low-pass of C_INERTIA for the predicted force
-STATE: Final = 448
+S_SPEED: Final = 448  # share of the programmed speed that the loop asks for
+S_SLOWER: Final = 449  # by which the predicted force is smaller at that speed
+STATE: Final = 450
 
 # State, int64: 0..4 of the supervisor, then
 N_RING: Final = 5  # next row of the ring

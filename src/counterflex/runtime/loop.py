@@ -26,9 +26,10 @@ from counterflex.runtime.follow_kernel import (
 )
 from counterflex.runtime.fusion import Source
 from counterflex.runtime.monitor import Monitor
-from counterflex.runtime.monitor_layout import Event
+from counterflex.runtime.monitor_layout import P_SPEED
 from counterflex.runtime.monitor_plan import monitor_plan
-from counterflex.runtime.monitor_settings import MonitorSettings, Reaction
+from counterflex.runtime.monitor_settings import MonitorSettings, unwatched
+from counterflex.runtime.override_plan import SpeedPlan, speed_plan
 from counterflex.runtime.override_settings import OverrideSettings
 from counterflex.runtime.plausibility_stage import PlausibilityStage
 from counterflex.runtime.settings import (
@@ -67,6 +68,7 @@ class LoopPlan:
         turn_per_s: (n,) spindle speed, turns per second; None is not known.
         tool: (n,) number of the tool; None is one and the same.
         teeth: (n,) of the tool; None is not known.
+        chip_m: (n,) mean chip thickness where it cuts, else NaN; None is not known.
         need_m: (n, 3) correction across the feed that the loop will want at this place; None is not known.
         left_m: (n,) size of the error that the program itself is predicted to leave; None is not known.
     """
@@ -80,6 +82,7 @@ class LoopPlan:
     turn_per_s: Float | None = None
     tool: Int | None = None
     teeth: Int | None = None
+    chip_m: Float | None = None
     need_m: Float | None = None
     left_m: Float | None = None
 
@@ -118,6 +121,10 @@ class LoopPlan:
         tool = none if self.tool is None else self.tool
         teeth = none if self.teeth is None else self.teeth
         return monitor_plan(self.packed(), settings, turn, teeth, tool)
+
+    def speeds(self, settings: OnlineSettings, override: OverrideSettings) -> SpeedPlan:
+        """Speeds at which the predicted remaining error stays within a tolerance."""
+        return speed_plan(self.time_s, self.need_m, self.left_m, settings, override)
 
 
 class Loop:
@@ -205,6 +212,7 @@ class Loop:
         self.outcome[:] = 0
         self._state[at.S_PLACE] = -1.0
         self._state[at.S_SCALE : at.S_SCALE + 3] = 1.0
+        self._state[at.S_SPEED] = self._state[at.S_SLOWER] = 1.0
         self._state[at.S_VARIANCE : at.S_VARIANCE + 3] = _SCALE_VARIANCE
         self._state[at.S_OFFSET_VARIANCE : at.S_OFFSET_VARIANCE + 2] = _OFFSET_M2, _OFFSET_RAD2
         self.settings.fusion.begin(self._state[at.S_FUSION : at.S_FUSION + fk.SIZE])
@@ -323,6 +331,9 @@ class Loop:
         )
         self.plausibility.after(self.given, self.flags, self.results, self.outcome)
         self.monitor.after(self.given, self.flags, self.results, self.outcome, self._place)
+        if self.monitor.overriding:
+            self._state[at.S_SPEED] = self.monitor.speed
+            self._state[at.S_SLOWER] = self.monitor.speed**self.monitor.settings.exponent
 
     @property
     def compliance(self) -> Float:
@@ -401,17 +412,12 @@ def _monitor(
     monitor: MonitorSettings | None,
     override: OverrideSettings | None,
 ) -> Monitor:
-    if monitor is None:
-        silent = dict.fromkeys(Event, Reaction.WARN)
-        monitor = MonitorSettings(
-            reaction=silent,
-            period_s=settings.period_s,
-            follow_s=settings.delays.follow_s,
-            stale_cycles=settings.stale_cycles,
-        )
+    monitor = unwatched(settings) if monitor is None else monitor
     if abs(monitor.period_s - settings.period_s) > 1e-9:
         raise InputError("the monitor has another cycle", value=monitor.period_s, limit=settings.period_s)
     watched = None if plan is None else plan.watched(monitor)
+    if watched is not None and plan is not None and override is not None:
+        watched[:, P_SPEED] = plan.speeds(settings, override).speed
     return Monitor(monitor, override, path, watched, settings.off_path_m, settings.translation.radius)
 
 

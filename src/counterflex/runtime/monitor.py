@@ -42,6 +42,7 @@ class Monitor:
         results: (RESULTS,).
         outcome: (OUTCOME,).
         settings: As given.
+        overriding: It may change the speed.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class Monitor:
         self._choices = settings.choices(plan is not None)
         self._speed: Float = np.zeros(OVERRIDE_CONSTANTS)
         self._speed[K_RADIUS] = radius_m
+        self.overriding = override is not None
         self._speed[K_LEAST] = 1.0 if override is None else override.least
         self._speed[K_STEP] = 0.0 if override is None else override.change_per_s * settings.period_s
         self.fast: Float = np.zeros(ml.FAST)

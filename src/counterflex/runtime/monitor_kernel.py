@@ -35,6 +35,8 @@ from counterflex.runtime.supervisor import Cause, State
 
 AIR_N: Final = 1.0
 """Largest predicted force that still is no cut."""
+LEAP_M: Final = 10e-3
+"""The place on the plan was sought anew where it went farther than this in a cycle."""
 RATE_S: Final = 0.04
 _MISSING, _OVERLOAD, _WEAR = int(ml.Event.MISSING_CUT), int(ml.Event.OVERLOAD), int(ml.Event.WEAR)
 _FIRST_CAUSE = int(Cause.PROCESS_MISSING_CUT)
@@ -86,6 +88,7 @@ def _look(
         distance = (1.0 - u) * here[ml.P_DISTANCE] + u * there[ml.P_DISTANCE]
         if whole[ml.N_STARTED] == 1:
             moved = max(0.0, distance - state[ml.S_LAST_DISTANCE])
+            moved = moved if moved < LEAP_M else 0.0
             rate = max(0.0, time - state[ml.S_LAST_TIME]) / (flags[at.F_ELAPSED] * period)
             kept = math.exp(-period / RATE_S)
             state[ml.S_RATE] = kept * state[ml.S_RATE] + (1.0 - kept) * min(rate, 2.0)

@@ -14,6 +14,7 @@ from counterflex.core.arrays import Float, Int, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import MINUTE, MM, MS
 from counterflex.runtime import monitor_layout as ml
+from counterflex.runtime.settings import OnlineSettings
 
 CUSUM_SLACK: Final = 0.5
 """Reference value of the cumulative sum: half of the shift, one standard deviation, that it is made for."""
@@ -228,3 +229,19 @@ def decision_interval(length: float) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if run_length(middle) < length else (low, middle)
     return 0.5 * (low + high)
+
+
+def unwatched(online: OnlineSettings, exponent: float = 0.75) -> MonitorSettings:
+    """Everything is watched and nothing reacts: what a loop does that was not told.
+
+    Args:
+        online: Settings of the loop.
+        exponent: Of the force in the feed per tooth.
+    """
+    return MonitorSettings(
+        reaction=dict.fromkeys(ml.Event, Reaction.WARN),
+        period_s=online.period_s,
+        follow_s=online.delays.follow_s,
+        stale_cycles=online.stale_cycles,
+        exponent=exponent,
+    )

@@ -84,8 +84,8 @@ def ask_speed(
     wanted, why = 1.0, 0
     if now in (_ACTIVE, _HOLD) and least < 1.0:
         if planned == 1 and place[0] >= 0.0:
-            row = int(place[0])
-            speed = min(plan[row, ml.P_SPEED], plan[min(row + 1, plan.shape[0] - 1), ml.P_SPEED])
+            row, u = int(place[0]), place[1]
+            speed = (1.0 - u) * plan[row, ml.P_SPEED] + u * plan[min(row + 1, plan.shape[0] - 1), ml.P_SPEED]
             if speed < wanted:
                 wanted, why = max(least, speed), _PLAN
         busy = 1.0 - max(0.0, state[V_BUSY] - 0.5) * 2.0 * (1.0 - least)

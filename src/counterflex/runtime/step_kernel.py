@@ -172,9 +172,16 @@ def step(
     if planned:
         distance = follow(plan, state[at.S_PLACE :], nominal[9], nominal[10], nominal[11], choices[at.W_WINDOW])
         row = int(state[at.S_PLACE])
+        speed = state[
+            at.S_SPEED
+        ]  # the plan's time runs slower where less speed is asked for, and its forces are smaller
         cut = wrench_at(plan, state[at.S_PLACE :], 0.0, predicted[:6])
-        wrench_at(plan, state[at.S_PLACE :], constants[at.C_LEAD] - constants[at.C_FOLLOW], ahead[:6])
-        wrench_at(plan, state[at.S_PLACE :], -constants[at.C_FOLLOW], behind[:6])
+        wrench_at(plan, state[at.S_PLACE :], speed * (constants[at.C_LEAD] - constants[at.C_FOLLOW]), ahead[:6])
+        wrench_at(plan, state[at.S_PLACE :], -speed * constants[at.C_FOLLOW], behind[:6])
+        for k in range(6):
+            predicted[k] *= state[at.S_SLOWER]
+            ahead[k] *= state[at.S_SLOWER]
+            behind[k] *= state[at.S_SLOWER]
         contained_at(plan, state[at.S_PLACE :], contained[:6])
         if distance > constants[at.C_OFF_PATH] and soft == 0:
             soft = _OFF_PATH

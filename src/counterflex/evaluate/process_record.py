@@ -1,0 +1,137 @@
+"""What process monitoring found in a run: events with their places, the trend of wear, how much slower it went."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.runtime import monitor_layout as ml
+from counterflex.runtime import record_ring as record
+from counterflex.runtime.monitor_layout import Event
+
+MOST_EVENTS: Final = 10_000
+_RECEIVED: Final = 1
+
+
+@dataclass(frozen=True)
+class ProcessEvent:
+    """Something that process monitoring found.
+
+    Attributes:
+        event: What.
+        cycle: In which it was found, 1 is the loop's first.
+        time_s: Since the first record.
+        path_m: Place along the program, from its start.
+        value: What was watched, in the unit of its kind: m of cut without force, N (or N m) of force, relative rise of
+            the ratio, share of the force lost, N of vibration.
+        limit: Its limit.
+    """
+
+    event: Event
+    cycle: int
+    time_s: float
+    path_m: float
+    value: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class Wear:
+    """What the ratio of measured to predicted force did.
+
+    Attributes:
+        cut_m: Length of cut.
+        trend_per_m: Change of the ratio per metre of cut.
+        sigma_per_m: Its standard deviation; 0 where it is not known.
+    """
+
+    cut_m: float
+    trend_per_m: float
+    sigma_per_m: float
+
+
+@dataclass(frozen=True)
+class ProcessFigures:
+    """Figures of one run.
+
+    Attributes:
+        events: The first :data:`MOST_EVENTS`.
+        wear: At the end; None where nothing was cut.
+        slowed: Share of the cycles in which less than the programmed speed was asked for.
+        least_speed: Lowest share of the programmed speed that was asked for.
+    """
+
+    events: tuple[ProcessEvent, ...]
+    wear: Wear | None
+    slowed: float
+    least_speed: float
+
+
+class ProcessRecord:
+    """Takes the records of one run piece by piece, in order."""
+
+    def __init__(self) -> None:
+        self._events: list[ProcessEvent] = []
+        self._begin: float | None = None
+        self._cycles = self._slowed = 0
+        self._least = 1.0
+        self._last: Float | None = None
+
+    def add(self, rows: Float) -> tuple[ProcessEvent, ...]:
+        """Take records.
+
+        Args:
+            rows: (n, WIDTH) of :class:`counterflex.runtime.record_ring.RecordRing`.
+
+        Returns:
+            Events among them.
+
+        Raises:
+            InputError: Another shape, or an event that does not exist.
+        """
+        if rows.ndim != 2 or rows.shape[1] != record.WIDTH:
+            raise InputError("records have the wrong shape", value=rows.shape, limit=("n", record.WIDTH))
+        if len(rows) == 0:
+            return ()
+        if self._begin is None:
+            self._begin = float(rows[0, _RECEIVED])
+        asked = rows[:, record.MONITOR + ml.R_SPEED]
+        slow = (asked > 0.0) & (asked < 1.0)
+        self._cycles += len(rows)
+        self._slowed += int(slow.sum())
+        self._least = min(self._least, float(asked[slow].min(initial=1.0)))
+        bits = rows[:, record.MONITOR_OUTCOME + ml.O_NEW]
+        good = (bits >= 0) & (bits < 1 << ml.EVENTS) & (bits == np.floor(bits))
+        if not good.all():
+            raise InputError("a record holds a process event that does not exist", value=float(bits[~good][0]))
+        found = [
+            self._event(rows[k], event)
+            for k in np.flatnonzero(bits)
+            for event in Event
+            if int(bits[k]) >> event & 1
+        ]  # fmt: skip
+        self._events += found[: MOST_EVENTS - len(self._events)]
+        self._last = rows[-1, record.MONITOR : record.MONITOR_OUTCOME].copy()
+        return tuple(found)
+
+    def _event(self, row: Float, event: Event) -> ProcessEvent:
+        begin = self._begin if self._begin is not None else 0.0
+        return ProcessEvent(
+            event,
+            int(row[record.CYCLE]),
+            (float(row[_RECEIVED]) - begin) * 1e-9,
+            float(row[record.MONITOR + ml.R_DISTANCE]),
+            float(row[record.MONITOR + ml.R_VALUE + event]),
+            float(row[record.MONITOR + ml.R_LIMIT + event]),
+        )
+
+    def figures(self) -> ProcessFigures:
+        """Figures of what was taken so far."""
+        wear = None
+        if self._last is not None and self._last[ml.R_CUT] > 0.0:
+            wear = Wear(*(float(self._last[k]) for k in (ml.R_CUT, ml.R_TREND, ml.R_TREND_SIGMA)))
+        return ProcessFigures(tuple(self._events), wear, self._slowed / max(1, self._cycles), self._least)
