@@ -172,9 +172,8 @@ def step(
     if planned:
         distance = follow(plan, state[at.S_PLACE :], nominal[9], nominal[10], nominal[11], choices[at.W_WINDOW])
         row = int(state[at.S_PLACE])
-        speed = state[
-            at.S_SPEED
-        ]  # the plan's time runs slower where less speed is asked for, and its forces are smaller
+        # The plan's time runs slower where less speed is asked for, and its forces are smaller.
+        speed = state[at.S_SPEED]
         cut = wrench_at(plan, state[at.S_PLACE :], 0.0, predicted[:6])
         wrench_at(plan, state[at.S_PLACE :], speed * (constants[at.C_LEAD] - constants[at.C_FOLLOW]), ahead[:6])
         wrench_at(plan, state[at.S_PLACE :], -speed * constants[at.C_FOLLOW], behind[:6])
