@@ -65,7 +65,7 @@ _COMMON: Final[dict[str, Any]] = {
 VARIANTS: Final[dict[str, dict[str, Any]]] = {
     "off": {"tracker": "integrator"},
     "published": {"tracker": "integrator", "tracker_gain": 0.01, "tracker_step_um": 50.0},
-    "designed": {"tracker": "designed", "follow_ms": 107.5, "follow_lag_ms": 97.5, "undo_lag_mm": 2.5},
+    "designed": {"tracker": "designed", "follow_ms": 97.2, "follow_lag_ms": 90.9, "undo_lag_mm": 2.5},
 }
 
 

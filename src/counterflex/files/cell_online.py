@@ -139,9 +139,12 @@ class OnlineTable(Table):
 
     def _tuning(self, delays: Delays, period_s: float, mode: tuple[float, float] | None) -> TrackerTuning:
         gain, proportional, notch = self.tracker_gain, 0.0, (1.0, 0.0, 0.0, 0.0, 0.0)
+        ahead: tuple[float, ...] = (0.0,) * 8
         if self.tracker == "designed":
+            from counterflex.runtime.feed_forward_design import lag_filter
             from counterflex.runtime.tracker_design import DesignGoals, design
 
+            ahead = tuple(float(b) for b in lag_filter(delays, period_s, mode))
             goals = DesignGoals(self.phase_margin_deg * DEG, 10.0 ** (self.gain_margin_db / 20.0))
             found = design(tracker_plant(delays, period_s, mode), goals)
             gain, proportional, notch = found.integral, found.proportional, found.notch
@@ -152,6 +155,7 @@ class OnlineTable(Table):
             noise_m=self.noise_um * UM,
             proportional=proportional,
             notch=notch,
+            lag_filter=ahead,
             undo_lag=self.undo_lag,
             undo_play=self.undo_play,
             lag_most_m=self.undo_lag_mm * MM,

@@ -1,10 +1,8 @@
 """Corrections known ahead of any measurement: for the lag behind the program, and for play where axes turn round.
 
-With the program's path r, how the robot follows it F and how it answers a correction G (first orders of both)::
-
-    F = 1 - f1 s + f2 s^2 ...,   1/G = 1 + g1 s ...,   c = (1 - F) r / G = f1 dr/dt + (g1 f1 - f2) d2r/dt2
-
-Rates come from the commanded poses of the last telegrams, so they hold at any override.
+The lag is undone by a filter on speed and acceleration of the program, see
+:mod:`counterflex.runtime.feed_forward_design`. Both come from the commanded poses of the last telegrams, so they hold
+at any override.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ from counterflex.runtime.follow_kernel import PLAN_PLAY, PLAN_TIME
 from counterflex.runtime.frame_kernel import across, pose_deviation
 from counterflex.runtime.past_kernel import row_at
 
-SPAN: Final = 4
+SPAN: Final = 2
 """Cycles over which a rate is taken; two of them lie behind an acceleration."""
 _SLOPE_S: Final = 0.04
 """Time over which the change of the play is taken: rows of a plan lie 20 ms apart at slow feeds."""
@@ -78,15 +76,16 @@ def rates(
     return True
 
 
-@kernel("float64(float64[::1], float64[::1], float64[::1], float64, float64[::1])")
-def lag_correction(rate: Float, second: Float, gains: Float, largest: float, out: Float) -> float:
+@kernel("float64(float64[::1], float64[::1], float64[::1], float64, float64[::1], float64[::1])")
+def lag_correction(rate: Float, second: Float, filter_: Float, largest: float, memory: Float, out: Float) -> float:
     """Correction that undoes the lag behind the program, (6,) written; no larger than allowed, direction kept.
 
     Args:
         rate: (6,) m/s, rad/s.
         second: (6,) m/s2, rad/s2.
-        gains: (2,) ``f1`` s and ``g1 f1 - f2`` s2.
+        filter_: (8,) of :func:`counterflex.runtime.feed_forward_design.lag_filter`.
         largest: Largest translation, m.
+        memory: (12,) of the filter; changed.
         out: (6,) m, rad.
 
     Returns:
@@ -94,8 +93,12 @@ def lag_correction(rate: Float, second: Float, gains: Float, largest: float, out
     """
     size = 0.0
     for k in range(6):
-        out[k] = gains[0] * rate[k] + gains[1] * second[k]
-        size += out[k] * out[k] if k < 3 else 0.0
+        v, a = rate[k], second[k]
+        y = filter_[0] * v + filter_[3] * a + memory[2 * k]
+        memory[2 * k] = filter_[1] * v + filter_[4] * a - filter_[6] * y + memory[2 * k + 1]
+        memory[2 * k + 1] = filter_[2] * v + filter_[5] * a - filter_[7] * y
+        out[k] = y
+        size += y * y if k < 3 else 0.0
     size = math.sqrt(size)
     share = largest / size if size > largest else 1.0
     for k in range(6):
@@ -178,7 +181,14 @@ def known_ahead(
             ring, here, nominal, state[at.S_CLOCK], constants[at.C_PERIOD], rate, second, zero[:6], work,
             state[at.S_PAST : at.S_PAST + at.RING], state[at.S_EARLIER : at.S_EARLIER + at.RING],
         )  # fmt: skip
-        share = lag_correction(rate, second, constants[at.C_LAG : at.C_LAG + 2], constants[at.C_LAG + 2], forward)
+        share = lag_correction(
+            rate,
+            second,
+            constants[at.C_LAG : at.C_LAG + 8],
+            constants[at.C_LAG_MOST],
+            state[at.S_LAG : at.S_LAG + 12],
+            forward,
+        )
     if choices[at.W_PLAY] == 1 and planned == 1:
         play_ahead(plan, state[at.S_PLACE :], constants[at.C_AHEAD], constants[at.C_AHEAD + 1], zero[6:9], zero[9:12])
         for k in range(3):

@@ -62,10 +62,11 @@ C_KI: Final = 61  # 3, times period
 C_KD: Final = 64  # 3, by period
 C_PROPORTIONAL: Final = 67  # of the designed tracker controller
 C_NOTCH: Final = 68  # 5: its filter, b0 b1 b2 a1 a2
-C_LAG: Final = 73  # 3: gains of lag_correction, its largest translation in m
-C_AHEAD: Final = 76  # 2: dead time and lag of a correction, s
-C_INERTIA: Final = 78  # 5: low-pass that the measured force has passed before
-CONSTANTS: Final = 83
+C_AHEAD: Final = 73  # 2: dead time and lag of a correction, s
+C_INERTIA: Final = 75  # 5: low-pass that the measured force has passed before
+C_LAG: Final = 80  # 8: filter of lag_correction
+C_LAG_MOST: Final = 88  # its largest translation, m
+CONSTANTS: Final = 89
 
 # Choices, int64.
 W_FORCE: Final = 0
@@ -121,7 +122,8 @@ S_EARLIER: Final = 360  # 64: a second row of the ring
 S_INERTIA: Final = 424  # 24: memory of the low-pass of C_INERTIA for the predicted force
 S_SPEED: Final = 448  # share of the programmed speed that the loop asks for
 S_SLOWER: Final = 449  # by which the predicted force is smaller at that speed
-STATE: Final = 450
+S_LAG: Final = 450  # 12: memory of the filter of lag_correction
+STATE: Final = 462
 
 # State, int64: 0..4 of the supervisor, then
 N_RING: Final = 5  # next row of the ring

@@ -458,7 +458,7 @@ def _constants(settings: OnlineSettings, T_base_part: Float, planned: bool) -> F
     put(at.C_R_BASE_PART, T_base_part[:3, :3].reshape(-1))
     out[at.C_PROPORTIONAL] = tuning.proportional
     put(at.C_NOTCH, tuning.notch)
-    put(at.C_LAG, [*settings.delays.lag_gains, tuning.lag_most_m])
+    put(at.C_LAG, [*tuning.lag_filter, tuning.lag_most_m])
     put(at.C_AHEAD, [settings.delays.dead_s, settings.delays.correction_s - settings.delays.dead_s])
     return out
 

@@ -86,7 +86,7 @@ class Delays:
 
     @property
     def lag_gains(self) -> tuple[float, float]:
-        """``f1`` (s) and ``g1 f1 - f2`` (s2) of :mod:`counterflex.runtime.feed_forward_kernel`."""
+        """``f1`` (s) and ``g1 f1 - f2`` (s2) of :mod:`counterflex.runtime.feed_forward_design`."""
         lag, dead = self.follow_lag_s, self.follow_s - self.follow_lag_s
         second = lag * lag + lag * dead + 0.5 * dead * dead
         return self.follow_s, self.correction_s * self.follow_s - second
@@ -105,6 +105,7 @@ class TrackerTuning:
         gain: K of the integrator, per cycle; Ki of the designed controller.
         proportional: Kp of the designed controller.
         notch: Its filter, ``b0 b1 b2 a1 a2``.
+        lag_filter: Filter of :mod:`counterflex.runtime.feed_forward_design` on speed and acceleration of the program.
         undo_lag: It undoes the lag behind the program ahead of any measurement.
         undo_play: Likewise the play that the plan predicts, where the program does not contain it.
         lag_most_m: Largest translation given for the lag; a faster program is not corrected along its path.
@@ -127,6 +128,7 @@ class TrackerTuning:
     largest_jump_m: float = 2.0 * MM
     proportional: float = 0.0
     notch: tuple[float, float, float, float, float] = (1.0, 0.0, 0.0, 0.0, 0.0)
+    lag_filter: tuple[float, ...] = (0.0,) * 8
     undo_lag: bool = False
     undo_play: bool = False
     lag_most_m: float = 1.5 * MM
