@@ -177,7 +177,6 @@ def residual_grows(
     deviation: Float,
     in_effect: Float,
     expected_m: float,
-    known: bool,
     active: bool,
     limits: Float,
     times: Int,
@@ -187,15 +186,14 @@ def residual_grows(
     """Whether the tracker's deviation grows under the correction (R19: sign test, DIVERGENCE).
 
     Counted are samples with ``|d| > 0.1 mm`` and ``|d| > 1.5 max(start, expected)``: start is the residual before the
-    correction acted, expected the deflection under the force that is known. Where no force is known a deviation can
-    grow by itself; then a sample counts only where the residual moves against the correction, over T_WINDOW cycles:
-    ``dd . dc < -a |dc|^2``. A right correction gives ``dd = dc`` plus what the process adds, a wrong sign ``dd = -dc``.
+    correction acted, expected the deflection under the force that is known. A deviation can also grow by itself; so a
+    sample counts only where the residual moves against the correction, over T_WINDOW cycles: ``dd . dc < -a |dc|^2``.
+    A right correction gives ``dd = dc`` plus what the process adds, a wrong sign ``dd = -dc``.
 
     Args:
         deviation: (3,) d across the feed, m, part axes: a new sample.
         in_effect: (3,) correction in effect, as the loop reckons it.
         expected_m: Size of the deflection under the known force; 0 where none is known.
-        known: A force is known.
         active: The correction acts.
         limits: (LIMITS,).
         times: (TIMES,).
@@ -227,7 +225,7 @@ def residual_grows(
         counts[K_RESIDUAL] = 0
         return False
     start = max(memory[M_START], memory[M_EXPECTED])
-    bad = size > limits[L_LEAST] and size > limits[L_GROWTH] * start and (known or against)
+    bad = size > limits[L_LEAST] and size > limits[L_GROWTH] * start and against
     counts[K_RESIDUAL] = counts[K_RESIDUAL] + 1 if bad else 0
     return bool(counts[K_RESIDUAL] >= times[T_RESIDUAL])
 

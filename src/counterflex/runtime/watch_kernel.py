@@ -372,7 +372,7 @@ def after_step(
         size = math.sqrt(bent[0] ** 2 + bent[1] ** 2 + bent[2] ** 2)
         deviation = results[at.R_DEVIATION : at.R_DEVIATION + 6]
         in_force = state[at.S_IN_FORCE : at.S_IN_FORCE + 3]
-        if residual_grows(deviation, in_force, size, forced, now == _ACTIVE, limits, times, memory, counts):
+        if residual_grows(deviation, in_force, size, now == _ACTIVE, limits, times, memory, counts):
             doubt |= DOUBT_RESIDUAL
     outcome[at.O_DOUBT] = doubt
     counts[K_SOFT], counts[K_HARD] = causes(doubt, now)

@@ -317,7 +317,10 @@ class Rig:
     def _report(self) -> Report:
         x = 0.05 + 1e-4 * (self.cycle_count % 500)
         T = pose.make(rotation.about_x(np.pi), np.array([x, 0.0, 0.0]))
-        return Report(self.now_s, T, T, Q, Q, self.feed, False)
+        corrected, offset = T.copy(), self.robot.pose_correction()
+        corrected[:3, 3] += offset[:3]
+        corrected[:3, :3] = rotation.exp(offset[3:]) @ T[:3, :3]
+        return Report(self.now_s, T, corrected, Q, Q, self.feed, False)
 
     def _send(self, kind: int, data: bytes, time_s: float) -> None:
         number = self._sent[kind]
