@@ -25,6 +25,7 @@ from counterflex.files.cell import Cell, read_cell
 from counterflex.files.cell_monitor import feed_exponent
 from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_sensing import flange_sensor
+from counterflex.files.machine_file import machine_file
 from counterflex.files.plan_file import read_plan
 from counterflex.files.run_log import RunLog
 from counterflex.files.summary_file import write_summary
@@ -32,6 +33,7 @@ from counterflex.geometry import pose
 from counterflex.links.egm_force import EgmForce
 from counterflex.links.egm_link import EgmLink
 from counterflex.links.force_source import ForceSource
+from counterflex.links.instance_lock import InstanceLock
 from counterflex.links.netft_link import NetftLink, fetch_scaling
 from counterflex.links.realtime import prepare
 from counterflex.links.robot_link import RobotLink
@@ -464,6 +466,7 @@ def _loop_process(settings: RunSettings, ring_name: str, control: Any, pipe: Any
         ring = RecordRing(ring_name)
         shared: Int = np.frombuffer(control, dtype=np.int64)
         session = open_session(settings, ring=ring, control=shared)
+        lock = InstanceLock(machine_file().parent, session.link.address[1])
         session.loop.run()
         session.loop.reset()
         prepare()
@@ -478,6 +481,7 @@ def _loop_process(settings: RunSettings, ring_name: str, control: Any, pipe: Any
     session.link.close()
     if session.force is not None:
         session.force.close()
+    lock.close()
     ring.close()
 
 

@@ -11,6 +11,7 @@ from counterflex.cli.fakes import register as register_fakes
 from counterflex.cli.online import register_twin
 from counterflex.cli.output import keep_inputs, progress_bar
 from counterflex.cli.program import CellFile, Out
+from counterflex.cli.proxy import register as register_proxy
 
 _twin = typer.Typer(no_args_is_help=True, help="The simulated cell: measure on it, or run it behind its protocols.")
 
@@ -20,6 +21,7 @@ def register(app: typer.Typer) -> None:
     _twin.command("measure")(measure)
     register_twin(_twin)
     register_fakes(_twin)
+    register_proxy(_twin)
     _twin.callback()(_group)
     app.add_typer(_twin, name="twin")
 

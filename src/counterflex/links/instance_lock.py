@@ -1,0 +1,99 @@
+"""One loop at a time for a robot: a lock file that names who holds it and that the system gives back when he dies."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from io import TextIOWrapper
+from pathlib import Path
+from typing import Final, Self
+
+from counterflex.core.errors import OutputError
+
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
+
+_BOOT: Final = Path("/proc/sys/kernel/random/boot_id")
+_LOCKED_AT: Final = 4096
+"""Byte that is locked on Windows: beyond the text, so that others may read it."""
+
+
+class InstanceLock:
+    """Held as long as it is open; the kernel frees it when its process ends, in whatever way.
+
+    Args:
+        folder: Of lock files of this user; made where it is missing.
+        port: UDP port at which the robot's telegrams come.
+
+    Attributes:
+        path: Of the lock file.
+
+    Raises:
+        OutputError: Another process holds it, or the folder cannot be written.
+    """
+
+    def __init__(self, folder: Path, port: int) -> None:
+        self.path = folder / f"robot-{port}.lock"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            stream = self.path.open("a+", encoding="utf-8")
+        except OSError as fault:
+            raise OutputError(f"no lock can be made: {fault.strerror or fault}", where=str(self.path)) from fault
+        try:
+            _lock(stream)
+        except OSError as fault:
+            holder = _holder(stream)
+            stream.close()
+            raise OutputError(
+                "another loop answers this robot",
+                where=f"port {port}",
+                value=holder,
+                hint="One at a time: end the other one first",
+            ) from fault
+        self._stream = stream
+        stream.seek(0)
+        stream.truncate()
+        stream.write(json.dumps({"pid": os.getpid(), "boot": boot_id()}) + "\n")
+        stream.flush()
+
+    def __enter__(self) -> Self:
+        """The lock."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Give it back."""
+        self.close()
+
+    def close(self) -> None:
+        """Give it back; the file stays, empty."""
+        if not self._stream.closed:
+            self._stream.seek(0)
+            self._stream.truncate()
+            self._stream.close()
+
+
+def boot_id() -> str:
+    """What the kernel calls this start of the machine; empty where it does not say."""
+    try:
+        return _BOOT.read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
+
+
+def _lock(stream: TextIOWrapper) -> None:
+    if sys.platform == "win32":
+        stream.seek(_LOCKED_AT)
+        msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)
+    else:
+        fcntl.flock(stream.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _holder(stream: TextIOWrapper) -> str:
+    stream.seek(0)
+    try:
+        return f"process {int(json.loads(stream.read(_LOCKED_AT))['pid'])}"
+    except (ValueError, KeyError, TypeError, OSError):
+        return "process not known"
