@@ -18,6 +18,7 @@ from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM, US
 from counterflex.files.cell import read_cell
+from counterflex.links.realtime import prepare
 from counterflex.twin.applied import Applied
 from counterflex.twin.commanded_motion import CommandedMotion
 from counterflex.twin.exact_robot import ControlledRobot, ExactRobot, StandingRobot, Standstill
@@ -70,6 +71,7 @@ def run(
     *,
     record: Path | None = None,
     started: Callable[[tuple[str, int], tuple[str, int]], None] = lambda *_: None,
+    priority: bool = False,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Run the controller until its program has ended or it has stopped.
@@ -78,6 +80,7 @@ def run(
         settings: See :class:`LoneRsiSettings`.
         record: CSV file of every cycle, or None; written as it goes.
         started: Told from where telegrams come and where they go.
+        priority: Take real-time priority for this process, where it is allowed.
         progress: Told the fraction done.
 
     Returns:
@@ -118,12 +121,15 @@ def run(
         )
         stack.callback(server.close)
         started(server.address, server.peer)
+        if priority:
+            prepare()
         why = server.run(after=0, most_cycles=most, progress=progress)
     return {
         "job": "twin rsi",
         "ended": why,
         "cycles": server.cycles,
         "late_answers": rsi.late,
+        "stalls": server.stalls,
         **summary_of(applied),
         "seed": settings.faults.seed,
         "counterflex": __version__,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -152,10 +152,18 @@ def rsi(
         typer.echo(f"sending to {where[0]}:{where[1]}", err=True)
 
     with progress_bar(f"RSI {rsi.name}") as progress:
-        found = job.run(replace(settings, context=context), record=record, started=started, progress=progress)
+        found = job.run(
+            replace(settings, context=context), record=record, started=started, priority=realtime, progress=progress
+        )
     if as_json:
         print_json(found)
-        return
+    else:
+        _tell_rsi(found)
+    if found["ended"] == "no sensor program":
+        raise typer.Exit(1)
+
+
+def _tell_rsi(found: dict[str, Any]) -> None:
     correction, step = found["largest_correction"], found["largest_step"]
     typer.echo(f"{found['ended']} after {found['cycles']} telegrams, {found['late_answers']} answers late or refused")
     if found["refused"]:
@@ -166,6 +174,8 @@ def rsi(
     typer.echo(f"correction in force at most {age['max']} cycles old; 4 or less in {age['share_at_most_4']:.4%}")
     if found["reply_us"] is not None:
         typer.echo("reply: " + ", ".join(f"{name} {value:g} us" for name, value in found["reply_us"].items()))
+    if found["stalls"]:
+        typer.echo(f"{found['stalls']} telegrams left late: this computer is too slow for real time", err=True)
 
 
 def netft(

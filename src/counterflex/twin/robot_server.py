@@ -28,7 +28,7 @@ from counterflex.twin.robot_controller import RobotController
 
 FAULTS: Final = ("silent", "dying", "counter")
 """Faults of the instrument itself that the controller can show."""
-_LATE_CYCLES: Final = 10
+_LATEST: Final = 0.5  # of a cycle: with less left for an answer, cycles are counted anew
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +79,7 @@ class RobotServer:
 
     Attributes:
         cycles: Telegrams sent.
+        stalls: Real time: how often this computer was too slow and a telegram left late.
         stop_reason: Why it ended: ``finished``, ``cycles``, ``died``, ``no sensor program``, or what stopped the
             controller.
     """
@@ -110,6 +111,7 @@ class RobotServer:
         self.waiting_s = waiting_s
         self.cycles = 0
         self.stop_reason = ""
+        self.stalls = 0
         self._answer_s = self._period_s if answer_s is None else answer_s
         self._faults = faults if faults is not None else FaultSchedule()
         self._faults.require(FAULTS, "a robot controller")
@@ -211,6 +213,9 @@ class RobotServer:
         self._reply_s, self._unharmed = math.nan, False
         self._sent_at = time.perf_counter()
         self._due += self._period_s
+        if self.realtime and self._due - self._sent_at < _LATEST * self._period_s:
+            self._due = self._sent_at + self._period_s  # a controller never hurries to catch up
+            self.stalls += 1
 
         def deliver(data: bytes) -> None:
             self._unharmed |= data == telegram
@@ -266,9 +271,22 @@ class RobotServer:
                 continue
             self._reply_s = time.perf_counter() - self._sent_at
             self._in.put(data, elapsed_s(), found.append)
-        if time.perf_counter() - self._due > _LATE_CYCLES * self._period_s:
-            self._due = time.perf_counter()  # the simulation itself came late: start counting anew
+        if self._answer_s >= self._period_s:
+            self._take_waiting(elapsed_s(), found)
         return found[-1] if found else None
+
+    def _take_waiting(self, now_s: float, found: list[bytes]) -> None:
+        """What came while this process itself was held up is not late."""
+        self._socket.setblocking(False)
+        while True:
+            try:
+                data = self._socket.recv(65536)
+            except BlockingIOError:
+                return
+            except ConnectionError:
+                continue
+            self._reply_s = time.perf_counter() - self._sent_at
+            self._in.put(data, now_s, found.append)
 
     def _tell(self, report: Report) -> None:
         if self._observe is None:
