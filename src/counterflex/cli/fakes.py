@@ -9,6 +9,7 @@ import typer
 
 from counterflex.cli.online import address
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
+from counterflex.cli.program import CellFile
 from counterflex.cli.question import AsJson, numbers
 from counterflex.core.errors import InputError
 
@@ -38,6 +39,7 @@ def register(twin: typer.Typer) -> None:
     twin.command("rsi")(rsi)
     twin.command("netft")(netft)
     twin.command("tracker")(tracker)
+    twin.command("ads")(ads)
 
 
 def schedule(file: Path | None, short: list[str] | None, seed: int | None) -> FaultSchedule:
@@ -358,3 +360,63 @@ def _word(text: str, option: str) -> int:
 def _given_up(count: int) -> None:
     if count:
         typer.echo(f"{count} samples were given up: this computer is too slow for the rate", err=True)
+
+
+def ads(
+    cell: CellFile,
+    force_n: Annotated[
+        str, typer.Option("--force-n", help="At the tool, holder axes: what strain terminals show.", metavar="X,Y,Z")
+    ] = "0,0,0",
+    noise_um_m: Annotated[float, typer.Option("--noise-um-m", help="Of a strain terminal.", min=0.0)] = 0.0,
+    host: Annotated[str, typer.Option("--host", help="Address to bind; only this computer unless told.")] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option("--port", help="TCP port; Beckhoff's own library knows no other.", min=0, max=65535)
+    ] = 48898,
+    path: Annotated[
+        str | None, typer.Option("--path", help="Of the tracker's target: circle:RADIUS or square:SIDE, mm.")
+    ] = None,
+    feed_mm_min: Annotated[float, typer.Option("--feed-mm-min", help="Along it.", min=0.001)] = 700.0,
+    seconds: Annotated[float | None, typer.Option("--seconds", help="How long; else until Ctrl-C.", min=0.001)] = None,
+    faults: FaultsFile = None,
+    fault: Fault = None,
+    seed: Seed = None,
+    as_json: AsJson = False,
+) -> None:
+    """A simulated TwinCAT alone: the symbols of the cell file's table [ads], over Beckhoff ADS.
+
+    Strain terminals show the strain of a force at the tool, tracker symbols a target that moves, parameters what was
+    written. Faults further: silent, dying, frozen, nan.
+
+    Example: `counterflex twin ads --cell cell.toml --force-n 0,200,-50 --seconds 60`
+    """
+    import numpy as np
+
+    from counterflex.app import lone_ads as job
+    from counterflex.core.units import MICRO, MM, MM_PER_MIN
+    from counterflex.geometry import pose
+    from counterflex.twin.pose_source import CircleTarget, PoseSource, SquareTarget
+
+    shape, size = _shape(path)
+    middle = pose.make(p=np.array([3.0, 0.0, 0.0]))
+    source: PoseSource | None = None
+    if shape == "circle":
+        source = CircleTarget(middle, size * MM, feed_mm_min * MM_PER_MIN)
+    elif shape == "square":
+        source = SquareTarget(middle, size * MM, feed_mm_min * MM_PER_MIN)
+    settings = job.LoneAds(
+        cell=cell,
+        force_n=np.array(numbers(force_n, "--force-n", 3)),
+        source=source,
+        noise=noise_um_m * MICRO,
+        host=host,
+        port=port,
+        seconds=seconds,
+        faults=schedule(faults, fault, seed),
+    )
+    found = job.run(
+        settings, started=lambda server: typer.echo(f"TwinCAT at {server.address[0]}:{server.address[1]}", err=True)
+    )
+    if as_json:
+        print_json(found)
+        return
+    typer.echo(f"{found['ended']} after {found['requests']} requests")

@@ -10,6 +10,7 @@ import typer
 
 from counterflex import __version__
 from counterflex.cli import (
+    ads,
     campaign,
     dataset,
     demo,
@@ -58,6 +59,7 @@ dataset.register(app)
 identify.register(app)
 twin.register(app)
 tracker.register(app)
+ads.register(app)
 campaign.register(app)
 online.register(app)
 log.register(app)

@@ -8,6 +8,7 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from counterflex.files.cell_ads import AdsTable
 from counterflex.files.cell_dh import DhTable
 from counterflex.files.cell_drive_error import DriveErrorTable
 from counterflex.files.cell_egm import EgmTable
@@ -334,6 +335,7 @@ class CellTables(Versioned):
     drive_error: DriveErrorTable | None = None
     timing: TimingTable | None = None
     online: OnlineTable | None = None
+    ads: AdsTable | None = None
     egm: EgmTable | None = None
     monitor: MonitorTable | None = None
     override: OverrideTable | None = None
