@@ -171,7 +171,7 @@ def answer_is_wrong(
 
 
 @kernel(
-    "boolean(float64[::1], float64[::1], float64, boolean, boolean, float64[::1], int64[::1], float64[::1], int64[::1])"
+    "boolean(float64[::1], float64[::1], float64, boolean, float64[::1], int64[::1], float64[::1], int64[::1])"
 )
 def residual_grows(
     deviation: Float,
