@@ -70,7 +70,7 @@ def assumptions(cell: Cell) -> tuple[Fact, ...]:
     facts.append(
         Fact(
             "Shape of the correction",
-            f"shaped for the mode, {dynamics.correction_smoothing_ms:g} ms; sent {dynamics.correction_lead_ms:g} ms earlier",
+            f"for the mode, {dynamics.correction_smoothing_ms:g} ms; sent {dynamics.correction_lead_ms:g} ms earlier",
             "cell file",
         )
     )

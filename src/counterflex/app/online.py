@@ -19,6 +19,7 @@ from counterflex.app.process_events import shown_process
 from counterflex.app.robot_links import egm_link, rsi_link
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, OutputError
+from counterflex.core.units import MS
 from counterflex.evaluate.latency import LatencyHistogram
 from counterflex.evaluate.process_record import ProcessEvent, ProcessRecord
 from counterflex.files.cell import Cell, read_cell
@@ -40,6 +41,7 @@ from counterflex.links.robot_link import RobotLink
 from counterflex.links.session import CONTROL, OnlineSession, Request, SessionChecks, Tally, tracker_frames
 from counterflex.links.telegram_watch import WatchSettings
 from counterflex.links.tracker_link import TrackerLink
+from counterflex.plan.ahead import ahead_wrench, arm_share
 from counterflex.plan.plan import Plan, across
 from counterflex.robot.chain import ElasticChain
 from counterflex.runtime.fusion import Source
@@ -51,6 +53,7 @@ from counterflex.runtime.record_ring import MONITOR, OUTCOME, RESULTS, RecordRin
 from counterflex.runtime.sensor_wrench import SensorWrench
 from counterflex.runtime.spindle_inertia import SpindleInertia
 from counterflex.runtime.supervisor import Cause, State
+from counterflex.signals.preview import Mode, Shaping
 from counterflex.wire.netft import Scaling
 
 SUMMARY = "summary.json"
@@ -60,16 +63,25 @@ _EXPONENT = 0.75
 _POLL_S = 0.02
 
 
-def loop_plan(plan: Plan, *, compensated: bool) -> LoopPlan:
+def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
     """What the loop needs of a plan.
 
     Args:
         plan: Of the program.
+        cell: Its arm, its lowest mode and its delays say what has to be commanded ahead of time.
         compensated: The robot runs the compensated program, so that its points contain the plan's correction.
     """
     contained = np.concatenate([plan.correction_part, plan.rotvec_part], axis=1)
     if not compensated:
         contained = np.zeros_like(contained)
+    dynamics = cell.tables.dynamics
+    delays = (cell.tables.online or OnlineTable()).settings(cell.tables.timing, compensated=compensated).delays
+    modes = (
+        Mode(2.0 * np.pi * dynamics.mode_hz, dynamics.damping_ratio),
+        Mode(delays.natural_per_s, delays.damping),
+    )
+    shaping = Shaping(dynamics.correction_smoothing_ms * MS, delays.dead_s + dynamics.correction_lead_ms * MS)
+    share = arm_share(cell.chain, cell.T_base_part, plan.q, plan.w_tcp_part)
     return LoopPlan(
         p_part=plan.path.p_part_tcp + contained[:, :3],
         time_s=plan.path.time_s,
@@ -84,6 +96,7 @@ def loop_plan(plan: Plan, *, compensated: bool) -> LoopPlan:
         left_m=np.linalg.norm(across(plan.deviation_compensated_part, plan.path.p_part_tcp), axis=1)
         if compensated
         else None,
+        w_ahead_part=ahead_wrench(plan.w_tcp_part, plan.path.time_s, share, modes, shaping),
     )
 
 
@@ -177,7 +190,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
             hint="Give --rsi FILE for a KUKA robot, --egm for an ABB one",
         )
     planned = None if settings.plan is None else read_plan(settings.plan)[0]
-    plan = None if planned is None else loop_plan(planned, compensated=settings.compensated)
+    plan = None if planned is None else loop_plan(planned, cell, compensated=settings.compensated)
     loop = online_loop(cell, plan, compensated=settings.compensated and plan is not None)
     table = cell.tables.online or OnlineTable()
     sensor = flange_sensor(cell.tables.sensor, cell.chain)

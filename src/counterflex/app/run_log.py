@@ -162,8 +162,9 @@ def replay(
         FileFormatError: A file cannot be used.
         InputError: The cell's settings need a plan and there is none.
     """
-    loaded = None if plan is None else loop_plan(read_plan(Path(plan))[0], compensated=compensated)
-    loop = online_loop(read_cell(cell), loaded, compensated=compensated and loaded is not None)
+    model = read_cell(cell)
+    loaded = None if plan is None else loop_plan(read_plan(Path(plan))[0], model, compensated=compensated)
+    loop = online_loop(model, loaded, compensated=compensated and loaded is not None)
     given = {"cell": Path(cell)} | ({} if plan is None else {"plan": Path(plan)})
     answer = Replayed()
     current: Replay | None = None

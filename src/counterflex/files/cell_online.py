@@ -118,7 +118,7 @@ class OnlineTable(Table):
             pilot=Pilot(
                 self.threshold_n,
                 self.blend_ms * MS,
-                delays.correction_s if self.lead_ms is None else self.lead_ms * MS,
+                None if self.lead_ms is None else self.lead_ms * MS,
             ),
             delays=delays,
             tuning=self._tuning(delays, period, mode),

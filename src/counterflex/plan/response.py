@@ -53,12 +53,12 @@ def swing(static: Float, time_s: Float, mode: Mode) -> Float:
     return out
 
 
-def within(active: Bool, time: Float, group: Int, reach_s: float) -> Bool:
+def within(active: Bool, time_s: Float, group: Int, reach_s: float) -> Bool:
     """Rows within a time of an active row of their group.
 
     Args:
         active: (n,).
-        time: (n,) s.
+        time_s: (n,) s.
         group: (n,) rows that follow each other without interruption have one number.
         reach_s: The time.
 
@@ -67,7 +67,7 @@ def within(active: Bool, time: Float, group: Int, reach_s: float) -> Bool:
     """
     out = active.copy()
     for rows in _slices(group):
-        t, on = time[rows], time[rows][active[rows]]
+        t, on = time_s[rows], time_s[rows][active[rows]]
         if len(on):
             at = np.searchsorted(on, t)
             before = np.abs(t - on[np.maximum(at - 1, 0)])

@@ -18,7 +18,8 @@ PLAN_W: Final = 7  # 6: predicted wrench on the tool about the TCP, part axes
 PLAN_CUT: Final = 13  # 1 where material is cut
 PLAN_C: Final = 14  # 6: correction that the program already contains, m and rotation vector, part axes
 PLAN_PLAY: Final = 20  # 3: deviation by play and friction that the plan predicts and the program does not contain
-PLAN_COLUMNS: Final = 23
+PLAN_A: Final = 23  # 6: wrench whose deflection is to be commanded here, so that it is undone in time
+PLAN_COLUMNS: Final = 29
 
 BEHIND: Final = 2
 """Segments behind the last place that are looked at."""
@@ -80,14 +81,15 @@ def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int)
     return math.sqrt(best)
 
 
-@kernel("float64(float64[:, ::1], float64[::1], float64, float64[::1])")
-def wrench_at(plan: Float, place: Float, lead_s: float, w: Float) -> float:
+@kernel("float64(float64[:, ::1], float64[::1], float64, int64, float64[::1])")
+def wrench_at(plan: Float, place: Float, lead_s: float, column: int, w: Float) -> float:
     """Predicted wrench some time after, or before, the present place.
 
     Args:
         plan: (n, PLAN_COLUMNS).
         place: (2,) of :func:`follow`.
         lead_s: How much later along the plan; below zero earlier.
+        column: ``PLAN_W`` or ``PLAN_A``.
         w: (6,) N, N m, part axes; written. Zero where nothing is cut.
 
     Returns:
@@ -104,7 +106,7 @@ def wrench_at(plan: Float, place: Float, lead_s: float, w: Float) -> float:
     span = plan[i + 1, PLAN_TIME] - plan[i, PLAN_TIME]
     u = min(1.0, max(0.0, (time - plan[i, PLAN_TIME]) / span)) if span > 0.0 else 1.0
     for k in range(6):
-        w[k] = (1.0 - u) * plan[i, PLAN_W + k] + u * plan[i + 1, PLAN_W + k]
+        w[k] = (1.0 - u) * plan[i, column + k] + u * plan[i + 1, column + k]
     return float(plan[i + 1, PLAN_CUT])
 
 

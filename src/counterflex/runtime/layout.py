@@ -87,7 +87,8 @@ W_LAG: Final = 14  # 1: undo the lag behind the program
 W_PLAY: Final = 15  # 1: undo the play that the plan predicts
 W_BRIDGE: Final = 16  # age of a force up to which the plan alone goes on
 W_REPORTED_BACK: Final = 17  # cycles back to the nominal pose that a reported one belongs to
-CHOICES: Final = 18
+W_AHEAD: Final = 18  # column of the plan that is read ahead of time
+CHOICES: Final = 19
 
 # State, float64.
 S_Y: Final = 0  # 6: correction sent, m and rotation vector, part axes

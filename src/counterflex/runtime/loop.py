@@ -15,6 +15,7 @@ from counterflex.robot.kernels_step import OUT_C, OUT_SIZE, SCRATCH
 from counterflex.runtime import fusion_kernel as fk
 from counterflex.runtime import layout as at
 from counterflex.runtime.follow_kernel import (
+    PLAN_A,
     PLAN_C,
     PLAN_COLUMNS,
     PLAN_CUT,
@@ -71,6 +72,8 @@ class LoopPlan:
         chip_m: (n,) mean chip thickness where it cuts, else NaN; None is not known.
         need_m: (n, 3) correction across the feed that the loop will want at this place; None is not known.
         left_m: (n,) size of the error that the program itself is predicted to leave; None is not known.
+        w_ahead_part: (n, 6) wrench whose deflection is to be commanded here so that the robot, as slow as it is, undoes
+            the predicted one in time; None reads the predicted wrench ahead by the lead instead.
     """
 
     p_part: Float
@@ -85,6 +88,7 @@ class LoopPlan:
     chip_m: Float | None = None
     need_m: Float | None = None
     left_m: Float | None = None
+    w_ahead_part: Float | None = None
 
     def packed(self) -> Float:
         """(n, PLAN_COLUMNS) for the step, with feed directions.
@@ -103,6 +107,8 @@ class LoopPlan:
         out[:, PLAN_P : PLAN_P + 3] = p
         out[:, PLAN_TIME] = time
         out[:, PLAN_W : PLAN_W + 6] = as_float("plan: w_tcp_part", self.w_tcp_part, (n, 6))
+        ahead = self.w_tcp_part if self.w_ahead_part is None else self.w_ahead_part
+        out[:, PLAN_A : PLAN_A + 6] = as_float("plan: w_ahead_part", ahead, (n, 6))
         out[:, PLAN_CUT] = as_float("plan: cutting", self.cutting, (n,))
         out[:, PLAN_C : PLAN_C + 6] = as_float("plan: contained", self.contained, (n, 6))
         if self.play is not None:
@@ -178,8 +184,8 @@ class Loop:
         compact = chain.compact
         m = compact.stations
         self._real, self._kind = compact.real, compact.kind
-        self._constants = _constants(settings, as_float("T_base_part", T_base_part, (4, 4)), plan is not None)
-        self._choices = _choices(settings, plan is not None)
+        self._constants = _constants(settings, as_float("T_base_part", T_base_part, (4, 4)), plan)
+        self._choices = _choices(settings, plan)
         self._supervisor = settings.supervisor.packed()
         self._plan = np.zeros((2, PLAN_COLUMNS)) if plan is None else plan.packed()
         self.given: Float = np.zeros(at.GIVEN)
@@ -421,14 +427,20 @@ def _monitor(
     return Monitor(monitor, override, path, watched, settings.off_path_m, settings.translation.radius)
 
 
-def _constants(settings: OnlineSettings, T_base_part: Float, planned: bool) -> Float:
+def _shaped(settings: OnlineSettings, plan: LoopPlan | None) -> bool:
+    """Whether the plan says itself what to command ahead of time."""
+    return plan is not None and plan.w_ahead_part is not None and settings.pilot.lead_s is None
+
+
+def _constants(settings: OnlineSettings, T_base_part: Float, plan: LoopPlan | None) -> Float:
     T, tuning = settings.period_s, settings.tuning
     out = np.zeros(at.CONSTANTS)
 
     def put(place: int, values: Sequence[float] | Float) -> None:
         out[place : place + len(values)] = values
 
-    put(at.C_PERIOD, [T, settings.pilot.lead_s, settings.pilot.threshold_n, T / settings.pilot.blend_s])
+    lead = settings.blending_s if _shaped(settings, plan) else settings.lead_s
+    put(at.C_PERIOD, [T, lead, settings.pilot.threshold_n, T / settings.pilot.blend_s])
     fused = settings.force == ForceMode.FUSED
     for place, name, factor in (
         (at.C_KP, "proportional", 1.0),
@@ -436,7 +448,7 @@ def _constants(settings: OnlineSettings, T_base_part: Float, planned: bool) -> F
         (at.C_KD, "derivative_s", 1.0 / T),
     ):
         put(place, [factor * gain for gain in per_direction(name, getattr(settings, name))])
-    put(at.C_WITHOUT, [float(settings.compensated), 0.0 if planned else force_delay(settings)])
+    put(at.C_WITHOUT, [float(settings.compensated), force_delay(settings) if plan is None else 0.0])
     out[at.C_FOLLOW] = settings.delays.follow_s if fused else 0.0
     put(at.C_FUSION, settings.fusion.packed(T))
     out[at.C_TRACKER_LATE] = settings.delays.tracker_s
@@ -463,11 +475,11 @@ def _constants(settings: OnlineSettings, T_base_part: Float, planned: bool) -> F
     return out
 
 
-def _choices(settings: OnlineSettings, planned: bool) -> Int:
+def _choices(settings: OnlineSettings, plan: LoopPlan | None) -> Int:
     T, delays = settings.period_s, settings.delays
     tracker = round(delays.tracker_s / T)
     dead, _ = robot_answer(settings)
-    ahead = settings.pilot.lead_s if settings.force == ForceMode.SCALE else -force_delay(settings)
+    ahead = settings.lead_s if settings.force == ForceMode.SCALE else -force_delay(settings)
     back = {
         at.W_NOMINAL_BACK: round((delays.follow_s + delays.tracker_s) / T),
         at.W_CORRECTION_BACK: dead + (0 if settings.force == ForceMode.FUSED else tracker),
@@ -483,16 +495,17 @@ def _choices(settings: OnlineSettings, planned: bool) -> Int:
     out = np.zeros(at.CHOICES, dtype=np.int64)
     out[at.W_FORCE], out[at.W_TRACKER] = settings.force, settings.tracker
     out[at.W_COMPENSATED], out[at.W_NORMAL] = settings.compensated, settings.normal_only
-    out[at.W_ORIENTATION], out[at.W_PLAN] = settings.orientation, planned
+    out[at.W_ORIENTATION], out[at.W_PLAN] = settings.orientation, plan is not None
     out[at.W_STALE], out[at.W_LOST] = settings.stale_cycles, settings.lost_cycles
     out[at.W_WINDOW] = _WINDOW
-    bridged = planned and settings.force in (ForceMode.PILOT, ForceMode.SCALE)
+    bridged = plan is not None and settings.force in (ForceMode.PILOT, ForceMode.SCALE)
     out[at.W_BRIDGE] = settings.stale_cycles + (round(settings.bridge_s / T) if bridged else 0)
+    out[at.W_AHEAD] = PLAN_A if _shaped(settings, plan) else PLAN_W
     out[at.W_TRACKER_STALE] = max(1, round(settings.fusion.tracker_stale_s / T))
     out[at.W_DISBELIEVED] = settings.fusion.disbelieved
     designed = settings.tracker == TrackerMode.DESIGNED
     out[at.W_LAG] = designed and settings.tuning.undo_lag
-    out[at.W_PLAY] = designed and settings.tuning.undo_play and planned and not settings.compensated
+    out[at.W_PLAY] = designed and settings.tuning.undo_play and plan is not None and not settings.compensated
     for place, value in back.items():
         out[place] = value
     return out

@@ -56,12 +56,12 @@ class Pilot:
     Attributes:
         threshold_n: Difference of forces above which the prediction is blended in.
         blend_s: Time of a whole blend.
-        lead_s: How much ahead of the robot the plan is read.
+        lead_s: How much ahead of the robot the plan is read; None computes it from the delays.
     """
 
     threshold_n: float = 150.0
     blend_s: float = 80.0 * MS
-    lead_s: float = 40.0 * MS
+    lead_s: float | None = 40.0 * MS
 
 
 @dataclass(frozen=True)
@@ -202,6 +202,16 @@ class OnlineSettings:
     off_path_m: float = 5.0 * MM
     plausibility: Plausibility = field(default_factory=Plausibility)
 
+    @property
+    def blending_s(self) -> float:
+        """How late blending into the prediction is in the mean: half its time with pilot control, else nothing."""
+        return 0.5 * self.pilot.blend_s if self.force == ForceMode.PILOT else 0.0
+
+    @property
+    def lead_s(self) -> float:
+        """How much ahead the plan is read: as set, else what a correction needs to act, and half the blending."""
+        return self.delays.correction_s + self.blending_s if self.pilot.lead_s is None else self.pilot.lead_s
+
     def __post_init__(self) -> None:
         """Check that the numbers can belong together.
 
@@ -225,7 +235,7 @@ class OnlineSettings:
         ):
             for name in names:
                 as_positive(f"online: {name}", getattr(holder, name))
-        as_positive("online: lead_s", self.pilot.lead_s, zero=True)
+        as_positive("online: lead_s", self.lead_s, zero=True)
         as_positive("online: dead_s", self.delays.dead_s, zero=True)
         as_positive("online: tracker_s", self.delays.tracker_s, zero=True)
         as_positive("online: follow_s", self.delays.follow_s, zero=True)

@@ -29,7 +29,7 @@ from counterflex.runtime.estimate_kernel import (
     sources_of,
 )
 from counterflex.runtime.feed_forward_kernel import known_ahead
-from counterflex.runtime.follow_kernel import contained_at, follow, wrench_at
+from counterflex.runtime.follow_kernel import PLAN_W, contained_at, follow, wrench_at
 from counterflex.runtime.force_kernel import blend, learn_scale, scaled
 from counterflex.runtime.frame_kernel import across, directions, pose_deviation, size_of, turn, turn_back
 from counterflex.runtime.lag_kernel import lag
@@ -174,9 +174,10 @@ def step(
         row = int(state[at.S_PLACE])
         # The plan's time runs slower where less speed is asked for, and its forces are smaller.
         speed = state[at.S_SPEED]
-        cut = wrench_at(plan, state[at.S_PLACE :], 0.0, predicted[:6])
-        wrench_at(plan, state[at.S_PLACE :], speed * (constants[at.C_LEAD] - constants[at.C_FOLLOW]), ahead[:6])
-        wrench_at(plan, state[at.S_PLACE :], -speed * constants[at.C_FOLLOW], behind[:6])
+        cut = wrench_at(plan, state[at.S_PLACE :], 0.0, PLAN_W, predicted[:6])
+        lead = speed * (constants[at.C_LEAD] - constants[at.C_FOLLOW])
+        wrench_at(plan, state[at.S_PLACE :], lead, choices[at.W_AHEAD], ahead[:6])
+        wrench_at(plan, state[at.S_PLACE :], -speed * constants[at.C_FOLLOW], PLAN_W, behind[:6])
         for k in range(6):
             predicted[k] *= state[at.S_SLOWER]
             ahead[k] *= state[at.S_SLOWER]

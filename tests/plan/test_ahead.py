@@ -1,0 +1,66 @@
+"""The wrench that a loop reads ahead of time: laws."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from counterflex.core.arrays import Float
+from counterflex.files.cell import read_cell
+from counterflex.geometry import wrench
+from counterflex.plan.ahead import ahead_wrench, arm_share
+from counterflex.robot.compliance import cartesian_compliance
+from counterflex.signals.preview import Mode, Shaping
+
+CELL = "examples/cells/kr300_d16_flat.toml"
+
+
+def test_the_share_of_the_arm_is_what_a_rigid_end_effector_would_leave() -> None:
+    """Against the compliance matrix of the same chain with everything beyond the flange made rigid."""
+    cell = read_cell(CELL)
+    chain, R = cell.chain, cell.T_base_part[:3, :3]
+    q = np.tile(np.deg2rad([-3.0, -92.0, 123.0, -174.0, 31.0, 175.0]), (3, 1))
+    w = np.array([[-178.0, 508.0, -100.0, 0.0, 0.0, 0.0], [10.0, 0.0, -300.0, 0.0, 0.0, 0.0], np.zeros(6)])
+    w_base = wrench.rotate(R, w)
+    C = cartesian_compliance(chain, q)
+    own = np.array(chain.compliance)
+    own[chain.flange_segment + 1 :] = 0.0
+    stiff = type(chain)(**{**{f: getattr(chain, f) for f in chain.__dataclass_fields__}, "compliance": own})
+    C_arm = cartesian_compliance(stiff, q)
+    d, d_arm = ((m @ w_base[..., None])[..., 0][:2, :3] for m in (C, C_arm))
+    expected = np.median(np.sum(d * d_arm, axis=1) / np.sum(d * d, axis=1))
+    assert np.isclose(arm_share(chain, cell.T_base_part, q, w), expected, rtol=1e-9)
+    assert arm_share(chain, cell.T_base_part, q, np.zeros_like(w)) == 1.0
+
+
+def test_what_is_sent_undoes_the_deflection_pair() -> None:
+    """A force that sets in within 80 ms, corrections late by 60 ms and ringing: read ahead as it is, and as shaped."""
+    time = np.arange(0.0, 3.0, 0.004)
+    w = np.zeros((len(time), 6))
+    w[:, 1] = 500.0 * np.clip((time - 1.0) / 0.08, 0.0, 1.0)
+    arm, answer, dead, share = Mode(2.0 * np.pi * 9.0, 0.08), Mode(2.0 * np.pi * 5.0, 0.7), 0.012, 0.7
+
+    def through(mode: Mode, x: Float) -> Float:
+        a, z = mode.omega_rad_s, mode.damping_ratio
+        found = solve_ivp(
+            lambda t, s: [s[1], a * a * (np.interp(t, time, x) - s[0]) - 2.0 * z * a * s[1]],
+            (time[0], time[-1]),
+            [x[0], 0.0],
+            t_eval=time,
+            max_step=2e-3,
+        )
+        out: Float = found.y[0]
+        return out
+
+    felt = (1.0 - share) * w[:, 1] + share * through(arm, w[:, 1])
+
+    def left(sent: Float) -> float:
+        late = np.interp(time - dead, time, sent)
+        return float(np.max(np.abs(felt - through(arm, through(answer, late)))))
+
+    lead = dead + 2.0 * answer.damping_ratio / answer.omega_rad_s
+    plain = np.interp(time + lead, time, w[:, 1])
+    shaped = ahead_wrench(w, time, share, (arm, answer), Shaping(0.008, dead))[:, 1]
+    assert left(w[:, 1]) > 150.0
+    assert left(plain) > 40.0
+    assert left(shaped) < 0.35 * left(plain)
