@@ -34,7 +34,7 @@ from counterflex.core.units import DEG
 Complex = NDArray[np.complex128]
 FLAT: Final = (1.0, 0.0, 0.0, 0.0, 0.0)
 """Filter that passes everything: ``b0 b1 b2 a1 a2``."""
-_POINTS: Final = 6000
+_POINTS: Final = 1500
 _LOWEST_HZ: Final = 1e-3
 
 
