@@ -70,8 +70,8 @@ CHECK ON THE CONTROLLER, IN THIS ORDER
 
 
 def _path_checks() -> str:
-    return """ 4. Sign and axes: on a straight line along x of the work object, tool down, +0.5 mm in y moves the tool to the
-    left of the feed, +0.5 mm in z up: x = tangent, y = x cross z of the tool, z = x cross y.
+    return """ 4. Sign and axes: on a straight line along x of the work object, tool down, +0.5 mm in y moves the tool
+    to the left of the feed, +0.5 mm in z up: x = tangent, y = x cross z of the tool, z = x cross y.
  5. The planned pose in the messages does not contain the correction.
  6. EGMStreamStart gives messages while the robot stands; else take the line out and give the loop time on a first
     movement in air.

@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM, US
-from counterflex.files.cell import read_cell
+from counterflex.files.cell import Cell, read_cell
 from counterflex.links.realtime import prepare
 from counterflex.twin.applied import Applied
 from counterflex.twin.commanded_motion import CommandedMotion
@@ -99,15 +99,7 @@ def run(
     if settings.program is not None and settings.seconds is not None:
         most = max(1, round(settings.seconds / period_s))
     with contextlib.ExitStack() as stack:
-        stream = None
-        if record is not None:
-            try:
-                stream = stack.enter_context(record.open("w", encoding="ascii", newline=""))
-            except OSError as fault:
-                raise OutputError(
-                    f"the record cannot be written: {fault.strerror or fault}", where=str(record)
-                ) from fault
-        applied = Applied(stream)
+        applied = Applied(None if record is None else stack.enter_context(opened(record)))
         server = RobotServer(
             robot,
             rsi,
@@ -134,6 +126,18 @@ def run(
         "seed": settings.faults.seed,
         "counterflex": __version__,
     }
+
+
+def opened(record: Path) -> TextIO:
+    """A record to write to.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    try:
+        return record.open("w", encoding="ascii", newline="")
+    except OSError as fault:
+        raise OutputError(f"the record cannot be written: {fault.strerror or fault}", where=str(record)) from fault
 
 
 def summary_of(applied: Applied) -> dict[str, Any]:
@@ -177,6 +181,18 @@ def _robot(settings: LoneRsiSettings) -> ControlledRobot:
         place = Standstill(settings.T_part_tcp, settings.q, settings.seconds)
         return StandingRobot(place, period_s, settings.answer)
     cell = read_cell(settings.cell)
-    job = read_job(settings.program, cell)
+    return running_robot(cell, settings.program, period_s, settings.answer)
+
+
+def running_robot(cell: Cell, program: Path, period_s: float, answer: PathAnswer) -> ExactRobot:
+    """A robot without physics that runs a program in a cell.
+
+    Args:
+        cell: What the controller has been told.
+        program: G-code.
+        period_s: Cycle.
+        answer: How the controller answers corrections.
+    """
+    job = read_job(program, cell)
     controller = replace(simulate.controller(cell), cycle_s=period_s)
-    return ExactRobot(CommandedMotion(job.machined, controller, settings.answer))
+    return ExactRobot(CommandedMotion(job.machined, controller, answer))

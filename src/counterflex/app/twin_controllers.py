@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -40,10 +42,15 @@ def rsi_controller(config: Path, context: RsiContext) -> tuple[FakeRsi, Address]
     return FakeRsi(found, context), (found.host, found.port)
 
 
-def egm_controller(cell: Cell, robotware: int = 7) -> FakeEgm:
+def egm_controller(cell: Cell, robotware: int = 7, **changes: Any) -> FakeEgm:
     """An ABB controller with the settings of the tables ``[egm]`` and ``[online]`` of a cell.
 
     MaxSpeedDeviation limits joints; here it limits the tool, by the distance of the part from the robot's first axis.
+
+    Args:
+        cell: See there.
+        robotware: 6 or 7.
+        changes: Further fields of :class:`counterflex.twin.fake_egm.EgmContext`, instead of the cell's.
 
     Raises:
         InputError: EGM cannot run in the cycle of the table ``[online]``.
@@ -52,20 +59,19 @@ def egm_controller(cell: Cell, robotware: int = 7) -> FakeEgm:
     table.require(online, str(cell.path))
     turn = table.speed_deviation_deg_s * DEG
     reach = float(np.hypot(*cell.T_base_part[:2, 3]))
-    return FakeEgm(
-        EgmContext(
-            mode=table.mode,
-            cycle_s=online.period_ms * MS,
-            timeout_s=table.timeout_ms * MS,
-            robotware=robotware,
-            gain_per_s=table.position_gain_per_s,
-            low_pass_hz=table.low_pass_hz,
-            speed_m_s=turn * max(reach, 0.1),
-            turn_rad_s=turn,
-            ramp_in_s=table.ramp_in_ms * MS,
-            window_m=table.window_mm * MM,
-            window_rad=table.window_deg * DEG,
-            condition_s=table.standing_s,
-        ),
-        T_part_frame=None if table.frame == "part" else pose.inverse(cell.T_base_part),
+    context = EgmContext(
+        mode=table.mode,
+        cycle_s=online.period_ms * MS,
+        timeout_s=table.timeout_ms * MS,
+        robotware=robotware,
+        gain_per_s=table.position_gain_per_s,
+        low_pass_hz=table.low_pass_hz,
+        speed_m_s=turn * max(reach, 0.1),
+        turn_rad_s=turn,
+        ramp_in_s=table.ramp_in_ms * MS,
+        window_m=table.window_mm * MM,
+        window_rad=table.window_deg * DEG,
+        condition_s=table.standing_s,
     )
+    T_part_frame = None if table.frame == "part" else pose.inverse(cell.T_base_part)
+    return FakeEgm(replace(context, **changes), T_part_frame)

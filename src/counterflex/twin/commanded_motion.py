@@ -139,14 +139,14 @@ class CommandedMotion:
         return out
 
     def _guided(self, T_part_tcp: Float) -> tuple[Float, Float, Float]:
-        """Angles, pose and angles of a pose that comes from outside."""
+        """Angles and pose of the program nearby, and the angles of a pose that comes from outside."""
         if self.running:
             begin = int(self.at)
             away = np.linalg.norm(self.reference.p_part_command[begin : begin + _AHEAD] - T_part_tcp[:3, 3], axis=1)
             nearest = np.flatnonzero(away <= away.min() + _SAME_M)[-1]  # behind a dwell at the same point
             self.at = max(self.at, float(begin + int(nearest)))
-        q = self._inverse(T_part_tcp, self.reference.q_ref[int(self.at)], T_part_tcp[:3, 3])
-        return q, T_part_tcp, q
+        q_nominal, T_part_nominal = self.commanded(self.at)
+        return q_nominal, T_part_nominal, self._inverse(T_part_tcp, q_nominal, T_part_tcp[:3, 3])
 
     def _corrected(self, T_part_nominal: Float, offset: Float, q_nominal: Float) -> Float:
         T_part_tcp = T_part_nominal.copy()
