@@ -56,7 +56,7 @@ class EgmTable(Table):
         """
         return GuidanceSettings(
             lag_s=lag_s,
-            start=State.READY if watch_only else State.ARMED,
+            start=State.IDLE if watch_only else State.ARMED,
             tolerance_m=self.start_tolerance_mm * MM,
             tolerance_rad=self.start_tolerance_deg * DEG,
             follow_m=self.follow_mm * MM,

@@ -21,6 +21,8 @@ from counterflex.wire.egm import write_guidance
 
 _PATIENCE: Final = 250
 """Cycles for which a robot that is to start may stand elsewhere."""
+_REST: Final = 250
+"""Cycles that a robot waits before its path begins, where the loop is not armed."""
 _BEHIND: Final = 25
 """Cycles for which it may not follow."""
 
@@ -39,7 +41,8 @@ class GuidanceSettings:
 
     Attributes:
         lag_s: How late the robot is where it was sent: dead time of the exchange, low-pass, ``1 / k``.
-        start: State of the loop in which the path may begin: ARMED, or READY to watch only.
+        start: State of the loop in which the path may begin: ARMED; or IDLE to watch only: then it begins a second
+            after the robot waits for it, as long as the loop has no fault.
         tolerance_m: Largest distance of the robot from the beginning of the path at the start.
         tolerance_rad: Largest angle, likewise.
         follow_m: Distance from where it was sent, lag taken off, above which the robot does not follow.
@@ -94,7 +97,8 @@ class EgmGuidanceLink(EgmLink):
         self._held: Float | None = None
         self._offset: Float = np.zeros(6)
         self._faded, self._fade = 0, max(1, round(guidance.blend_s / stream.period_s))
-        self._away, self._behind = 0, 0
+        self._stopping = False
+        self._waited, self._away, self._behind = 0, 0, 0
 
     def wait(self, timeout_s: float) -> bool:
         """As :meth:`counterflex.links.egm_link.EgmLink.wait`.
@@ -112,7 +116,7 @@ class EgmGuidanceLink(EgmLink):
             self._held = None
             if self.phase == Phase.RUNNING:
                 self.phase = Phase.ENDED
-                if not self.stream.finished:
+                if not self.stream.finished and not self._stopping:
                     raise ProtocolError(
                         "the controller ended the guided movement before the end of the path",
                         value=f"{self.stream.at * self.period_s:.2f} s of {self.stream.duration_s:.2f} s",
@@ -151,6 +155,7 @@ class EgmGuidanceLink(EgmLink):
         Raises:
             ProtocolError: The robot is to start, but stands elsewhere.
         """
+        self._stopping = stop
         if axes is not None or self.empty or not all(map(math.isfinite, correction)):
             return False
         if self.phase == Phase.WAITING and not stop and not feed_hold:
@@ -173,8 +178,14 @@ class EgmGuidanceLink(EgmLink):
         return self._send(T, twist)
 
     def _start(self, state: State) -> None:
-        allowed = (State.ARMED, State.ACTIVE) if self.guidance.start == State.ARMED else (State.READY, State.ARMED)
-        if self._held is None or state not in allowed:
+        if self._held is None:
+            return
+        self._waited += 1
+        if self.guidance.start == State.ARMED:
+            allowed = state in (State.ARMED, State.ACTIVE)
+        else:
+            allowed = self._waited > _REST and state in (State.IDLE, State.READY, State.ARMED)
+        if not allowed:
             return
         first = self.stream.pose(0.0)
         self._offset[:3] = self._held[:3, 3] - first[:3, 3]
