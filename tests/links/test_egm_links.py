@@ -309,7 +309,10 @@ def test_guidance_without_correction_reproduces_the_path_and_its_orientation() -
     run_through(run)
     wanted = np.array([T[:3, 3] for T in run.sent])
     assert distance_from_corner(wanted).max() < 1e-9
-    assert distance_from_corner(np.array(run.trail)).max() < 50e-6  # the tool lags, and cuts the corner by so much
+    trail = np.array(run.trail)
+    corner = np.linalg.norm(trail - [0.02, 0.0, 0.03], axis=1) < 5e-3
+    assert distance_from_corner(trail[~corner]).max() < 2e-6
+    assert distance_from_corner(trail).max() < 0.3e-3  # the tool is late, so it cuts the corner where the path stops
     end = run.link.stream.pose(1e9)
     np.testing.assert_allclose(run.T, end, atol=1e-6)
     np.testing.assert_allclose(end[:3, 3], (0.02, 0.02, 0.03), atol=1e-12)
@@ -320,8 +323,8 @@ def test_guidance_without_correction_reproduces_the_path_and_its_orientation() -
 def test_the_loop_is_told_where_the_robot_is_by_the_plan() -> None:
     run = guided(settings=GuidanceSettings(lag_s=70e-3), gain_per_s=20.0, low_pass_hz=20.0, dead_s=12e-3)
     run_through(run)
-    told, reached = np.array(run.nominal[100:400]), np.array(run.trail[99:399])
-    assert np.abs(told - reached).max() < 0.15e-3  # 20 mm/s and 70 ms are 1.4 mm
+    told, reached = np.array(run.nominal[100:280]), np.array(run.trail[99:279])
+    assert np.abs(told - reached).max() < 0.1e-3  # 20 mm/s and 70 ms are 1.4 mm
     run.close()
 
 
@@ -397,7 +400,7 @@ def test_feed_hold_and_stop_bring_the_reference_to_rest_on_the_path() -> None:
     for _ in range(60):
         run.cycle(State.ACTIVE)
     assert run.link.stream.at > held + 5
-    answered = [run.cycle(State.FAULT, stop=True, feed_hold=True) for _ in range(60)]
+    answered = [run.cycle(State.FAULT, stop=True, feed_hold=True) for _ in range(90)]
     assert answered[0]
     assert not answered[-1]
     sent = np.array([T[:3, 3] for T in run.sent])
