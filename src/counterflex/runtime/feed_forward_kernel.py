@@ -19,8 +19,6 @@ from counterflex.runtime.past_kernel import row_at
 
 SPAN: Final = 2
 """Cycles over which a rate is taken; two of them lie behind an acceleration."""
-_SLOPE_S: Final = 0.04
-"""Time over which the change of the play is taken: rows of a plan lie 20 ms apart at slow feeds."""
 
 
 @kernel(
@@ -107,7 +105,15 @@ def lag_correction(rate: Float, second: Float, filter_: Float, largest: float, m
 
 
 @kernel("void(float64[:, ::1], float64[::1], float64, float64[::1])")
-def _play_at(plan: Float, place: Float, ahead_s: float, out: Float) -> None:
+def play_ahead(plan: Float, place: Float, ahead_s: float, out: Float) -> None:
+    """Predicted deviation by play where the robot will be when a correction acts: (3,) m, part axes, written.
+
+    Args:
+        plan: (n, PLAN_COLUMNS).
+        place: (2,) of :func:`counterflex.runtime.follow_kernel.follow`.
+        ahead_s: Dead time and lag of a correction together.
+        out: (3,).
+    """
     n = plan.shape[0]
     i, u = int(place[0]), place[1]
     time = plan[i, PLAN_TIME] + u * (plan[i + 1, PLAN_TIME] - plan[i, PLAN_TIME]) + ahead_s
@@ -117,25 +123,6 @@ def _play_at(plan: Float, place: Float, ahead_s: float, out: Float) -> None:
     u = min(1.0, max(0.0, (time - plan[i, PLAN_TIME]) / span)) if span > 0.0 else 1.0
     for k in range(3):
         out[k] = (1.0 - u) * plan[i, PLAN_PLAY + k] + u * plan[i + 1, PLAN_PLAY + k]
-
-
-@kernel("void(float64[:, ::1], float64[::1], float64, float64, float64[::1], float64[::1])")
-def play_ahead(plan: Float, place: Float, ahead_s: float, slope_s: float, out: Float, work: Float) -> None:
-    """Predicted deviation by play where the robot will be, ``l(t + D) + g l'(t + D)``: (3,) m, part axes, written.
-
-    Args:
-        plan: (n, PLAN_COLUMNS).
-        place: (2,) of :func:`counterflex.runtime.follow_kernel.follow`.
-        ahead_s: D, dead time of a correction.
-        slope_s: g, its lag.
-        out: (3,).
-        work: (3,) work space.
-    """
-    _play_at(plan, place, ahead_s, out)
-    if slope_s > 0.0:
-        _play_at(plan, place, ahead_s + _SLOPE_S, work)
-        for k in range(3):
-            out[k] += slope_s / _SLOPE_S * (work[k] - out[k])
 
 
 @kernel(
@@ -190,7 +177,8 @@ def known_ahead(
             forward,
         )
     if choices[at.W_PLAY] == 1 and planned == 1:
-        play_ahead(plan, state[at.S_PLACE :], constants[at.C_AHEAD], constants[at.C_AHEAD + 1], zero[6:9], zero[9:12])
+        ahead_s = constants[at.C_AHEAD] + constants[at.C_AHEAD + 1]
+        play_ahead(plan, state[at.S_PLACE :], ahead_s, zero[6:9])
         for k in range(3):
             forward[k] -= zero[6 + k]
     if choices[at.W_NORMAL] == 1 and planned == 1:

@@ -170,9 +170,7 @@ def answer_is_wrong(
     return bool(counts[K_ANSWER] >= times[T_ANSWER])
 
 
-@kernel(
-    "boolean(float64[::1], float64[::1], float64, boolean, float64[::1], int64[::1], float64[::1], int64[::1])"
-)
+@kernel("boolean(float64[::1], float64[::1], float64, boolean, float64[::1], int64[::1], float64[::1], int64[::1])")
 def residual_grows(
     deviation: Float,
     in_effect: Float,
