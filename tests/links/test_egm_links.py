@@ -88,9 +88,7 @@ def test_the_path_frame_is_right_handed_along_the_motion_and_square_to_the_tool(
     assert float(R[:, 2] @ z_tool) <= 0.0  # z of the path points back up the tool
 
 
-@pytest.mark.parametrize(
-    ("feed", "left"), [((1, 0, 0), (0, 1, 0)), ((0, 1, 0), (-1, 0, 0)), ((-1, 0, 0), (0, -1, 0))]
-)
+@pytest.mark.parametrize(("feed", "left"), [((1, 0, 0), (0, 1, 0)), ((0, 1, 0), (-1, 0, 0)), ((-1, 0, 0), (0, -1, 0))])
 def test_milling_with_the_tool_down_y_is_left_of_the_feed_and_z_is_up(
     feed: tuple[int, ...], left: tuple[int, ...]
 ) -> None:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from counterflex.core.errors import ProtocolError
+from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.wire.egm import (
     RobotState,
@@ -89,3 +90,88 @@ def test_numbers_that_are_not_finite_are_refused() -> None:
     data = write_guidance(1, np.eye(4)).replace(struct.pack("<d", 1.0), struct.pack("<d", float("inf")))
     with pytest.raises(ProtocolError, match="not finite"):
         read_guidance(data)
+
+
+def varint(value: int) -> bytes:
+    out = b""
+    while value > 0x7F:
+        out += bytes([value & 0x7F | 0x80])
+        value >>= 7
+    return out + bytes([value])
+
+
+def part(number: int, data: bytes) -> bytes:
+    return varint(number << 3 | 2) + varint(len(data)) + data
+
+
+def doubles(values: list[float], *, first: int = 1) -> bytes:
+    return b"".join(varint(first + i << 3 | 1) + struct.pack("<d", v) for i, v in enumerate(values))
+
+
+def repeated(number: int, values: list[float]) -> bytes:
+    return b"".join(varint(number << 3 | 1) + struct.pack("<d", v) for v in values)
+
+
+def test_guidance_with_a_speed_reference_is_written_field_by_field() -> None:
+    T = pose.make(rotation.about_z(0.5), np.array([0.1, -0.2, 0.3]))
+    twist = np.array([0.01, 0.0, -0.02, 0.1, 0.0, 0.0])
+    header = varint(1 << 3) + varint(300) + varint(2 << 3) + varint(70_000) + varint(3 << 3) + varint(3)
+    quat = rotation.quat_wxyz(T[:3, :3]).tolist()
+    position = (T[:3, 3] / MM).tolist()
+    speed = [*(twist[:3] / MM).tolist(), *(twist[3:] / DEG).tolist()]
+    wanted = (
+        part(1, header)
+        + part(2, part(2, part(1, doubles(position)) + part(2, doubles(quat))))
+        + part(3, part(2, repeated(1, speed)))
+    )
+    data = write_guidance(300, T, 70_000, twist)
+    assert data == wanted
+    sequence, back, seen = read_guidance(wanted)
+    assert sequence == 300
+    np.testing.assert_allclose(back, T, atol=1e-12)
+    np.testing.assert_allclose(seen, twist, atol=1e-12)
+    again = read_guidance(data)
+    np.testing.assert_allclose(again[1], back, atol=1e-15)
+    np.testing.assert_allclose(again[2], seen, atol=1e-15)
+
+
+def test_a_robots_message_written_by_hand_is_read() -> None:
+    joints = [1.0, -2.0, 3.0, -4.0, 5.0, -6.0]
+    six, seven = repeated(1, [10.0] * 6), bytes([8, 1]) + repeated(2, [10.0] * 6)
+    for force in (six, seven):
+        data = (
+            part(1, varint(8) + varint(9) + varint(16) + varint(1234) + varint(24) + varint(2))
+            + part(
+                2,
+                part(1, repeated(1, joints))
+                + part(2, part(1, doubles([1.0, 2.0, 3.0])) + part(2, doubles([1.0, 0.0, 0.0, 0.0]))),
+            )
+            + part(4, bytes([8, 1]))
+            + part(5, bytes([8, 3]))
+            + bytes([6 << 3, 1])
+            + part(8, bytes([8, 2]))
+            + part(9, force)
+            + varint(10 << 3 | 1)
+            + struct.pack("<d", 42.0)
+            + bytes([11 << 3, 7])
+            + part(13, repeated(1, [5.0]))  # RAPIDfromRobot of RobotWare 7: passed over
+        )
+        state = read_robot(data)
+        assert (state.sequence, state.time_ms, state.move, state.converged) == (9, 1234, 7, True)
+        assert (state.motors_on, state.guided, state.rapid_running) == (True, True, True)
+        assert state.q is not None
+        assert state.T_frame_tcp is not None
+        assert state.force is not None
+        np.testing.assert_allclose(state.q, np.radians(joints), atol=1e-12)
+        np.testing.assert_allclose(state.T_frame_tcp[:3, 3], [1e-3, 2e-3, 3e-3], atol=1e-15)
+        np.testing.assert_array_equal(state.force, 10.0)
+        assert state.utilization == pytest.approx(0.42)
+
+
+def test_messages_of_the_other_side_are_refused() -> None:
+    with pytest.raises(ProtocolError, match="not come from a robot"):
+        read_robot(write_guidance(1, np.eye(4)))
+    with pytest.raises(ProtocolError):
+        read_guidance(write_path_correction(1, 0.0, 0.0, 0.0))
+    with pytest.raises(ProtocolError):
+        read_path_correction(write_guidance(1, np.eye(4)))
