@@ -12,6 +12,8 @@ from counterflex.runtime.wear_kernel import add_ratio, force_class, trend
 
 IDLE_LEARNT: Final = 50
 """Cycles out of the cut after which their noise is believed."""
+PEAK_S: Final = 0.15
+"""How long a force counts for the vibration that comes from it."""
 IDLE_S: Final = 2.0
 """Memory of that noise."""
 _SLOW_S: Final = 1.0
@@ -180,7 +182,9 @@ def chatter(
         state[ml.S_IDLE_FAST] += share * (energy - state[ml.S_IDLE_FAST])
     if whole[ml.N_IDLE_FAST] >= IDLE_LEARNT:
         floor = max(floor, state[ml.S_IDLE_FAST])
-    quiet = floor + (constants[ml.C_CHATTER] * force) ** 2
+    # The vibration is remembered longer than the force: at an exit it is judged by the force it comes from.
+    state[ml.S_PEAK] = max(force, state[ml.S_PEAK] * math.exp(-constants[ml.C_PERIOD] / PEAK_S))
+    quiet = floor + (constants[ml.C_CHATTER] * state[ml.S_PEAK]) ** 2
     limit = math.sqrt(quiet * constants[ml.C_QUANTILE]) if ready else 0.0
     judge(results, outcome, whole, choices, _CHATTER, fast[ml.F_RESIDUAL], limit, choices[ml.W_CYCLES + 2]
     )  # fmt: skip

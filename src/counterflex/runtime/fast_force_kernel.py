@@ -104,8 +104,8 @@ def set_lines(turn: float, teeth: int, slow: float, memory: Float, counts: Int) 
         counts[_SEPARATE] = 0
 
 
-@kernel("float64(float64[::1], int64)")
-def _amplitude(memory: Float, line: int) -> float:
+@kernel("float64(float64[::1], int64, float64)")
+def _amplitude(memory: Float, line: int, share: float) -> float:
     """Amplitude of a line over the three axes, before the high-passes; 0 for no line."""
     if line < 0:
         return 0.0
@@ -113,7 +113,10 @@ def _amplitude(memory: Float, line: int) -> float:
     for axis in range(3):
         base = _LINES + axis * HARMONICS * 2 + 2 * line
         total += memory[base] * memory[base] + memory[base + 1] * memory[base + 1]
-    return math.sqrt(total)
+    # |(1 - s/2) (1 - 1/z) / (1 - (1 - s) / z)| of each high-pass at the line.
+    cosine, keep = math.cos(2.0 * math.pi * memory[_FREQUENCY + line]), 1.0 - share
+    gain = (1.0 - 0.5 * share) ** 2 * (2.0 - 2.0 * cosine) / (1.0 - 2.0 * keep * cosine + keep * keep)
+    return math.sqrt(total) / gain
 
 
 @kernel("void(float64[:, ::1], int64, int64, float64, int64, float64, float64, float64[::1], int64[::1], float64[::1])")
@@ -150,6 +153,7 @@ def take_samples(
         counts[_SINCE] = 0
     counts[_NEXT] = number + count
     share = 1.0 - math.exp(-2.0 * math.pi * SLOW_HZ * sample_s)
+    whole = (1.0 - 0.5 * share) / (1.0 - share)  # gain 1 at half the sampling rate
     forget = 1.0 - math.exp(-sample_s / memory_s)
     for i in range(count):
         if not (math.isfinite(samples[i, 0]) and math.isfinite(samples[i, 1]) and math.isfinite(samples[i, 2])):
@@ -170,9 +174,9 @@ def take_samples(
         energy = 0.0
         for axis in range(3):
             memory[2 * axis] += share * (samples[i, axis] - memory[2 * axis])
-            x = samples[i, axis] - memory[2 * axis]
+            x = whole * (samples[i, axis] - memory[2 * axis])
             memory[2 * axis + 1] += share * (x - memory[2 * axis + 1])
-            e = x - memory[2 * axis + 1]
+            e = whole * (x - memory[2 * axis + 1])
             base = _LINES + axis * HARMONICS * 2
             for k in range(2 * lines):
                 e -= memory[base + k] * memory[_WAVE + k]
@@ -186,7 +190,7 @@ def take_samples(
             memory[_ENERGY] = energy
     out[ml.F_SAMPLES] = count
     out[ml.F_RESIDUAL] = math.sqrt(memory[_ENERGY])
-    out[ml.F_TURN] = _amplitude(memory, counts[_TURN_AT])
-    out[ml.F_TOOTH] = _amplitude(memory, counts[_TOOTH_AT])
+    out[ml.F_TURN] = _amplitude(memory, counts[_TURN_AT], share)
+    out[ml.F_TOOTH] = _amplitude(memory, counts[_TOOTH_AT], share)
     out[ml.F_READY] = 1.0 if count > 0 and counts[_SINCE] >= SETTLED else 0.0
     out[ml.F_SEPARATE] = 1.0 if counts[_SEPARATE] == 1 else 0.0

@@ -171,12 +171,12 @@ def _look(
     steady = steady and 0.8 < rate < 1.2
     if planned and int(here[ml.P_TOOL]) != whole[ml.N_TOOL]:
         whole[ml.N_TOOL] = int(here[ml.P_TOOL])
-        for k in range(ml.S_CUT, ml.STATE):
+        for k in range(ml.S_CUT, ml.S_PEAK):
             state[k] = 0.0
         whole[ml.N_ON] &= ~(1 << _WEAR)
     wear(constants, state, whole, results, outcome, choices, ratio, product, square, moved if cutting else 0.0, rate)
     breakage(constants, choices, state, whole, results, outcome, here, fast, ratio, predicted, noise, steady)
-    chatter(constants, choices, state, whole, results, outcome, fast, most if planned else filtered, idle)
+    chatter(constants, choices, state, whole, results, outcome, fast, max(most, filtered), idle)
 
 
 @kernel(

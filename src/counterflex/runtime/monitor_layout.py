@@ -100,7 +100,8 @@ S_CUSUM: Final = 38
 S_CLASS: Final = 39  # CLASSES x 6: n, mean cut, mean ratio, Sxx, Sxy, Syy
 CLASSES: Final = 8
 CLASS: Final = 6
-STATE: Final = S_CLASS + CLASSES * CLASS
+S_PEAK: Final = S_CLASS + CLASSES * CLASS  # largest force of late
+STATE: Final = S_PEAK + 1
 
 # State, int64.
 N_COUNT: Final = 0  # 5: cycles that a condition has lasted

@@ -1,0 +1,332 @@
+"""Process monitoring: frames, bounds, rates of false alarms, reactions; the rates are measured, not believed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+import counterflex
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM
+from counterflex.files.cell import Cell, read_cell
+from counterflex.geometry import pose, rotation
+from counterflex.runtime import layout as at
+from counterflex.runtime import monitor_layout as ml
+from counterflex.runtime.fast_force_kernel import COUNTS, MEMORY, folded, take_samples
+from counterflex.runtime.feed_frame_kernel import feed_frame
+from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.monitor_layout import Event
+from counterflex.runtime.monitor_plan import bounds, lost_tooth
+from counterflex.runtime.monitor_settings import MonitorSettings, Reaction, decision_interval, run_length
+from counterflex.runtime.settings import ForceMode, OnlineSettings
+from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.wear_kernel import add_ratio, normal_of_student, trend
+from counterflex.signals.limiter import MotionLimit
+
+CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
+Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
+R = rotation.about_x(np.pi)
+FEED = 25.0 * MM
+unit = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
+
+
+def frame_of(v: Float, a: Float, memory: Float) -> Float:
+    out = np.zeros(9)
+    feed_frame(*v, *a, memory, out)
+    return out.reshape(3, 3)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(unit, min_size=1, max_size=6), unit)
+def test_feed_frame_is_right_handed_on_any_path(path: list[tuple[float, ...]], axis: tuple[float, ...]) -> None:
+    a = np.array(axis) / np.linalg.norm(axis)
+    memory = np.zeros(6)
+    for step in path:
+        v = np.array(step) / np.linalg.norm(step)
+        F = frame_of(v, a, memory)
+        np.testing.assert_allclose(F @ F.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(F) == pytest.approx(1.0)
+        np.testing.assert_allclose(F[0], v, atol=1e-12)
+        if np.linalg.norm(np.cross(a, v)) > 0.03:
+            assert abs(F[1] @ a) < 1e-12
+            assert F[2] @ a > 0.0
+
+
+def test_feed_frame_goes_on_where_the_tool_plunges() -> None:
+    up = np.array([0.0, 0.0, 1.0])
+    memory = np.zeros(6)
+    level = frame_of(np.array([1.0, 0.0, 0.0]), up, memory)
+    np.testing.assert_allclose(level, np.eye(3), atol=1e-15)
+    plunge = frame_of(-up, up, memory)
+    np.testing.assert_allclose(plunge[1], level[1], atol=1e-12)
+    still = frame_of(np.zeros(3), up, memory)
+    np.testing.assert_allclose(still, plunge, atol=1e-12)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000))
+def test_bounds_enclose_the_force_wherever_the_tool_may_be(seed: int) -> None:
+    """A plan read up to 60 ms early or late of its known delay never leaves the bounds."""
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.uniform(0.001, 0.05, 80))
+    force = 300.0 * rng.standard_normal((80, 3)) * (rng.random(80) < 0.7)[:, None]
+    late, width = rng.uniform(0.0, 0.1), 0.06
+    out = np.empty((80, 3))
+    bounds(time, np.cumsum(rng.uniform(0.0, 1e-3, 80)), force, late, width, 0.0, out)
+    for shift in rng.uniform(-width, width, 20):
+        there = np.stack([np.interp(time - late + shift, time, force[:, k]) for k in range(3)], axis=1)
+        size = np.linalg.norm(there, axis=1)
+        assert np.all(size <= out[:, 1] * (1.0 + 1e-9))
+    dense = np.linspace(time[0], time[-1], 4000)
+    rows = np.linalg.norm(force, axis=1)
+    for i in range(80):
+        near = np.abs(time - (time[i] - late)) <= width
+        if near.any():
+            assert out[i, 0] <= rows[near].min() * (1.0 + 1e-12)
+    assert len(dense) == 4000
+
+
+def test_a_lost_tooth_leaves_what_the_next_one_takes_over() -> None:
+    assert lost_tooth(np.array([2]), 1.0)[0] == pytest.approx(0.0)  # force in proportion to the chip: nothing is lost
+    assert lost_tooth(np.array([3]), 0.75)[0] == pytest.approx(1.0 - (1.0 + 2.0**0.75) / 3.0)
+    assert lost_tooth(np.array([4]), 0.0)[0] == pytest.approx(0.25)  # force of the edge alone: one of four
+    assert lost_tooth(np.array([1, 0]), 0.75).tolist() == [1.0, 1.0]
+
+
+def test_run_length_against_simulation() -> None:
+    """Siegmund's formula against cumulative sums of normal values, with and without a shift."""
+    rng = np.random.default_rng(5)
+    for interval, shift in ((3.0, 0.0), (4.0, 1.0)):
+        lengths = []
+        for _ in range(400):
+            total, n = 0.0, 0
+            while total <= interval:
+                total = max(0.0, total + rng.standard_normal() + shift - 0.5)
+                n += 1
+            lengths.append(n)
+        assert np.mean(lengths) == pytest.approx(run_length(interval, shift), rel=0.2)
+    for length in (100.0, 5e4):
+        assert run_length(decision_interval(length)) == pytest.approx(length, rel=1e-6)
+
+
+def test_student_values_become_normal_ones() -> None:
+    for nu in (2.0, 5.0, 30.0):
+        for t in (-3.0, -0.5, 0.0, 1.0, 4.0):
+            assert normal_of_student(t, nu) == pytest.approx(stats.norm.ppf(stats.t.cdf(t, nu)), abs=0.03)
+
+
+def wear_alarms(seed: int, metres: float, rise_per_m: float, interval: float) -> tuple[bool, float, float]:
+    """Ratios of two kinds of cut with errors of model and scatter that the detector does not know."""
+    rng = np.random.default_rng(seed)
+    classes = np.zeros((ml.CLASSES, ml.CLASS))
+    total, alarm = 0.0, False
+    offsets, scatter = rng.uniform(0.8, 1.2, 2), rng.uniform(0.01, 0.04)
+    found = np.zeros(3)
+    s = 0.0
+    while s < metres:
+        s += 0.02
+        kind = int(rng.random() < 0.5)
+        ratio = offsets[kind] * (1.0 + rise_per_m * s) + scatter * rng.standard_normal()
+        total = add_ratio(classes, 3 + kind, s, ratio, total)
+        alarm = alarm or total > interval
+    trend(classes, s, found)
+    return alarm, found[0], found[1]
+
+
+def test_wear_alarms_at_the_stated_rate_and_sees_a_rise() -> None:
+    """One false alarm in 10 m stated: of 60 cuts of 2 m about 11 may alarm; with a rise of 15 % per metre all do."""
+    interval = decision_interval(10.0 / 0.02)
+    false = sum(wear_alarms(seed, 2.0, 0.0, interval)[0] for seed in range(60))
+    assert false <= stats.binom.ppf(0.9999, 60, 1.0 - np.exp(-2.0 / 10.0))
+    seen = [wear_alarms(seed, 2.0, 0.15, interval) for seed in range(60, 90)]
+    assert all(alarm for alarm, _, _ in seen)
+    errors = np.array([(slope - 0.15) / sigma for _, slope, sigma in seen])
+    assert np.median(np.abs(errors)) < 6.0  # the two kinds rise by different amounts, offset times 15 %
+
+
+def test_wear_trend_and_its_deviation_are_those_of_least_squares() -> None:
+    rng = np.random.default_rng(3)
+    s = np.sort(rng.uniform(0.0, 3.0, 40))
+    y = 1.1 + 0.07 * s + 0.02 * rng.standard_normal(40)
+    classes = np.zeros((ml.CLASSES, ml.CLASS))
+    for a, b in zip(s, y, strict=True):
+        add_ratio(classes, 2, a, b, 0.0)
+    out = np.zeros(3)
+    trend(classes, 3.0, out)
+    line = stats.linregress(s, y)
+    assert out[0] == pytest.approx(line.slope, rel=1e-9)
+    assert out[1] == pytest.approx(line.stderr, rel=1e-9)
+
+
+@pytest.mark.parametrize(("turns", "expected"), [(650.0, 350.0), (216.7, 216.7), (1300.0, 300.0), (1000.0, 0.0)])
+def test_a_line_above_half_the_rate_folds_back(turns: float, expected: float) -> None:
+    assert folded(turns * 1e-3) == pytest.approx(expected * 1e-3, abs=1e-12)
+    k = np.arange(2000)
+    spectrum = np.abs(np.fft.rfft(np.cos(2.0 * np.pi * turns * 1e-3 * k + 0.3) * np.hanning(2000)))
+    assert np.argmax(spectrum) / 2000.0 == pytest.approx(expected * 1e-3, abs=1e-3)
+
+
+def fast(signal: Float, turn: float, teeth: int = 3) -> Float:
+    """What the fast samples say at the end of a signal along y."""
+    memory, counts, out = np.zeros(MEMORY), np.zeros(COUNTS, dtype=np.int64), np.zeros(ml.FAST)
+    samples = np.zeros((4, 6))
+    for k in range(len(signal) // 4):
+        samples[:, 1] = signal[4 * k : 4 * k + 4]
+        take_samples(samples, 4, 4 * k, turn, teeth, 1e-3, 0.04, memory, counts, out)
+    return out
+
+
+def test_harmonics_of_the_spindle_are_told_from_what_does_not_turn_with_it() -> None:
+    turn = 13_000.0 / 60.0
+    k = np.arange(1200) * 1e-3
+    of_spindle = 50.0 * np.sin(2.0 * np.pi * turn * k) + 120.0 * np.sin(2.0 * np.pi * 3.0 * turn * k + 1.0)
+    quiet = fast(of_spindle + 300.0, turn)
+    loud = fast(of_spindle + 300.0 + 60.0 * np.sin(2.0 * np.pi * 180.0 * k), turn)
+    assert quiet[ml.F_READY] == quiet[ml.F_SEPARATE] == 1.0
+    assert quiet[ml.F_RESIDUAL] < 2.0
+    assert quiet[ml.F_TOOTH] == pytest.approx(120.0, rel=0.1)
+    assert quiet[ml.F_TURN] == pytest.approx(50.0, rel=0.15)
+    assert loud[ml.F_RESIDUAL] == pytest.approx(60.0 / np.sqrt(2.0), rel=0.25)
+
+
+def test_once_per_turn_that_falls_on_the_tooth_passing_is_not_told_apart() -> None:
+    """15 000 rpm, three teeth: 750 Hz folds to 250 Hz, which is once per turn."""
+    found = fast(np.ones(1200), 250.0)
+    assert found[ml.F_SEPARATE] == 0.0
+    assert fast(np.ones(1200), 216.7)[ml.F_SEPARATE] == 1.0
+
+
+def test_missing_samples_are_waited_out() -> None:
+    memory, counts, out = np.zeros(MEMORY), np.zeros(COUNTS, dtype=np.int64), np.zeros(ml.FAST)
+    samples = np.random.default_rng(0).standard_normal((4, 6))
+    for k in range(100):
+        take_samples(samples, 4, 4 * k, 216.7, 3, 1e-3, 0.04, memory, counts, out)
+    assert out[ml.F_READY] == 1.0
+    take_samples(samples, 4, 408, 216.7, 3, 1e-3, 0.04, memory, counts, out)
+    assert out[ml.F_READY] == 0.0
+
+
+def slot() -> LoopPlan:
+    x = np.arange(0.0, 0.16, 0.25 * MM)
+    w = np.zeros((len(x), 6))
+    cutting = ((x > 0.03) & (x < 0.13)).astype(float)
+    w[:, :3] = np.array([-100.0, 300.0, -60.0]) * cutting[:, None]
+    n = len(x)
+    return LoopPlan(
+        np.stack([x, 0.0 * x, 0.0 * x], axis=1),
+        x / FEED,
+        w,
+        cutting,
+        np.zeros((n, 6)),
+        teeth=np.full(n, 3),
+        turn_per_s=np.full(n, 216.7),
+    )
+
+
+def active(reaction: dict[Event, Reaction] | None = None, arm: bool = True, **changes: float) -> Loop:
+    chosen = MonitorSettings(**changes)  # type: ignore[arg-type]
+    if reaction is not None:
+        chosen = replace(chosen, reaction=chosen.reaction | reaction)
+    wide = OnlineSettings(force=ForceMode.MEASURED, translation=MotionLimit(6.0 * MM, 0.2, 50.0), hard_factor=3.0)
+    loop = Loop(CELL.chain, wide, CELL.T_base_part, slot(), monitor=chosen)
+    start = pose.make(R, np.zeros(3))
+    for given_arm, enable in ((False, False), (arm, False), (False, True)):
+        loop.feed(T_part_tcp=start, q=Q, arm=given_arm, enable=enable)
+        loop.run()
+    return loop
+
+
+def mill(loop: Loop, factor: float, until: float, begin: float = 0.0, seed: int = 1) -> set[Event]:
+    """Go along the slot with the plan's force times a factor; the events met."""
+    rng = np.random.default_rng(seed)
+    plan = slot()
+    met: set[Event] = set()
+    for x in np.arange(begin, until, FEED * 4e-3):
+        w = np.zeros(6)
+        for k in range(3):
+            w[k] = factor * np.interp(x, plan.p_part[:, 0], plan.w_tcp_part[:, k])
+        w[:3] += rng.standard_normal(3)
+        loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True)
+        loop.run()
+        met |= {e for e in Event if int(loop.monitor.outcome[ml.O_NEW]) >> e & 1}
+    return met
+
+
+def test_force_in_the_feed_frame_is_the_force_and_beside_it_the_predicted_one() -> None:
+    loop = active()
+    assert mill(loop, 1.0, 0.08) == set()
+    found = loop.monitor.results
+    np.testing.assert_allclose(found[ml.R_FORCE : ml.R_FORCE + 3], [-100.0, 300.0, -60.0], atol=4.0)
+    np.testing.assert_allclose(found[ml.R_EXPECTED : ml.R_EXPECTED + 3], [-100.0, 300.0, -60.0], atol=0.5)
+    assert found[ml.R_RATIO] == pytest.approx(1.0, abs=0.02)
+    assert found[ml.R_RATE] == pytest.approx(1.0, abs=1e-3)
+    assert found[ml.R_DISTANCE] == pytest.approx(0.08, abs=0.2 * MM)
+
+
+def test_a_sound_cut_and_pairs_of_what_can_go_wrong() -> None:
+    assert mill(active(), 1.0, 0.155) == set()
+    assert mill(active(), 1.15, 0.155) == set()
+    assert mill(active(), 0.02, 0.155) == {Event.MISSING_CUT}
+    assert Event.OVERLOAD in mill(active(), 2.0, 0.155)
+    assert Event.OVERLOAD in mill(active(force_limit_n=300.0), 1.0, 0.155)
+
+
+def test_overload_holds_the_feed_until_a_person_resets() -> None:
+    loop = active()
+    assert loop.state == State.ACTIVE
+    assert Event.OVERLOAD in mill(loop, 2.0, 0.06)
+    assert loop.state in (State.HOLD, State.RAMP_OUT, State.READY)
+    assert loop.outcome[at.O_FEED_HOLD] == 1
+    held = pose.make(R, np.array([0.06, 0.0, 0.0]))
+    for _ in range(700):  # longer than a hold may last: the correction has gone, the feed is held all the same
+        loop.feed(T_part_tcp=held, q=Q, w_tcp_part=np.zeros(6), enable=True)
+        loop.run()
+    assert loop.outcome[at.O_FEED_HOLD] == 1
+    assert loop.outcome[at.O_SOFT] == Cause.PROCESS_OVERLOAD
+    loop.feed(T_part_tcp=held, q=Q, w_tcp_part=np.zeros(6), enable=True, reset=True)
+    loop.run()
+    for _ in range(3):
+        loop.feed(T_part_tcp=held, q=Q, w_tcp_part=np.zeros(6), enable=True)
+        loop.run()
+    assert loop.outcome[at.O_FEED_HOLD] == 0
+    assert loop.monitor.events == ()
+
+
+def test_reactions_are_as_chosen_and_none_without_being_armed() -> None:
+    warned = active({Event.OVERLOAD: Reaction.WARN})
+    assert Event.OVERLOAD in mill(warned, 2.0, 0.08)
+    assert warned.state == State.ACTIVE
+    stopped = active({Event.OVERLOAD: Reaction.STOP})
+    mill(stopped, 2.0, 0.06)
+    assert stopped.state == State.FAULT
+    assert stopped.cause == Cause.PROCESS_OVERLOAD
+    assert stopped.outcome[at.O_SILENT] == 1  # told to stop for half a second, then left to its own timeout
+    watching = active(arm=False)
+    assert Event.OVERLOAD in mill(watching, 2.0, 0.08)
+    assert watching.outcome[at.O_FEED_HOLD] == 0
+    assert watching.state == State.READY
+
+
+def test_a_feed_that_stands_still_is_no_missing_cut() -> None:
+    """The force decays where the feed is held; nothing is missing on a path that is not travelled."""
+    loop = active()
+    mill(loop, 1.0, 0.08)
+    held = pose.make(R, np.array([0.08, 0.0, 0.0]))
+    for k in range(300):
+        w = np.array([-100.0, 300.0, -60.0, 0.0, 0.0, 0.0]) * np.exp(-k / 10.0)
+        loop.feed(T_part_tcp=held, q=Q, w_tcp_part=w, enable=True)
+        loop.run()
+        assert loop.monitor.outcome[ml.O_NEW] == 0
+
+
+@pytest.mark.parametrize("bad", [{"filter_s": 0.0}, {"exponent": 1.5}, {"model_probability": 0.7}, {"margin_n": -1.0}])
+def test_settings_that_are_none_are_refused(bad: dict[str, float]) -> None:
+    with pytest.raises(InputError, match="monitor"):
+        MonitorSettings(**bad)  # type: ignore[arg-type]
