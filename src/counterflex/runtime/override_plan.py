@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
 from counterflex.runtime.override_settings import OverrideSettings
 from counterflex.runtime.settings import OnlineSettings, robot_answer
@@ -170,7 +171,7 @@ def speed_plan(
         override: Tolerance, least speed, rate.
 
     Raises:
-        InputError: Speeds cannot be changed within a program that takes more than two hours; split it.
+        InputError: The program takes more than two hours even at full speed.
     """
     n = len(time_s)
     time = np.ascontiguousarray(time_s, dtype=np.float64)
@@ -190,11 +191,18 @@ def speed_plan(
             dead,
             answer,
             online.translation.packed(),
-            _LONGEST_S,
+            _LONGEST_S / override.least * 2.0,
             found,
         )
         return np.maximum(found, left * speed), float(spent)
 
+    if time[-1] - time[0] > _LONGEST_S:
+        raise InputError(
+            "the program is too long for speeds to be planned",
+            value=f"{time[-1] - time[0]:.0f} s",
+            limit=f"<= {_LONGEST_S:g} s",
+            hint="Split it, or leave out the table [override]",
+        )
     before, plain = errors(np.ones(n))
     own: Float = np.ones(n)
     speed: Float = np.ones(n)
@@ -204,7 +212,7 @@ def speed_plan(
         over = after / override.tolerance_m
         if not np.any((over > 1.0) & (speed > override.least)):
             break
-        lower = np.where(over > 1.0, np.maximum(override.least, speed * np.clip(over**-0.5, 0.5, 1.0)), 1.0)
+        lower = np.where(over > 1.0, np.maximum(override.least, speed * np.clip(np.maximum(over, 1.0) ** -0.5, 0.5, 1.0)), 1.0)
         own = np.minimum(own, lower)
         wide: Float = np.empty(n)
         least_about(time, own, override.delay_s + online.pilot.lead_s, settle * override.least, wide)
