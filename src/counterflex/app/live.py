@@ -13,13 +13,14 @@ from counterflex.app import simulate
 from counterflex.app.inputs import read_job
 from counterflex.app.twin_controllers import egm_controller, rsi_controller, which
 from counterflex.core import atomic
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, as_positive
 from counterflex.core.progress import Progress, silent
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.run_file import write_run
 from counterflex.files.summary_file import write_summary
 from counterflex.twin.cell_server import CellServer, Instruments
 from counterflex.twin.fake_rsi import RsiContext
+from counterflex.twin.faults import Fault, FaultSchedule
 from counterflex.twin.force_sensor import force_sensor
 from counterflex.twin.laboratory import laboratory
 from counterflex.twin.live_cell import LiveCell
@@ -45,6 +46,9 @@ class LiveSettings:
         netft_port: UDP port of the force sensor; 0 takes a free one, None leaves it out.
         netft_http_port: Of its scaling document.
         tracker_peer: Where tracker datagrams go, or None.
+        tracker_hz: Poses in a second; few are photogrammetry.
+        tracker_faults: Of the tracker and its datagrams, late ones among them.
+        force_faults: Of the force sensor and its records.
         seed: Of the instruments.
         realtime: Keep real time; else lockstep.
         gate_s: How long the robot program waits before it starts.
@@ -64,12 +68,20 @@ class LiveSettings:
     netft_port: int | None = 0
     netft_http_port: int = 0
     tracker_peer: tuple[str, int] | None = None
+    tracker_hz: float = 1000.0
+    tracker_faults: tuple[Fault, ...] = ()
+    force_faults: tuple[Fault, ...] = ()
     seed: int = 0
     realtime: bool = False
     gate_s: float = 0.8
     context: RsiContext = field(default_factory=lambda: RsiContext(timeout=100))
     answer: PathAnswer = field(default_factory=PathAnswer)
     hose_share: float = 1.0
+
+
+def late(late_s: float) -> tuple[Fault, ...]:
+    """Datagrams that all come so late; none for 0."""
+    return (Fault("late", late_s=late_s),) if late_s > 0.0 else ()
 
 
 @dataclass(frozen=True)
@@ -121,7 +133,8 @@ def run(
     laboratory_ = laboratory(settings.seed)
     netft = None
     if settings.netft_port is not None:
-        netft = NetftServer(port=settings.netft_port, http_port=settings.netft_http_port)
+        faults = FaultSchedule(settings.force_faults, settings.seed)
+        netft = NetftServer(port=settings.netft_port, http_port=settings.netft_http_port, faults=faults)
     table = cell.tables.sensor
     sensor = force_sensor(
         truth,
@@ -130,7 +143,14 @@ def run(
         None if table is None else table.matrix(),
         hose_share=settings.hose_share,
     )
-    instruments = Instruments(laboratory_, sensor, netft, settings.tracker_peer)
+    instruments = Instruments(
+        laboratory_,
+        sensor,
+        netft,
+        settings.tracker_peer,
+        tracker_faults=FaultSchedule(settings.tracker_faults, settings.seed),
+        tracker_every_s=1.0 / as_positive("tracker_hz", settings.tracker_hz),
+    )
     server = CellServer(
         live,
         robot_controller,

@@ -11,6 +11,7 @@ from counterflex.cli.log import show_process
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.cli.program import CellFile, Out, Program
 from counterflex.core.errors import InputError
+from counterflex.core.units import MS
 
 Rsi = Annotated[
     Path | None,
@@ -193,6 +194,12 @@ def cell(
     tracker: Annotated[
         str | None, typer.Option("--tracker", help="Send tracker datagrams there.", metavar="HOST:PORT")
     ] = None,
+    tracker_hz: Annotated[
+        float, typer.Option("--tracker-hz", help="Poses in a second; photogrammetry has few.", min=0.1, max=1000.0)
+    ] = 1000.0,
+    tracker_late_ms: Annotated[
+        float, typer.Option("--tracker-late", help="How late they come, ms.", min=0.0, max=900.0)
+    ] = 0.0,
     seed: Annotated[int, typer.Option("--seed", help="Of the instruments.", min=0)] = 0,
     gate_s: Annotated[float, typer.Option("--gate-s", help="Rest before the program starts.", min=0.0)] = 0.8,
     realtime: Annotated[
@@ -220,6 +227,8 @@ def cell(
         netft_port=None if own_force else force_port,
         netft_http_port=force_http,
         tracker_peer=None if tracker is None else address(tracker, "--tracker"),
+        tracker_hz=tracker_hz,
+        tracker_faults=job.late(tracker_late_ms * MS),
         seed=seed,
         gate_s=gate_s,
         realtime=realtime,

@@ -129,6 +129,8 @@ class OnlineTable(Table):
                 offset_drift_m=self.offset_drift_um * UM,
                 tracker_stale_s=self.tracker_stale_ms * MS,
                 torque_nm=self.torque_noise_nm,
+                mode_hz=8.0 if mode is None else mode[0],
+                mode_damping=0.1 if mode is None else mode[1],
             ),
             translation=MotionLimit(self.correction_mm * MM, self.speed_mm_s * MM, self.acceleration_mm_s2 * MM),
             rotation=MotionLimit(rotation, self.speed_mm_s * MM * share, self.acceleration_mm_s2 * MM * share),

@@ -33,6 +33,8 @@ _FORCE_SATURATED, _FORCE_OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OF
 _TRACKER_LOST = int(Cause.TRACKER_LOST)
 _FROM_PLAN, _FROM_FORCE, _FROM_TRACKER, _FROM_CURRENTS = 1, 2, 4, 8
 _TORQUE_CYCLES = 125
+_SPAN = 4
+"""Cycles over which accelerations are taken."""
 _STILL_TORQUE_CYCLES = 25
 
 
@@ -135,6 +137,18 @@ def _currents(
     )
 
 
+@kernel("float64(float64[::1])")
+def _swing_share(state: Float) -> float:
+    """Swing of the arm by the deflection under the predicted force: by which share the force at the sensor swings."""
+    square = 0.0
+    for k in range(3):
+        total = 0.0
+        for d in range(3):
+            total += state[at.S_FUSION + BENT + 6 * d + k]
+        square += total * total
+    return min(1.0, state[at.S_SWING] / math.sqrt(square)) if square > 0.0 else 0.0
+
+
 @kernel(
     "void(float64[::1], int64, float64[::1], float64[::1], float64, float64[::1], float64[::1], float64[::1],"
     " float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])"
@@ -191,11 +205,43 @@ def estimate_loads(
             state[at.S_BEFORE : at.S_BEFORE + 6],
             direction,
             constants[at.C_SCALE : at.C_SCALE + 4],
+            _swing_share(state),
             gate,
         )
     if found & _FROM_CURRENTS or cut <= 0.0:
         _currents(given, found, constants, cut, predicted, direction, jac, state, results, gate)
     fused_load(fusion, ahead, direction, constants[at.C_WITHOUT], used)
+
+
+@kernel("void(float64[::1], float64[::1], int64, float64[:, ::1], float64[::1])")
+def _swing(constants: Float, bent: Float, here: int, ring: Float, state: Float) -> None:
+    """How far the arm may swing about where it should stand: ``|p''| / w^2`` of its lowest mode, dying out.
+
+    Where it should stand is path, correction in effect and expected deflection; a tracker sees the swing, which is no
+    error of the model.
+
+    Args:
+        constants: Of the loop.
+        bent: (18,) D of this cycle.
+        here: Row of this cycle.
+        ring: Of the last cycles; this one's place and swing are written.
+        state: Of the step; changed.
+    """
+    now, one = ring[here], ring[(here - _SPAN + at.RING_ROWS) % at.RING_ROWS]
+    two = ring[(here - 2 * _SPAN + at.RING_ROWS) % at.RING_ROWS]
+    square = 0.0
+    for k in range(3):
+        stand = now[at.RING_NOMINAL + 9 + k] + now[at.RING_IN_FORCE + k]
+        for d in range(3):
+            stand += (state[at.S_FUSION + X + d] + state[at.S_FUSION + X + 3 + d]) * bent[6 * d + k]
+        now[at.RING_STAND + k] = stand
+        square += (stand - 2.0 * one[at.RING_STAND + k] + two[at.RING_STAND + k]) ** 2
+    span = _SPAN * constants[at.C_PERIOD]
+    fresh = math.sqrt(square) / (span * span) * constants[at.C_SWING]
+    if two[at.RING_CLOCK] <= 0.0:
+        fresh = 0.0
+    state[at.S_SWING] = max(fresh, state[at.S_SWING] * constants[at.C_SWING + 1])
+    now[at.RING_SWING] = state[at.S_SWING]
 
 
 @kernel(
@@ -257,6 +303,7 @@ def _take_sample(
     for k in range(18):
         square += bent[k] * bent[k] if k % 6 < 3 else 0.0
     spread = constants[at.C_NOISE] + given[at.G_TRACKER_SIGMA] ** 2
+    spread += past[at.RING_SWING] ** 2
     spread += late / period * (growth[2] + (growth[0] + growth[1]) * square)
     noise_turn = constants[at.C_NOISE + 1] + late / period * growth[6]
     results[at.R_SURPRISE + 1] = take_deviation(
@@ -320,6 +367,7 @@ def estimate_deviation(
     for k in range(18):
         now[at.RING_BENT + k] = bent[k]
     now[at.RING_CLOCK] = state[at.S_CLOCK]
+    _swing(constants, bent, here, ring, state)
     first = 1 if choices[at.W_NORMAL] == 1 else 0
     if flags[at.F_SOURCES] & _FROM_TRACKER and flags[at.F_TRACKER_NEW] == 1:
         _take_sample(given, constants, first, active, here, ring, state, whole, results, deviation)

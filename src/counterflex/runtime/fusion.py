@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntFlag
 
@@ -44,6 +45,8 @@ class FusionTuning:
         gate: Standard deviations beyond which a measurement counts less.
         tracker_stale_s: Age at which a tracker or photogrammetry no longer counts as there.
         disbelieved: Samples in a row, farther off than the largest jump, after which it does not either.
+        mode_hz: Lowest mode of the arm, about which it swings when it is accelerated or a load comes.
+        mode_damping: Its damping ratio.
         torque_nm: Standard deviation of an axis torque found from motor currents, friction left included.
     """
 
@@ -58,6 +61,8 @@ class FusionTuning:
     gate: float = 5.0
     tracker_stale_s: float = 0.5
     disbelieved: int = 5
+    mode_hz: float = 8.0
+    mode_damping: float = 0.1
     torque_nm: float = 150.0
 
     def __post_init__(self) -> None:
@@ -80,6 +85,11 @@ class FusionTuning:
                 self.gate,
             ]
         )
+
+    def swing(self, period_s: float) -> tuple[float, float]:
+        """``1 / w^2`` s2 of the mode, and what is left of a swing after a cycle."""
+        w = 2.0 * math.pi * self.mode_hz
+        return 1.0 / (w * w), math.exp(-self.mode_damping * w * period_s)
 
     def begin(self, fusion: Float) -> None:
         """Write what is known at the start into the state (SIZE,): factors 1, model right, no offset."""

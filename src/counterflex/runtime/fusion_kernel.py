@@ -186,9 +186,16 @@ def bend(fusion: Float, C: Float, at_c: int, R_base_part: Float) -> None:
                 fusion[D + 6 * d + 3 * part + k] = total
 
 
-@kernel("float64(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64)")
+@kernel("float64(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64, float64)")
 def take_force(
-    fusion: Float, measured: Float, predicted: Float, before: Float, frame: Float, tuning: Float, gate: float
+    fusion: Float,
+    measured: Float,
+    predicted: Float,
+    before: Float,
+    frame: Float,
+    tuning: Float,
+    swing: float,
+    gate: float,
 ) -> float:
     """Update with a measured force.
 
@@ -199,6 +206,7 @@ def take_force(
         before: (6,) predicted of the last cycle.
         frame: (9,) directions.
         tuning: (4,) sigma N, tau / period, and two that are not used here, as of the factors' filter.
+        swing: Share of the force by which the arm's swing may change it at the sensor.
         gate: See :func:`update`.
 
     Returns:
@@ -215,7 +223,8 @@ def take_force(
         for i in range(N):
             fusion[H + i] = 0.0
         fusion[H + d] = h
-        apart = update(fusion, y, tuning[0] * tuning[0] + (tuning[1] * change) ** 2, gate)
+        noise = tuning[0] * tuning[0] + (tuning[1] * change) ** 2 + (swing * h) ** 2
+        apart = update(fusion, y, noise, gate)
         worst = max(worst, abs(apart))
     return worst
 

@@ -66,7 +66,8 @@ C_AHEAD: Final = 73  # 2: dead time and lag of a correction, s
 C_INERTIA: Final = 75  # 5: low-pass that the measured force has passed before
 C_LAG: Final = 80  # 8: filter of lag_correction
 C_LAG_MOST: Final = 88  # its largest translation, m
-CONSTANTS: Final = 89
+C_SWING: Final = 89  # 2: 1 by the square of the lowest mode, s2; what is left of a swing after a cycle
+CONSTANTS: Final = 91
 
 # Choices, int64.
 W_FORCE: Final = 0
@@ -111,20 +112,21 @@ S_CLOCK: Final = 222  # cycles of the controller since the start, lost ones coun
 S_REFERENCE: Final = 223  # 6: force that stands for the plan's where there is none
 S_TORQUE: Final = 229  # 6: axis torque from the currents without a cut
 S_TORQUE_KNOWN: Final = 235  # cycles it was averaged over
-S_PAST: Final = 236  # 64: row of the ring at the time of a sample
-S_PAST_BENT: Final = 300  # 18
-S_REST: Final = 318  # 6
+S_PAST_BENT: Final = 236  # 18: bend of the time of a sample
+S_REST: Final = 254  # 6: deviation less the correction in effect
+S_SWING: Final = 260  # by how much the arm may swing about where it should stand, m
 S_NOTCH: Final = 324  # 12: memory of the designed controller's filter, two numbers per component
 S_FILTERED: Final = 336  # 6: deviation behind it
 S_RATE: Final = 342  # 6: speed of the commanded pose
 S_SECOND: Final = 348  # 6: its acceleration
 S_FORWARD: Final = 354  # 6: correction known ahead
-S_EARLIER: Final = 360  # 64: a second row of the ring
 S_INERTIA: Final = 424  # 24: memory of the low-pass of C_INERTIA for the predicted force
 S_SPEED: Final = 448  # share of the programmed speed that the loop asks for
 S_SLOWER: Final = 449  # by which the predicted force is smaller at that speed
 S_LAG: Final = 450  # 12: memory of the filter of lag_correction
-STATE: Final = 462
+S_PAST: Final = 462  # 68: row of the ring at the time of a sample
+S_EARLIER: Final = 530  # 68: a second row of the ring
+STATE: Final = 598
 
 # State, int64: 0..4 of the supervisor, then
 N_RING: Final = 5  # next row of the ring
@@ -144,7 +146,9 @@ RING_CONTAINED: Final = 30  # 6
 RING_FRAME: Final = 36  # 9: directions
 RING_BENT: Final = 45  # 18: deflection under the predicted force along each
 RING_CLOCK: Final = 63
-RING: Final = 64
+RING_STAND: Final = 64  # 3: where the tool should stand, part frame
+RING_SWING: Final = 67  # S_SWING
+RING: Final = 68
 
 # Results, float64.
 R_CORRECTION: Final = 0  # 6: what to send, m and rotation vector, part axes

@@ -466,6 +466,7 @@ def _constants(settings: OnlineSettings, T_base_part: Float, plan: LoopPlan | No
     put(at.C_NOISE, [tuning.noise_m**2, tuning.noise_rad**2])
     put(at.C_JUMP, [tuning.largest_jump_m, settings.off_path_m])
     put(at.C_ANSWER, robot_answer(settings)[1])
+    put(at.C_SWING, settings.fusion.swing(T))
     put(at.C_INERTIA, inertia_smoothing(settings).coefficients())
     put(at.C_R_BASE_PART, T_base_part[:3, :3].reshape(-1))
     out[at.C_PROPORTIONAL] = tuning.proportional

@@ -35,6 +35,7 @@ class Instruments:
         beam_broken: The tracker does not see its target.
         temperature_c: Of the force sensor.
         tracker_faults: Scripted.
+        tracker_every_s: Time between two poses; photogrammetry takes its time.
     """
 
     laboratory: Laboratory
@@ -44,6 +45,7 @@ class Instruments:
     beam_broken: bool = False
     temperature_c: float = 20.0
     tracker_faults: FaultSchedule = field(default_factory=FaultSchedule)
+    tracker_every_s: float = 1e-3
 
     def __post_init__(self) -> None:
         """Take a noise stream of its own for each instrument."""
@@ -52,6 +54,7 @@ class Instruments:
         self._tracker: TrackerSender | None = None
         if self.tracker_peer is not None:
             self._tracker = TrackerSender(self.tracker_peer, self.tracker_faults)
+        self._tracker_due = 0.0
         self._force_sum: Float = np.zeros(6)
         self._force_count = 0
 
@@ -66,8 +69,11 @@ class Instruments:
             self._force_count += 1
             if self.netft is not None:
                 self.netft.send(w + scale * noise, time_s)
-        if self._tracker is not None:
+        if self._tracker is not None and time_s > self._tracker_due - 1e-9:
+            self._tracker_due = max(self._tracker_due + self.tracker_every_s, time_s)
             self._send_pose(self._tracker, cell, time_s)
+        elif self._tracker is not None:
+            self._tracker.idle(time_s)
 
     def mean_force(self) -> Float | None:
         """(6,) N, N m: mean reading of the force sensor since the last call; None where there was none."""

@@ -43,6 +43,10 @@ class TrackerSender:
         self.sent = 0
         self.dead = False
 
+    def idle(self, time_s: float) -> None:
+        """Nothing is measured now; what was on its way until ``time_s`` arrives."""
+        self._line.release(time_s, self._put)
+
     def send(
         self,
         T_tracker_target: Float,
