@@ -1,4 +1,4 @@
-"""Tests during operation (R14, R16 to R19): what is wrong is found in a simulated plant, what is right is left alone."""
+"""Tests during operation (R14, R16 to R19): what is wrong is found in a simulated plant, what is right goes on."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def test_a_robot_that_turns_or_mirrors_the_correction_is_found_by_its_own_report
     for k in range(400):
         state = plant.cycle(FORCE * blend_in(k, 50) if plant.x > 0.03 else None)
         c = plant.loop._state[at.S_IN_FORCE : at.S_IN_FORCE + 3]
-        astray = np.linalg.norm((P @ c - c)[1:])
+        astray = float(np.linalg.norm((P @ c - c)[1:]))
         if since < 0 and np.linalg.norm(c) > 0.1 * MM and astray > 0.1 * MM:
             since = k
         if state == State.FAULT:
@@ -275,8 +275,7 @@ def test_a_tracker_alone_holds_while_its_return_is_doubted() -> None:
 
 @pytest.mark.parametrize("index", range(48))
 def test_a_turned_force_sensor_is_found_where_it_turns_the_force_enough(index: int) -> None:
-    """R19 without a tracker: by the direction that the plan predicts; a turn that leaves the force about where it is,
-    is not seen."""
+    """R19 without a tracker, by the direction that the plan predicts; what leaves the force about there is not seen."""
     S = SIGNED[index]
     plant = Plant(straight(), force=ForceMode.PILOT).ready()
     angle = float(np.degrees(np.arccos(FORCE @ (S @ FORCE) / (FORCE @ FORCE))))

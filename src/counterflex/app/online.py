@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import multiprocessing
+import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -61,6 +63,9 @@ _QUIET_S = 2.0
 _EXPONENT = 0.75
 """Of the force in the feed, where there is no plan to take it from."""
 _POLL_S = 0.02
+_END_S = 5.0
+"""How long ramping out may take before the loop ends all the same."""
+_ACTING = (State.ACTIVE, State.HOLD, State.RAMP_OUT)
 
 
 def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
@@ -349,26 +354,32 @@ def run(
     parent, child = context.Pipe()
     ring = RecordRing()
     log: RunLog | None = None
+    process: BaseProcess | None = None
     try:
-        process = context.Process(target=_loop_process, args=(settings, ring.name, control, child), daemon=True)
+        process = context.Process(target=loop_process, args=(settings, ring.name, control, child), daemon=True)
         process.start()
-        said = parent.recv()
+        child.close()
+        try:
+            said = parent.recv()
+        except EOFError:
+            raise OutputError("the loop's process died before it began", value=process.exitcode) from None
         if isinstance(said, BaseException):
             raise said
         where, loop_sha256 = said
         log = RunLog(out, _about(settings, loop_sha256))
         started(where)
-        if settings.arm:
-            control[Request.ARM] = 1
-        summary = _record(ring, log, process, control, watch, most_s)
-        if parent.poll():
-            raise parent.recv()
+        summary = _record(ring, log, process, control, watch, most_s, arm=settings.arm)
+        with contextlib.suppress(EOFError):
+            if parent.poll():
+                raise parent.recv()
         write_summary(Path(out) / SUMMARY, {"job": "run", "cell": settings.cell.name, **summary})
         return summary
     finally:
         control[Request.END] = 1
         if log is not None:
             log.close()
+        if process is not None:
+            process.join(_END_S)
         ring.close()
 
 
@@ -379,6 +390,8 @@ def _record(
     control: Any,
     watch: Callable[[Status], None],
     most_s: float | None,
+    *,
+    arm: bool,
 ) -> dict[str, Any]:
     reader = RecordRing(ring.name)
     reader.rewind()
@@ -431,7 +444,17 @@ def _record(
                 break
             if most_s is not None and now - begin > most_s:
                 control[Request.END] = 1
-            time.sleep(_POLL_S)
+            if log.trouble:
+                control[Request.ARM] = 0  # what is not recorded is not corrected
+            elif arm:
+                arm = not np.any(rows[:, OUTCOME + O_STATE] >= State.ARMED)
+                control[Request.ARM] = int(arm)
+            try:
+                time.sleep(_POLL_S)
+            except KeyboardInterrupt:
+                if control[Request.END]:
+                    raise
+                control[Request.END] = 1  # the loop ramps out first; a second time it is left alone
         rows = reader.take()
         seen.add(rows)
         log.add(rows)
@@ -451,6 +474,7 @@ def _record(
             "max": round(times.largest, 1),
         },
         "telegrams": {tally.name.lower(): int(control[tally]) for tally in Tally},
+        "loop_ended": "as asked" if process.exitcode == 0 else f"died ({process.exitcode})",
         "records": log.written,
         "records_lost": log.lost + reader.dropped,
         "counterflex": __version__,
@@ -473,8 +497,18 @@ def _about(settings: RunSettings, loop_sha256: str) -> dict[str, Any]:
     }
 
 
-def _loop_process(settings: RunSettings, ring_name: str, control: Any, pipe: Any) -> None:
-    """The loop's own process."""
+def loop_process(settings: RunSettings, ring_name: str, control: Any, pipe: Any) -> None:
+    """The loop's own process: builds the session, says where it listens, cycles until it is asked to end.
+
+    An interrupt from the keyboard is left to the recorder, which asks the loop to end.
+
+    Args:
+        settings: See :class:`RunSettings`.
+        ring_name: Of the ring of records.
+        control: Shared array of :data:`counterflex.links.session.CONTROL` numbers.
+        pipe: Told the address and the loop's hash, or what went wrong.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         ring = RecordRing(ring_name)
         shared: Int = np.frombuffer(control, dtype=np.int64)
@@ -499,9 +533,15 @@ def _loop_process(settings: RunSettings, ring_name: str, control: Any, pipe: Any
 
 
 def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int) -> None:
-    """Cycle until asked to end, or until the telegrams stop."""
+    """Cycle until asked to end, or until the telegrams stop. A correction that is there is ramped out first."""
     quiet = 0.0
-    while not control[Request.END]:
+    end_ns = 0
+    while True:
+        if control[Request.END]:
+            end_ns = end_ns or time.monotonic_ns() + round(_END_S * 1e9)
+            control[Request.STOP] = 1
+            if session.loop.state not in _ACTING or time.monotonic_ns() > end_ns:
+                return
         if session.cycles == 0:
             session.cycle(0.1)
             continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from counterflex.app.fault_scenarios import clocks, network, rubbish, sessions, strangers
+from counterflex.app.fault_scenarios import clocks, network, processes, rubbish, sessions, strangers
 from counterflex.app.fault_scenarios.scenario import Scenario
 
 SCENARIOS: Final[tuple[Scenario, ...]] = tuple(
@@ -15,6 +15,7 @@ SCENARIOS: Final[tuple[Scenario, ...]] = tuple(
             *rubbish.SCENARIOS,
             *clocks.SCENARIOS,
             *strangers.SCENARIOS,
+            *processes.SCENARIOS,
         ),
         key=lambda scenario: int(scenario.requirement[1:]),
     )

@@ -1,0 +1,258 @@
+"""Processes that are killed, stopped, or cannot write: R12, R22 to R24, R28, R29."""
+
+from __future__ import annotations
+
+import gc
+import math
+import os
+import signal
+import tempfile
+import time
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from counterflex.app.fault_scenarios.process_rig import ProcessRig
+from counterflex.app.fault_scenarios.rig import PERIOD_S
+from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
+from counterflex.core.units import MM
+from counterflex.files.run_log import read_log
+from counterflex.links.session import Request
+from counterflex.runtime.record_ring import RecordRing
+from counterflex.runtime.supervisor import State
+
+_LOST_S: Final = 0.1
+_LIMIT_M: Final = 0.08 * MM
+_RECEIVED = 1
+
+
+def _push(k: int) -> float:
+    """A force that comes and goes, so that the correction is mostly on its way."""
+    return 150.0 + 150.0 * math.sin(0.05 * k)
+
+
+def _killed_loop(effort: Effort) -> Outcome:
+    """R12: killed at random; the robot holds; a loop that is started again is not armed."""
+    kills = effort.pick(100, 2)
+    rng = np.random.default_rng(effort.seed)
+    worst, armed, unread, stopped = 0.0, 0, 0, 0
+    with tempfile.TemporaryDirectory() as place, ProcessRig(Path(place), effort.seed) as rig:
+        folder = rig.start_recorder("log")
+        rig.start_loop()
+        for _ in range(kills):
+            rig.activate()
+            rig.run(int(rng.integers(20, 300)), _push)
+            loop = rig.loop
+            if loop is None or loop.pid is None:
+                continue
+            os.kill(loop.pid, signal.SIGKILL)
+            first = len(rig.corrections)
+            late = rig.robot.late
+            while not rig.robot.stopped and rig.robot.late < late + 200:
+                rig.cycle(200.0, patience_s=0.01)
+            stopped += rig.robot.stopped == "RSITimeout"
+            # The answer to the last telegram may have been on its way: one step within the limits.
+            worst = max(worst, float(rig.steps(first).max(initial=0.0)))
+            loop.join(5.0)
+            rig.new_session()
+            rig.start_loop()
+            for _ in range(80):
+                rig.robot.frees["Enable"] = 1.0
+                rig.cycle()
+                armed += rig.state > State.READY
+        time.sleep(0.3)
+        rows, _, _ = read_log(folder)
+        unread = int(np.sum(np.diff(rows[:, -1]) > 1))
+    return Outcome(
+        worst == 0.0 and armed == 0 and stopped == kills and unread == 0,
+        f"{kills} kills: the robot held what it had and stopped by its timeout {stopped} times; started again it was "
+        f"armed {armed} times; {len(rows)} records, {unread} gaps",
+        worst,
+        10 * PERIOD_S,
+        {"kills": float(kills), "records": float(len(rows))},
+    )
+
+
+def _killed_recorder(effort: Effort) -> Outcome:
+    """R24: killed at random; the loop goes on, at most 100 ms are missing."""
+    kills = effort.pick(100, 3)
+    rng = np.random.default_rng(effort.seed)
+    lost_s: list[float] = []
+    refused = 0
+    with tempfile.TemporaryDirectory() as place, ProcessRig(Path(place), effort.seed) as rig:
+        rig.start_loop()
+        rig.activate()
+        reader = RecordRing(rig.ring.name)
+        try:
+            for k in range(kills):
+                folder = rig.start_recorder(f"log{k}")
+                begin = time.monotonic()
+                while not list(folder.glob("run-*.mcap")) and time.monotonic() - begin < 30.0:
+                    rig.run(5, _push, period_s=PERIOD_S)
+                reader.take()
+                rig.run(int(rng.integers(75, 300)), _push, period_s=PERIOD_S)
+                recorder = rig.recorder
+                if recorder is None or recorder.pid is None:
+                    continue
+                os.kill(recorder.pid, signal.SIGKILL)
+                recorder.join(5.0)
+                last = reader.take()[-1]
+                rows, _, _ = read_log(folder)
+                lost_s.append((last[_RECEIVED] - rows[-1, _RECEIVED]) * 1e-9)
+                refused += rig.state != State.ACTIVE
+        finally:
+            reader.close()
+        worst = float(rig.steps().max())
+    return Outcome(
+        max(lost_s) <= _LOST_S and refused == 0 and worst <= _LIMIT_M * 1.02,
+        f"{kills} kills: at most {1e3 * max(lost_s):.0f} ms of the log lost, median "
+        f"{1e3 * float(np.median(lost_s)):.0f} ms; the loop stayed active",
+        worst,
+        None,
+        {"kills": float(kills), "most_lost_s": max(lost_s)},
+    )
+
+
+def _stopped_recorder(effort: Effort) -> Outcome:
+    """R29: the process that logs and shows stands still."""
+    seconds = effort.pick(10, 1)
+    with tempfile.TemporaryDirectory() as place, ProcessRig(Path(place), effort.seed) as rig:
+        folder = rig.start_recorder("log")
+        rig.start_loop()
+        rig.activate()
+        recorder = rig.recorder
+        pid = 0 if recorder is None or recorder.pid is None else recorder.pid
+        begin = len(rig.corrections)
+        late = rig.robot.late
+        os.kill(pid, signal.SIGSTOP)
+        rig.run(round(seconds / PERIOD_S), _push, period_s=PERIOD_S)
+        os.kill(pid, signal.SIGCONT)
+        state = rig.state
+        rig.run(50, _push, period_s=PERIOD_S)
+        time.sleep(0.3)
+        rows, _, _ = read_log(folder)
+        worst = float(rig.steps(begin).max())
+        missed = rig.robot.late - late
+    gaps = int(np.sum(np.maximum(np.diff(rows[:, -1]) - 1, 0)))
+    return Outcome(
+        state == State.ACTIVE and missed == 0 and gaps == 0 and worst <= _LIMIT_M * 1.02,
+        f"the loop stayed active, {missed} answers missing; {gaps} records lost, the ring holds 16 s",
+        worst,
+        None,
+    )
+
+
+def _full_disk(effort: Effort) -> Outcome:
+    """R23: files cannot grow any more."""
+    with tempfile.TemporaryDirectory() as place, ProcessRig(Path(place), effort.seed) as rig:
+        folder = rig.start_recorder("log", 400_000)
+        rig.start_loop()
+        rig.activate()
+        begin = len(rig.corrections)
+        rig.run(effort.pick(3_000, 1_500), _push, period_s=0.5 * PERIOD_S)
+        state, late = rig.state, rig.robot.late
+        time.sleep(1.3)
+        rig.run(100, _push, period_s=PERIOD_S)
+        time.sleep(0.3)
+        rows, _, cut = read_log(folder)
+        worst = float(rig.steps(begin).max())
+        segments = len(list(folder.glob("run-*.mcap")))
+    return Outcome(
+        state == State.ACTIVE and late == 0 and segments > 1 and len(rows) > 100 and worst <= _LIMIT_M * 1.02,
+        f"the loop stayed active, {late} answers missing; {segments} segments, {len(cut)} cut short, {len(rows)} "
+        "records read back",
+        worst,
+        None,
+        {"segments": float(segments), "records": float(len(rows))},
+    )
+
+
+def _ended(effort: Effort) -> Outcome:
+    """R28: asked to end in the cut, the loop ramps out first."""
+    with tempfile.TemporaryDirectory() as place, ProcessRig(Path(place), effort.seed) as rig:
+        rig.start_loop()
+        rig.activate()
+        rig.run(200, _push)
+        begin = len(rig.corrections)
+        rig.control[Request.END] = 1
+        before = float(np.linalg.norm(rig.robot.correction[:3]))
+        states: list[State] = []
+        while rig.cycle(200.0, patience_s=0.2) and len(states) < 1500:
+            states.append(rig.state)
+        after = float(np.linalg.norm(rig.robot.correction[:3]))
+        worst = float(rig.steps(begin).max())
+        first = next((k for k, s in enumerate(states) if s == State.RAMP_OUT), -1)
+    return Outcome(
+        0 <= first <= 2 and after < 1e-6 < before and worst <= _LIMIT_M * 1.02,
+        f"ramped out from {before / MM:.2f} mm to zero in {len(states) * PERIOD_S:.2f} s, begun in cycle {first + 1}",
+        worst,
+        (first + 1) * PERIOD_S,
+    )
+
+
+def _collected(effort: Effort) -> Outcome:
+    """R22: a full collection while the loop runs, after everything was built and frozen."""
+    import counterflex.app.online  # noqa: F401  what a loop's process holds
+
+    gc.collect()
+    gc.freeze()
+    try:
+        times = []
+        for _ in range(effort.pick(20, 5)):
+            begin = time.perf_counter()
+            gc.collect()
+            times.append(time.perf_counter() - begin)
+    finally:
+        gc.unfreeze()
+    return Outcome(
+        min(times) < 1e-3,
+        f"{len(times)} forced collections after freezing took {1e3 * min(times):.2f} to {1e3 * max(times):.2f} ms",
+        None,
+        None,
+        {"longest_s": max(times)},
+    )
+
+
+SCENARIOS: Final = (
+    Scenario(
+        "R12",
+        "killed-loop",
+        "kill -9 of the loop's process at random times while it corrects, then started again with the program running",
+        "the correction at the robot does not change after it, the robot stops by its timeout, nothing arms by itself",
+        _killed_loop,
+        realtime=True,
+    ),
+    Scenario("R22", "forced-collection", "gc.collect() while frozen", "below 1 ms", _collected, realtime=True),
+    Scenario(
+        "R23",
+        "full-disk",
+        "the operating system refuses to let the log's file grow",
+        "the loop goes on; what was written reads back; another segment is begun",
+        _full_disk,
+        realtime=True,
+    ),
+    Scenario(
+        "R24",
+        "killed-recorder",
+        "kill -9 of the recorder's process at random times while the loop corrects",
+        "at most 100 ms of the log are lost; the loop goes on",
+        _killed_recorder,
+        realtime=True,
+    ),
+    Scenario(
+        "R28",
+        "asked-to-end",
+        "the operator ends the run in the cut",
+        "ramping out begins within 2 cycles; the loop ends with the correction at zero",
+        _ended,
+    ),
+    Scenario(
+        "R29",
+        "stopped-recorder",
+        "SIGSTOP of the process that logs and shows, for 10 s",
+        "the loop goes on, no answer is missing, no record is lost",
+        _stopped_recorder,
+        realtime=True,
+    ),
+)
