@@ -159,11 +159,8 @@ class Rig:
         sense: bool = True,
         **chosen: Any,
     ) -> None:
-        cell = demo_cell()
         self.config = demo_config() if config is None else config
-        chosen_settings = OnlineSettings(force=ForceMode.MEASURED, normal_only=False) if settings is None else settings
-        self.settings = chosen_settings
-        self.loop = Loop(cell.chain, chosen_settings, cell.T_base_part)
+        self.settings = force_only() if settings is None else settings
         self.robot_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.robot_socket.bind(("127.0.0.1", 0))
         self.robot_socket.setblocking(False)
@@ -173,26 +170,14 @@ class Rig:
         self.context = RsiContext(timeout=PATIENT) if context is None else context
         self.robot = FakeRsi(self.config, self.context, {"Enable": 0.0})
         self.sensor = NetftServer(http_port=None)
-        scaling = Scaling(1.0 / COUNTS, 1.0 / COUNTS, 1000, "Net F/T")
-        self.force_link = NetftLink(self.sensor.address, scaling)
-        self.force_link.start()
-        flange = FlangeSensor("sensor", np.eye(4), 0.0, np.zeros(3))
-        wrench = SensorWrench(cell.chain, flange, cell.T_base_part)
-        self._reading = _reading(SensorWrench(cell.chain, flange, cell.T_base_part))
+        self.force_link = sensor_link(self.sensor.address)
+        self._reading = sensor_reading()
         self.control = np.zeros(CONTROL, dtype=np.int64)
-        chosen = {"force": self.force_link, "wrench": wrench, "checks": SessionChecks(), **chosen}
         self.now_s = self.clock_offset_s = 0.0
         self.clock_rate = 1.0
-        self.session = OnlineSession(
-            self.link,
-            self.loop,
-            control=self.control,
-            watch=watch,
-            clock_ns=self.clock_ns,
-            **chosen,
-        )
-        self.loop.run()
-        self.loop.reset()
+        chosen = {"control": self.control, "watch": watch, "clock_ns": self.clock_ns, **chosen}
+        self.session = open_session(self.link, self.force_link, self.settings, **chosen)
+        self.loop = self.session.loop
         self.ways = (Schedule(telegrams or Impairment(), seed, 0), Schedule(answers or Impairment(), seed, 1))
         self.seen = Seen()
         self.cycle_count = 0
@@ -382,8 +367,44 @@ class Rig:
         seen.running.append(not self.robot.stopped)
 
 
-def _reading(wrench: SensorWrench) -> Float:
+def force_only() -> OnlineSettings:
+    """Settings of a loop that undoes the measured force, all of it, within the default limits; it needs no plan."""
+    return OnlineSettings(force=ForceMode.MEASURED, normal_only=False)
+
+
+def sensor_link(address: tuple[str, int]) -> NetftLink:
+    """Link to a simulated sensor, subscribed."""
+    link = NetftLink(address, Scaling(1.0 / COUNTS, 1.0 / COUNTS, 1000, "Net F/T"))
+    link.start()
+    return link
+
+
+def _sensor_wrench(cell: Cell) -> SensorWrench:
+    """A sensor in the demonstration's end effector that carries no weight and has no bias."""
+    return SensorWrench(cell.chain, FlangeSensor("sensor", np.eye(4), 0.0, np.zeros(3)), cell.T_base_part)
+
+
+def open_session(link: RsiLink, force: NetftLink, settings: OnlineSettings, **chosen: Any) -> OnlineSession:
+    """The loop of the demonstration's cell, compiled and at its beginning.
+
+    Args:
+        link: To the robot.
+        force: To the sensor.
+        settings: Of the loop.
+        chosen: Other arguments of :class:`OnlineSession`.
+    """
+    cell = demo_cell()
+    loop = Loop(cell.chain, settings, cell.T_base_part)
+    parts = {"force": force, "wrench": _sensor_wrench(cell), "checks": SessionChecks(), **chosen}
+    session = OnlineSession(link, loop, **parts)
+    loop.run()
+    loop.reset()
+    return session
+
+
+def sensor_reading() -> Float:
     """(6, 6) reading of the sensor for a wrench on the tool, part axes."""
+    wrench = _sensor_wrench(demo_cell())
     out: Float = np.zeros((6, 6))
     for k in range(6):
         wrench.w_base[:] = 0.0
