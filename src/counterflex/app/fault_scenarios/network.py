@@ -6,10 +6,9 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.app.fault_scenarios.rig import PERIOD_S, Rig
+from counterflex.app.fault_scenarios.rig import PERIOD_S, Rig, force_only
 from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
 from counterflex.links.telegram_watch import WatchSettings
-from counterflex.runtime.settings import ForceMode, OnlineSettings
 from counterflex.runtime.supervisor import State
 from counterflex.twin.impairment import Burst, Impairment, Stall
 
@@ -39,22 +38,29 @@ def standing_from(rig: Rig, first: int) -> int:
 
 
 def _random(loss: float, share: float) -> Scenario:
+    """Independent losses: how old corrections become where nothing holds, and what the loop does as it is set."""
+
     def run(effort: Effort) -> Outcome:
         made = Impairment(loss=loss)
-        cycles = effort.pick(100_000, 5_000)
-        settings = OnlineSettings(force=ForceMode.MEASURED, normal_only=False, lost_cycles=9)
-        with Rig(made, made, seed=effort.seed, watch=_GOES_ON, settings=settings) as rig:
+        cycles = effort.pick(100_000, 1_500)
+        with Rig(made, made, seed=effort.seed, watch=_GOES_ON, settings=force_only(lost_cycles=9)) as rig:
             begin = rig.activate().cycle_count
             rig.run(cycles)
             age = np.array(rig.seen.age[begin:])
+            free = float(rig.seen.steps()[begin - 1 :].max()) / rig.step_limit_m
+        with Rig(made, made, seed=effort.seed) as rig:
+            begin = rig.activate().cycle_count
+            rig.run(effort.pick(2_500, 500))
             step = float(rig.seen.steps()[begin - 1 :].max())
             path = rig.seen.path(begin)
-            active = rig.seen.state[begin:].count(State.ACTIVE) / cycles
-        young = float(np.mean(age <= OLDEST))
+        older = int(np.sum(age > OLDEST))
+        most = (1.0 - share) * cycles
+        most += 3.0 * np.sqrt(most) if effort.quick else 0.0  # a small sample shows chance
+        young = 1.0 - older / cycles
         return Outcome(
-            young >= share and step <= LARGEST_STEP_M,
-            f"{described(path, 4)}; active in {active:.1%} of {cycles} cycles, answered in time in "
-            f"{np.mean(age == 0):.2%}, oldest correction {age.max()} cycles, at most {OLDEST} in {young:.4%}",
+            older <= most and free <= age.max() + 1.0 + _ROUNDING / 80e-6 and step <= LARGEST_STEP_M,
+            f"{np.mean(age == 0):.2%} of {cycles} cycles answered in time, correction at most {OLDEST} cycles old in "
+            f"{young:.4%}, oldest {age.max()}, largest step {free:.1f} times the loop's; as set: {described(path, 4)}",
             step,
             None,
             {"at_most_4_cycles_old_share": young, "oldest_cycles": float(age.max()), "cycles": float(cycles)},
@@ -63,9 +69,9 @@ def _random(loss: float, share: float) -> Scenario:
     return Scenario(
         "R3",
         f"random-{100 * loss:g}",
-        f"{loss:.0%} of telegrams and of answers lost, each by itself; no hold, so that it goes on",
-        f"correction in force at most {OLDEST} cycles old in {share:.2%} of cycles, "
-        f"steps up to {LARGEST_STEP_M * 1e3:.2f} mm",
+        f"{loss:.0%} of telegrams and of answers lost, each by itself; without any hold, then as set by default",
+        f"correction in force at most {OLDEST} cycles old in {share:.2%} of cycles; as set: steps up to "
+        f"{LARGEST_STEP_M * 1e3:.2f} mm",
         run,
     )
 
@@ -76,7 +82,7 @@ def _held(
     """Losses under which the loop must stop correcting, as it is set by default."""
 
     def run(effort: Effort) -> Outcome:
-        cycles = effort.pick(5_000, 2_000)
+        cycles = effort.pick(5_000, 700)
         with Rig(made, back, seed=effort.seed) as rig:
             begin = rig.activate().cycle_count
             rig.run(cycles)
@@ -97,12 +103,12 @@ def _burst(mean: float) -> Scenario:
 
     def run(effort: Effort) -> Outcome:
         made = Impairment(burst=Burst(0.05, mean))
-        runs = effort.pick(40, 5)
+        runs, cycles = effort.pick(40, 3), effort.pick(2_500, 1_500)
         steps, times, missed, paths = [], [], 0, []
         for k in range(runs):
             with Rig(made, made, seed=1000 * effort.seed + k) as rig:
                 begin = rig.activate().cycle_count
-                rig.run(2_500)
+                rig.run(cycles)
                 seen = rig.seen
                 steps.append(float(seen.steps()[begin - 1 :].max()))
                 stopped = standing_from(rig, begin)
@@ -114,7 +120,7 @@ def _burst(mean: float) -> Scenario:
         faults = sum(any(part.startswith("fault") for part in path) for path in paths)
         return Outcome(
             ended == runs and missed == 0 and max(steps) <= LARGEST_STEP_M,
-            f"{ended} of {runs} runs of 10 s stopped, {faults} of them by a fault, the last one after "
+            f"{ended} of {runs} runs stopped, {faults} of them by a fault, the last one after "
             f"{max(times):.2f} s; e.g. {described(paths[0], 4)}",
             max(steps),
             float(np.median(times)),
@@ -216,8 +222,8 @@ def _overtaken(effort: Effort) -> Outcome:
 def _gap(effort: Effort) -> Outcome:
     """Telegrams lost in a row while the correction moves as fast as it may."""
     largest, worst = 0.0, 0.0
-    for lost in range(1, 13):
-        for start in range(2, effort.pick(30, 6)):
+    for lost in range(1, 13, effort.pick(1, 3)):
+        for start in range(2, effort.pick(30, 4)):
             made = Impairment(stalls=(Stall(_MOVING + start, lost, lost=True),))
             with Rig(made, seed=effort.seed) as rig:
                 begin = rig.activate().cycle_count
@@ -238,14 +244,6 @@ SCENARIOS: Final = (
     _random(0.01, 0.9999),
     _random(0.05, 0.9999),
     _random(0.10, 0.999),
-    _held(
-        "R3",
-        "random-5-as-set",
-        "5% of telegrams and of answers lost, each by itself; the loop as it is set by default",
-        Impairment(loss=0.05),
-        Impairment(loss=0.05),
-        10.0,
-    ),
     _burst(3.0),
     _burst(8.0),
     _held("R5", "alternating", "every second telegram lost", Impairment(pattern="10"), None, 0.504),

@@ -18,10 +18,11 @@ from counterflex.app.fault_scenarios.network import LARGEST_STEP_M
 from counterflex.app.fault_scenarios.rig import (
     PATIENT,
     PERIOD_S,
-    Q,
     demo_config,
     force_only,
+    named,
     open_session,
+    reported,
     sensor_link,
     sensor_reading,
     square,
@@ -29,12 +30,10 @@ from counterflex.app.fault_scenarios.rig import (
 from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import SimulationError
-from counterflex.geometry import pose, rotation
 from counterflex.links.realtime import prepare
 from counterflex.links.rsi_link import RsiLink
 from counterflex.links.session import CONTROL, Request
 from counterflex.runtime.supervisor import State
-from counterflex.twin.commanded_motion import Report
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext
 from counterflex.twin.netft_server import NetftServer
 from counterflex.wire.rsi_kernel import OK
@@ -88,16 +87,16 @@ def _loop(pipe: Any, sensor: tuple[str, int], control: Any) -> None:
     session = open_session(link, sensor_link(sensor), force_only(), control=shared)
     granted = prepare()
     pipe.send(link.address)
-    compute, states = [], [State.IDLE]
+    compute: list[float] = []
+    states, names = [State.IDLE], ["idle"]
     end = time.monotonic() + _LONGEST_S
     while not shared[Request.END] and time.monotonic() < end:
         session.cycle(session.patience_s if session.cycles else 0.1)
         compute.append(session.compute_ns * 1e-9)
         if session.loop.state != states[-1]:
             states.append(session.loop.state)
-    pipe.send(
-        (np.array(compute[_SETTLE_CYCLES:]), tuple(s.name.lower().replace("_", " ") for s in states), granted.fifo)
-    )
+            names.append(named(session.loop.state, session.loop.cause))
+    pipe.send((np.array(compute[_SETTLE_CYCLES:]), tuple(names), granted.fifo))
 
 
 def _robot(pipe: Any, control: Any, cycles: int, timeout: int, stop: tuple[int, int] | None) -> None:
@@ -120,15 +119,14 @@ def _robot(pipe: Any, control: Any, cycles: int, timeout: int, stop: tuple[int, 
         due += PERIOD_S
         if stop is not None and k == _SETTLE_CYCLES + stop[0]:
             os.kill(loop_pid, signal.SIGSTOP)
-        if stop is not None and k == _SETTLE_CYCLES + stop[0] + stop[1]:
-            os.kill(loop_pid, signal.SIGCONT)
         if k == _SETTLE_CYCLES // 2:
             shared[Request.ARM] = 1
         acting = k >= _SETTLE_CYCLES
         robot.frees["Enable"] = float(acting)
-        T = pose.make(rotation.about_x(np.pi), np.array([0.05 + 1e-4 * (k % 500), 0.0, 0.0]))
         if not robot.stopped:
-            own.sendto(robot.telegram(Report(k * PERIOD_S, T, T, Q, Q, acting, False)), peer)
+            own.sendto(robot.telegram(reported(robot, k, acting)), peer)
+        if stop is not None and k == _SETTLE_CYCLES + stop[0] + stop[1]:
+            os.kill(loop_pid, signal.SIGCONT)
         server.poll()
         force = square((k - _SETTLE_CYCLES) * PERIOD_S) if acting else np.zeros(3)
         w = reading @ np.concatenate([force, np.zeros(3)])
@@ -247,7 +245,7 @@ def _stopped_process(cycles: int, timeout: int) -> Callable[[Effort], Outcome]:
         found = real_run(begin + cycles + 125, timeout=timeout, stop=(begin, cycles))
         missed = int(found.age[begin : begin + cycles + 25].max())
         stopped_early = found.stopped == "RSITimeout"
-        fault = "fault" in found.states
+        fault = any(name.startswith("fault") for name in found.states)
         expected = missed <= cycles + 1 if timeout == PATIENT else stopped_early
         return Outcome(
             expected and fault and found.stale == 0 and found.step_m <= LARGEST_STEP_M,

@@ -7,6 +7,7 @@ seed alone and takes as long as its sums do. The controller judges: what counts 
 from __future__ import annotations
 
 import contextlib
+import functools
 import heapq
 import itertools
 import socket
@@ -43,19 +44,22 @@ PERIOD_S: Final = 4e-3
 PATIENT: Final = 10**9
 """Timeout of a controller that is never to stop, so that all of a run can be looked at."""
 _SAMPLES: Final = 4
-_NOISE_N: Final = 0.3
+_NOISE: Final = 0.3 * np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
+"""N and N m."""
 _WIRE_S: Final = 0.1e-3
 _REPLY_S: Final = 0.2e-3
 _TELEGRAM, _ANSWER = 0, 1
 _LAST_COUNTER: Final = 0xFFFFFFFF
 
 
+@functools.cache
 def demo_cell() -> Cell:
     """The demonstration cell."""
     with resources.as_file(resources.files("counterflex.app") / "demo" / "cell.toml") as file:
         return read_cell(file)
 
 
+@functools.cache
 def demo_config() -> RsiConfig:
     """Its RSI configuration."""
     with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as file:
@@ -65,6 +69,12 @@ def demo_config() -> RsiConfig:
 def square(time_s: float) -> Float:
     """Force (3,) N on the tool, part axes: on and off every half second, faster than a correction may follow."""
     return np.array([0.0, 450.0 if time_s % 1.0 < 0.5 else 0.0, 0.0])
+
+
+def named(state: State, cause: Cause) -> str:
+    """A state and why it was reached, in words."""
+    why = f" ({cause.name.lower().replace('_', ' ')})" if cause and state != State.ACTIVE else ""
+    return state.name.lower().replace("_", " ") + why
 
 
 @dataclass(eq=False)
@@ -104,8 +114,7 @@ class Seen:
         before: tuple[State, Cause] | None = None
         for state, cause in zip(self.state[first:], self.cause[first:], strict=True):
             if before is None or state != before[0]:
-                why = f" ({cause.name.lower().replace('_', ' ')})" if cause and state != State.ACTIVE else ""
-                out.append(state.name.lower().replace("_", " ") + why)
+                out.append(named(state, cause))
             before = (state, cause)
         return out
 
@@ -285,8 +294,8 @@ class Rig:
         self.sensor.poll()
         force = self._force(self.now_s - self._feed_begin) if self.feed else np.zeros(3)
         w = self._reading @ np.concatenate([force, np.zeros(3)])
-        for _ in range(_SAMPLES):
-            self.sensor.send(w + _NOISE_N * self._noise.standard_normal(6) * [1, 1, 1, 0.1, 0.1, 0.1])
+        for noise in self._noise.standard_normal((_SAMPLES, 6)) * _NOISE:
+            self.sensor.send(w + noise)
 
     def to_loop(self, data: bytes, sender: socket.socket | None = None) -> None:
         """Put a datagram into the loop's socket at once; from the robot's own address unless another one sends it."""
@@ -300,12 +309,7 @@ class Rig:
         return data
 
     def _report(self) -> Report:
-        x = 0.05 + 1e-4 * (self.cycle_count % 500)
-        T = pose.make(rotation.about_x(np.pi), np.array([x, 0.0, 0.0]))
-        corrected, offset = T.copy(), self.robot.pose_correction()
-        corrected[:3, 3] += offset[:3]
-        corrected[:3, :3] = rotation.exp(offset[3:]) @ T[:3, :3]
-        return Report(self.now_s, T, corrected, Q, Q, self.feed, False)
+        return reported(self.robot, self.cycle_count, self.feed)
 
     def _send(self, kind: int, data: bytes, time_s: float) -> None:
         number = self._sent[kind]
@@ -367,9 +371,29 @@ class Rig:
         seen.running.append(not self.robot.stopped)
 
 
-def force_only() -> OnlineSettings:
-    """Settings of a loop that undoes the measured force, all of it, within the default limits; it needs no plan."""
-    return OnlineSettings(force=ForceMode.MEASURED, normal_only=False)
+def reported(robot: FakeRsi, cycle: int, running: bool) -> Report:
+    """What a robot on a straight path shows that follows its correction at once.
+
+    Args:
+        robot: Its controller.
+        cycle: Number of the cycle.
+        running: The program runs.
+    """
+    T = pose.make(rotation.about_x(np.pi), np.array([0.05 + 1e-4 * (cycle % 500), 0.0, 0.0]))
+    corrected, offset = T.copy(), robot.pose_correction()
+    corrected[:3, 3] += offset[:3]
+    if offset[3:].any():
+        corrected[:3, :3] = rotation.exp(offset[3:]) @ T[:3, :3]
+    return Report(cycle * PERIOD_S, T, corrected, Q, Q, running, False)
+
+
+def force_only(**changes: Any) -> OnlineSettings:
+    """Settings of a loop that undoes the measured force, all of it, within the default limits; it needs no plan.
+
+    Args:
+        changes: Of other settings.
+    """
+    return OnlineSettings(force=ForceMode.MEASURED, normal_only=False, **changes)
 
 
 def sensor_link(address: tuple[str, int]) -> NetftLink:
@@ -402,6 +426,7 @@ def open_session(link: RsiLink, force: NetftLink, settings: OnlineSettings, **ch
     return session
 
 
+@functools.cache
 def sensor_reading() -> Float:
     """(6, 6) reading of the sensor for a wrench on the tool, part axes."""
     wrench = _sensor_wrench(demo_cell())

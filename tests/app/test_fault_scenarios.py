@@ -1,0 +1,82 @@
+"""Faults of the line between robot and loop on a virtual clock, in small samples: R3 to R11, R13, R20, R21, R30 ..."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from counterflex.app import faults
+from counterflex.app.fault_scenarios import SCENARIOS, network, rubbish, sessions, strangers
+from counterflex.app.fault_scenarios import clocks as clock_faults
+from counterflex.app.fault_scenarios.network import LARGEST_STEP_M, OLDEST
+from counterflex.app.fault_scenarios.rig import Rig, force_only
+from counterflex.app.fault_scenarios.scenario import Effort, Scenario
+from counterflex.core.errors import InputError
+from counterflex.files.summary_file import read_summary
+from counterflex.links.telegram_watch import WatchSettings
+from counterflex.runtime.supervisor import State
+from counterflex.twin.impairment import Impairment
+
+LINE = (
+    *network.SCENARIOS,
+    *sessions.SCENARIOS,
+    *rubbish.SCENARIOS,
+    *clock_faults.SCENARIOS,
+    *strangers.SCENARIOS,
+)
+
+
+@pytest.mark.parametrize("scenario", LINE, ids=lambda s: f"{s.requirement}-{s.name}")
+def test_requirement_holds(scenario: Scenario) -> None:
+    """R3 to R11, R13, R20, R21, R30, R31, R34: as the requirement's number is in the name of the test."""
+    outcome = scenario.run(Effort(quick=True, seed=3))
+    assert outcome.passed, outcome.happened
+    assert outcome.step_m is None or outcome.step_m <= LARGEST_STEP_M
+
+
+def test_five_percent_lost_each_way_leaves_no_correction_older_than_four_cycles() -> None:
+    """R3: 6 000 cycles; what independent losses lead one to expect is 0.0975^5 = 9e-6."""
+    made = Impairment(loss=0.05)
+    watch = WatchSettings(hold_late=30, fault_late=30, share_late=0.5)
+    with Rig(made, made, seed=11, watch=watch, settings=force_only(lost_cycles=9)) as rig:
+        begin = rig.activate().cycle_count
+        rig.run(6_000)
+        age = np.array(rig.seen.age[begin:])
+        assert rig.seen.state[begin:].count(State.ACTIVE) == 6_000
+        assert rig.seen.steps()[begin - 1 :].max() <= LARGEST_STEP_M
+    assert np.mean(age <= OLDEST) >= 0.9999
+    for k in range(2):
+        expected = 0.0975 ** (k + 1)
+        assert np.mean(age > k) == pytest.approx(expected, abs=5.0 * np.sqrt(expected / 6_000))
+
+
+def test_the_same_seed_is_the_same_run() -> None:
+    made = Impairment(loss=0.05, jitter_s=3e-3, duplicate=0.1)
+    found = []
+    for _ in range(2):
+        with Rig(made, made, seed=5) as rig:
+            rig.activate().run(300)
+            found.append(np.array(rig.seen.correction_m))
+    np.testing.assert_array_equal(found[0], found[1])
+
+
+def test_the_job_writes_table_page_and_summary(tmp_path: Path) -> None:
+    results = faults.run(tmp_path / "out", only=("r5",), quick=True)
+    assert {r.scenario.name for r in results} == {"alternating", "scattered-15"}
+    table = (tmp_path / "out" / faults.TABLE).read_text(encoding="utf-8").splitlines()
+    assert len(table) == 3
+    assert "2 of 2 hold" in (tmp_path / "out" / faults.PAGE).read_text(encoding="utf-8")
+    assert read_summary(tmp_path / "out" / faults.SUMMARY)["passed"] is True
+
+
+def test_a_fault_that_does_not_exist_is_said() -> None:
+    with pytest.raises(InputError, match="R3"):
+        faults.chosen(("R99",))
+
+
+def test_names_are_unique_and_ordered() -> None:
+    assert len({(s.requirement, s.name) for s in SCENARIOS}) == len(SCENARIOS)
+    numbers = [int(s.requirement[1:]) for s in SCENARIOS]
+    assert numbers == sorted(numbers)
