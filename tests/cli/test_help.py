@@ -43,9 +43,9 @@ EXAMPLES = [
     for command in COMMANDS.values()
     for example in re.findall(r"`counterflex ([^`]+)`", " ".join((command.help or "").split()))
 ]
-LIVE = ("run", "twin cell", "soak")
+LIVE = ("run", "twin cell", "soak", "twin rsi", "twin netft", "twin tracker", "twin ads", "tracker bridge", "ads")
 ALONE = [example for example in EXAMPLES if not example.startswith(LIVE)]
-"""Without those of two commands that wait for each other; they are run over sockets in a test of their own."""
+"""Without those of commands that wait for each other or for a device; tests of their own run them over sockets."""
 
 
 def test_all_commands_are_known() -> None:

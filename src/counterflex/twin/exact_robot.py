@@ -136,7 +136,7 @@ class StandingRobot:
     @property
     def finished(self) -> bool:
         """Whether it has waited long enough."""
-        return self._at >= self.cycles - 1
+        return self._at >= self.cycles
 
     @property
     def cycles(self) -> int:
