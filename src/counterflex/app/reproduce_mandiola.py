@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app import live, mandiola_case, online, over_sockets, simulate
+from counterflex.app import live, mandiola_case, mandiola_report, online, over_sockets, simulate
 from counterflex.app.compensate import compensate
 from counterflex.app.kept import begin, fingerprint, finish, finished
 from counterflex.app.mandiola_case import VARIANTS, Case
@@ -27,6 +27,7 @@ from counterflex.files.cell import read_cell
 from counterflex.files.plan_file import write_plan
 from counterflex.files.run_file import read_run
 from counterflex.files.summary_file import write_summary
+from counterflex.report.page import write_page
 from counterflex.twin.path_answer import PathAnswer
 
 SHAPES: Final = ("square", "circle")
@@ -51,7 +52,7 @@ def run(
     quick: bool = False,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Do the job on files: a folder per truth, ``summary.json`` over all of them.
+    """Do the job on files: a folder per truth, ``summary.json`` and ``report.html`` over all of them.
 
     Args:
         out: Folder; what is there and was made from the same inputs is not done again.
@@ -81,8 +82,15 @@ def run(
             progress((n + fraction) / len(jobs), what)
 
         found[seed, shape, variant] = one(cases[seed], shape, variant, progress=told)
-    summary = _summary(found, scale, time.perf_counter() - start)
+    first = cases[1]
+    margins = mandiola_report.margin_table(first.cell("designed"))
+    summary = {**_summary(found, scale, time.perf_counter() - start), "margins": margins}
+
+    def read(shape: str, variant: str) -> tracking.Tracked:
+        return tracked(first.folder / f"{shape}-{variant}", first.cell(variant))
+
     write_summary(folder / "summary.json", summary)
+    write_page(mandiola_report.page(summary, first, read), folder / "report.html")
     progress(1.0, "done")
     return summary
 
@@ -196,6 +204,7 @@ def _summary(found: Mapping[tuple[int, str, str], dict[str, Any]], scale: float,
         "scale": scale,
         "seeds": rows,
         "reductions": reductions(rows),
+        "goals": goals(rows),
         "paper": PAPER,
         "seconds": round(seconds, 1),
         "counterflex": __version__,
@@ -220,6 +229,29 @@ def reductions(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             }
         out.append(item)
     return out
+
+
+def goals(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The figures that the goals speak of, worst over the truths, and whether each goal is reached."""
+    shares = reductions(rows)
+    contour = min(item["designed"]["circle_contour_rms"] for item in shares)
+    published = min(item["published"]["circle_contour_rms"] for item in shares)
+    straights = max(row["variants"]["designed"]["square"]["straights"]["total"]["rms_um"] for row in rows)
+    corner = max(item["designed"]["corner_peak_to_published"] for item in shares)
+    return {
+        "circle_contour_reduction": {
+            "worst": contour,
+            "published_worst": published,
+            "goal": 0.9,
+            "reached": contour >= 0.9,
+        },
+        "straights_total_rms_um": {
+            "worst": straights,
+            "goal": PAPER["tracker_um"],
+            "reached": straights <= PAPER["tracker_um"],
+        },
+        "corner_peak_ratio": {"worst": corner, "goal": round(1.0 / 3.0, 4), "reached": corner <= 1.0 / 3.0},
+    }
 
 
 def _ratio(a: Mapping[str, Any], b: Mapping[str, Any], *keys: str) -> float:

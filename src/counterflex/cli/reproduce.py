@@ -56,29 +56,9 @@ def mandiola2023(
 
 
 def _show_mandiola(summary: dict[str, Any]) -> None:
-    stretches = (
-        ("circle", "turn", "circle"),
-        ("circle", "reversals", "reversals"),
-        ("square", "straights", "straights"),
-        ("square", "corners", "corners"),
-    )
-    rows = []
-    for row in summary["seeds"]:
-        for name, figures in row["variants"].items():
-            for shape, zone, title in stretches:
-                if zone not in figures[shape]:
-                    continue
-                f = figures[shape][zone]
-                numbers = [f["contour"][k] for k in ("rms_um", "max_um")] + [
-                    f["total"][k] for k in ("rms_um", "max_um")
-                ]
-                numbers.append(f["orientation"]["max_mdeg"])
-                rows.append([str(row["seed"]), name, title, *(f"{v:.1f}" for v in numbers)])
-    print_table(
-        "True error of the tool",
-        ["seed", "controller", "where", "contour rms um", "max um", "total rms um", "max um", "orientation max mdeg"],
-        rows,
-    )
+    from counterflex.app import mandiola_report as report
+
+    print_table("True error of the tool", list(report.COLUMNS), report.figure_rows(summary))
     print_table(
         "Reduction against off (Mandiola2023: circle 66 %), and corner peak against the published gain's",
         ["seed", "controller", "circle contour %", "circle total %", "straights total %", "corner peak ratio"],
@@ -97,3 +77,12 @@ def _show_mandiola(summary: dict[str, Any]) -> None:
             if name != "seed"
         ],
     )
+    print_table(
+        "Margins on the robot of the cell file",
+        list(report.MARGIN_COLUMNS),
+        report.margin_rows(summary),
+    )
+    typer.echo(report.verdict(summary))
+    missed = [name.replace("_", " ") for name, goal in summary["goals"].items() if not goal["reached"]]
+    if missed:
+        typer.echo("goals missed: " + ", ".join(missed))

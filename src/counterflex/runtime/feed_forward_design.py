@@ -24,9 +24,6 @@ from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.runtime.settings import Delays
 
-SIZE = 8
-"""Numbers of a filter: three for the speed, three for the acceleration, two of the denominator."""
-
 
 def lag_filter(delays: Delays, period_s: float, mode: tuple[float, float] | None) -> Float:
     """Coefficients ``b0 b1 b2`` on the speed (s), ``b0 b1 b2`` on the acceleration (s2), ``a1 a2``.
@@ -52,4 +49,5 @@ def lag_filter(delays: Delays, period_s: float, mode: tuple[float, float] | None
     below = square + 2.0 * plain + one
     passes = square + 2.0 * z * plain + one
     speed = k1 * passes - n1 * one
-    return np.concatenate([speed, k2 * passes, below[1:]])[:SIZE] / below[0]
+    out: Float = np.concatenate([speed, k2 * passes, below[1:]]) / below[0]
+    return out

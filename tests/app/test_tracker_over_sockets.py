@@ -1,0 +1,94 @@
+"""The tracker in the loop over sockets, on a small circle: worse without, better with; and the figures themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from counterflex.app import mandiola_report, reproduce_mandiola
+from counterflex.app.mandiola_case import write_case
+from counterflex.core.errors import InputError
+from counterflex.evaluate import tracking
+from counterflex.files.cell import read_cell
+
+
+def test_the_designed_controller_against_the_published_gain_pair(tmp_path: Path) -> None:
+    """Same truth, same path; each runs over sockets. Then the same again is not run again."""
+    case = write_case(tmp_path / "case", 1, scale=0.03)
+    found = {name: reproduce_mandiola.one(case, "square", name) for name in ("published", "designed")}
+    for item in found.values():
+        assert item["loop"]["states"]["active"] > 1500
+        assert "fault" not in item["loop"]["states"]
+        assert "hold" not in item["loop"]["states"]
+    published, designed = (found[name]["figures"] for name in ("published", "designed"))
+    assert published["corners"]["total"]["max_um"] > 1000.0
+    assert designed["corners"]["total"]["max_um"] < 0.45 * published["corners"]["total"]["max_um"]
+    assert designed["corners"]["contour"]["rms_um"] < 0.4 * published["corners"]["contour"]["rms_um"]
+    log: list[float] = []
+
+    def told(fraction: float, what: str = "") -> None:
+        assert what is not None
+        log.append(fraction)
+
+    again = reproduce_mandiola.one(case, "square", "designed", progress=told)
+    assert again == found["designed"]
+    assert log == []
+
+
+def test_margins_are_those_of_the_published_loop(tmp_path: Path) -> None:
+    case = write_case(tmp_path, 0, scale=0.05)
+    published, designed, observer = mandiola_report.margin_table(case.cell("designed"))
+    assert published["phase_margin_deg"] == pytest.approx(75.0, abs=3.0)
+    assert 22.0 <= published["gain_margin_db"] <= 27.0
+    assert designed["phase_margin_deg"] >= 50.0
+    assert designed["gain_margin_db"] >= 10.0
+    assert designed["sensitivity"] <= 1.6
+    assert designed["crossover_hz"] > 3.0 * published["crossover_hz"]
+    assert observer["controller"] == "observer"
+    assert read_cell(case.cell("designed")).tables.lowest_mode == (8.5, 0.1)
+
+
+def test_no_seeds_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="seeds"):
+        reproduce_mandiola.run(tmp_path, seeds=0)
+
+
+def test_contour_and_total_error_of_a_known_path() -> None:
+    """A tool 0.1 mm beside its path and 1 mm late: contour is the one, total is both."""
+    corners = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0]])
+    s = np.linspace(0.0, 0.2, 2001)
+    command = np.stack([np.minimum(s, 0.1), np.maximum(s - 0.1, 0.0), np.zeros_like(s)], axis=1)
+    late = np.maximum(s - 1e-3, 0.0)
+    actual = np.stack([np.minimum(late, 0.1), np.maximum(late - 0.1, 0.0), np.full_like(s, 1e-4)], axis=1)
+    run = tracking.Tracked(s / 0.0117, command, actual, np.zeros_like(command), np.zeros((len(s), 6)))
+    near = tracking.segment_of(command, corners)
+    contour = tracking.contour_error(actual, corners, near)
+    np.testing.assert_allclose(contour, 1e-4, rtol=1e-9)
+    straight, corner = tracking.corner_zones(run, corners, 0.01)
+    found = tracking.spread(run.total, straight)
+    assert found.largest == pytest.approx(np.hypot(1e-3, 1e-4), rel=1e-9)
+    assert found.rms == pytest.approx(found.largest, rel=1e-9)
+    assert not np.any(straight & corner)
+    assert np.sum(corner) == pytest.approx(200, abs=2)
+
+
+def test_circle_error_and_its_turn() -> None:
+    angle = np.linspace(0.0, 2.2 * np.pi, 5000)
+    command = 0.15 * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+    actual = command * (1.0 + 1e-3)
+    run = tracking.Tracked(angle, command, actual, np.zeros_like(command), np.sin(angle)[:, None] * np.ones(6))
+    turn = tracking.turn_zone(run, 0.1 * np.pi)
+    gone = angle[turn]
+    assert gone[-1] - gone[0] == pytest.approx(2.0 * np.pi, abs=0.01)
+    np.testing.assert_allclose(tracking.circle_error(actual, 0.15), 1.5e-4, rtol=1e-9)
+    after = tracking.reversal_zone(run, turn, 0.2)
+    np.testing.assert_allclose(np.unique(np.round(angle[after] / np.pi - 0.5)), [0.0, 1.0])
+
+
+def test_spread_is_of_values_that_were_met() -> None:
+    found = tracking.spread(np.array([3.0, -4.0]), np.array([True, True]))
+    assert (found.rms, found.p997, found.largest) == (pytest.approx(np.sqrt(12.5)), 4.0, 4.0)
+    with pytest.raises(InputError, match="no sample"):
+        tracking.spread(np.zeros(2), np.zeros(2, dtype=bool))
