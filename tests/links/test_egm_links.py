@@ -254,7 +254,8 @@ class Guided:
     def __init__(self, link: EgmGuidanceLink, start: Float, **context: Any) -> None:
         self.link, self.controller = link, Controller(link.address)
         self.fake = FakeEgm(EgmContext(mode="pose", cycle_s=4e-3, **context))
-        self.T, self.sent = start, []
+        self.T = start
+        self.sent: list[Float] = []
         self.given = np.zeros(at.GIVEN)
         self.nominal: list[Float] = []
         self.trail: list[Float] = []

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
 from counterflex.path.stream import PoseStream
@@ -16,13 +16,13 @@ from counterflex.path.toolpath import FEED, RAPID, ToolPath
 PERIOD = 4e-3
 
 
-def tool_path(p: Float, Rs: Float, feed: Float, kind: Float | None = None, time: Float | None = None) -> ToolPath:
+def tool_path(p: Float, Rs: Float, feed: Float, kind: Int | None = None, time: Float | None = None) -> ToolPath:
     n = len(p)
     step = np.linalg.norm(np.diff(p, axis=0, prepend=p[:1]), axis=1)
     return ToolPath(
         p_part_tcp=p,
         axis_part=-Rs[:, :, 2],
-        kind=np.full(n, FEED) if kind is None else kind,
+        kind=np.full(n, FEED, dtype=np.int64) if kind is None else kind,
         feed_m_s=feed,
         spindle_rad_s=np.zeros(n),
         time_s=np.cumsum(step / feed) if time is None else time,
