@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from counterflex import __version__
+from counterflex.app.compliance_window import require_plausible
 from counterflex.app.made_on import made_on
 from counterflex.app.process_events import shown_process
 from counterflex.app.robot_links import egm_link, rsi_link
@@ -187,6 +188,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         OutputError: A port or the sensor cannot be reached.
     """
     cell = read_cell(settings.cell)
+    require_plausible(cell)
     if (settings.rsi is None) == (not settings.egm):
         raise InputError(
             "the robot's protocol is not clear",
@@ -228,7 +230,9 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     tracker = wrench = None
     frames: tuple[Float | None, Float | None] = (None, None)
     if settings.force is not None and sensor is not None:
-        netft = NetftLink(settings.force, _scaling(settings))
+        measured = cell.tables.sensor
+        ranges = (None, None) if measured is None else (measured.range_n, measured.range_nm)
+        netft = NetftLink(settings.force, _scaling(settings), range_n=ranges[0], range_nm=ranges[1])
         netft.start()
         force, wrench = netft, SensorWrench(cell.chain, sensor, cell.T_base_part)
     elif isinstance(link, EgmLink) and sensor is not None and table.force != "none":

@@ -39,6 +39,8 @@ class SensorTable(PoseTable):
     temperature_nm_per_k: Three = (0.0, 0.0, 0.0)
     reference_c: Annotated[float, Field(ge=-50.0, le=150.0)] = 20.0
     offset: tuple[Six, ...] = ()
+    range_n: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    range_nm: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
     source: str = ""
 
     @model_validator(mode="after")

@@ -212,7 +212,9 @@ def speed_plan(
         over = after / override.tolerance_m
         if not np.any((over > 1.0) & (speed > override.least)):
             break
-        lower = np.where(over > 1.0, np.maximum(override.least, speed * np.clip(np.maximum(over, 1.0) ** -0.5, 0.5, 1.0)), 1.0)
+        lower = np.where(
+            over > 1.0, np.maximum(override.least, speed * np.clip(np.maximum(over, 1.0) ** -0.5, 0.5, 1.0)), 1.0
+        )
         own = np.minimum(own, lower)
         wide: Float = np.empty(n)
         least_about(time, own, override.delay_s + online.pilot.lead_s, settle * override.least, wide)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from counterflex.app.fault_scenarios import clocks, network, processes, realtime, rubbish, sessions, strangers
+from counterflex.app.fault_scenarios import clocks, files, network, processes, realtime, rubbish, sessions, strangers
 from counterflex.app.fault_scenarios.scenario import Scenario
 
 SCENARIOS: Final[tuple[Scenario, ...]] = tuple(
@@ -16,6 +16,7 @@ SCENARIOS: Final[tuple[Scenario, ...]] = tuple(
             *clocks.SCENARIOS,
             *strangers.SCENARIOS,
             *processes.SCENARIOS,
+            *files.SCENARIOS,
             *realtime.SCENARIOS,
         ),
         key=lambda scenario: int(scenario.requirement[1:]),

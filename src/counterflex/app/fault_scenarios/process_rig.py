@@ -158,12 +158,21 @@ class ProcessRig:
         self._address = said[0]
 
     def start_recorder(self, name: str, largest_file: int = 0) -> Path:
-        """Start a recorder's process; its log lies in the folder that is returned."""
+        """Start a recorder's process; its log lies in the folder that is returned.
+
+        Raises:
+            SimulationError: It did not begin.
+        """
         folder = self.folder / name
         self.recorder = self._context.Process(
             target=keep_log, args=(self.ring.name, str(folder), largest_file), daemon=True
         )
         self.recorder.start()
+        end = time.monotonic() + 60.0
+        while not list(folder.glob("run-*.mcap")):
+            if time.monotonic() > end or not self.recorder.is_alive():
+                raise SimulationError("the recorder did not begin")
+            time.sleep(_POLL_S)
         return folder
 
     def new_session(self) -> None:

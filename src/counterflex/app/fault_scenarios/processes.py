@@ -87,9 +87,6 @@ def _killed_recorder(effort: Effort) -> Outcome:
         try:
             for k in range(kills):
                 folder = rig.start_recorder(f"log{k}")
-                begin = time.monotonic()
-                while not list(folder.glob("run-*.mcap")) and time.monotonic() - begin < 30.0:
-                    rig.run(5, _push, period_s=PERIOD_S)
                 reader.take()
                 rig.run(int(rng.integers(75, 300)), _push, period_s=PERIOD_S)
                 recorder = rig.recorder

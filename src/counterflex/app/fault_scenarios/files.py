@@ -1,0 +1,123 @@
+"""Files with mistakes: R25, R27."""
+
+from __future__ import annotations
+
+import copy
+import tempfile
+import tomllib
+from collections.abc import Iterator
+from importlib import resources
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import tomli_w
+
+from counterflex.app.compliance_window import require_plausible
+from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
+from counterflex.core.errors import CounterflexError
+from counterflex.files.cell import read_cell
+
+_FACTORS: Final = (1e3, float(np.degrees(1.0)), 1e-3)
+
+
+def _demo() -> str:
+    return (resources.files("counterflex.app") / "demo" / "cell.toml").read_text(encoding="utf-8")
+
+
+def numbers(found: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], float]]:
+    """Every number of a table that is not zero, with the keys that lead to it."""
+    if isinstance(found, dict):
+        for key, value in found.items():
+            yield from numbers(value, (*path, key))
+    elif isinstance(found, list):
+        for k, value in enumerate(found):
+            yield from numbers(value, (*path, k))
+    elif isinstance(found, int | float) and not isinstance(found, bool) and found != 0:
+        yield path, float(found)
+
+
+def altered(tables: dict[str, Any], path: tuple[Any, ...], value: float) -> str:
+    """The file with one number changed."""
+    out = copy.deepcopy(tables)
+    place: Any = out
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    return tomli_w.dumps(out)
+
+
+def accepted(text: str, folder: Path) -> bool:
+    """Whether a cell file is taken for a run."""
+    file = folder / "cell.toml"
+    file.write_text(text, encoding="utf-8")
+    try:
+        require_plausible(read_cell(file))
+    except CounterflexError:
+        return False
+    return True
+
+
+def _units(effort: Effort) -> Outcome:
+    """R25: every number of the demonstration cell times 1000, 57.3 and a thousandth."""
+    tables = tomllib.loads(_demo())
+    every = effort.pick(1, 12)
+    tried, caught = 0, 0
+    passed_over: dict[str, int] = {}
+    with tempfile.TemporaryDirectory() as place:
+        for path, value in list(numbers(tables))[::every]:
+            for factor in _FACTORS:
+                tried += 1
+                if accepted(altered(tables, path, value * factor), Path(place)):
+                    name = ".".join(str(key) for key in path if not isinstance(key, int))
+                    passed_over[name] = passed_over.get(name, 0) + 1
+                else:
+                    caught += 1
+    most = sorted(passed_over, key=lambda name: -passed_over[name])[:6]
+    return Outcome(
+        caught == tried,
+        f"{caught} of {tried} refused; let pass most often: {', '.join(most)}",
+        None,
+        None,
+        {"refused_share": caught / tried, "tried": float(tried)},
+    )
+
+
+def _truncated(effort: Effort) -> Outcome:
+    """R27: a cell file cut at every byte; half of a number, a key or a table is never taken for a whole one."""
+    text = _demo()
+    every = effort.pick(37, 997)
+    wrong, taken, refused = 0, 0, 0
+    lines = set(np.cumsum([len(line) for line in text.splitlines(keepends=True)]).tolist())
+    with tempfile.TemporaryDirectory() as place:
+        for size in range(0, len(text), every):
+            try:
+                if accepted(text[:size], Path(place)):
+                    taken += 1
+                else:
+                    refused += 1
+            except Exception:  # whatever it is, it is not the one clear line that a user should get
+                wrong += 1
+    return Outcome(
+        wrong == 0,
+        f"{refused} of {refused + taken + wrong} refused in one line, {taken} are whole files of {len(lines)} lines by "
+        f"themselves (their hash is in the log), {wrong} other exceptions",
+    )
+
+
+SCENARIOS: Final = (
+    Scenario(
+        "R25",
+        "unit-mistakes",
+        "every number of the demonstration cell times 1000, 57.3 and 0.001, one at a time",
+        "each is refused by its range or by the compliance of the tool tip, 0.1 to 30 um/N at three poses",
+        _units,
+    ),
+    Scenario(
+        "R27",
+        "truncated-cell",
+        "a cell file cut short at any byte",
+        "refused in one line with where and why, or complete by itself; no other exception",
+        _truncated,
+    ),
+)
