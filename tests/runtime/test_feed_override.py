@@ -99,7 +99,7 @@ def mill(override: OverrideSettings | None, pressing: float = 1.0) -> tuple[floa
         errors.append(np.linalg.norm(there[1:]))
         speeds.append(speed)
     assert loop.state == State.ACTIVE
-    return max(errors), len(errors) * T, np.array(speeds)
+    return float(max(errors)), len(errors) * T, np.array(speeds)
 
 
 def test_going_slower_where_the_correction_cannot_follow_pair() -> None:
