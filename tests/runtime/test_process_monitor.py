@@ -39,7 +39,7 @@ unit = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v)
 
 def frame_of(v: Float, a: Float, memory: Float) -> Float:
     out = np.zeros(9)
-    feed_frame(*v, *a, memory, out)
+    feed_frame(v[0], v[1], v[2], a[0], a[1], a[2], memory, out)
     return out.reshape(3, 3)
 
 

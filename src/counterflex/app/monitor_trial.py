@@ -31,6 +31,8 @@ TEETH: Final = 3
 EXPONENT: Final = 0.75
 AIR_M: Final = 30.0 * MM
 RAMP_M: Final = 8.0 * MM
+REACHING: Final = 0.3
+"""Share of the alternating force that gets through the spindle's inertia to the sensor."""
 MEAN_N: Final = np.array([-120.0, 300.0, -80.0])
 """Mean force of the slot, part axes: against the feed, to the left, down into the stock."""
 
@@ -88,9 +90,9 @@ def signal(cut_m: float, incident: Incident, seed: int) -> Float:
     """
     rng = np.random.default_rng((17, seed))
     k = int((cut_m + 2.0 * AIR_M) / FEED_M_S / SAMPLE_S)
-    t = np.arange(k) * SAMPLE_S
-    x = FEED_M_S * (t - rng.uniform(-0.03, 0.03)) + rng.uniform(-0.3, 0.3) * MM
-    engaged = _engaged(x, cut_m) * rng.normal(1.0, 0.08)
+    t = np.arange(k, dtype=np.float64) * SAMPLE_S
+    x: Float = FEED_M_S * (t - float(rng.uniform(-0.03, 0.03))) + rng.uniform(-0.3, 0.3) * MM
+    engaged: Float = _engaged(x, cut_m) * rng.normal(1.0, 0.08)
     lag = int(0.4 / SAMPLE_S)
     wave = np.convolve(rng.standard_normal(k + lag), np.hanning(lag) / np.sqrt(np.sum(np.hanning(lag) ** 2)))[
         lag : lag + k
@@ -107,7 +109,7 @@ def signal(cut_m: float, incident: Incident, seed: int) -> Float:
         engaged = engaged * (1.0 + incident.size * np.maximum(0.0, place))
     elif incident.event == Event.BREAKAGE:
         teeth[gone, : round(incident.size)] = 0
-    angle = 2.0 * np.pi * TURN_PER_S * (1.0 - rng.uniform(0.0, 0.008)) * t + rng.uniform(0.0, 2.0 * np.pi)
+    angle: Float = 2.0 * np.pi * TURN_PER_S * (1.0 - rng.uniform(0.0, 0.008)) * t + rng.uniform(0.0, 2.0 * np.pi)
     force = _teeth(angle, teeth, engaged, 6.0 * UM * rng.standard_normal(TEETH))
     swing = np.zeros(k)
     begin = int(np.argmax(engaged > 0.0))
@@ -122,24 +124,18 @@ def signal(cut_m: float, incident: Incident, seed: int) -> Float:
 
 
 def _teeth(angle: Float, teeth: Int, engaged: Float, runout: Float) -> Float:
-    """Force of the teeth in the slot; what turns with the spindle reaches the sensor by 30 %."""
-    reaching = 0.3
+    """Force of the teeth in the slot; of what turns with the spindle only REACHING gets to the sensor."""
     chip = 38.5 * UM
     total, mean = np.zeros((len(angle), 3)), np.zeros((len(angle), 3))
-    fine = (np.arange(180) + 0.5) * np.pi / 180.0
+    fine: Float = (np.arange(180, dtype=np.float64) + 0.5) * np.pi / 180.0
     for j in range(TEETH):
-        before = (j - 1) % TEETH
-        run = np.ones(len(angle))
-        for _ in range(TEETH - 1):
-            missing = teeth[:, before] == 0
-            run = np.where(missing & (run == np.round(run)), run + 1.0, run)
-            if not missing.any():
-                break
-            before = (before - 1) % TEETH
-            run = np.where(missing & (teeth[:, before] == 0), run, run)
+        run, open_ = np.ones(len(angle)), np.ones(len(angle), dtype=np.bool_)
+        for back in range(1, TEETH):  # it takes the chip of every missing tooth right before it
+            open_ = open_ & (teeth[:, (j - back) % TEETH] == 0)
+            run = run + open_
         off = runout[j] - runout[(j - 1) % TEETH]
         phi = np.mod(angle - 2.0 * np.pi * j / TEETH, 2.0 * np.pi)
-        total += _pulse(phi, run * chip, off, chip) * teeth[:, j : j + 1]
+        total += _pulse(phi, np.asarray(run * chip), off, chip) * teeth[:, j : j + 1]
         for load in np.unique(run):
             mean += (
                 (run == load)[:, None] * teeth[:, j : j + 1] * _pulse(fine, load * chip, off, chip).sum(axis=0) / 360.0
@@ -147,7 +143,7 @@ def _teeth(angle: Float, teeth: Int, engaged: Float, runout: Float) -> Float:
     whole = TEETH * _pulse(fine, np.full(180, chip), 0.0, chip).sum(axis=0) / 360.0
     scale = np.abs(MEAN_N) / np.abs(whole)
     sign = np.sign(MEAN_N) * np.sign(whole)
-    out: Float = (mean + reaching * (total - mean)) * scale * sign * engaged[:, None]
+    out: Float = (mean + REACHING * (total - mean)) * scale * sign * engaged[:, None]
     return out
 
 

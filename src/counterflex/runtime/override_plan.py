@@ -186,7 +186,7 @@ def speed_plan(
             need,
             speed,
             online.period_s,
-            online.pilot.lead_s,
+            online.lead_s,
             online.timing_s,
             dead,
             answer,
@@ -217,7 +217,7 @@ def speed_plan(
         )
         own = np.minimum(own, lower)
         wide: Float = np.empty(n)
-        least_about(time, own, override.delay_s + online.pilot.lead_s, settle * override.least, wide)
+        least_about(time, own, override.delay_s + online.lead_s, settle * override.least, wide)
         speed = wide
         within_rate(time, speed, override.change_per_s)
         after, spent = errors(speed)
