@@ -179,6 +179,21 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
     )
 
 
+def one_protocol(settings: RunSettings) -> None:
+    """Check that the robot's protocol is chosen.
+
+    Raises:
+        InputError: None or both are.
+    """
+    if (settings.rsi is None) == (not settings.egm):
+        raise InputError(
+            "the robot's protocol is not clear",
+            value="both" if settings.egm else "none",
+            limit="one of RSI and EGM",
+            hint="Give --rsi FILE for a KUKA robot, --egm for an ABB one",
+        )
+
+
 def open_session(settings: RunSettings, *, ring: RecordRing | None = None, control: Int | None = None) -> OnlineSession:
     """Read the files, build the loop and open the links.
 
@@ -189,13 +204,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     """
     cell = read_cell(settings.cell)
     require_plausible(cell)
-    if (settings.rsi is None) == (not settings.egm):
-        raise InputError(
-            "the robot's protocol is not clear",
-            value="both" if settings.egm else "none",
-            limit="one of RSI and EGM",
-            hint="Give --rsi FILE for a KUKA robot, --egm for an ABB one",
-        )
+    one_protocol(settings)
     planned = None if settings.plan is None else read_plan(settings.plan)[0]
     plan = None if planned is None else loop_plan(planned, cell, compensated=settings.compensated)
     loop = online_loop(cell, plan, compensated=settings.compensated and plan is not None)
@@ -353,6 +362,7 @@ def run(
     Raises:
         CounterflexError: As :func:`open_session`, and when the log cannot be begun.
     """
+    one_protocol(settings)
     context = multiprocessing.get_context("spawn")
     control = context.Array("q", CONTROL, lock=False)
     parent, child = context.Pipe()
