@@ -16,10 +16,10 @@ from counterflex.app.lone_instruments import (
     Clock,
     LoneNetft,
     LoneTracker,
-    run_log_as_tracker,
     run_netft,
     run_tracker,
 )
+from counterflex.app.tracker_replay import run_log_as_tracker
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, OutputError
 from counterflex.files.cell import read_cell

@@ -307,7 +307,9 @@ def tracker(
     if log is not None:
         recorded = read_tracker_log(log)
     elif run_log is not None and cell is not None:
-        recorded = job.run_log_as_tracker(run_log, cell)
+        from counterflex.app.tracker_replay import run_log_as_tracker
+
+        recorded = run_log_as_tracker(run_log, cell)
     else:
         shape, size = _shape(path)
         source = StandingTarget(T)
