@@ -59,8 +59,8 @@ _COMMON: Final[dict[str, Any]] = {
     "damping": 2.40,
     "tracker_age_ms": 0.0,
 }
-"""Dead time: two cycles and half of one, over which a set-point is approached. Lag: 1/Kv and the speed loop of 150 1/s,
-``w0^2 = Kv w_v``, ``2 zeta / w0 = 1/Kv + 1/w_v``."""
+"""What the cell knows. Dead time: two cycles and half of one, over which a set-point is approached. Lag of a correction
+93 ms, 4 % short of what 1/Kv and the speed loop of 150 1/s add up to, as an identification may be."""
 
 VARIANTS: Final[dict[str, dict[str, Any]]] = {
     "off": {"tracker": "integrator"},

@@ -1,0 +1,169 @@
+"""The designed tracker controller within the step: what is known ahead, and what stands still without a sample."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import counterflex
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, MM, UM
+from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell_online import OnlineTable
+from counterflex.files.cell_timing import ChannelTimingTable, TimingTable
+from counterflex.geometry import pose, rotation
+from counterflex.runtime import layout as at
+from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.settings import Delays, OnlineSettings
+from counterflex.runtime.supervisor import State
+
+CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
+Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
+R = rotation.about_x(np.pi)
+T = 0.004
+FOLLOW = 0.1
+TABLE: dict[str, Any] = {
+    "force": "none",
+    "tracker": "designed",
+    "along_feed": True,
+    "orientation": True,
+    "follow_ms": 100.0,
+    "follow_lag_ms": 90.0,
+    "tracker_age_ms": 0.0,
+    "correction_mm": 4.0,
+    "correction_deg": 0.6,
+    "speed_mm_s": 80.0,
+    "acceleration_mm_s2": 4000.0,
+    "undo_lag_mm": 2.0,
+}
+
+
+def chosen(**changes: Any) -> OnlineSettings:
+    return OnlineTable(**{**TABLE, **changes}).settings(None, compensated=False, mode=(8.5, 0.1))
+
+
+def line(play: Float | None = None) -> LoopPlan:
+    x = np.linspace(0.0, 0.4, 1601)
+    p = np.stack([x, np.zeros_like(x), np.zeros_like(x)], axis=1)
+    return LoopPlan(p, x / 0.01, np.zeros((len(x), 6)), np.zeros(len(x)), np.zeros((len(x), 6)), play=play)
+
+
+def running(settings: OnlineSettings, plan: LoopPlan | None = None) -> Loop:
+    loop = Loop(CELL.chain, settings, CELL.T_base_part, line() if plan is None else plan)
+    start = pose.make(R, np.zeros(3))
+    for arm, enable in ((False, False), (True, False), (False, True)):
+        loop.feed(T_part_tcp=start, q=Q, T_part_actual=start, arm=arm, enable=enable)
+        loop.given[at.G_TRACKER_LATE] = 0.0
+        loop.run()
+    assert loop.state == State.ACTIVE
+    return loop
+
+
+def cycle(
+    loop: Loop, x: float, off: Float | None = None, *, seen: bool = True, age: int = 0, turn: float = 0.0
+) -> Float:
+    """One cycle at ``x`` with the tool ``off`` and turned about z from where it should be."""
+    nominal = pose.make(R, np.array([x, 0.0, 0.0]))
+    actual = pose.make(rotation.about_z(turn) @ R, nominal[:3, 3] + (np.zeros(3) if off is None else off))
+    loop.feed(T_part_tcp=nominal, q=Q, T_part_actual=actual if seen else None, enable=True, tracker_age=age)
+    loop.given[at.G_TRACKER_LATE] = 0.0
+    loop.run()
+    return loop.correction.copy()
+
+
+def test_the_lag_is_sent_ahead_at_a_steady_speed() -> None:
+    loop = running(chosen())
+    for k in range(250):
+        correction = cycle(loop, 0.01 * T * k)
+    np.testing.assert_allclose(correction[:3], [FOLLOW * 0.01, 0.0, 0.0], atol=2e-9)
+    np.testing.assert_allclose(correction[3:], 0.0, atol=1e-12)
+
+
+def test_without_it_nothing_is_sent_pair() -> None:
+    loop = running(chosen(undo_lag=False))
+    for k in range(250):
+        correction = cycle(loop, 0.01 * T * k)
+    np.testing.assert_allclose(correction, 0.0, atol=1e-12)
+
+
+def test_a_lost_telegram_does_not_show_in_the_speed() -> None:
+    loop = running(chosen())
+    k = 0
+    for n in range(300):
+        gone = 2 if n % 7 == 0 else 1
+        k += gone
+        nominal = pose.make(R, np.array([0.01 * T * k, 0.0, 0.0]))
+        loop.feed(T_part_tcp=nominal, q=Q, T_part_actual=nominal, enable=True, elapsed=gone)
+        loop.given[at.G_TRACKER_LATE] = 0.0
+        loop.run()
+        if n > 250:
+            assert loop.correction[0] == pytest.approx(FOLLOW * 0.01, abs=0.02 * UM)
+
+
+def test_a_fast_program_is_undone_as_far_as_allowed_and_the_sum_stands_still() -> None:
+    loop = running(chosen())
+    for k in range(120):
+        cycle(loop, 0.1 * T * k, np.array([-9e-4, 0.0, 0.0]))
+    forward = loop._state[at.S_FORWARD : at.S_FORWARD + 3]
+    assert np.linalg.norm(forward) == pytest.approx(2.0 * MM, rel=1e-9)
+    before = loop._state[at.S_SUM]
+    cycle(loop, 0.1 * T * 120, np.array([-9e-4, 0.0, 0.0]))
+    assert loop._state[at.S_SUM] == before
+
+
+def test_a_steady_deviation_is_summed_up_in_all_six_components() -> None:
+    loop = running(chosen())
+    off, turn = np.array([20e-6, -30e-6, 10e-6]), 0.001 * DEG
+    for _ in range(100):
+        cycle(loop, 0.0, off, turn=turn)
+    first = loop._state[at.S_SUM : at.S_SUM + 6].copy()
+    for _ in range(100):
+        cycle(loop, 0.0, off, turn=turn)
+    gained = (loop._state[at.S_SUM : at.S_SUM + 6] - first) / 100
+    gain = loop.settings.tuning.gain
+    np.testing.assert_allclose(gained[:3], -gain * off, rtol=1e-3)
+    np.testing.assert_allclose(gained[3:], [0.0, 0.0, -gain * turn], rtol=1e-3, atol=1e-12)
+
+
+def test_without_a_sample_the_sum_stands_still_and_the_loop_holds() -> None:
+    loop = running(chosen())
+    off = np.array([0.0, 50e-6, 0.0])
+    for _ in range(50):
+        cycle(loop, 0.0, off)
+    kept = loop._state[at.S_SUM : at.S_SUM + 6].copy()
+    sent = loop.correction.copy()
+    for age in range(1, 40):
+        correction = cycle(loop, 0.0, off, seen=False, age=age)
+    np.testing.assert_array_equal(loop._state[at.S_SUM : at.S_SUM + 6], kept)
+    assert loop.state == State.HOLD
+    assert np.linalg.norm(correction - sent) < 5e-6
+
+
+def test_play_of_the_plan_is_sent_ahead_unless_the_program_contains_it() -> None:
+    play = np.tile(np.array([0.0, 40e-6, -10e-6]), (1601, 1))
+    loop = running(chosen(undo_lag=False), line(play))
+    for _ in range(60):
+        correction = cycle(loop, 0.05)
+    np.testing.assert_allclose(correction[:3], -play[0], atol=1e-12)
+    compensated = replace(chosen(undo_lag=False), compensated=True)
+    loop = running(compensated, line(play))
+    for _ in range(60):
+        correction = cycle(loop, 0.05)
+    np.testing.assert_allclose(correction[:3], 0.0, atol=1e-12)
+
+
+def test_identified_lags_take_the_place_of_those_stated() -> None:
+    timing = TimingTable(drive=ChannelTimingTable(dead_time_ms=(4.0, 6.0), lag_ms=70.0))
+    found = OnlineTable(**TABLE).settings(timing, compensated=False, mode=None).delays
+    assert found.follow_s == pytest.approx(0.075)
+    assert found.follow_lag_s == pytest.approx(0.070)
+
+
+def test_a_lag_longer_than_the_whole_delay_is_refused() -> None:
+    with pytest.raises(InputError, match="longer than the whole delay"):
+        replace(chosen(), delays=Delays(follow_s=0.05, follow_lag_s=0.06))
