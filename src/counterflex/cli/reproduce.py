@@ -17,6 +17,7 @@ _reproduce = typer.Typer(
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
+    _reproduce.command("haehn2020")(haehn2020)
     _reproduce.command("mandiola2023")(mandiola2023)
     _reproduce.callback()(_group)
     app.add_typer(_reproduce, name="reproduce")
@@ -24,6 +25,68 @@ def register(app: typer.Typer) -> None:
 
 def _group() -> None:
     """Published experiments, repeated on the simulated cell over its real protocols."""
+
+
+def haehn2020(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the results.", metavar="DIR")],
+    seeds: Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)] = 5,
+    level: Annotated[
+        str,
+        typer.Option(
+            "--level",
+            help="identified: each simulated cell is measured first; seeded: the cell file as it is, constants off.",
+        ),
+    ] = "identified",
+    quick: Annotated[
+        bool, typer.Option("--quick", help="One truth, payload only, straight edge: does it work at all?")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """A groove of 547 N corrected from force, with pilot control, and by plan and rest (Haehn and Weigold 2020).
+
+    Straight and 40 degree exit edge, Cartesian and axis-specific corrections, each run in lockstep over RSI and Net F/T
+    and judged by where the simulated tool truly was. Interrupted, the same command goes on where it was.
+
+    Example: `counterflex reproduce haehn2020 --out haehn`
+    """
+    from counterflex.app import reproduce_haehn as job
+
+    with progress_bar("haehn2020") as progress:
+        try:
+            summary = job.run(
+                out, seeds=1 if quick else seeds, level="seeded" if quick else level, quick=quick, progress=progress
+            )
+        except KeyboardInterrupt as stop:
+            raise Interrupted(
+                "interrupted; finished runs are kept", where=str(out), hint="The same command goes on where it was"
+            ) from stop
+    if as_json:
+        print_json(summary)
+    else:
+        _show_haehn(summary)
+        typer.echo(f"wrote {out}")
+
+
+def _show_haehn(summary: dict[str, Any]) -> None:
+    edges = list(dict.fromkeys(row["edge"] for row in summary["seeds"]))
+    names = list(summary["variants"])
+    rows = []
+    for name in names:
+        cells = [name]
+        for edge in edges:
+            for figure in ("path", "exit"):
+                values = sorted(
+                    row["variants"][name][figure]["max_mm"] for row in summary["seeds"] if row["edge"] == edge
+                )
+                cells.append(f"{values[len(values) // 2]:.3f} / {values[-1]:.3f}")
+        paper = summary["paper"].get(name)
+        rows.append([*cells, "-" if paper is None else f"{paper:g}"])
+    print_table(
+        f"Largest error across the feed, mm: median / worst of {len({r['seed'] for r in summary['seeds']})} truths"
+        f" ({summary['truth_level']})",
+        ["variant", *(f"{edge} {figure}" for edge in edges for figure in ("path", "exit")), "Haehn2020"],
+        rows,
+    )
 
 
 def mandiola2023(

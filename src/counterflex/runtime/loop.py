@@ -33,6 +33,7 @@ from counterflex.runtime.monitor_settings import MonitorSettings, unwatched
 from counterflex.runtime.override_plan import SpeedPlan, speed_plan
 from counterflex.runtime.override_settings import OverrideSettings
 from counterflex.runtime.plausibility_stage import PlausibilityStage
+from counterflex.runtime.pilot_lead import pilot_lead
 from counterflex.runtime.settings import (
     ForceMode,
     OnlineSettings,
@@ -432,6 +433,24 @@ def _shaped(settings: OnlineSettings, plan: LoopPlan | None) -> bool:
     return plan is not None and plan.w_ahead_part is not None and settings.pilot.lead_s is None
 
 
+def _lead(settings: OnlineSettings, plan: LoopPlan | None) -> float:
+    """How much ahead the plan is read, s."""
+    if plan is None or plan.w_ahead_part is None or settings.pilot.lead_s is not None:
+        return settings.lead_s
+    if settings.force != ForceMode.PILOT:
+        return 0.0
+    return pilot_lead(
+        plan.time_s,
+        plan.w_tcp_part,
+        plan.w_ahead_part,
+        settings.smoothing,
+        settings.pilot.threshold_n,
+        settings.pilot.blend_s,
+        robot_answer(settings)[1],
+        most_s=2.0 * settings.pilot.blend_s,
+    )
+
+
 def _constants(settings: OnlineSettings, T_base_part: Float, plan: LoopPlan | None) -> Float:
     T, tuning = settings.period_s, settings.tuning
     out = np.zeros(at.CONSTANTS)
@@ -439,7 +458,7 @@ def _constants(settings: OnlineSettings, T_base_part: Float, plan: LoopPlan | No
     def put(place: int, values: Sequence[float] | Float) -> None:
         out[place : place + len(values)] = values
 
-    lead = settings.blending_s if _shaped(settings, plan) else settings.lead_s
+    lead = _lead(settings, plan)
     put(at.C_PERIOD, [T, lead, settings.pilot.threshold_n, T / settings.pilot.blend_s])
     fused = settings.force == ForceMode.FUSED
     for place, name, factor in (

@@ -1,0 +1,185 @@
+"""Reproduce Haehn2020: a groove corrected from force, with pilot control, and with plan and rest, over sockets.
+
+Every identification and every run is kept on disk when it has ended; an interrupted job goes on where it was.
+"""
+
+from __future__ import annotations
+
+import shutil
+import statistics
+import time
+import tomllib
+from collections.abc import Callable, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex import __version__
+from counterflex.app import campaign, compensate, evaluate, haehn_case, live, online, over_sockets
+from counterflex.app.kept import begin, fingerprint, finish, finished
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.files.schema import write_toml
+from counterflex.files.summary_file import write_summary
+
+RECIPES: Final[dict[str, tuple[str, ...]]] = {
+    "seeded": ("payload",),
+    "identified": ("tracker-frame", "stiffness", "payload", "play", "servo", "cutting"),
+}
+"""What is identified of each simulated cell first. The weight on the sensor always is: a run is not armed without."""
+PAPER: Final[dict[str, float]] = {"uncompensated": 1.4, "force": 0.7, "force_pilot_40ms": 0.3}
+"""Largest deviation of the scanned part, mm (Haehn2020 section 3)."""
+_FIGURES: Final = ("path", "entry", "plateau", "exit")
+_BASE: Final = "cell.toml"
+_PLAN: Final = "plan"
+
+
+def run(
+    out: str | Path,
+    *,
+    seeds: int = 5,
+    level: str = "identified",
+    quick: bool = False,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Do the job on files: a folder per truth and edge, ``summary.json`` and ``report.html`` over all of them.
+
+    Args:
+        out: Folder; what is there and was made from the same inputs is not done again.
+        seeds: Number of truth seeds, from 1 on.
+        level: ``identified``: the cell's stiffness, play, drives, payload and cutting constants are measured on the
+            simulated cell first; ``seeded``: its payload only.
+        quick: Straight edge and Cartesian corrections only.
+        progress: Told the fraction done.
+
+    Returns:
+        The summary.
+
+    Raises:
+        InputError: No seeds, or an unknown level.
+        CounterflexError: As the jobs it consists of.
+    """
+    if seeds < 1:
+        raise InputError("number of truth seeds is out of range", value=seeds, limit=">= 1")
+    if level not in RECIPES:
+        raise InputError("no such truth level", value=level, limit=", ".join(RECIPES))
+    start = time.perf_counter()
+    folder = Path(out)
+    share = 0.4 if level == "identified" else 0.1
+    cells = _identify(folder, seeds, level, _part_of(progress, 0.0, share))
+    edges = ("straight",) if quick else tuple(haehn_case.EDGES)
+    jobs = [
+        (seed, edge, kind, output)
+        for seed in range(1, seeds + 1)
+        for edge in edges
+        for kind, item in haehn_case.KINDS.items()
+        for output in item.outputs
+        if output == "cartesian" or not quick
+    ]
+    found: dict[tuple[int, str, str], dict[str, Any]] = {}
+    for n, (seed, edge, kind, output) in enumerate(jobs):
+        place = folder / f"seed-{seed}" / edge
+        if (seed, edge) not in {key[:2] for key in found}:
+            _prepare(place, edge, cells[seed])
+        name = haehn_case.variant_name(kind, output)
+        step = _part_of(progress, share + (1.0 - share) * n / len(jobs), (1.0 - share) / len(jobs))
+        found[seed, edge, name] = one(place, cells[seed].with_name(campaign.TRUTH), seed, kind, output, progress=step)
+    summary = _summary(found, level, time.perf_counter() - start)
+    write_summary(folder / "summary.json", summary)
+    progress(1.0, "done")
+    return summary
+
+
+def _part_of(progress: Progress, first: float, length: float) -> Callable[..., None]:
+    return lambda fraction, what="": progress(first + length * fraction, what)
+
+
+def _identify(folder: Path, seeds: int, level: str, progress: Progress) -> dict[int, Path]:
+    """Cell files that a laboratory makes of the simulated cells; their truth files lie beside them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    start = folder / _BASE
+    write_toml(start, haehn_case.cell_table(haehn_case.demonstration_cell(), 0.0))
+    campaign.run(start, folder / level, seeds=seeds, recipes=RECIPES[level], progress=progress)
+    return {seed: folder / level / f"seed-{seed}" / campaign.CELL for seed in range(1, seeds + 1)}
+
+
+def _prepare(place: Path, edge: str, cell: Path) -> None:
+    """Program, cell files and plan of one edge on one simulated cell."""
+    base = tomllib.loads(cell.read_text(encoding="utf-8"))
+    haehn_case.write_cells(base, place, edge)
+    cell_file, program = place / haehn_case.cell_name("hybrid", "cartesian"), place / haehn_case.PROGRAM
+    plan = place / _PLAN
+    mark = fingerprint(cell_file, program)
+    if finished(plan, mark) is None:
+        shutil.rmtree(plan, ignore_errors=True)
+        compensate.run(program, cell_file, plan, report=False)
+        finish(plan, mark, {})
+
+
+def one(place: Path, truth: Path, seed: int, kind: str, output: str, *, progress: Progress = silent) -> dict[str, Any]:
+    """Mill one groove, unless that was done, and judge it.
+
+    Args:
+        place: Folder of the edge, prepared.
+        truth: Truth file.
+        seed: Of truth and instruments.
+        kind: Of :data:`~counterflex.app.haehn_case.KINDS`.
+        output: ``cartesian`` or ``axes``.
+        progress: Told the fraction done.
+
+    Returns:
+        Figures of ``evaluate`` and what the loop said.
+    """
+    item = haehn_case.KINDS[kind]
+    part = place / haehn_case.variant_name(kind, output)
+    cell, original = place / haehn_case.cell_name(kind, output), place / haehn_case.PROGRAM
+    plan = place / _PLAN / "plan.parquet"
+    program = place / _PLAN / haehn_case.PROGRAM if item.compensated else original
+    mark = fingerprint(cell, original, program, plan, truth, kind=kind, output=output, seed=seed)
+    kept = finished(part, mark)
+    if kept is not None:
+        return kept
+    begin(part)
+    log = part.with_name(f"{part.name}-log")
+    shutil.rmtree(log, ignore_errors=True)
+    with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as config:
+        twin = live.LiveSettings(program, cell, truth, config, original=original, seed=seed)
+        loop = online.RunSettings(cell, config, plan, compensated=item.compensated, arm=item.armed)
+        said = over_sockets.run(twin, part, loop, log, sensors=over_sockets.Sensors(), cycles=1850, progress=progress)
+    shutil.rmtree(log, ignore_errors=True)
+    judged = evaluate.run([part], None)["variants"]["nominal"]
+    kept = {key: judged[key] for key in (*_FIGURES, "surface") if key in judged}
+    kept["loop"] = {key: said[key] for key in ("cycles", "states", "causes", "largest_correction_um")}
+    finish(part, mark, kept)
+    return kept
+
+
+def _summary(found: Mapping[tuple[int, str, str], dict[str, Any]], level: str, seconds: float) -> dict[str, Any]:
+    rows = []
+    for seed, edge in dict.fromkeys(key[:2] for key in found):
+        variants = {name: value for (s, e, name), value in found.items() if (s, e) == (seed, edge)}
+        rows.append({"seed": seed, "edge": edge, "truth_level": level, "variants": variants})
+    return {
+        "job": "reproduce haehn2020",
+        "truth_level": level,
+        "seeds": rows,
+        "variants": over_seeds(rows),
+        "paper": PAPER,
+        "seconds": round(seconds, 1),
+        "counterflex": __version__,
+    }
+
+
+def over_seeds(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Median and worst over truths and edges: ``variants.<name>.path.max_mm`` is the worst, ``.median_max_mm`` the median.
+
+    Args:
+        rows: Of the summary.
+    """
+    out: dict[str, Any] = {}
+    for name in dict.fromkeys(name for row in rows for name in row["variants"]):
+        out[name] = {}
+        for figure in _FIGURES:
+            values = [row["variants"][name][figure]["max_mm"] for row in rows if name in row["variants"]]
+            out[name][figure] = {"max_mm": max(values), "median_max_mm": round(statistics.median(values), 6)}
+    return out
