@@ -168,7 +168,7 @@ class ProcessRig:
             target=keep_log, args=(self.ring.name, str(folder), largest_file), daemon=True
         )
         self.recorder.start()
-        end = time.monotonic() + 60.0
+        end = time.monotonic() + 300.0
         while not list(folder.glob("run-*.mcap")):
             if time.monotonic() > end or not self.recorder.is_alive():
                 raise SimulationError("the recorder did not begin")
