@@ -42,7 +42,7 @@ def _random(loss: float, share: float) -> Scenario:
 
     def run(effort: Effort) -> Outcome:
         made = Impairment(loss=loss)
-        cycles = effort.pick(100_000, 1_500)
+        cycles = effort.pick(30_000, 1_500)
         with Rig(made, made, seed=effort.seed, watch=_GOES_ON, settings=force_only(lost_cycles=9)) as rig:
             begin = rig.activate().cycle_count
             rig.run(cycles)
@@ -82,7 +82,7 @@ def _held(
     """Losses under which the loop must stop correcting, as it is set by default."""
 
     def run(effort: Effort) -> Outcome:
-        cycles = effort.pick(5_000, 700)
+        cycles = effort.pick(2_500, 700)
         with Rig(made, back, seed=effort.seed) as rig:
             begin = rig.activate().cycle_count
             rig.run(cycles)
@@ -103,7 +103,7 @@ def _burst(mean: float) -> Scenario:
 
     def run(effort: Effort) -> Outcome:
         made = Impairment(burst=Burst(0.05, mean))
-        runs, cycles = effort.pick(40, 3), effort.pick(2_500, 1_500)
+        runs, cycles = effort.pick(12, 3), 1_500
         steps, times, missed, paths = [], [], 0, []
         for k in range(runs):
             with Rig(made, made, seed=1000 * effort.seed + k) as rig:
@@ -207,7 +207,7 @@ def _overtaken(effort: Effort) -> Outcome:
     made = Impairment(reorder=0.03, reorder_s=6e-3)
     with Rig(made, seed=effort.seed, watch=_GOES_ON) as rig:
         begin = rig.activate().cycle_count
-        rig.run(effort.pick(5_000, 1_000))
+        rig.run(effort.pick(2_500, 1_000))
         old, refused = rig.link.counters.old, rig.robot.late
         step = float(rig.seen.steps()[begin - 1 :].max())
         state = rig.state
@@ -223,7 +223,7 @@ def _gap(effort: Effort) -> Outcome:
     """Telegrams lost in a row while the correction moves as fast as it may."""
     largest, worst = 0.0, 0.0
     for lost in range(1, 13, effort.pick(1, 3)):
-        for start in range(2, effort.pick(30, 4)):
+        for start in range(2, effort.pick(30, 4), effort.pick(4, 1)):
             made = Impairment(stalls=(Stall(_MOVING + start, lost, lost=True),))
             with Rig(made, seed=effort.seed) as rig:
                 begin = rig.activate().cycle_count

@@ -58,7 +58,7 @@ def _rubbish(effort: Effort) -> Outcome:
 
 def _flips(effort: Effort) -> Outcome:
     """Damage that the checksum of UDP would catch: bits and ends of telegrams and answers."""
-    steps, ends, runs = [], [], effort.pick(30, 5)
+    steps, ends, runs = [], [], effort.pick(12, 5)
     for k in range(runs):
         made = Impairment(flip=0.02, truncate=0.01, garbage=0.01)
         with Rig(made, seed=1000 * effort.seed + k) as rig:
