@@ -274,7 +274,7 @@ def _pose(cartesian: Any) -> Float:
         return pose.make(rotation.from_zyx(np.array(angles)), p)
     u = cartesian.orient
     quat = np.array([_finite(v) for v in (u.u0, u.u1, u.u2, u.u3)])
-    size = float(np.linalg.norm(quat))
+    size = math.hypot(*quat.tolist())
     if abs(size - 1.0) > 1e-3:
         raise ProtocolError("an EGM quaternion is not of unit length", value=size, limit="1 +- 0.001")
     return pose.make(rotation.from_quat_wxyz(quat / size), p)

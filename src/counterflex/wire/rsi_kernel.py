@@ -65,6 +65,28 @@ def _find(data: Bytes, b: int, e: int, ab: int, ae: int, names: Bytes, entries: 
     return -1
 
 
+@kernel("boolean(uint8[::1], int64, int64, int64)")
+def _named_before(data: Bytes, begin: int, b: int, e: int) -> bool:
+    """Whether the attribute ``data[b:e]`` has a namesake among those of ``data[begin:b]``, which are well-formed."""
+    i = begin
+    while i < b:
+        while i < b and _blank(data[i]):
+            i += 1
+        first = i
+        while i < b and _name(data[i]):
+            i += 1
+        if i >= b:
+            return False
+        if _same(data, b, e, data, first, i):
+            return True
+        quote = data[i + 1]
+        i += 2
+        while data[i] != quote:
+            i += 1
+        i += 1
+    return False
+
+
 @kernel(
     "Tuple((int64, int64, int64))(uint8[::1], int64, uint8[::1], uint8[::1], int64[:, ::1], float64[::1], boolean[::1])"
 )
@@ -103,6 +125,7 @@ def scan(
     if i + size + 1 > length or data[i] != 60 or not _same(data, i + 1, i + 1 + size, root, 0, size):
         return NOT_A_TELEGRAM, counter, i
     i += 1 + size
+    head = i
     while True:  # attributes of the root are of no concern
         while i < length and _blank(data[i]):
             i += 1
@@ -115,11 +138,12 @@ def scan(
             return NOT_A_TELEGRAM, counter, i
         if not _begins_name(data[i]):
             return MALFORMED, counter, i
+        ab = i
         while i < length and _name(data[i]):
             i += 1
         if i >= length:
             return TRUNCATED, counter, i
-        if data[i] != 61:
+        if data[i] != 61 or _named_before(data, head, ab, i):
             return MALFORMED, counter, i
         i += 1
         if i >= length:
@@ -197,6 +221,8 @@ def scan(
             if data[i] != quote:
                 return MALFORMED, counter, i
             j = _find(data, b, e, ab, ae, names, entries, hint)
+            if j < 0 and _named_before(data, e, ab, ae):
+                return REPEATED, counter, vb
             if j >= 0:
                 hint = j + 1 if j + 1 < entries.shape[0] else 0
                 if seen[j]:
