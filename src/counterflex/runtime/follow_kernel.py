@@ -29,6 +29,10 @@ ALIKE_M: Final = 20e-6
 """Of places this much alike the first call takes the earliest: a closed path begins at its beginning."""
 
 
+SEEK_ROWS: Final = 400
+"""Segments that one call of :func:`seek` looks at: about 10 us."""
+
+
 @kernel("Tuple((float64, float64))(float64[:, ::1], int64, float64, float64, float64)")
 def _on_segment(plan: Float, row: int, x: float, y: float, z: float) -> tuple[float, float]:
     """Squared distance of a point from segment ``row`` -> ``row + 1``, and the place 0..1 of its foot."""
@@ -79,6 +83,40 @@ def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int)
         found, at = row, place[1]  # a program does not run backwards; noise of the position must not
     place[0], place[1] = float(found), at
     return math.sqrt(best)
+
+
+@kernel("void(float64[:, ::1], float64[::1], float64[::1], float64, float64, float64)")
+def seek(plan: Float, place: Float, sweep: Float, x: float, y: float, z: float) -> None:
+    """Go on looking for the place on the whole path, some segments in a call, while the robot is not on its way yet.
+
+    When the last segment has been looked at, the earliest place that was as near as any is taken, unless the present one
+    is nearer, and the search begins anew: a program that is started again is found at its beginning.
+
+    Args:
+        plan: (n, PLAN_COLUMNS), n >= 2.
+        place: (2,) as for :func:`follow`; changed when a sweep is over.
+        sweep: (4,) next row, least distance so far, its row and fraction; changed. Zeros begin.
+        x: Commanded position, part frame, m.
+        y: Likewise.
+        z: Likewise.
+    """
+    last = plan.shape[0] - 2
+    begin = int(sweep[0])
+    best = math.inf if begin == 0 else sweep[1]
+    end = min(last, begin + SEEK_ROWS - 1)
+    for i in range(begin, end + 1):
+        d, u = _on_segment(plan, i, x, y, z)
+        distance = math.sqrt(d)
+        if distance < best - ALIKE_M:
+            best, sweep[2], sweep[3] = distance, float(i), u
+    sweep[0], sweep[1] = float(end + 1), best
+    if end < last:
+        return
+    sweep[0] = 0.0
+    found, at = _on_segment(plan, int(sweep[2]), x, y, z)
+    here = math.inf if place[0] < 0.0 else _on_segment(plan, int(place[0]), x, y, z)[0]
+    if math.sqrt(found) <= math.sqrt(here) + ALIKE_M:
+        place[0], place[1] = sweep[2], at
 
 
 @kernel("float64(float64[:, ::1], float64[::1], float64, int64, float64[::1])")

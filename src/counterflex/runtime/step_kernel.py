@@ -29,7 +29,7 @@ from counterflex.runtime.estimate_kernel import (
     sources_of,
 )
 from counterflex.runtime.feed_forward_kernel import known_ahead
-from counterflex.runtime.follow_kernel import PLAN_W, contained_at, follow, wrench_at
+from counterflex.runtime.follow_kernel import PLAN_W, contained_at, follow, seek, wrench_at
 from counterflex.runtime.force_kernel import blend, learn_scale, scaled
 from counterflex.runtime.frame_kernel import across, directions, pose_deviation, size_of, turn, turn_back
 from counterflex.runtime.lag_kernel import lag
@@ -65,8 +65,6 @@ _NEAR_M = 0.05e-3
 _AT_ZERO_M = 1e-7
 _AT_ZERO_RAD = 1e-7
 _FAULT_LOST = 10
-_SEEK_CYCLES = 25
-"""Cycles after which the place on the path is sought anew, as long as the loop is idle or ready."""
 _MEASURED, _PILOT, _SCALE, _FUSED = 1, 2, 3, 4
 _INTEGRATOR, _OBSERVER, _DESIGNED = 1, 2, 3
 _READY, _ACTIVE = int(State.READY), int(State.ACTIVE)
@@ -167,9 +165,9 @@ def step(
     row = 0
     distance, cut = 0.0, 0.0
     planned = choices[at.W_PLAN] == 1 and hard != _NOT_FINITE
-    if whole[AT_STATE] <= _READY and whole[at.N_CYCLES] % _SEEK_CYCLES == 1:
-        state[at.S_PLACE] = -1.0  # nobody is on the way yet: sought on the whole path, from its beginning
     if planned:
+        if whole[AT_STATE] <= _READY and state[at.S_PLACE] >= 0.0:
+            seek(plan, state[at.S_PLACE :], state[at.S_SWEEP :], nominal[9], nominal[10], nominal[11])
         distance = follow(plan, state[at.S_PLACE :], nominal[9], nominal[10], nominal[11], choices[at.W_WINDOW])
         row = int(state[at.S_PLACE])
         # The plan's time runs slower where less speed is asked for, and its forces are smaller.
