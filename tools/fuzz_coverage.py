@@ -83,12 +83,14 @@ def instrument(module: ModuleType, name: str, *others: ModuleType, compiled: boo
     """
     space: dict[str, Any] = {}
     marker = _Marker()
+    wanted = _called(name, (*others, module))
     for each in (*others, module):
         space = {**each.__dict__, **{k: v for k, v in space.items() if k in marker.known}}
         tree = ast.parse(inspect.getsource(each))
         for function in [node for node in tree.body if isinstance(node, ast.FunctionDef)]:
             decorated = [d for d in function.decorator_list if isinstance(d, ast.Call) and _names(d.func) == "kernel"]
-            if not decorated or (compiled and any(k.arg == "inline" for k in decorated[0].keywords)):
+            inline = bool(decorated) and any(k.arg == "inline" for k in decorated[0].keywords)
+            if function.name not in wanted or not decorated or (compiled and inline):
                 continue
             marker.known.add(function.name)
             marker.visit(function)
@@ -97,6 +99,20 @@ def instrument(module: ModuleType, name: str, *others: ModuleType, compiled: boo
             if compiled:
                 space[function.name] = numba.njit(error_model="numpy")(space[function.name])
     return Instrumented(space[name], np.zeros(marker.count, dtype=np.int64))
+
+
+def _called(name: str, modules: tuple[ModuleType, ...]) -> set[str]:
+    """Names of the functions of some modules that one of them calls, and of those that these call; itself included."""
+    bodies: dict[str, ast.FunctionDef] = {}
+    for each in modules:
+        bodies |= {n.name: n for n in ast.parse(inspect.getsource(each)).body if isinstance(n, ast.FunctionDef)}
+    todo, seen = [name], set()
+    while todo:
+        one = todo.pop()
+        if one in bodies and one not in seen:
+            seen.add(one)
+            todo += [_names(node.func) for node in ast.walk(bodies[one]) if isinstance(node, ast.Call)]
+    return seen
 
 
 def _names(node: ast.expr) -> str:

@@ -28,7 +28,7 @@ from counterflex.wire.tracker_pose import DATAGRAM, MAGIC
 
 _ECHO_AT: Final = 2
 """Millisecond of the cycle at which the echo is asked."""
-GATE: Final = 250
+GATE: Final = 1500
 """Cycles for which the robot stands at the beginning of the pass; then its program enables the correction."""
 
 
