@@ -1,0 +1,239 @@
+"""Benchmark of the online loop: one step, and the whole reply to a telegram beside a do-nothing echo in the same run.
+
+``python benchmarks/online_reply.py [--quick] [--seconds S] [--json FILE]``. The step: compute time of one call in each
+mode, in blocks that alternate with an empty call. The reply: the real session (telegrams every 4 ms, force and tracker
+at 1 kHz, records into the ring) answers a cell in another process, which times from sending a telegram to having its
+answer; half a cycle later the same telegram goes to a third process that only sends it back. All three are prepared as
+the loop is: real-time priority, locked memory, no garbage collection, as far as the system allows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import signal
+import socket
+import tempfile
+import time
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterflex.app import online, steady
+from counterflex.app.doctor import feed
+from counterflex.app.made_on import made_on
+from counterflex.core.arrays import Float
+from counterflex.evaluate.loop_timing import percentiles
+from counterflex.files.cell import read_cell
+from counterflex.links import timing_probe
+from counterflex.links.machine import processor_times
+from counterflex.links.realtime import prepare
+from counterflex.links.session import Request
+from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.record_ring import RecordRing
+from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
+from counterflex.twin.fake_rsi import FakeRsi, RsiContext
+from counterflex.twin.live_cell import Report
+from counterflex.twin.netft_server import NetftServer
+from counterflex.twin.recorded_pass import RecordedPass
+from counterflex.twin.steady_cell import GATE, Block, SteadyCell
+from counterflex.wire.rsi_config import read_config
+
+GOAL_STEP_US, GOAL_REPLY_P50_US, GOAL_REPLY_P999_US = 10.0, 80.0, 500.0
+MODES: dict[str, tuple[ForceMode, TrackerMode]] = {
+    "measured": (ForceMode.MEASURED, TrackerMode.NONE),
+    "pilot": (ForceMode.PILOT, TrackerMode.NONE),
+    "scale": (ForceMode.SCALE, TrackerMode.NONE),
+    "tracker observer": (ForceMode.NONE, TrackerMode.OBSERVER),
+    "scale and observer": (ForceMode.SCALE, TrackerMode.OBSERVER),
+    "fused": (ForceMode.FUSED, TrackerMode.NONE),
+}
+
+
+def _loop(force: ForceMode, tracker: TrackerMode) -> Loop:
+    with resources.as_file(resources.files("counterflex.app") / "demo" / "cell.toml") as file:
+        cell = read_cell(file)
+    x = np.linspace(0.0, 0.2, 500)
+    w = np.zeros((500, 6))
+    w[:, :3] = 40.0, 250.0, -60.0
+    plan = LoopPlan(np.stack([x, 0.0 * x, 0.0 * x], axis=1), x / 0.025, w, np.ones(500), np.zeros((500, 6)))
+    return Loop(cell.chain, OnlineSettings(force=force, tracker=tracker), cell.T_base_part, plan)
+
+
+def steps(blocks: int, calls: int) -> dict[str, dict[str, float]]:
+    """Percentiles of one step in us, per mode, in alternating blocks."""
+    loops = {name: _loop(*modes) for name, modes in MODES.items()}
+    candidates: dict[str, Callable[[], object]] = {"empty call": lambda: None}
+    for name, loop in loops.items():
+        for k in range(50):
+            feed(loop, k)
+        candidates[name] = loop.run
+    clock = time.perf_counter_ns
+    times: dict[str, list[int]] = {name: [] for name in candidates}
+    for _ in range(blocks):
+        for name, call in candidates.items():
+            for _ in range(calls):
+                start = clock()
+                call()
+                times[name].append(clock() - start)
+    return {name: _micro(1e-9 * np.array(t, dtype=np.float64)) for name, t in times.items()}
+
+
+def _micro(time_s: Float) -> dict[str, float]:
+    found = percentiles(time_s)
+    values = {"p50": found.p50_s, "p99": found.p99_s, "p99.9": found.p999_s, "max": found.max_s}
+    return {name: round(v * 1e6, 2) if np.isfinite(v) else float("inf") for name, v in values.items()} | {"n": found.n}
+
+
+def _echo_process(own: socket.socket) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    prepare()
+    timing_probe.echo(own)
+
+
+def _cell_process(rsi: Path, played: RecordedPass, cycles: int, pipe: Any) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    netft = NetftServer()
+    cell = SteadyCell(played, FakeRsi(read_config(rsi), RsiContext(timeout=1 << 30)), netft)
+    pipe.send((netft.address, netft.http_address))
+    while not pipe.poll(0.02):
+        netft.poll()
+    peer, tracker, echo = pipe.recv()
+    prepare()
+    blocks: list[Block] = []
+    cell.run(peer, cycles, tracker=tracker, echo=echo, block=cycles, told=blocks.append)
+    pipe.send(blocks[0])
+    cell.close()
+
+
+def reply(seconds: float) -> dict[str, Any]:
+    """Times of the reply and of the echo, of the loop's own part, and the machine's condition."""
+    cycles = GATE + round(seconds / 4e-3)
+    context = multiprocessing.get_context("spawn")
+    own = timing_probe.echo_socket()
+    here, there = context.Pipe()
+    with tempfile.TemporaryDirectory() as folder:
+        job = steady.prepare(Path(folder), cycles)
+        cell = context.Process(target=_cell_process, args=(job.rsi, job.played, cycles, there), daemon=True)
+        echo = context.Process(target=_echo_process, args=(own,), daemon=True)
+        before = processor_times()
+        ring = RecordRing()
+        try:
+            cell.start()
+            force, http = here.recv()
+            session = online.open_session(
+                online.RunSettings(
+                    job.cell,
+                    job.rsi,
+                    job.plan,
+                    compensated=False,
+                    port=0,
+                    force=force,
+                    force_http_port=http[1],
+                    tracker_port=0,
+                ),
+                ring=ring,
+            )
+            session.control[Request.ARM] = 1
+            session.loop.run()
+            session.loop.reset()
+            echo.start()
+            time.sleep(3.0)
+            tracker = None if session.tracker is None else session.tracker.address
+            here.send((session.link.address, tracker, own.getsockname()))
+            granted = prepare()
+            compute = np.full(cycles, np.nan)
+            states: dict[str, int] = {}
+            done = 0
+            while done < cycles and not here.poll(0.0):
+                if session.cycle(0.1) and session.loop.cycle > 0:
+                    compute[done] = session.compute_ns * 1e-9
+                    done += 1
+                    name = session.loop.state.name.lower()
+                    states[name] = states.get(name, 0) + 1
+            block: Block = here.recv()
+        finally:
+            for process in (cell, echo):
+                if process.pid is not None:
+                    process.terminate()
+                    process.join()
+            ring.close()
+            own.close()
+    after = processor_times()
+    late = np.isnan(block.reply_s[GATE:])
+    reply_us, echo_us = _micro(block.reply_s[GATE:]), _micro(block.echo_s[GATE:])
+    return {
+        "reply_us": reply_us,
+        "echo_us": echo_us,
+        "ratio_p50": round(reply_us["p50"] / echo_us["p50"], 2),
+        "loop_us": _micro(compute[GATE:done]),
+        "unanswered": int(np.sum(late)),
+        "states": states,
+        "telegram_bytes": _telegram_bytes(job),
+        "fifo": granted.fifo,
+        "locked": granted.locked,
+        "load": os.getloadavg()[0],
+        "stolen": round((after[1] - before[1]) / max(1, after[0] - before[0]), 4),
+    }
+
+
+def _telegram_bytes(job: steady.SteadyJob) -> int:
+    played = job.played
+    T, q = played.T_part_nominal[0], played.q_command[0]
+    report = Report(0.0, T, T, q, q, True, False)
+    return len(FakeRsi(read_config(job.rsi), RsiContext()).telegram(report))
+
+
+def run(seconds: float, quick: bool) -> dict[str, Any]:
+    """Measure everything; ``quick`` only shows that it runs."""
+    return {
+        "schema": "counterflex-benchmark-online-reply",
+        "version": 1,
+        "quick": quick,
+        "seconds": seconds,
+        "machine": made_on(),
+        "step_us": steps(4 if quick else 200, 50 if quick else 200),
+        **reply(seconds),
+    }
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print the tables."""
+    names = ("p50", "p99", "p99.9", "max")
+    print(f"{'us':<24}" + "".join(f"{name:>10}" for name in names) + f"{'n':>9}   goal")
+    goals = {"reply": f"p50 < {GOAL_REPLY_P50_US:g}, p99.9 < {GOAL_REPLY_P999_US:g}"}
+    rows = {f"step, {name}": times for name, times in result["step_us"].items()}
+    rows |= {"reply": result["reply_us"], "do-nothing echo": result["echo_us"], "loop's own part": result["loop_us"]}
+    for name, times in rows.items():
+        goal = goals.get(name, f"p50 < {GOAL_STEP_US:g}" if name.startswith("step") and "empty" not in name else "")
+        print(f"{name:<24}" + "".join(f"{times[key]:10.1f}" for key in names) + f"{times['n']:9d}   {goal}")
+    print(
+        f"reply over echo {result['ratio_p50']:g}; telegram of {result['telegram_bytes']} bytes; not answered within "
+        f"the cycle: {result['unanswered']}; states {result['states']}"
+    )
+    print(
+        f"real-time priority {result['fifo']}, memory locked {result['locked']}, load {result['load']:.1f}, "
+        f"stolen {result['stolen']:.1%}"
+    )
+
+
+def main() -> None:
+    """Parse the command line, measure, print, and write JSON where asked."""
+    parser = argparse.ArgumentParser(description="Benchmark of the online loop's reply")
+    parser.add_argument("--quick", action="store_true", help="a smoke run of a few seconds")
+    parser.add_argument("--seconds", type=float, default=60.0, help="how long the reply is timed")
+    parser.add_argument("--json", type=Path, help="write the figures to this file")
+    arguments = parser.parse_args()
+    result = run(1.0 if arguments.quick else arguments.seconds, arguments.quick)
+    show(result)
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
