@@ -89,8 +89,8 @@ def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int)
 def seek(plan: Float, place: Float, sweep: Float, x: float, y: float, z: float) -> None:
     """Go on looking for the place on the whole path, some segments in a call, while the robot is not on its way yet.
 
-    When the last segment has been looked at, the earliest place that was as near as any is taken, unless the present one
-    is nearer, and the search begins anew: a program that is started again is found at its beginning.
+    When the last segment has been looked at, the earliest place that was as near as any is taken, unless the present
+    one is nearer, and the search begins anew: a program that is started again is found at its beginning.
 
     Args:
         plan: (n, PLAN_COLUMNS), n >= 2.
