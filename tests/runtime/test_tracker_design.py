@@ -248,7 +248,8 @@ def test_a_steady_speed_and_acceleration_are_followed_without_error(mode: tuple[
     delays = Delays(0.008, 2.0 / 0.09, 1.0, 0.09 - 0.5 * T, 0.0, 0.09)
     delays = replace(delays, follow_s=0.09, natural_per_s=1e3, damping=45.0)
     t = T * np.arange(1500)
-    for r, size in ((0.0117 * t, 0.0117), (0.5 * 0.01 * t**2, 0.01)):
+    for path, size in ((0.0117 * t, 0.0117), (0.5 * 0.01 * t**2, 0.01)):
+        r = np.asarray(path, dtype=np.float64)
         uncorrected = r - trailed(delays, r, None)
         left = r - trailed(delays, r, lag_filter(delays, T, mode))
         assert abs(uncorrected[-10]) > 0.08 * size
