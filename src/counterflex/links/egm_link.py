@@ -179,6 +179,7 @@ class EgmLink:
 
     def fill_reported(self, given: Float) -> bool:  # noqa: ARG002
         """False: whether the planned pose of a message contains the correction is not documented."""
+        del given
         return False
 
     def _numbered(self) -> tuple[int, int]:
