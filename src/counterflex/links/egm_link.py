@@ -177,7 +177,7 @@ class EgmLink:
         put_pose(given, at.G_ACTUAL, self._T_part_actual)
         return True
 
-    def fill_reported(self, given: Float) -> bool:  # noqa: ARG002
+    def fill_reported(self, given: Float) -> bool:
         """False: whether the planned pose of a message contains the correction is not documented."""
         del given
         return False
