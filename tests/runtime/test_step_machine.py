@@ -1,0 +1,154 @@
+"""The pure step under any sequence of events: what must hold after every cycle, whatever happened before."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from counterflex.app.fault_scenarios.rig import demo_cell, force_only
+from counterflex.core.arrays import Float
+from counterflex.geometry import pose, rotation
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.step_kernel import MOST_ELAPSED
+from counterflex.runtime.supervisor import Cause, State
+
+Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
+LEGAL = {
+    State.IDLE: {State.READY},
+    State.READY: {State.IDLE, State.ARMED, State.FAULT},
+    State.ARMED: {State.READY, State.ACTIVE, State.FAULT},
+    State.ACTIVE: {State.HOLD, State.RAMP_OUT, State.FAULT},
+    State.HOLD: {State.ACTIVE, State.RAMP_OUT, State.FAULT},
+    State.RAMP_OUT: {State.READY, State.IDLE, State.FAULT},
+    State.FAULT: {State.IDLE},
+}
+SETTINGS = force_only()
+LOOP = Loop(demo_cell().chain, SETTINGS, demo_cell().T_base_part)
+STEP_M = SETTINGS.translation.speed * SETTINGS.period_s
+RADIUS_M = SETTINGS.translation.radius
+WORDS = st.sampled_from([Cause.NONE, Cause.FORCE_STALE, Cause.TELEGRAMS_SCATTERED, Cause.CLOCK])
+HARD = st.sampled_from([Cause.FOREIGN_PEER, Cause.TELEGRAM_MALFORMED, Cause.SESSION_RESTARTED, Cause.INTERNAL])
+
+
+class StepMachine(RuleBasedStateMachine):
+    """Robot, sensor, operator and network do as they like."""
+
+    @initialize()
+    def begin(self) -> None:
+        self.loop = LOOP
+        self.loop.reset()
+        self.enable = False
+        self.force = np.zeros(6)
+        self.x = 0.0
+        self.armed = False
+        self.allowed_m = 0.0
+        self.zeroed = False
+        self.before: Float = np.zeros(3)
+        self.state_before = self.state = State.IDLE
+
+    def cycle(self, **inputs: Any) -> None:
+        given = {"elapsed": 1, "healthy": True, "enable": self.enable, **inputs}
+        if given["elapsed"]:
+            self.x = (self.x + 1e-4 * given["elapsed"]) % 0.1
+        self.before, self.state_before = self.loop.correction[:3].copy(), self.loop.state
+        T = pose.make(rotation.about_x(np.pi), np.array([0.05 + self.x, 0.0, 0.0]))
+        w = given.pop("w", self.force)
+        self.loop.feed(T_part_tcp=T, q=Q, w_tcp_part=w, **given)
+        self.loop.run()
+        self.state = self.loop.state
+        self.allowed_m = STEP_M * min(given["elapsed"], MOST_ELAPSED)
+        self.zeroed = given.get("hard") == Cause.SESSION_RESTARTED
+        if self.state == State.ARMED:
+            self.armed = True
+        if self.state in (State.FAULT, State.IDLE, State.READY):
+            self.armed = False
+
+    @rule(n=st.integers(1, 60))
+    def go_on(self, n: int) -> None:
+        for _ in range(n):
+            self.cycle()
+            self.holds()
+
+    @rule(n=st.integers(2, 14))
+    def lose(self, n: int) -> None:
+        for _ in range(n - 1):
+            self.cycle(elapsed=0)
+            self.holds()
+        self.cycle(elapsed=n)
+
+    @rule(fy=st.floats(-2500.0, 2500.0), fz=st.floats(-2500.0, 2500.0))
+    def cut(self, fy: float, fz: float) -> None:
+        self.force = np.array([0.0, fy, fz, 0.0, 0.0, 0.0])
+        self.cycle()
+
+    @rule()
+    def arm_and_enable(self) -> None:
+        self.enable = False
+        self.cycle(arm=True)
+        self.holds()
+        self.enable = True
+        self.cycle()
+
+    @rule()
+    def program_ends(self) -> None:
+        self.enable = False
+        self.cycle()
+
+    @rule(soft=WORDS, n=st.integers(1, 140))
+    def something_is_stale(self, soft: Cause, n: int) -> None:
+        for _ in range(n):
+            self.cycle(soft=soft)
+            self.holds()
+
+    @rule(hard=HARD)
+    def something_must_not_be(self, hard: Cause) -> None:
+        before = self.state
+        self.cycle(hard=hard)
+        assert self.state == (State.IDLE if before == State.IDLE else State.FAULT)
+
+    @rule(place=st.integers(0, 5), value=st.sampled_from([np.nan, np.inf, -np.inf]))
+    def a_number_is_none(self, place: int, value: float) -> None:
+        w = self.force.copy()
+        w[place] = value
+        self.cycle(w=w)
+        assert self.state in (State.IDLE, State.READY, State.HOLD, State.RAMP_OUT, State.FAULT)
+
+    @rule()
+    def stop(self) -> None:
+        self.cycle(stop=True)
+        assert self.state not in (State.ARMED, State.ACTIVE)
+
+    @rule()
+    def reset(self) -> None:
+        self.cycle(reset=True)
+
+    @rule()
+    def sick(self) -> None:
+        self.cycle(healthy=False)
+
+    @invariant()
+    def holds(self) -> None:
+        """Finite, within the limit, within the elapsed cycles' step, by a legal way, and only after arming."""
+        if not hasattr(self, "loop"):
+            return
+        correction = self.loop.correction[:3]
+        assert np.all(np.isfinite(self.loop.correction))
+        assert np.linalg.norm(correction) <= RADIUS_M * (1.0 + 1e-9)
+        if not self.zeroed:
+            assert np.linalg.norm(correction - self.before) <= self.allowed_m * (1.0 + 1e-9) + 1e-15
+        else:
+            assert self.state == State.IDLE or np.all(correction == 0.0)
+        assert self.state == self.state_before or self.state in LEGAL[self.state_before]
+        assert self.armed or self.state not in (State.ACTIVE, State.HOLD, State.RAMP_OUT)
+        if self.state in (State.IDLE, State.READY, State.ARMED):
+            assert np.linalg.norm(correction) < 1e-6
+
+
+StepMachine.TestCase.settings = settings(
+    max_examples=20, stateful_step_count=25, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+TestStepMachine = StepMachine.TestCase
