@@ -143,7 +143,7 @@ def reply(seconds: float) -> dict[str, Any]:
             session.loop.run()
             session.loop.reset()
             echo.start()
-            time.sleep(3.0)
+            timing_probe.await_echo(own.getsockname())
             tracker = None if session.tracker is None else session.tracker.address
             here.send((session.link.address, tracker, own.getsockname()))
             granted = prepare()

@@ -141,7 +141,7 @@ def _watched(
         pids = {"loop": pids[0], "recorder": loop.pid, "cell": cell.pid}
         tracker = None if tracker_port is None else ("127.0.0.1", tracker_port)
         echo.start()  # it waits for 10 s at most
-        _await_echo(echo_address)
+        timing_probe.await_echo(echo_address)
         cell_end.send((address, tracker, echo_address))
         blocks, samples = _watch(cell_end, cell, pids, settings.minutes, progress)
         logged = _said(run_end, loop)
@@ -268,24 +268,6 @@ def _said(pipe: Any, process: BaseProcess) -> Any:
     if isinstance(said, BaseException):
         raise said
     return said
-
-
-def _await_echo(peer: tuple[str, int]) -> None:
-    """Return when the other process sends datagrams back, so that none of the measured ones is lost to its start.
-
-    Raises:
-        OutputError: It does not within 30 s.
-    """
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
-        asking.settimeout(0.1)
-        for _ in range(300):
-            asking.sendto(b"hello", peer)
-            try:
-                asking.recv(16)
-            except TimeoutError:
-                continue
-            return
-    raise OutputError("the process that sends datagrams back does not answer", where=f"{peer[0]}:{peer[1]}")
 
 
 def _free_port() -> int:

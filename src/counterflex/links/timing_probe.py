@@ -67,6 +67,24 @@ def echo(own: socket.socket) -> None:
             own.sendto(data, peer)
 
 
+def await_echo(peer: tuple[str, int]) -> None:
+    """Return when the other process sends datagrams back, so that none of the measured ones is lost to its start.
+
+    Raises:
+        OutputError: It does not within 30 s.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        asking.settimeout(0.1)
+        for _ in range(300):
+            asking.sendto(b"hello", peer)
+            try:
+                asking.recv(16)
+            except TimeoutError:
+                continue
+            return
+    raise OutputError("the process that sends datagrams back does not answer", where=f"{peer[0]}:{peer[1]}")
+
+
 def measure(
     cycle: Callable[[int], None], cycles: int, period_s: float, peer: tuple[str, int], *, warm: int = 50
 ) -> Timed:
