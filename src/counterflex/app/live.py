@@ -54,6 +54,8 @@ class LiveSettings:
         gate_s: How long the robot program waits before it starts.
         context: Settings of RSI on the controller.
         answer: How the controller answers corrections.
+        own_backlash: Share of the play of its gears that the controller compensates itself; axis corrections go
+            past it.
         hose_share: Size of the hose pack's pull on the sensor, as in the simulated laboratory; 0 leaves it out.
     """
 
@@ -76,6 +78,7 @@ class LiveSettings:
     gate_s: float = 0.8
     context: RsiContext = field(default_factory=lambda: RsiContext(timeout=100))
     answer: PathAnswer = field(default_factory=PathAnswer)
+    own_backlash: float = 0.0
     hose_share: float = 1.0
 
 
@@ -127,6 +130,7 @@ def run(
         cutter=cell.cutter(simulate.tool_of(job.path)),
         datum_points_part=cell.datum_points_part if cell.tables.part.measured_with == "robot" else None,
         answer=settings.answer,
+        own_backlash=settings.own_backlash,
     )
     if not robot_controller.guides:
         live.skip_to_contact()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from counterflex.core.units import DEG, MM, MS, PERCENT, UM
+from counterflex.core.units import DEG, MM, MS, PERCENT, UM, URAD
 from counterflex.files.cell_timing import TimingTable
 from counterflex.files.schema import Table
 from counterflex.runtime.fusion import FusionTuning
@@ -42,6 +42,8 @@ class OnlineTable(Table):
     force: Literal["none", "measured", "pilot", "scale", "fused"] = "pilot"
     tracker: Literal["none", "integrator", "observer", "designed"] = "none"
     output: Literal["cartesian", "axes"] = "cartesian"
+    axis_play: bool = False
+    own_play_urad: tuple[Level, Level, Level, Level, Level, Level] = (0.0,) * 6
     period_ms: Literal[4, 12, 24, 48, 72, 96] = 4
     along_feed: bool = False
     orientation: bool = False
@@ -107,6 +109,8 @@ class OnlineTable(Table):
             force=ForceMode[self.force.upper()],
             tracker=TrackerMode[self.tracker.upper()],
             output=Output[self.output.upper()],
+            axis_play=self.axis_play,
+            own_play_rad=tuple(x * URAD for x in self.own_play_urad),  # type: ignore[arg-type]
             compensated=compensated,
             normal_only=not self.along_feed,
             orientation=self.orientation,

@@ -127,7 +127,8 @@ S_LAG: Final = 450  # 12: memory of the filter of lag_correction
 S_PAST: Final = 462  # 68: row of the ring at the time of a sample
 S_EARLIER: Final = 530  # 68: a second row of the ring
 S_SWEEP: Final = 598  # 4: search for the place on the path while nobody is on the way
-STATE: Final = 602
+S_AXES: Final = 602  # 6: the correction as axis angles that could be computed last
+STATE: Final = 608
 
 # State, int64: 0..4 of the supervisor, then
 N_RING: Final = 5  # next row of the ring

@@ -14,6 +14,7 @@ from counterflex.robot.chain import ElasticChain
 from counterflex.robot.kernels_step import OUT_C, OUT_SIZE, SCRATCH
 from counterflex.runtime import fusion_kernel as fk
 from counterflex.runtime import layout as at
+from counterflex.runtime.axis_play import AxisPlay
 from counterflex.runtime.follow_kernel import (
     PLAN_A,
     PLAN_C,
@@ -209,6 +210,10 @@ class Loop:
         self.monitor = _monitor(settings, self._plan, plan, monitor, override)
         self.plausibility = PlausibilityStage(settings, self._choices, self._state, self._whole, self._ring)
         self._place: Float = self._state[at.S_PLACE : at.S_PLACE + 2]
+        self._axis_play: AxisPlay | None = None
+        if settings.axis_play:
+            own = np.array(settings.own_play_rad)
+            self._axis_play = AxisPlay(chain, settings.period_s, contained=settings.compensated, own_rad=own)
         self.reset()
 
     def reset(self) -> None:
@@ -231,6 +236,8 @@ class Loop:
         self.predicted_filter.reset(np.zeros(6))
         self.monitor.reset()
         self.plausibility.reset()
+        if self._axis_play is not None:
+            self._axis_play.reset()
 
     def take(self, samples: Float, count: int, number: int) -> None:
         """Hand over the force sensor's own samples of the cycle, see :meth:`Monitor.take`; before :meth:`run`."""
@@ -336,6 +343,8 @@ class Loop:
             self.outcome,
             self._work,
         )
+        if self._axis_play is not None:
+            self._axis_play.after(self.given, self.flags, self.results, self.outcome)
         self.plausibility.after(self.given, self.flags, self.results, self.outcome)
         self.monitor.after(self.given, self.flags, self.results, self.outcome, self._place)
         if self.monitor.overriding:
@@ -372,6 +381,7 @@ class Loop:
             np.array(m.ring.shape),
             *self.monitor.numbers(),
             *self.plausibility.numbers(),
+            *(() if self._axis_play is None else (self._axis_play.parameters,)),
         ):
             digest.update(f"{array.dtype.str}{array.shape}".encode())
             digest.update(np.ascontiguousarray(array).tobytes())

@@ -143,6 +143,8 @@ class OnlineSettings:
         force: See :class:`ForceMode`.
         tracker: See :class:`TrackerMode`.
         output: See :class:`Output`.
+        axis_play: With output in axes, undo the play of the gears along program and correction together.
+        own_play_rad: (6,) half the play that the controller itself adds in the direction of the programmed motion.
         compensated: The program already contains the correction of the predicted deflection: only the rest is sent.
         normal_only: Leave out the component along the feed (Haehn2020 eq. 10-11).
         orientation: Correct the orientation too.
@@ -176,6 +178,8 @@ class OnlineSettings:
     force: ForceMode = ForceMode.PILOT
     tracker: TrackerMode = TrackerMode.NONE
     output: Output = Output.CARTESIAN
+    axis_play: bool = False
+    own_play_rad: tuple[float, float, float, float, float, float] = (0.0,) * 6
     compensated: bool = False
     normal_only: bool = True
     orientation: bool = False
@@ -259,6 +263,12 @@ class OnlineSettings:
             )
         if self.stale_cycles < 1 or self.lost_cycles < 1:
             raise InputError("cycles without data", value=min(self.stale_cycles, self.lost_cycles), limit=">= 1")
+        if self.axis_play and self.output != Output.AXES:
+            raise InputError(
+                "the play of the axes is undone in axis-specific output",
+                value=f'output = "{self.output.name.lower()}"',
+                hint='In Cartesian output the controller does it; set output = "axes", or leave axis_play out',
+            )
         if self.force == ForceMode.FUSED and self.tracker != TrackerMode.NONE:
             raise InputError(
                 "the estimator takes the tracker itself",

@@ -424,8 +424,9 @@ def step(
         answered(ring, here, choices[at.W_CORRECTION_BACK], constants, state)
     whole[at.N_RING] = (here + 1) % at.RING_ROWS
     # The same as axis angles: the damped step of the rigid Jacobian that the elastic step left behind.
+    # Where they cannot be computed they stay as they were: a fault holds, also in the axes.
     for k in range(6):
-        results[at.R_AXES + k] = 0.0
+        results[at.R_AXES + k] = state[at.S_AXES + k]
     if hard != _NOT_FINITE and not elastic_status & REFUSED:
         error = load
         for k in range(6):
@@ -434,6 +435,8 @@ def step(
         turn(constants, at.C_R_BASE_PART, error, 3)
         cholesky_inverse(scratch[1], 0.0, scratch[2], scratch[3])
         newton_step(scratch[1], scratch[3], error, scratch[5], results[at.R_AXES : at.R_AXES + 6])
+        for k in range(6):
+            state[at.S_AXES + k] = results[at.R_AXES + k]
     results[at.R_PATH], results[at.R_SIGMA], results[at.R_CUT] = distance, elastic[OUT_SIGMA], cut
     outcome[at.O_SOURCES], outcome[at.O_DEGRADED] = sources, degraded
     outcome[at.O_STATE], outcome[at.O_CAUSE] = now, whole[1]

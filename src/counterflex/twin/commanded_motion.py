@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import ReachError
 from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import ToolPath
@@ -47,6 +47,38 @@ class Report:
     finished: bool
 
 
+class OwnBacklash:
+    """A controller's own compensation of play: half of it, in the direction in which each axis was commanded last.
+
+    Real controllers add it where they plan the axes themselves: to a program and to Cartesian corrections of it, and
+    not to axis corrections, which go to the drives as they are (Haehn2020 section 3.3).
+
+    Args:
+        half_rad: (6,) rad.
+        period_s: Cycle.
+    """
+
+    _MOVING_RAD = 1e-7
+    _TAKEN_UP_S = 0.02
+
+    def __init__(self, half_rad: Float, period_s: float) -> None:
+        self._half = as_float("half_rad", half_rad, (6,))
+        self._step: Float = self._half * period_s / self._TAKEN_UP_S
+        self._direction: Float = np.zeros(6)
+        self._last: Float | None = None
+        self.value: Float = np.zeros(6)
+
+    def __call__(self, q: Float) -> Float:
+        """(6,) rad to be added to the planned angles (6,) of this cycle."""
+        if self._last is not None:
+            moved = q - self._last
+            self._direction = np.where(np.abs(moved) > self._MOVING_RAD, np.sign(moved), self._direction)
+        self._last = q.copy()
+        change = np.clip(self._half * self._direction - self.value, -self._step, self._step)
+        self.value = self.value + change
+        return self.value
+
+
 class CommandedMotion:
     """A program on a controller that takes corrections.
 
@@ -54,6 +86,7 @@ class CommandedMotion:
         path: Tool path of the program, part frame.
         controller: What the controller has been told.
         answer: How its path planning answers a correction.
+        own_backlash_rad: (6,) half the play that it compensates itself, see :class:`OwnBacklash`; None is none.
 
     Attributes:
         reference: The program at the interpolation cycle.
@@ -62,13 +95,21 @@ class CommandedMotion:
         running: It has been started.
     """
 
-    def __init__(self, path: ToolPath, controller: Controller, answer: PathAnswer | None = None) -> None:
+    def __init__(
+        self,
+        path: ToolPath,
+        controller: Controller,
+        answer: PathAnswer | None = None,
+        own_backlash_rad: Float | None = None,
+    ) -> None:
         self.controller = controller
         self.reference = interpolate(path, controller)
         self.poses = controller.tool_poses(self.reference.p_part_command, self.reference.axis_part)
         self.at = 0.0
         self.running = False
         answer = answer if answer is not None else PathAnswer()
+        half = np.zeros(6) if own_backlash_rad is None else own_backlash_rad
+        self.own_backlash = OwnBacklash(half, controller.cycle_s)
         self._cartesian = AnswerState(answer, controller.cycle_s)
         self._axes = AnswerState(answer, controller.cycle_s)
         self._arm = from_opw("controller", controller.opw, controller.joint_limits_rad)
@@ -114,7 +155,7 @@ class CommandedMotion:
         q_next = q_nominal
         if np.any(pose_offset != 0.0):
             q_next = self._corrected(T_part_nominal, pose_offset, q_nominal)
-        return q_nominal, T_part_nominal, q_next + axis_offset
+        return q_nominal, T_part_nominal, q_next + self.own_backlash(q_next) + axis_offset
 
     def commanded(self, at: float) -> tuple[Float, Float]:
         """Angles and pose of the program at a place of its interpolation, between samples where it was slowed down."""

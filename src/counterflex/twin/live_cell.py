@@ -52,6 +52,7 @@ class LiveCell:
         datum_points_part: (k, 3) m, see :func:`counterflex.twin.simulate.simulate`; None: the part lies where the
             controller has it.
         answer: How the controller answers a correction.
+        own_backlash: Share of the true play of its gears that the controller compensates itself, 0 .. 1.5.
         step_s: Integration step.
 
     Attributes:
@@ -71,13 +72,17 @@ class LiveCell:
         cutter: Cutter,
         datum_points_part: Float | None = None,
         answer: PathAnswer | None = None,
+        own_backlash: float = 0.0,
         step_s: float = STEP_S,
     ) -> None:
         substeps = round(controller.cycle_s / step_s)
         if substeps < 1 or abs(substeps * step_s - controller.cycle_s) > 1e-9:
             raise InputError("integration step does not divide the controller's cycle", value=step_s)
         self.path, self.controller = path, controller
-        self.motion = CommandedMotion(path, replace(controller, following_gain_per_s=None), answer)
+        if not 0.0 <= own_backlash <= 1.5:
+            raise InputError("share of the play that the controller compensates", value=own_backlash, limit="0 .. 1.5")
+        own = own_backlash * np.array([drive.dead_band_rad for drive in truth.drives])
+        self.motion = CommandedMotion(path, replace(controller, following_gain_per_s=None), answer, own)
         self.reference = self.motion.reference
         self.plant = Plant(truth, step_s=step_s)
         self.T_base_part, self._residual = as_float("T_base_part", controller.T_base_part, (4, 4)), np.zeros((0, 3))
@@ -151,7 +156,7 @@ class LiveCell:
         self._integrate(int(before), q_next, qd_next)
         self._q, self._qd = q_next, qd_next
         self._cycle += 1
-        q_motor = self.plant.q_motor()
+        q_motor = self.plant.q_motor() - self.motion.own_backlash.value  # a controller does not show it
         return Report(
             time_s=self.time_s,
             T_part_nominal=T_part_nominal,
