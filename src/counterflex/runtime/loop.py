@@ -33,8 +33,8 @@ from counterflex.runtime.monitor_plan import monitor_plan
 from counterflex.runtime.monitor_settings import MonitorSettings, unwatched
 from counterflex.runtime.override_plan import SpeedPlan, speed_plan
 from counterflex.runtime.override_settings import OverrideSettings
-from counterflex.runtime.plausibility_stage import PlausibilityStage
 from counterflex.runtime.pilot_lead import pilot_lead
+from counterflex.runtime.plausibility_stage import PlausibilityStage
 from counterflex.runtime.settings import (
     ForceMode,
     OnlineSettings,
