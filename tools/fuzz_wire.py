@@ -102,9 +102,9 @@ def _slowest(target: Target, candidates: list[bytes]) -> float:
     return out
 
 
-def smallest(name: str, corpus: list[bytes]) -> list[bytes]:
+def smallest(name: str, corpus: list[bytes], *, compiled: bool = True) -> list[bytes]:
     """Few short inputs that reach what a corpus reaches: chosen greedily, then cut as long as each reaches the same."""
-    target = TARGETS[name]()
+    target = TARGETS[name](compiled=compiled)
     if target.coverage is None or target.instrumented is None:
         return list(target.seeds)
     run, coverage = target.instrumented, target.coverage
@@ -138,13 +138,13 @@ def _cut(data: bytes, needed: frozenset[tuple[int, int]], reached: Any) -> bytes
     return data
 
 
-def keep(name: str, corpus: list[bytes], folder: Path) -> int:
+def keep(name: str, corpus: list[bytes], folder: Path, *, compiled: bool = True) -> int:
     """Write the smallest corpus into ``folder/name`` in the place of what is there; returns how many files."""
     place = folder / name
     place.mkdir(parents=True, exist_ok=True)
     for old in place.glob("*.bin"):
         old.unlink()
-    chosen = smallest(name, corpus)
+    chosen = smallest(name, corpus, compiled=compiled)
     for data in chosen:
         (place / f"{hashlib.sha256(data).hexdigest()[:12]}.bin").write_bytes(data)
     return len(chosen)
@@ -177,7 +177,8 @@ def main(arguments: list[str] | None = None) -> int:
             flush=True,
         )
         if given.keep:
-            print(f"{name:10s} kept {keep(name, corpus, given.keep)} inputs in {given.keep / name}")
+            count = keep(name, corpus, given.keep, compiled=not given.plain)
+            print(f"{name:10s} kept {count} inputs in {given.keep / name}")
     if given.json:
         given.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
     return 0
