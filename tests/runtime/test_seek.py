@@ -1,4 +1,4 @@
-"""The place on the path while nobody is on the way: found wherever the robot stands, in small steps, at the beginning."""
+"""The place on the path while nobody is on the way: found wherever the robot stands, in small steps, from its start."""
 
 from __future__ import annotations
 

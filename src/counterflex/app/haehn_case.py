@@ -1,8 +1,8 @@
 """The experiment of Haehn2020 on the simulated cell: grooves, cell files and what is compared.
 
 A groove 9.5 mm deep of an end mill D16 through EN AW-2017 at 25 mm/s (547 N), leaving the blank through an edge square
-to the feed, and through one turned by 40 degrees. The feed has the same place and direction in the robot's base in both:
-the blank is turned under it.
+to the feed, and through one turned by 40 degrees. The feed has the same place and direction in the robot's base in
+both: the blank is turned under it.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app import campaign, compensate, evaluate, haehn_case, live, online, over_sockets
+from counterflex.app.campaign_step import CELL
 from counterflex.app.kept import begin, fingerprint, finish, finished
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
@@ -100,7 +101,7 @@ def _identify(folder: Path, seeds: int, level: str, progress: Progress) -> dict[
     start = folder / _BASE
     write_toml(start, haehn_case.cell_table(haehn_case.demonstration_cell(), 0.0))
     campaign.run(start, folder / level, seeds=seeds, recipes=RECIPES[level], progress=progress)
-    return {seed: folder / level / f"seed-{seed}" / campaign.CELL for seed in range(1, seeds + 1)}
+    return {seed: folder / level / f"seed-{seed}" / CELL for seed in range(1, seeds + 1)}
 
 
 def _prepare(place: Path, edge: str, cell: Path) -> None:
@@ -171,7 +172,7 @@ def _summary(found: Mapping[tuple[int, str, str], dict[str, Any]], level: str, s
 
 
 def over_seeds(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Median and worst over truths and edges: ``variants.<name>.path.max_mm`` is the worst, ``.median_max_mm`` the median.
+    """Over truths and edges: ``variants.<name>.path.max_mm`` is the worst, ``.median_max_mm`` the median.
 
     Args:
         rows: Of the summary.
