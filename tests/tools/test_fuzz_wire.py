@@ -114,7 +114,7 @@ def test_it_finds_a_reader_that_is_wrong(tools: dict[str, ModuleType], monkeypat
     """A kernel that takes one status word for another is found out within some thousand inputs."""
     right = netft_kernel.take_records
 
-    def wrong(data: np.ndarray, *rest: object) -> None:  # type: ignore[type-arg]
+    def wrong(data: np.ndarray, *rest: object) -> None:
         data[:, 8] &= 0x7F
         right(data, *rest)  # type: ignore[arg-type]
 
