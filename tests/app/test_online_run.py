@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import socket
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +10,7 @@ import numpy as np
 import pytest
 
 import counterflex
-from counterflex.app import evaluate, live, online, run_log
+from counterflex.app import evaluate, live, online, over_sockets, run_log
 from counterflex.app.compensate import run as compensate
 from counterflex.app.truth import make_truth
 from counterflex.core.errors import FileFormatError, InputError
@@ -26,12 +24,6 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 RSI = Path(counterflex.__file__).parent / "app" / "demo" / "rsi.xml"
 PROGRAM = EXAMPLES / "programs" / "groove.ngc"
 ONLINE = '\n[online]\nforce = "scale"\ncorrection_mm = 3\nspeed_mm_s = 40\nacceleration_mm_s2 = 2500\n'
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @dataclass(frozen=True)
@@ -64,35 +56,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
 
 def mill(place: Place, name: str, *, arm: bool) -> tuple[dict[str, Any], dict[str, Any]]:
     """Run the groove with the loop watching or acting: its summary and the figures of the part."""
-    udp, http, rsi = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM), free_port(socket.SOCK_DGRAM)
-    twin = live.LiveSettings(
-        PROGRAM,
-        place.cell,
-        place.truth,
-        RSI,
-        peer=("127.0.0.1", rsi),
-        netft_port=udp,
-        netft_http_port=http,
-        hose_share=0.0,
-    )
-    part = place.folder / name
-    process = multiprocessing.get_context("spawn").Process(target=live.run, args=(twin, part))
-    process.start()
-    settings = online.RunSettings(
-        place.cell,
-        RSI,
-        place.plan,
-        compensated=False,
-        port=rsi,
-        force=("127.0.0.1", udp),
-        force_http_port=http,
-        arm=arm,
-        lockstep=True,
-        force_wait_s=60.0,
-    )
-    summary = online.run(settings, place.folder / f"{name}-log")
-    process.join(60)
-    assert process.exitcode == 0
+    twin = live.LiveSettings(PROGRAM, place.cell, place.truth, RSI, hose_share=0.0)
+    loop = online.RunSettings(place.cell, RSI, place.plan, compensated=False, arm=arm)
+    part, log = place.folder / name, place.folder / f"{name}-log"
+    summary = over_sockets.run(twin, part, loop, log, sensors=over_sockets.Sensors())
     return summary, evaluate.run([part], None)["variants"]["nominal"]
 
 

@@ -64,6 +64,8 @@ _QUIET_S = 2.0
 _EXPONENT = 0.75
 """Of the force in the feed, where there is no plan to take it from."""
 _POLL_S = 0.02
+_SLICE_S = 0.1
+"""How long a loop in lockstep waits before it looks whether it is to end."""
 _END_S = 5.0
 """How long ramping out may take before the loop ends all the same."""
 _ACTING = (State.ACTIVE, State.HOLD, State.RAMP_OUT)
@@ -346,6 +348,7 @@ def run(
     watch: Callable[[Status], None] = lambda _: None,
     most_s: float | None = None,
     started: Callable[[tuple[str, int]], None] = lambda _: None,
+    ended: Callable[[], bool] = lambda: False,
 ) -> dict[str, Any]:
     """Run the loop in a process of its own and record it from this one.
 
@@ -355,6 +358,7 @@ def run(
         watch: Told the status twice a second.
         most_s: End after so long; None goes on until the telegrams stop.
         started: Told the address at which telegrams are expected, once.
+        ended: Whether the robot is known to be gone; asked now and then.
 
     Returns:
         Summary: cycles, times, states, losses, what process monitoring found; also written as ``summary.json``.
@@ -382,7 +386,7 @@ def run(
         where, loop_sha256 = said
         log = RunLog(out, _about(settings, loop_sha256))
         started(where)
-        summary = _record(ring, log, process, control, watch, most_s, arm=settings.arm)
+        summary = _record(ring, log, process, control, watch, most_s, ended, arm=settings.arm)
         with contextlib.suppress(EOFError):
             if parent.poll():
                 raise parent.recv()
@@ -404,6 +408,7 @@ def _record(
     control: Any,
     watch: Callable[[Status], None],
     most_s: float | None,
+    ended: Callable[[], bool],
     *,
     arm: bool,
 ) -> dict[str, Any]:
@@ -456,7 +461,7 @@ def _record(
                 shown, recent, events = now, [], []
             if not alive:
                 break
-            if most_s is not None and now - begin > most_s:
+            if (most_s is not None and now - begin > most_s) or ended():
                 control[Request.END] = 1
             if log.trouble:
                 control[Request.ARM] = 0  # what is not recorded is not corrected
@@ -559,8 +564,13 @@ def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int) -> No
         if session.cycles == 0:
             session.cycle(0.1)
             continue
-        patience = settings.quiet_s if settings.lockstep else session.patience_s
-        came = session.cycle(patience)
-        quiet = 0.0 if came else quiet + patience
-        if quiet >= settings.quiet_s:
+        if settings.lockstep:  # a robot that waits is never late: no cycle without a telegram
+            came, waited = session.link.wait(_SLICE_S), _SLICE_S
+            if came:
+                session.deal(True)
+        else:
+            waited = session.patience_s
+            came = session.cycle(waited)
+        quiet = 0.0 if came else quiet + waited
+        if quiet >= settings.quiet_s or (settings.lockstep and not came and control[Request.END]):
             return

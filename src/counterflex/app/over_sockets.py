@@ -85,6 +85,7 @@ def run(
         tracker_port=tracker,
         lockstep=True,
         force_wait_s=_WAIT_S,
+        quiet_s=_WAIT_S,
     )
     context = multiprocessing.get_context("spawn")
     parent, child = context.Pipe(duplex=False)
@@ -99,7 +100,7 @@ def run(
     try:
         with interrupts_held():
             process.start()
-        found = online.run(loop, log, watch=watch)
+        found = online.run(loop, log, watch=watch, ended=lambda: not process.is_alive())
         process.join(_END_S)
         fault = parent.recv() if parent.poll() else None
         if isinstance(fault, BaseException):
