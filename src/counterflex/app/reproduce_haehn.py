@@ -5,11 +5,12 @@ Every identification and every run is kept on disk when it has ended; an interru
 
 from __future__ import annotations
 
+import concurrent.futures
 import shutil
 import statistics
 import time
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final
@@ -18,6 +19,7 @@ from counterflex import __version__
 from counterflex.app import campaign, compensate, evaluate, haehn_case, live, online, over_sockets
 from counterflex.app.campaign_step import CELL
 from counterflex.app.kept import begin, fingerprint, finish, finished
+from counterflex.app.workers import count_of, interrupts_held, pool_of
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.files.schema import write_toml
@@ -41,6 +43,7 @@ def run(
     seeds: int = 5,
     level: str = "identified",
     quick: bool = False,
+    workers: int | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Do the job on files: a folder per truth and edge, ``summary.json`` and ``report.html`` over all of them.
@@ -51,6 +54,7 @@ def run(
         level: ``identified``: the cell's stiffness, play, drives, payload and cutting constants are measured on the
             simulated cell first; ``seeded``: its payload only.
         quick: Straight edge and Cartesian corrections only.
+        workers: Runs at a time; None is one per core.
         progress: Told the fraction done.
 
     Returns:
@@ -67,7 +71,7 @@ def run(
     start = time.perf_counter()
     folder = Path(out)
     share = 0.4 if level == "identified" else 0.1
-    cells = _identify(folder, seeds, level, _part_of(progress, 0.0, share))
+    cells = _identify(folder, seeds, level, workers, _part_of(progress, 0.0, share))
     edges = ("straight",) if quick else tuple(haehn_case.EDGES)
     jobs = [
         (seed, edge, kind, output)
@@ -77,30 +81,49 @@ def run(
         for output in item.outputs
         if output == "cartesian" or not quick
     ]
-    found: dict[tuple[int, str, str], dict[str, Any]] = {}
-    for n, (seed, edge, kind, output) in enumerate(jobs):
-        place = folder / f"seed-{seed}" / edge
-        if (seed, edge) not in {key[:2] for key in found}:
-            _prepare(place, edge, cells[seed])
-        name = haehn_case.variant_name(kind, output)
-        step = _part_of(progress, share + (1.0 - share) * n / len(jobs), (1.0 - share) / len(jobs))
-        found[seed, edge, name] = one(place, cells[seed].with_name(campaign.TRUTH), seed, kind, output, progress=step)
+    found = _mill_all(folder, jobs, cells, workers, _part_of(progress, share, 1.0 - share))
     summary = _summary(found, level, time.perf_counter() - start)
     write_summary(folder / "summary.json", summary)
     progress(1.0, "done")
     return summary
 
 
+def _mill_all(
+    folder: Path,
+    jobs: Sequence[tuple[int, str, str, str]],
+    cells: Mapping[int, Path],
+    workers: int | None,
+    progress: Progress,
+) -> dict[tuple[int, str, str], dict[str, Any]]:
+    """Prepare every edge on every cell, then mill; results in the order of the jobs."""
+    places = {(seed, edge): folder / f"seed-{seed}" / edge for seed, edge, _, _ in jobs}
+    found: dict[tuple[int, str, str, str], dict[str, Any]] = {}
+    with pool_of(count_of(workers, len(jobs))) as pool:
+        with interrupts_held():
+            plans = [pool.submit(_prepare, place, key[1], cells[key[0]]) for key, place in places.items()]
+        for plan in plans:
+            plan.result()
+        with interrupts_held():
+            waiting = {
+                pool.submit(one, places[job[:2]], cells[job[0]].with_name(campaign.TRUTH), job[0], job[2], job[3]): job
+                for job in jobs
+            }
+        for done in concurrent.futures.as_completed(waiting):
+            found[waiting[done]] = done.result()
+            progress(len(found) / len(jobs), f"milled {len(found)} of {len(jobs)}")
+    return {(s, e, haehn_case.variant_name(k, o)): found[s, e, k, o] for s, e, k, o in jobs}
+
+
 def _part_of(progress: Progress, first: float, length: float) -> Callable[..., None]:
     return lambda fraction, what="": progress(first + length * fraction, what)
 
 
-def _identify(folder: Path, seeds: int, level: str, progress: Progress) -> dict[int, Path]:
+def _identify(folder: Path, seeds: int, level: str, workers: int | None, progress: Progress) -> dict[int, Path]:
     """Cell files that a laboratory makes of the simulated cells; their truth files lie beside them."""
     folder.mkdir(parents=True, exist_ok=True)
     start = folder / _BASE
     write_toml(start, haehn_case.cell_table(haehn_case.demonstration_cell(), 0.0))
-    campaign.run(start, folder / level, seeds=seeds, recipes=RECIPES[level], progress=progress)
+    campaign.run(start, folder / level, seeds=seeds, recipes=RECIPES[level], workers=workers, progress=progress)
     return {seed: folder / level / f"seed-{seed}" / CELL for seed in range(1, seeds + 1)}
 
 
