@@ -10,12 +10,14 @@ from typing import Any
 import polars
 
 from counterflex import __version__
+from counterflex.app.incidents import numbered
 from counterflex.app.made_on import made_on
 from counterflex.app.online import loop_plan, online_loop
 from counterflex.app.process_events import shown_process
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import UM
+from counterflex.evaluate.incidents import IncidentFinder
 from counterflex.evaluate.loop_timing import Percentiles
 from counterflex.evaluate.run_record import RunFigures, RunRecord
 from counterflex.files.cell import read_cell
@@ -23,10 +25,8 @@ from counterflex.files.plan_file import read_plan
 from counterflex.files.run_log import segments
 from counterflex.files.run_log_repair import Repaired, repair_segment
 from counterflex.runtime.fusion import level
-from counterflex.runtime.record_ring import COLUMNS
+from counterflex.runtime.record_ring import COLUMNS, is_whole
 from counterflex.runtime.replay import Difference, Gap, Replay
-
-_WHOLE_NUMBERS = ("counter_ms", "received_ns", "sent_ns", "elapsed", "w_good", "slowed", "cycle")
 
 
 def show(folder: str | Path) -> dict[str, Any]:
@@ -36,6 +36,7 @@ def show(folder: str | Path) -> dict[str, Any]:
         FileFormatError: There is none, or it cannot be read.
     """
     runs: dict[int, RunRecord] = {}
+    finders: dict[int, IncidentFinder] = {}
     about: dict[int, dict[str, Any]] = {}
     cut: list[str] = []
     names: list[str] = []
@@ -48,10 +49,21 @@ def show(folder: str | Path) -> dict[str, Any]:
         if segment.about:
             about.setdefault(number, segment.about)
             runs.setdefault(number, RunRecord()).add(segment.rows)
+            finders.setdefault(number, IncidentFinder()).add(segment.rows)
+    incidents = numbered(finders)
     return {
         "segments": names,
         "cut": cut,
-        "runs": [{"run": k, **_facts(about[k]), **_shown(runs[k].figures())} for k in sorted(runs)],
+        "runs": [
+            {
+                "run": k,
+                **_facts(about[k]),
+                **_shown(runs[k].figures()),
+                "incidents": [one.shown() for one in incidents if one.run == k],
+                "incidents_total": finders[k].total,
+            }
+            for k in sorted(runs)
+        ],
         "counterflex": __version__,
     }
 
@@ -233,7 +245,7 @@ def export(folder: str | Path, csv: str | Path, progress: Progress = silent) -> 
     """
     count = 0
     total = len(list(Path(folder).glob("run-*.mcap")))
-    whole = [c for c in COLUMNS if c in _WHOLE_NUMBERS or c.startswith(("flag_", "out_", "event_"))]
+    whole = [c for c in COLUMNS if is_whole(c)]
     with atomic.atomic_path(csv) as part, part.open("wb") as stream:
         for k, segment in enumerate(segments(folder)):
             progress(k / max(1, total), segment.name)

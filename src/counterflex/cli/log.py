@@ -27,7 +27,7 @@ def register(app: typer.Typer) -> None:
 
 
 def show(folder: Folder, as_json: AsJson = False) -> None:
-    """Say what happened in a run: cycles, states, causes, answering times, losses.
+    """Say what happened in a run: cycles, states, holds and faults with their causes, answering times, losses.
 
     Example: `counterflex log show log`
     """
@@ -75,6 +75,7 @@ def _show_run(run: dict[str, Any], *, several: bool) -> None:
         )
     _show_changes("Changes of its sources", run["sources_changes"])
     _show_changes("Changes", run["changes"])
+    _show_incidents(run["incidents"], run["incidents_total"])
     show_process(run)
     if run["causes"]:
         said = (f"{name.replace('_', ' ')} {count}" for name, count in run["causes"].items())
@@ -97,6 +98,24 @@ def _show_changes(title: str, changes: list[dict[str, Any]]) -> None:
                 for change in changes[:_SHOWN]
             ],
             note=f"and {len(changes) - _SHOWN} more; --json lists them" if len(changes) > _SHOWN else "",
+        )
+
+
+def _show_incidents(incidents: list[dict[str, Any]], total: int) -> None:
+    if incidents:
+        print_table(
+            "Incidents",
+            ["incident", "cycle", "seconds", "state", "cause", "out of"],
+            [
+                [
+                    str(one["number"]),
+                    str(one["cycle"]),
+                    f"{one['time_s']:.3f}",
+                    *(one[key].replace("_", " ") for key in ("state", "cause", "before")),
+                ]
+                for one in incidents[:_SHOWN]
+            ],
+            note=f"and {total - _SHOWN} more; --json lists them" if total > _SHOWN else "",
         )
 
 
@@ -202,17 +221,37 @@ def replay(
 def export(
     folder: Folder,
     csv: Annotated[Path, typer.Option("--csv", help="File to write.", metavar="FILE")],
+    incident: Annotated[
+        int | None,
+        typer.Option("--incident", help="Only the cycles around this hold or fault, as `log show` counts.", min=1),
+    ] = None,
+    before: Annotated[int, typer.Option("--before", help="Cycles before the incident.", min=0)] = 250,
+    after: Annotated[int, typer.Option("--after", help="Cycles behind its first one.", min=0)] = 250,
 ) -> None:
     """Write every record as a line of CSV, in SI units and part axes; numbers read back bit for bit.
 
+    With --incident only the cycles around one hold or fault, with units in the headings, and state and cause in words.
+
     Example: `counterflex log export log --csv run.csv`
     """
-    from counterflex.app import run_log as job
-
     keep_inputs(csv, *sorted(folder.glob("run-*.mcap*")), option="--csv")
+    if incident is None:
+        from counterflex.app import run_log as job
+
+        with progress_bar("exporting") as progress:
+            count = job.export(folder, csv, progress)
+        typer.echo(f"wrote {csv}: {count} records")
+        return
+    from counterflex.app.incidents import export_incident
+
     with progress_bar("exporting") as progress:
-        count = job.export(folder, csv, progress)
-    typer.echo(f"wrote {csv}: {count} records")
+        done = export_incident(folder, incident, csv, before=before, after=after, progress=progress)
+    found = done.of.shown()
+    lost = f", {done.missing} cycles in between have no record" if done.missing else ""
+    typer.echo(
+        f"wrote {csv}: {done.cycles} cycles around the {found['state']} of cycle {found['cycle']}"
+        f" ({found['cause'].replace('_', ' ')}){lost}"
+    )
 
 
 def repair(folder: Folder) -> None:

@@ -65,6 +65,14 @@ def _columns() -> tuple[str, ...]:
 
 COLUMNS: Final = _columns()
 """Names of a record's numbers: SI, part axes, angles in rad."""
+_WHOLE: Final = ("counter_ms", "received_ns", "sent_ns", "elapsed", "w_good", "slowed", "cycle")
+
+
+def is_whole(column: str) -> bool:
+    """Whether a column of :data:`COLUMNS` holds whole numbers only: counts, bits, states, times in ns."""
+    return column in _WHOLE or column.startswith(("flag_", "out_", "event_"))
+
+
 FAST: Final = 5
 """Place of what the force sensor's own samples said: given."""
 SENSOR: Final = FAST + ml.FAST

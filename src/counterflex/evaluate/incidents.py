@@ -1,0 +1,90 @@
+"""Holds and faults in the records of an online run: when each began and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.runtime import layout as at
+from counterflex.runtime import record_ring as record
+from counterflex.runtime.supervisor import Cause, State
+
+MOST_INCIDENTS: Final = 10_000
+_RECEIVED = 1
+_INCIDENTS: Final = (State.HOLD, State.FAULT)
+
+
+@dataclass(frozen=True)
+class Incident:
+    """The loop went into a hold or a fault. A fault out of a hold is an incident of its own.
+
+    Attributes:
+        cycle: First cycle in it, 1 is the loop's first.
+        time_s: Since the first record of the run.
+        before: State left; None where the first record of the run is in it already.
+        state: Hold or fault.
+        cause: As latched then.
+    """
+
+    cycle: int
+    time_s: float
+    before: State | None
+    state: State
+    cause: Cause
+
+
+class IncidentFinder:
+    """Takes the records of one run piece by piece, in order.
+
+    Attributes:
+        found: The first :data:`MOST_INCIDENTS`, in order.
+        total: All of them, also those beyond.
+    """
+
+    def __init__(self) -> None:
+        self.found: list[Incident] = []
+        self.total = 0
+        self._state: State | None = None
+        self._begin_ns: float | None = None
+
+    def add(self, rows: Float) -> None:
+        """Take records.
+
+        Args:
+            rows: (n, WIDTH) of :class:`counterflex.runtime.record_ring.RecordRing`.
+
+        Raises:
+            InputError: Another shape, or a state or cause that does not exist.
+        """
+        if rows.ndim != 2 or rows.shape[1] != record.WIDTH:
+            raise InputError("records have the wrong shape", value=rows.shape, limit=("n", record.WIDTH))
+        if len(rows) == 0:
+            return
+        states = rows[:, record.OUTCOME + at.O_STATE]
+        if not np.isin(states, list(State)).all():
+            raise InputError("a record holds a state that does not exist", value=float(states.max()))
+        if self._begin_ns is None:
+            self._begin_ns = float(rows[0, _RECEIVED])
+        earlier = np.concatenate([[-1.0 if self._state is None else float(self._state)], states[:-1]])
+        for k in np.flatnonzero((states != earlier) & np.isin(states, _INCIDENTS)):
+            self.total += 1
+            if self.total > MOST_INCIDENTS:
+                continue
+            row = rows[k]
+            cause = float(row[record.OUTCOME + at.O_CAUSE])
+            if cause not in list(Cause):
+                raise InputError("a record holds a cause that does not exist", value=cause)
+            self.found.append(
+                Incident(
+                    int(row[record.CYCLE]),
+                    (float(row[_RECEIVED]) - self._begin_ns) * 1e-9,
+                    None if earlier[k] < 0 else State(int(earlier[k])),
+                    State(int(states[k])),
+                    Cause(int(cause)),
+                )
+            )
+        self._state = State(int(states[-1]))
