@@ -422,6 +422,21 @@ def test_a_movement_that_the_controller_ends_early_is_a_fault_with_its_place() -
     run.close()
 
 
+def test_behind_the_end_a_correction_is_not_added_to_where_the_robot_stands() -> None:
+    run = guided()
+    run_through(run)
+    run.fake.stopped = "RAPID goes on"
+    run.controller.send(run.fake.telegram(Report(0.0, run.T, run.T, Q, Q, True, False)))
+    assert run.link.wait(1.0)
+    assert run.link.phase == Phase.ENDED
+    run.fake.stopped = ""
+    stands = run.T.copy()
+    for _ in range(50):
+        run.cycle(State.RAMP_OUT, np.array([0.0, 3e-4, -2e-4, 0.0, 0.0, 1e-3]))
+    np.testing.assert_allclose(run.T, stands, atol=1e-9)
+    run.close()
+
+
 def test_a_robot_that_does_not_follow_is_limited() -> None:
     run = guided(settings=GuidanceSettings(lag_s=60e-3, follow_m=0.5e-3), speed_m_s=5e-3)
     run.fake.enabled = True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import multiprocessing
 import socket
 import threading
@@ -69,6 +70,26 @@ def test_an_allowed_peer_is_the_only_one_from_the_start(sender: socket.socket, a
         assert take(port)[0]
     finally:
         port.close()
+
+
+def test_a_line_that_is_gone_does_not_end_the_loop(sender: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
+    """R10: with the cable pulled the system says that there is no route; the answer is lost, nothing else."""
+    port = RobotPort("127.0.0.1", 0, 1000)
+
+    class Unplugged:
+        def sendto(self, *_: object) -> int:
+            raise OSError(errno.ENETUNREACH, "Network is unreachable")
+
+        def close(self) -> None:
+            pass
+
+    with sender:
+        sender.sendto(b"good", port.address)
+        assert take(port)[0]
+        assert port.send(b"answer")
+        port.close()
+        monkeypatch.setattr(port, "_socket", Unplugged())
+        assert not port.send(b"answer")
 
 
 def test_a_name_that_is_none_is_refused() -> None:

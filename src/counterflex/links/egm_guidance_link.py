@@ -167,11 +167,12 @@ class EgmGuidanceLink(EgmLink):
             if self.guidance.speed_reference:
                 twist = self.stream.twist()
         else:
+            # Where it stands it stands with what was corrected before: that is not added once more.
             nominal = self._T_part_actual if self._held is None else self._held
         T = nominal.copy()
-        T[:3, 3] += correction[:3]
-        T[:3, :3] = rotation.exp(correction[3:]) @ T[:3, :3]
         if self.phase == Phase.RUNNING:
+            T[:3, 3] += correction[:3]
+            T[:3, :3] = rotation.exp(correction[3:]) @ T[:3, :3]
             self._remember(nominal, T)
         if stop and (self.phase != Phase.RUNNING or self.stream.rate == 0.0):
             return False

@@ -162,7 +162,7 @@ class RobotPort:
             return False
         try:
             self._socket.sendto(data, self.peer)
-        except (BlockingIOError, ConnectionError):
+        except OSError:  # a cable that is pulled (no route) must not end the loop: it is then a line without telegrams
             return False
         return True
 
