@@ -43,9 +43,22 @@ EXAMPLES = [
     for command in COMMANDS.values()
     for example in re.findall(r"`counterflex ([^`]+)`", " ".join((command.help or "").split()))
 ]
-LIVE = ("run", "twin cell", "soak", "twin rsi", "twin netft", "twin tracker", "twin ads", "tracker bridge", "ads")
-ALONE = [example for example in EXAMPLES if not example.startswith(LIVE)]
-"""Without those of commands that wait for each other or for a device; tests of their own run them over sockets."""
+LIVE = (
+    "run",
+    "twin cell",
+    "twin rsi",
+    "twin netft",
+    "twin tracker",
+    "twin ads",
+    "twin egm",
+    "twin proxy",
+    "tracker bridge",
+    "ads",
+)
+"""Commands that wait for each other or for a device: tests of their own run them over sockets."""
+JOBS = ("soak", "faults", "reproduce")
+"""Commands that run a loop over sockets for minutes or hours: tests of their own run small parts of them."""
+ALONE = [example for example in EXAMPLES if not example.startswith(LIVE + JOBS)]
 
 
 def test_all_commands_are_known() -> None:

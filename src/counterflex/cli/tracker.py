@@ -37,9 +37,9 @@ def bridge(
 
     The first line names the columns: time_s (or time_ns); distance_mm,azimuth_deg,zenith_deg as a tracker measures
     them, or x_mm,y_mm,z_mm; qw,qx,qy,qz where the target has an orientation; status and sigma_mm where known. A line
-    that cannot be used is left out and said.
+    that cannot be used is left out and said. Lines come from standard input: tracker_program | counterflex ...
 
-    Example: `tracker_program | counterflex tracker bridge 127.0.0.1:5001`
+    Example: `counterflex tracker bridge 127.0.0.1:5001`
     """
     from counterflex.app.tracker_bridge import forward
     from counterflex.cli.output import print_json
