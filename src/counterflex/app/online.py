@@ -273,7 +273,14 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
 
 def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> RobotLink:
     if settings.rsi is not None:
-        return rsi_link(settings.rsi, loop.settings, settings.host, settings.port, settings.peer)
+        return rsi_link(
+            settings.rsi,
+            loop.settings,
+            settings.host,
+            settings.port,
+            settings.peer,
+            overriding=loop.monitor.overriding,
+        )
     return egm_link(
         cell,
         loop.settings,

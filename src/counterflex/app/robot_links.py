@@ -20,25 +20,51 @@ from counterflex.links.rsi_link import RsiLink
 from counterflex.path.stream import PoseStream
 from counterflex.plan.plan import Plan
 from counterflex.plan.tool_frame import tool_orientation
-from counterflex.runtime.settings import OnlineSettings
+from counterflex.runtime.settings import OnlineSettings, Output
 from counterflex.wire.rsi_config import read_config
 
 _RSI_MS = (4, 12)
 
 
 def rsi_link(
-    config: Path, online: OnlineSettings, host: str, port: int | None, peer: tuple[str, int] | None = None
+    config: Path,
+    online: OnlineSettings,
+    host: str,
+    port: int | None,
+    peer: tuple[str, int] | None = None,
+    *,
+    overriding: bool = False,
 ) -> RsiLink:
     """Open the link of an ETHERNET configuration file.
 
+    Args:
+        config: The file.
+        online: Settings of the loop.
+        host: Address to listen on.
+        port: None takes the one of the configuration.
+        peer: The controller, or None.
+        overriding: The loop changes the speed of the program, and reckons with the changed one.
+
     Raises:
         FileFormatError: The file cannot be used.
-        InputError: RSI has no such cycle.
+        InputError: RSI has no such cycle, or the configuration does not take in what the loop sends.
         OutputError: The port cannot be bound.
     """
     if round(online.period_s * 1e3) not in _RSI_MS:
         raise InputError("cycle of RSI", value=f"{online.period_s * 1e3:g} ms", limit="4 or 12 ms: [online] period_ms")
-    return RsiLink(read_config(config), host=host, port=port, peer=peer, period_s=online.period_s)
+    link = RsiLink(read_config(config), host=host, port=port, peer=peer, period_s=online.period_s)
+    axes = online.output == Output.AXES
+    missing, hint = "", ""
+    if axes and not link.axis_specific:
+        missing, hint = "no axis corrections", 'Add AKorr.A1 to AKorr.A6 (AXISCORR), or set output = "cartesian"'
+    elif not axes and not link.cartesian:
+        missing, hint = "no Cartesian correction", 'Add RKorr.X to RKorr.C (POSCORR), or set output = "axes"'
+    elif overriding and not link.overriding:
+        missing, hint = "no speed of the program", "Add the tag Override, or leave the table [override] out"
+    if missing:
+        link.close()
+        raise InputError(f"the RSI configuration takes in {missing}", where=str(config), hint=hint)
+    return link
 
 
 def egm_link(
@@ -70,6 +96,13 @@ def egm_link(
     """
     table = cell.tables.egm or EgmTable()
     table.require(cell.tables.online or OnlineTable(), str(cell.path))
+    if cell.tables.override is not None and table.mode == "path":
+        raise InputError(
+            "path correction cannot change the speed of the program",
+            where=str(cell.path),
+            value="[override]",
+            hint='Leave the table [override] out, or set [egm] mode = "pose"',
+        )
     T_part_frame = None if table.frame == "part" else pose.inverse(cell.T_base_part)
     where: dict[str, Any] = {
         "host": host,

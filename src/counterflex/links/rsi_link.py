@@ -107,6 +107,11 @@ class RsiLink:
         """Whether axis corrections can be sent."""
         return self._axes_out is not None
 
+    @property
+    def overriding(self) -> bool:
+        """Whether the speed of the program can be changed."""
+        return self._override >= 0
+
     def wait(self, timeout_s: float) -> bool:
         """Wait for a telegram, then take all that are there and keep the newest good one.
 
