@@ -105,6 +105,19 @@ def test_a_hold_holds_it() -> None:
     np.testing.assert_array_equal(run(play, q[140:], np.zeros((1060, 6)), State.HOLD), before[None].repeat(1060, 0))
 
 
+def test_nothing_of_it_goes_into_another_session() -> None:
+    play, q = AxisPlay(CHAIN, T, contained=False), swinging()
+    assert np.abs(run(play, q[:140], np.zeros((140, 6)))[-1]).max() > 10 * URAD
+    given, results = np.zeros(at.GIVEN), np.zeros(at.RESULTS)
+    given[at.G_Q : at.G_Q + 6] = q[139]
+    flags, outcome = np.zeros(at.FLAGS, dtype=np.int64), np.zeros(at.OUTCOME, dtype=np.int64)
+    flags[at.F_ELAPSED], outcome[at.O_STATE], outcome[at.O_SILENT] = 1, State.FAULT, 1
+    play.after(given, flags, results, outcome)
+    outcome[at.O_STATE], outcome[at.O_SILENT] = State.IDLE, 0
+    play.after(given, flags, results, outcome)
+    np.testing.assert_array_equal(results[at.R_AXES : at.R_AXES + 6], 0.0)
+
+
 def test_cells_and_settings_that_do_not_fit_say_so() -> None:
     with pytest.raises(InputError, match="knows no play"):
         AxisPlay(replace(CELL.chain, play=None), T, contained=False)

@@ -144,6 +144,38 @@ def test_without_a_sample_the_sum_stands_still_and_the_loop_holds() -> None:
     assert np.linalg.norm(correction - sent) < 5e-6
 
 
+def test_a_pose_that_is_no_number_is_not_remembered() -> None:
+    """A fault; but filters over the past must not keep it for ever, or no reset leads out."""
+    loop = running(chosen())
+    for k in range(20):
+        cycle(loop, 0.01 * T * k)
+    cycle(loop, np.nan)
+    assert loop.state == State.FAULT
+    for k in range(20, 40):
+        cycle(loop, 0.01 * T * k)
+        assert not loop.outcome[at.O_HARD]
+    assert np.all(np.isfinite(loop._state))
+    assert np.all(np.isfinite(loop._ring))
+
+
+def test_what_was_summed_up_is_gone_when_the_correction_is_armed_anew() -> None:
+    loop = running(chosen(undo_lag=False))
+    off = np.array([0.0, 50e-6, 0.0])
+    for _ in range(100):
+        cycle(loop, 0.0, off)
+    assert loop.correction[1] < -10e-6
+    start = pose.make(R, np.zeros(3))
+    for arm in [False] * 300 + [True]:
+        loop.feed(T_part_tcp=start, q=Q, T_part_actual=start, arm=arm)
+        loop.given[at.G_TRACKER_LATE] = 0.0
+        loop.run()
+    assert loop.state == State.ARMED
+    for _ in range(100):
+        correction = cycle(loop, 0.0)
+    assert loop.state == State.ACTIVE
+    np.testing.assert_allclose(correction, 0.0, atol=1e-9)
+
+
 def test_play_of_the_plan_is_sent_ahead_unless_the_program_contains_it() -> None:
     play = np.tile(np.array([0.0, 40e-6, -10e-6]), (1601, 1))
     loop = running(chosen(undo_lag=False), line(play))

@@ -35,7 +35,7 @@ from counterflex.signals.arrival import ArrivalClock
 _TARE_CYCLES = 50
 _FORGET_CYCLES = 10_000
 _FORGET_PEER_CYCLES = 250
-_IDLE, _ARMED = int(State.IDLE), int(State.ARMED)
+_IDLE, _READY, _ARMED = int(State.IDLE), int(State.READY), int(State.ARMED)
 _STATES = tuple(State)
 _RESTARTED, _CLAMPED = int(Cause.SESSION_RESTARTED), int(Cause.CLAMPED_BY_ROBOT)
 _SATURATED, _OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OFFSET)
@@ -196,12 +196,13 @@ class OnlineSession:
         given, flags = loop.given, loop.flags
         soft, hard = 0, 0
         self._another = self._another or (came and link.restarted)
-        if came and link.empty:  # says nothing of the robot: what is in force stays in force
-            if not loop.outcome[at.O_SILENT]:
+        if came and link.empty:  # says nothing of the robot
+            if loop.outcome[at.O_STATE] <= _READY:
                 link.answer(loop.correction, loop.axes if self._axes else None)
-            return True
+                return True
+            came = False  # once something is in force it stays in force, and is no telegram
         flags[at.F_REPORTED] = 0
-        if self._another:
+        if came and self._another:
             hard, self._another = _RESTARTED, False
         if came:
             link.fill(given)

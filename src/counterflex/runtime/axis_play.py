@@ -75,4 +75,6 @@ class AxisPlay:
             doing = 1 if state == State.ACTIVE else -1 if state in (State.HOLD, State.FAULT) else 0
             ak.compensate_play(self.parameters, self._memory, q, axes, int(not self._begun), doing)
             self._begun = True
+        if outcome[at.O_SILENT] and not results[at.R_CORRECTION : at.R_CORRECTION + 6].any():
+            self._memory[:, ak.M_VALUE] = 0.0  # nothing is in effect any more, so nothing is held for the next session
         axes += self.value

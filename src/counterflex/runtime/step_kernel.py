@@ -67,7 +67,7 @@ _AT_ZERO_RAD = 1e-7
 _FAULT_LOST = 10
 _MEASURED, _PILOT, _SCALE, _FUSED = 1, 2, 3, 4
 _INTEGRATOR, _OBSERVER, _DESIGNED = 1, 2, 3
-_READY, _ACTIVE = int(State.READY), int(State.ACTIVE)
+_READY, _ARMED, _ACTIVE = int(State.READY), int(State.ARMED), int(State.ACTIVE)
 _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
 _LATE, _STOPPED, _FORCE_STALE = int(Cause.TELEGRAMS_LATE), int(Cause.TELEGRAMS_STOPPED), int(Cause.FORCE_STALE)
 _TRACKER_LOST, _SOFT_LIMIT, _HARD_LIMIT = int(Cause.TRACKER_LOST), int(Cause.LIMIT_SOFT), int(Cause.LIMIT_HARD)
@@ -387,6 +387,11 @@ def step(
         whole[at.N_SESSION] = 1
         for k in range(6):
             state[at.S_Y + k] = state[at.S_V + k] = 0.0
+    if now <= _ARMED:  # the correction is zero: what was summed up belongs to another place of the program
+        for k in range(6):
+            state[at.S_SUM + k] = 0.0
+        for k in range(3):
+            state[at.S_INTEGRAL + k] = 0.0
     if now != _FAULT:
         whole[at.N_SESSION] = 0
     elif whole[at.N_LATE] >= _FAULT_LOST and outcome[at.O_SILENT] == 1:
@@ -415,8 +420,14 @@ def step(
             target[k] = state[at.S_Y + k]
         results[at.R_CORRECTION + k] = state[at.S_Y + k]
     # What the robot makes of it, for the observer.
-    for k in range(12):
-        ring[here, at.RING_NOMINAL + k] = nominal[k]
+    if hard == _NOT_FINITE:  # nothing of it into what is remembered: filters over the past would never forget it
+        before = (here - 1 + at.RING_ROWS) % at.RING_ROWS
+        for k in range(at.RING):
+            ring[here, k] = ring[before, k]
+        ring[here, at.RING_CLOCK] = state[at.S_CLOCK]
+    else:
+        for k in range(12):
+            ring[here, at.RING_NOMINAL + k] = nominal[k]
     for k in range(6):
         ring[here, at.RING_SENT + k] = state[at.S_Y + k]
         ring[here, at.RING_DEFLECTION + k] = bent[k] if k < 3 or choices[at.W_ORIENTATION] == 1 else 0.0
