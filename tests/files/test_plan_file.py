@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from counterflex.core.errors import FileFormatError
 from counterflex.files.plan_file import KIND, LAYOUT, VERSION, read_plan, write_plan
 from counterflex.path.toolpath import ToolPath
+from counterflex.plan.job_hash import job_hash
 from counterflex.plan.plan import Plan
 
 ABOUT = {"program": "part.ngc", "cell": "a cell"}
@@ -56,7 +57,7 @@ def test_round_trip(tmp_path_factory: pytest.TempPathFactory, n: int, seed: int)
     write_plan(path, plan, ABOUT)
     again, about = read_plan(path)
     same(plan, again)
-    assert about == {"format": KIND, "version": VERSION, **ABOUT}
+    assert about == {"format": KIND, "version": VERSION, **ABOUT, "job_hash": job_hash(plan)}
     assert [item.name for item in path.parent.iterdir()] == ["plan.parquet"]
 
 

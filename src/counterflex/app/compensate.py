@@ -23,10 +23,12 @@ from counterflex.files.plan_file import write_plan
 from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose
 from counterflex.plan.compensate import plan as make_plan
+from counterflex.plan.job_hash import job_hash
 from counterflex.plan.plan import Plan
 from counterflex.plan.tool_frame import tool_orientation
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode_writer import write_gcode
+from counterflex.programs.job_mark import marks
 from counterflex.programs.krl_writer import KrlSettings, write_krl
 from counterflex.programs.rapid_writer import RapidSettings, write_rapid
 
@@ -92,6 +94,14 @@ def compensate(
         )
     begin = time.perf_counter()
     job = read_job(program, cell, dialect=dialect)
+    carried = marks("\n".join(job.program.lines))
+    if carried:
+        raise InputError(
+            "the program is compensated already and would be compensated twice",
+            where=Path(program).name,
+            value=f"job {', '.join(carried)}",
+            hint="Give the original program",
+        )
     setting = setting_of(cell, normal_only=normal_only, orientation=language != "gcode")
     with faults_in(job):
         plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, predict=predict, progress=progress)
@@ -103,6 +113,7 @@ def compensate(
         "robot": cell.chain.name,
         "language": language,
         "files": list(files),
+        "job_hash": job_hash(plan),
         "written": written,
         "prediction": figures(plan),
         "seconds": round(time.perf_counter() - begin, 3),
@@ -161,7 +172,7 @@ def write(
     nominal = job.sampled if language == "gcode" else job.path
     commanded = CompensatedPath.from_correction(nominal, plan.correction_part, plan.rotvec_part)
     if language == "gcode":
-        text = write_gcode(job.program, commanded, tolerance_m=tolerance_m, cell=cell.name)
+        text = write_gcode(job.program, commanded, tolerance_m=tolerance_m, cell=cell.name, job=job_hash(plan))
         said = {key: value for key, value in dataclasses.asdict(text).items() if key != "text"}
         return {Path(job.program.name).name: text.text}, _shop(said)
     Rs_part_nominal = tool_orientation(plan.path.axis_part, cell.tables.posture.rotation_about_tool_deg * DEG)
@@ -183,6 +194,7 @@ def write(
                 blend_m=controller.blending_mm * MM,
                 cycle_s=controller.cycle_ms * MS,
                 cell=cell.name,
+                job=job_hash(plan),
             ),
             tolerance_m=tolerance_m,
         )
@@ -202,6 +214,7 @@ def write(
                 rapid_m_s=controller.rapid_mm_s * MM,
                 cycle_s=controller.cycle_ms * MS,
                 cell=cell.name,
+                job=job_hash(plan),
             ),
             tolerance_m=tolerance_m,
         )

@@ -17,6 +17,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.compliance_window import require_plausible
+from counterflex.app.job_check import check_job
 from counterflex.app.made_on import made_on
 from counterflex.app.process_events import shown_process
 from counterflex.app.robot_links import egm_link, rsi_link
@@ -116,6 +117,7 @@ class RunSettings:
         cell: Cell file with an ``[online]`` table.
         rsi: ETHERNET configuration file of a KUKA controller, or None.
         plan: Plan file, or None.
+        program: What the robot runs, or None; it must be of the same job as the plan.
         compensated: The robot runs the compensated program.
         host: Address to listen on.
         port: Of the robot; None takes the configuration's, or that of the table ``[egm]``.
@@ -145,6 +147,7 @@ class RunSettings:
     arm: bool = False
     lockstep: bool = False
     quiet_s: float = _QUIET_S
+    program: Path | None = None
 
 
 def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop:
@@ -207,7 +210,10 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     cell = read_cell(settings.cell)
     require_plausible(cell)
     one_protocol(settings)
-    planned = None if settings.plan is None else read_plan(settings.plan)[0]
+    read = None if settings.plan is None else read_plan(settings.plan)
+    if settings.program is not None:
+        check_job(settings.program, read, compensated=settings.compensated)
+    planned = None if read is None else read[0]
     plan = None if planned is None else loop_plan(planned, cell, compensated=settings.compensated)
     loop = online_loop(cell, plan, compensated=settings.compensated and plan is not None)
     table = cell.tables.online or OnlineTable()
@@ -508,7 +514,7 @@ def _record(
 
 
 def _about(settings: RunSettings, loop_sha256: str) -> dict[str, Any]:
-    files = {"cell": settings.cell, "rsi": settings.rsi, "plan": settings.plan}
+    files = {"cell": settings.cell, "rsi": settings.rsi, "plan": settings.plan, "program": settings.program}
     hashes = {
         name: hashlib.sha256(Path(p).read_bytes()).hexdigest() for name, p in files.items() if p and Path(p).is_file()
     }

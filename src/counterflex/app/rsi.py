@@ -15,6 +15,7 @@ from counterflex.files.cell import read_cell
 from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_schema import CellTables, ControllerTable
 from counterflex.files.summary_file import write_summary
+from counterflex.programs.job_mark import marks
 from counterflex.programs.krl_rsi import RsiSwitching, called, check_path, link_test, with_correction
 from counterflex.wire.rsi_calls import parse_calls, read_calls
 from counterflex.wire.rsi_config import parse_config, read_config
@@ -146,6 +147,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         "job": "rsi make",
         "cell": cell.name,
         "program": main,
+        "job_hash": next(iter(marks(programs[main])), ""),
         "files": [*programs, *texts],
         "limits": {
             "correction_mm": table.correction_mm,

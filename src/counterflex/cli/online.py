@@ -52,6 +52,10 @@ def run(
     plan: Annotated[
         Path | None, typer.Option("--plan", help="Plan file of the program (.parquet).", metavar="PLAN")
     ] = None,
+    program: Annotated[
+        Path | None,
+        typer.Option("--program", help="What the robot runs: must be of the plan's job.", metavar="PROGRAM"),
+    ] = None,
     original: Annotated[
         bool, typer.Option("--original", help="The robot runs the original program, not the compensated one.")
     ] = False,
@@ -99,7 +103,7 @@ def run(
     from counterflex.app.process_events import shown_event
     from counterflex.runtime.fusion import level
 
-    keep_inputs(out, cell, *(path for path in (rsi, plan) if path is not None))
+    keep_inputs(out, cell, *(path for path in (rsi, plan, program) if path is not None))
     if arm and not lockstep and not trust_machine:
         from counterflex.app.doctor import require_fit
 
@@ -108,6 +112,7 @@ def run(
         cell=cell,
         rsi=rsi,
         plan=plan,
+        program=program,
         compensated=not original,
         host=listen,
         port=egm,

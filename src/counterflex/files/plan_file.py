@@ -9,6 +9,7 @@ from typing import Any
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM, UM, URAD
 from counterflex.files.columns import Column, columns, read, write
 from counterflex.path.toolpath import ToolPath
+from counterflex.plan.job_hash import job_hash
 from counterflex.plan.plan import Plan
 
 KIND = "counterflex-plan"
@@ -53,8 +54,8 @@ LAYOUT = (
 
 
 def write_plan(path: Path, plan: Plan, about: Mapping[str, Any]) -> None:
-    """Write a plan; ``about`` says which program, cell and version made it."""
-    write(path, KIND, VERSION, LAYOUT, plan, about)
+    """Write a plan; ``about`` says which program, cell and version made it, ``job_hash`` is added to it."""
+    write(path, KIND, VERSION, LAYOUT, plan, {**about, "job_hash": job_hash(plan)})
 
 
 def read_plan(path: Path) -> tuple[Plan, dict[str, Any]]:

@@ -12,6 +12,7 @@ from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import INCH, MM
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode_emit import Emitter
+from counterflex.programs.job_mark import mark
 from counterflex.programs.limits import LINUXCNC
 from counterflex.programs.motion_rows import MotionRows, motion_rows
 from counterflex.programs.program import Program
@@ -70,6 +71,7 @@ def write_gcode(
     decimals: int = 4,
     cell: str = "",
     header: bool = True,
+    job: str = "",
 ) -> GcodeText:
     """Write a program back with its targets replaced by the commanded ones.
 
@@ -90,6 +92,7 @@ def write_gcode(
         decimals: Decimals of written words in mm programs, 2 to 6; inch programs get one more.
         cell: Name of the cell, for the header comment.
         header: Write a comment that says what made the program; never written when nothing changed.
+        job: Hash of the plan, for the header comment: :func:`counterflex.plan.job_hash.job_hash`.
 
     Returns:
         Text and counts.
@@ -128,7 +131,7 @@ def write_gcode(
     lines = [part for line in emitter.run() for part in _short_enough(line, program)]
     if header:
         place = 1 if lines and lines[0].strip() == "%" else 0
-        lines[place:place] = _header(program, tolerance_m, cell)
+        lines[place:place] = _header(program, tolerance_m, cell, job)
     return GcodeText(
         text=program.newline.join(lines),
         moved_motions=int(rows.moved.sum()),
@@ -165,7 +168,7 @@ def _short_enough(line: str, program: Program) -> list[str]:
     return [*comments, code]
 
 
-def _header(program: Program, tolerance_m: float, cell: str) -> list[str]:
+def _header(program: Program, tolerance_m: float, cell: str, job: str) -> list[str]:
     def plain(text: str) -> str:
         kept = "".join(c for c in text if 32 <= ord(c) < 127 and c not in "()%;")
         return kept[:120]
@@ -174,6 +177,8 @@ def _header(program: Program, tolerance_m: float, cell: str) -> list[str]:
         f"(made by counterflex {__version__} from {plain(program.name)})",
         f"(compensated targets, path tolerance {tolerance_m / MM:.4f} mm{', cell ' + plain(cell) if cell else ''})",
     ]
+    if job:
+        lines.append(f"({mark(job)})")
     if not program.straight:
         lines.append("(loops, calls and expressions written out in the order of execution)")
     return lines

@@ -13,6 +13,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import rotation
 from counterflex.path.toolpath import ToolPath
+from counterflex.programs.job_mark import mark
 from counterflex.programs.limits import KRL, check_name
 from counterflex.programs.program import Block, Program
 from counterflex.programs.robot_points import (
@@ -47,6 +48,7 @@ class KrlSettings:
         cycle_s: Time the controller needs per point, s.
         points_per_file: Motion instructions in one .src; longer programs are split and called by a master.
         cell: Name of the cell, for the header.
+        job: Hash of the plan, for the header.
     """
 
     name: str
@@ -63,6 +65,7 @@ class KrlSettings:
     cycle_s: float = 0.012
     points_per_file: int = KRL.points_per_file
     cell: str = ""
+    job: str = ""
 
 
 def krl_pose(T_a_b: Float) -> str:
@@ -192,6 +195,7 @@ def _head(program: Program, settings: KrlSettings) -> list[str]:
     return [
         f"; made by counterflex {__version__} from {plain(program.name)}",
         *([f"; cell {plain(settings.cell)}"] if settings.cell else []),
+        *([f"; {mark(settings.job)}"] if settings.job else []),
         _frame("TOOL", settings.tool),
         _frame("BASE", settings.base),
         "$IPO_MODE=#BASE",

@@ -14,6 +14,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MM_PER_S
 from counterflex.geometry import rotation
 from counterflex.path.toolpath import ToolPath
+from counterflex.programs.job_mark import mark
 from counterflex.programs.limits import RAPID, check_name
 from counterflex.programs.program import Block, Program
 from counterflex.programs.robot_points import (
@@ -50,6 +51,7 @@ class RapidSettings:
         cycle_s: Time the controller needs per point, s.
         points_per_file: Motion instructions in one module; longer programs are split and called by a master.
         cell: Name of the cell, for the header.
+        job: Hash of the plan, for the header.
     """
 
     name: str
@@ -66,6 +68,7 @@ class RapidSettings:
     cycle_s: float = 0.024
     points_per_file: int = RAPID.points_per_file
     cell: str = ""
+    job: str = ""
 
 
 def rapid_pose(T_a_b: Float) -> str:
@@ -195,6 +198,7 @@ def _declarations(program: Program, settings: RapidSettings, speeds: dict[float,
     return [
         f"  ! made by counterflex {__version__} from {plain(program.name)}",
         *([f"  ! cell {plain(settings.cell)}"] if settings.cell else []),
+        *([f"  ! {mark(settings.job)}"] if settings.job else []),
         f"  PERS tooldata {_tool(settings.name)}:=[TRUE,[{tool}],{load}];",
         f'  PERS wobjdata {_wobj(settings.name)}:=[FALSE,TRUE,"",[{part}],[[0,0,0],[1,0,0,0]]];',
         *(f"  CONST speeddata {name}:={_speed(settings, speed)};" for speed, name in speeds.items()),

@@ -96,7 +96,8 @@ class ProcessRig:
     def __init__(self, folder: Path, seed: int = 0) -> None:
         self.folder = folder
         self.cell, self.rsi = write_files(folder)
-        self._context = multiprocessing.get_context("spawn")
+        self._context = multiprocessing.get_context("forkserver")  # starts hundreds of processes: imports once
+        self._context.set_forkserver_preload([__name__])
         self.control = self._context.Array("q", CONTROL, lock=False)
         self.ring = RecordRing()
         self._reader = RecordRing(self.ring.name)
@@ -239,7 +240,7 @@ class ProcessRig:
             self.cycle(force(k))
             due += period_s
             if period_s and due > time.monotonic():
-                time.sleep(due - time.monotonic())
+                time.sleep(max(0.0, due - time.monotonic()))
 
     def steps(self, first: int = 0) -> Float:
         """Change of the correction in force from cycle to cycle, m."""

@@ -1,0 +1,65 @@
+"""Whether program and plan of a run belong together, and nothing is corrected twice."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.similar import missing_file
+from counterflex.plan.plan import Plan
+from counterflex.programs.job_mark import marks
+
+
+def check_job(program: Path, planned: tuple[Plan, Mapping[str, Any]] | None, *, compensated: bool) -> None:
+    """Compare the hash that a program carries with that of the plan.
+
+    Args:
+        program: What the robot runs, any language.
+        planned: Plan and metadata as read, or None: then the loop corrects everything.
+        compensated: The robot is said to run the compensated program.
+
+    Raises:
+        FileFormatError: The program cannot be read, or the plan carries no hash.
+        InputError: The program is of another plan, is not compensated and should be, or is and should not be.
+    """
+    try:
+        text = program.read_bytes().decode("latin-1")
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(program), hint=missing_file(program)) from fault
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(program)) from fault
+    carried = marks(text)
+    if planned is None or not compensated:
+        if carried:
+            raise InputError(
+                "the program is compensated already and would be compensated twice",
+                where=str(program),
+                value=f"job {', '.join(carried)}",
+                hint="Give its plan with --plan"
+                if compensated
+                else "Leave out --original, or let the robot run the original program",
+            )
+        return
+    plan, about = planned
+    wanted = about.get("job_hash")
+    if not isinstance(wanted, str):
+        raise FileFormatError(
+            "the plan does not say which program was written from it",
+            where=str(about.get("program", "plan")),
+            hint="Make both anew with counterflex compensate",
+        )
+    if carried == (wanted,) or (not carried and not np.any(plan.correction_part)):
+        return
+    raise InputError(
+        "program and plan are of different jobs" if carried else "the program is not a compensated one",
+        where=str(program),
+        value=f"job {', '.join(carried)}" if carried else "no job",
+        limit=f"job {wanted}",
+        hint="Give program and plan of one counterflex compensate"
+        if carried
+        else "Give --original where the robot runs the original program",
+    )
