@@ -92,6 +92,8 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     if words[0] == "rsi":
         (folder / "rsi.xml").write_text(rsi, encoding="utf-8")
         (folder / "cell.toml").write_text(small["cell.toml"] + "\n[online]\n", encoding="utf-8")
+    if words[0] == "egm":
+        rapid(folder, counterflex)
     if words[:2] == ["cell", "example"]:
         (folder / "cell.toml").unlink()
         (folder / "part.ngc").unlink()
@@ -126,6 +128,17 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
         assert (folder / words[words.index("--out") + 1]).exists()
 
 
+def rapid(folder: Path, counterflex: Any) -> None:
+    """A cell that corrects by EGM, ``plan/part.mod`` as compensate writes it, and ``part.mod`` with EGM around it."""
+    with (folder / "cell.toml").open("a", encoding="utf-8") as stream:
+        stream.write('\n[online]\nforce = "measured"\nperiod_ms = 24\n')
+    filtered = ("compensate", "part.ngc", "--cell", "cell.toml", "--as", "rapid", "--no-predict", "--out", "plan")
+    assert counterflex(*filtered).status == 0
+    made = counterflex("egm", "make", "--cell", "cell.toml", "--program", "plan/part.mod", "--out", "made")
+    assert made.status == 0, made.err
+    shutil.copy(folder / "made" / "part.mod", folder)
+
+
 def run_log(folder: Path) -> None:
     """A run log ``log`` of ten cycles of the cell's loop."""
     with (folder / "cell.toml").open("a", encoding="utf-8") as stream:
@@ -135,7 +148,8 @@ def run_log(folder: Path) -> None:
     for row in rows:
         loop.feed(T_part_tcp=np.eye(4), q=np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0]))
         loop.run()
-        row[record.GIVEN :] = np.r_[loop.given, loop.flags, loop.results, loop.outcome, loop.cycle]
+        row[record.GIVEN : record.MONITOR] = np.r_[loop.given, loop.flags, loop.results, loop.outcome]
+        row[record.MONITOR :] = np.r_[loop.monitor.results, loop.monitor.outcome, loop.cycle]
     log = RunLog(folder / "log", {})
     log.add(rows)
     log.close()
