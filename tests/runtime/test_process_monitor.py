@@ -213,6 +213,14 @@ def test_missing_samples_are_waited_out() -> None:
     assert out[ml.F_READY] == 0.0
 
 
+def test_samples_that_were_not_kept_are_not_looked_at() -> None:
+    """After a pause more samples come than there are rows: the rest enters the mean only."""
+    loop = active()
+    loop.take(np.full((512, 6), 3.0), 700, 0)
+    assert loop.monitor.fast[ml.F_SAMPLES] == 512
+    assert np.all(np.isfinite(loop.monitor.fast))
+
+
 def slot() -> LoopPlan:
     x = np.arange(0.0, 0.16, 0.25 * MM)
     w = np.zeros((len(x), 6))

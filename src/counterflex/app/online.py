@@ -61,6 +61,8 @@ from counterflex.signals.preview import Mode, Shaping
 from counterflex.wire.netft import Scaling
 
 SUMMARY = "summary.json"
+AS_ASKED = "as asked"
+"""How a loop ended that ended by itself."""
 _QUIET_S = 2.0
 _EXPONENT = 0.75
 """Of the force in the feed, where there is no plan to take it from."""
@@ -506,7 +508,7 @@ def _record(
             "max": round(times.largest, 1),
         },
         "telegrams": {tally.name.lower(): int(control[tally]) for tally in Tally},
-        "loop_ended": "as asked" if process.exitcode == 0 else f"died ({process.exitcode})",
+        "loop_ended": AS_ASKED if process.exitcode == 0 else f"died ({process.exitcode})",
         "records": log.written,
         "records_lost": log.lost + reader.dropped,
         "counterflex": __version__,

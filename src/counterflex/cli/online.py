@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -154,7 +154,19 @@ def run(
     summary = job.run(settings, out, watch=watch, most_s=seconds, started=started)
     if as_json:
         print_json(summary)
-        return
+    else:
+        _show(summary, out)
+    if summary["loop_ended"] != job.AS_ASKED:
+        typer.echo(
+            f"the loop {summary['loop_ended']}: it did not end by itself, and ramped nothing out; what it said stands"
+            " above",
+            err=True,
+        )
+        raise typer.Exit(1)
+
+
+def _show(summary: dict[str, Any], out: Path) -> None:
+    """What a run was, for people."""
     print_table(
         "Online run",
         ["cycles", "seconds", "largest correction um", "compute p50 us", "p99 us", "records lost"],

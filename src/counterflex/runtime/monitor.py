@@ -91,14 +91,14 @@ class Monitor:
 
         Args:
             samples: (n, >= 3) force in any fixed axes, N, in time.
-            count: Rows that are new.
+            count: Samples that are new; those beyond the rows were not kept.
             number: Sequence number of the first.
             place: (2,) on the plan.
         """
         row = self._plan[max(0, int(place[0]))]
         take_samples(
             samples,
-            count,
+            min(count, len(samples)),
             number,
             row[ml.P_TURN] if self._planned else 0.0,
             int(row[ml.P_TEETH]) if self._planned else 0,
