@@ -120,6 +120,24 @@ def test_the_factor_of_the_force_is_learnt_and_applied_ahead() -> None:
     np.testing.assert_allclose(found[1], -part_deflection(six((-130.0, 360.0, -50.0)))[1], rtol=0.05)
 
 
+@pytest.mark.parametrize("mode", [ForceMode.SCALE, ForceMode.FUSED])
+def test_a_pause_in_the_cut_teaches_nothing(mode: ForceMode) -> None:
+    """A program that stands leaves no force; when it goes on the correction must be what it was before."""
+    w = six((0.0, 300.0, 0.0))
+    loop = armed(straight((0.0, 300.0, 0.0)), OnlineSettings(force=mode, **WIDE))
+    for k in range(300):
+        before = mill(loop, 0.04 + 1e-4 * k, w)
+    factor = loop.scale
+    for k in range(1500):
+        mill(loop, 0.07, w if k < 20 else None)
+    for k in range(20):
+        mill(loop, 0.07 + 1e-4 * k, None if k < 15 else w)
+    np.testing.assert_allclose(loop.scale, factor, atol=0.02)
+    for k in range(20, 40):
+        after = mill(loop, 0.07 + 1e-4 * k, w)
+    np.testing.assert_allclose(after, before, atol=0.02 * float(np.linalg.norm(before)))
+
+
 def test_what_the_program_already_contains_is_not_corrected_again() -> None:
     plan = straight((0.0, 300.0, 0.0))
     bent = part_deflection(six((0.0, 300.0, 0.0)))

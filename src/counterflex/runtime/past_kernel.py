@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.runtime import layout as at
+
+SPAN: Final = 25
+"""Cycles of the loop over which a motion is looked for: 0.1 s at 4 ms."""
+STANDS_M: Final = 20e-6
 
 
 @kernel("boolean(float64[:, ::1], int64, float64, float64[::1])")
@@ -45,3 +51,25 @@ def row_at(ring: Float, newest: int, clock: float, out: Float) -> bool:
             return True
         later = earlier
     return False
+
+
+@kernel("boolean(float64[:, ::1], int64, float64[::1])")
+def moves(ring: Float, here: int, nominal: Float) -> bool:
+    """Whether the program goes on, and did two spans ago: only then does the force say something of the plan's.
+
+    A program that is paused in the cut leaves no force, whatever the plan says; one that goes on again has none before
+    the robot follows and the filters have forgotten the pause.
+
+    Args:
+        ring: Of the last cycles.
+        here: Row of this cycle; it need not be written.
+        nominal: (12,) commanded pose now.
+    """
+    one = ring[(here - SPAN + at.RING_ROWS) % at.RING_ROWS]
+    two = ring[(here - 2 * SPAN + at.RING_ROWS) % at.RING_ROWS]
+    three = ring[(here - 3 * SPAN + at.RING_ROWS) % at.RING_ROWS]
+    now = before = 0.0
+    for k in range(at.RING_NOMINAL + 9, at.RING_NOMINAL + 12):
+        now += (nominal[k - at.RING_NOMINAL] - one[k]) ** 2
+        before += (two[k] - three[k]) ** 2
+    return min(now, before) > STANDS_M * STANDS_M

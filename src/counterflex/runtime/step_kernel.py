@@ -32,8 +32,9 @@ from counterflex.runtime.feed_forward_kernel import known_ahead
 from counterflex.runtime.follow_kernel import PLAN_W, contained_at, follow, seek, wrench_at
 from counterflex.runtime.force_kernel import blend, learn_scale, scaled
 from counterflex.runtime.frame_kernel import across, directions, pose_deviation, size_of, turn, turn_back
+from counterflex.runtime.fusion import Source
 from counterflex.runtime.lag_kernel import lag
-from counterflex.runtime.past_kernel import row_at
+from counterflex.runtime.past_kernel import moves, row_at
 from counterflex.runtime.supervisor import (
     AT_CYCLES,
     AT_RISE,
@@ -65,6 +66,7 @@ _NEAR_M = 0.05e-3
 _AT_ZERO_M = 1e-7
 _AT_ZERO_RAD = 1e-7
 _FAULT_LOST = 10
+_FORCE = int(Source.FORCE)
 _MEASURED, _PILOT, _SCALE, _FUSED = 1, 2, 3, 4
 _INTEGRATOR, _OBSERVER, _DESIGNED = 1, 2, 3
 _READY, _ARMED, _ACTIVE = int(State.READY), int(State.ARMED), int(State.ACTIVE)
@@ -190,6 +192,7 @@ def step(
         lag(behind, 0, constants, at.C_INERTIA, state, at.S_INERTIA, behind, 0)
         smooth(behind[:6], measured[6:12], coefficients, predicted_memory, predicted_ring, predicted_place)
     late_prediction = measured[6:12]
+    tells = not planned or moves(ring, whole[at.N_RING], nominal)
     force_good = flags[at.F_FORCE_AGE] < choices[at.W_STALE]
     if force_mode not in (0, _FUSED) and flags[at.F_FORCE_AGE] >= choices[at.W_BRIDGE] and soft == 0:
         soft = _FORCE_STALE
@@ -216,7 +219,7 @@ def step(
             for k in range(6):
                 used[k] -= (1.0 - share) * late_prediction[k] + share * ahead[k]
     elif force_mode == _SCALE:
-        if force_good and cut > 0.0:
+        if force_good and cut > 0.0 and tells:
             learn_scale(
                 filtered,
                 late_prediction,
@@ -232,8 +235,8 @@ def step(
                 used[k] -= ahead[k]
     elif force_mode == _FUSED and hard != _NOT_FINITE:
         estimate_loads(
-            given, sources, constants, filtered, cut, predicted[:6], late_prediction, ahead[:6], direction[:9],
-            scratch[1], state, results, used[:6],
+            given, sources if tells else sources & ~_FORCE, constants, filtered, cut, predicted[:6], late_prediction,
+            ahead[:6], direction[:9], scratch[1], state, results, used[:6],
         )  # fmt: skip
     for k in range(6):
         state[at.S_BEFORE + k] = late_prediction[k]
