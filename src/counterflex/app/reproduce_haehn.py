@@ -46,7 +46,7 @@ def run(
     workers: int | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Do the job on files: a folder per truth and edge, ``summary.json`` and ``report.html`` over all of them.
+    """Do the job on files: a folder per truth and edge, ``summary.json`` over all of them.
 
     Args:
         out: Folder; what is there and was made from the same inputs is not done again.
