@@ -172,7 +172,7 @@ def test_what_was_summed_up_is_gone_when_the_correction_is_armed_anew() -> None:
     assert loop.state == State.ARMED
     for _ in range(100):
         correction = cycle(loop, 0.0)
-    assert loop.state == State.ACTIVE
+    assert int(loop.state) == State.ACTIVE
     np.testing.assert_allclose(correction, 0.0, atol=1e-9)
 
 
