@@ -35,8 +35,4 @@ def test_before_arming_they_are_answered_with_zero() -> None:
         assert rig.seen.age[5:] == [0] * 15
         assert not rig.robot.correction.any()
         rig.run(150)
-<<<<<<< Updated upstream
         assert int(rig.state) == State.READY
-=======
-        assert rig.seen.state[-1] == State.READY
->>>>>>> Stashed changes
