@@ -10,7 +10,7 @@ demo: $(VENV)/.installed-run  ## Install, run the main job on embedded data, pri
 	$(BIN)/counterflex demo --out out/demo
 
 test: $(VENV)/.installed-dev  ## Install, run the tests.
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contracts, frame names.
 	$(BIN)/ruff check .
