@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,13 +96,19 @@ def test_variants_and_their_cells(tmp_path: Path) -> None:
 
 
 def test_figures_over_truths() -> None:
-    def figures(value: float) -> dict[str, dict[str, float]]:
-        return {name: {"max_mm": value} for name in ("path", "entry", "plateau", "exit")}
+    """A loop that refused to act says nothing of the correction: it is counted apart."""
+
+    def figures(value: float, *, active: bool = True) -> dict[str, Any]:
+        named: dict[str, Any] = {name: {"max_mm": value} for name in ("path", "entry", "plateau", "exit")}
+        return {**named, "loop": {"states": {"active": 9} if active else {"idle": 9}}}
 
     rows = [{"seed": s, "edge": "straight", "variants": {"force": figures(0.1 * s)}} for s in (1, 2, 3)]
-    found = over_seeds(rows)["force"]["path"]
-    assert found["max_mm"] == pytest.approx(0.3)
-    assert found["median_max_mm"] == pytest.approx(0.2)
+    rows += [{"seed": 4, "edge": "straight", "variants": {"force": figures(9.0, active=False)}}]
+    found = over_seeds(rows)["force"]
+    assert found["path"] == pytest.approx({"max_mm": 0.3, "median_max_mm": 0.2})
+    assert (found["runs"], found["refused"]) == (3, 1)
+    watching = [{"seed": 1, "edge": "straight", "variants": {"uncompensated": figures(1.5, active=False)}}]
+    assert over_seeds(watching)["uncompensated"]["runs"] == 1
 
 
 def test_refusals(tmp_path: Path) -> None:

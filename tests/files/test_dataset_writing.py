@@ -56,7 +56,9 @@ def test_written_data_are_read_back(rows: list[tuple[float, ...]], spread: float
         back = read_dataset(again)
     assert data.settings == {"payload_kg": 3}
     for key in POSES:
-        np.testing.assert_allclose(data.values(key), channels[key], rtol=1e-11, atol=1e-12)
+        np.testing.assert_allclose(
+            data.values(key), channels[key], rtol=1e-11, atol=1e-11
+        )  # twelve digits of numbers below 10
         # Once printed, a number stays what it is: twelve digits in, the same twelve digits out.
         np.testing.assert_allclose(back.values(key), data.values(key), rtol=1e-14, atol=5e-12)
     assert data.channel("q").sigma is None

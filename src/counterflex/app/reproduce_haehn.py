@@ -194,16 +194,29 @@ def _summary(found: Mapping[tuple[int, str, str], dict[str, Any]], level: str, s
     }
 
 
+def acted(name: str, found: Mapping[str, Any]) -> bool:
+    """Whether a run did what its variant says: the loop corrected, or was to watch only."""
+    kind = haehn_case.KINDS[name.removesuffix("_axes")]
+    return not kind.armed or "active" in found["loop"]["states"]
+
+
 def over_seeds(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Over truths and edges: ``variants.<name>.path.max_mm`` is the worst, ``.median_max_mm`` the median.
+
+    Runs in which the loop refused to act, though it was to be armed, say nothing of the correction and are left out;
+    ``runs`` counts those that are in, ``refused`` the others.
 
     Args:
         rows: Of the summary.
     """
     out: dict[str, Any] = {}
     for name in dict.fromkeys(name for row in rows for name in row["variants"]):
-        out[name] = {}
+        there = [row["variants"][name] for row in rows if name in row["variants"]]
+        counted = [item for item in there if acted(name, item)]
+        out[name] = {"runs": len(counted), "refused": len(there) - len(counted)}
+        if not counted:
+            continue
         for figure in _FIGURES:
-            values = [row["variants"][name][figure]["max_mm"] for row in rows if name in row["variants"]]
+            values = [item[figure]["max_mm"] for item in counted]
             out[name][figure] = {"max_mm": max(values), "median_max_mm": round(statistics.median(values), 6)}
     return out

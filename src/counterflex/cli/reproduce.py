@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -68,6 +69,8 @@ def haehn2020(
 
 
 def _show_haehn(summary: dict[str, Any]) -> None:
+    from counterflex.app.reproduce_haehn import acted
+
     edges = list(dict.fromkeys(row["edge"] for row in summary["seeds"]))
     names = list(summary["variants"])
     rows = []
@@ -75,18 +78,23 @@ def _show_haehn(summary: dict[str, Any]) -> None:
         cells = [name]
         for edge in edges:
             for figure in ("path", "exit"):
-                values = sorted(
-                    row["variants"][name][figure]["max_mm"] for row in summary["seeds"] if row["edge"] == edge
-                )
-                cells.append(f"{values[len(values) // 2]:.3f} / {values[-1]:.3f}")
-        paper = summary["paper"].get(name)
-        rows.append([*cells, "-" if paper is None else f"{paper:g}"])
+                values = [
+                    row["variants"][name][figure]["max_mm"]
+                    for row in summary["seeds"]
+                    if row["edge"] == edge and acted(name, row["variants"][name])
+                ]
+                cells.append(f"{statistics.median(values):.3f} / {max(values):.3f}" if values else "-")
+        paper, total = summary["paper"].get(name), summary["variants"][name]
+        runs = f"{total['runs']} of {total['runs'] + total['refused']}"
+        rows.append([*cells, "-" if paper is None else f"{paper:g}", runs])
     print_table(
         f"Largest error across the feed, mm: median / worst of {len({r['seed'] for r in summary['seeds']})} truths"
         f" ({summary['truth_level']})",
-        ["variant", *(f"{edge} {figure}" for edge in edges for figure in ("path", "exit")), "Haehn2020"],
+        ["variant", *(f"{edge} {figure}" for edge in edges for figure in ("path", "exit")), "Haehn2020", "runs"],
         rows,
     )
+    if any(item["refused"] for item in summary["variants"].values()):
+        typer.echo("Runs left out: the loop refused to act; the causes are in summary.json.")
 
 
 def mandiola2023(
