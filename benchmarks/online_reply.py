@@ -139,6 +139,7 @@ def reply(seconds: float) -> dict[str, Any]:
                 ),
                 ring=ring,
             )
+            size = _telegram_bytes(job)
             session.control[Request.ARM] = 1
             session.loop.run()
             session.loop.reset()
@@ -174,7 +175,7 @@ def reply(seconds: float) -> dict[str, Any]:
         "loop_us": _micro(compute[GATE:done]),
         "unanswered": int(np.sum(late)),
         "states": states,
-        "telegram_bytes": _telegram_bytes(job),
+        "telegram_bytes": size,
         "fifo": granted.fifo,
         "locked": granted.locked,
         "load": os.getloadavg()[0],
