@@ -34,7 +34,8 @@ from counterflex.links import timing_probe
 from counterflex.links.machine import processor_times
 from counterflex.links.realtime import prepare
 from counterflex.links.session import Request
-from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext

@@ -22,7 +22,8 @@ from counterflex.files.plan_file import read_plan
 from counterflex.geometry import pose
 from counterflex.runtime import layout as at
 from counterflex.runtime.fusion import Source
-from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.sensor_wrench import SensorWrench
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Output, Pilot
 from counterflex.runtime.spindle_inertia import SpindleInertia

@@ -19,7 +19,8 @@ from counterflex.geometry import pose, rotation
 from counterflex.robot.compliance import deflection
 from counterflex.runtime import layout as at
 from counterflex.runtime import monitor_layout as ml
-from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.override_kernel import falling
 from counterflex.runtime.override_plan import speed_plan, within_rate
 from counterflex.runtime.override_settings import OverrideSettings

@@ -22,7 +22,8 @@ from counterflex.robot.compliance import deflection
 from counterflex.runtime import fusion_kernel as fk
 from counterflex.runtime import layout as at
 from counterflex.runtime.fusion import FusionTuning, Source, level
-from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Pilot, TrackerMode, TrackerTuning
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.signals.arrival import ArrivalClock

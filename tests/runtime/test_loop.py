@@ -20,7 +20,8 @@ from counterflex.geometry import pose, rotation
 from counterflex.robot.chain import forward, jacobian
 from counterflex.robot.compliance import deflection
 from counterflex.runtime import layout as at
-from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Pilot, TrackerMode
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.signals.limiter import MotionLimit

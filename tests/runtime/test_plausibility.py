@@ -18,7 +18,8 @@ from counterflex.geometry import pose, rotation
 from counterflex.robot.compliance import deflection
 from counterflex.runtime import layout as at
 from counterflex.runtime import plausibility_kernel as pk
-from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.plausibility import Plausibility
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, TrackerMode, TrackerTuning
 from counterflex.runtime.supervisor import Cause, State

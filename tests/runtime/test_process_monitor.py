@@ -21,7 +21,8 @@ from counterflex.runtime import layout as at
 from counterflex.runtime import monitor_layout as ml
 from counterflex.runtime.fast_force_kernel import COUNTS, MEMORY, folded, take_samples
 from counterflex.runtime.feed_frame_kernel import feed_frame
-from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitor_layout import Event
 from counterflex.runtime.monitor_plan import bounds, lost_tooth
 from counterflex.runtime.monitor_settings import MonitorSettings, Reaction, decision_interval, run_length

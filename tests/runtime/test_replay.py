@@ -20,7 +20,8 @@ from counterflex.links.session import REQUESTS, OnlineSession, Request, SessionC
 from counterflex.links.telegram_watch import WatchSettings
 from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record
-from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.record_ring import COLUMNS, WIDTH, RecordRing
 from counterflex.runtime.replay import Gap, Replay
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode

@@ -18,7 +18,8 @@ from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_timing import ChannelTimingTable, TimingTable
 from counterflex.geometry import pose, rotation
 from counterflex.runtime import layout as at
-from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import Delays, OnlineSettings
 from counterflex.runtime.supervisor import State
 

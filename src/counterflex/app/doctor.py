@@ -31,7 +31,8 @@ from counterflex.links import timing_probe
 from counterflex.links.machine import Machine, look, processor_times
 from counterflex.links.realtime import Granted, prepare
 from counterflex.runtime import layout as at
-from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.record_ring import ROWS, WIDTH, RecordRing
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 

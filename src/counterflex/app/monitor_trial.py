@@ -17,7 +17,7 @@ from counterflex.core.units import MM, UM
 from counterflex.geometry import rotation
 from counterflex.runtime import layout as at
 from counterflex.runtime import monitor_layout as ml
-from counterflex.runtime.loop import LoopPlan
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitor import Monitor
 from counterflex.runtime.monitor_layout import Event
 from counterflex.runtime.monitor_settings import MonitorSettings

@@ -50,7 +50,8 @@ from counterflex.plan.plan import Plan, across
 from counterflex.robot.chain import ElasticChain
 from counterflex.runtime.fusion import Source
 from counterflex.runtime.layout import O_CAUSE, O_DEGRADED, O_SOFT, O_SOURCES, O_STATE
-from counterflex.runtime.loop import Loop, LoopPlan
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitor_layout import R_SPEED
 from counterflex.runtime.monitor_settings import unwatched
 from counterflex.runtime.record_ring import MONITOR, OUTCOME, RESULTS, RecordRing

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,124 +13,23 @@ from counterflex.robot.kernels_step import OUT_C, OUT_SIZE, SCRATCH
 from counterflex.runtime import fusion_kernel as fk
 from counterflex.runtime import layout as at
 from counterflex.runtime.axis_play import AxisPlay
-from counterflex.runtime.follow_kernel import (
-    PLAN_A,
-    PLAN_C,
-    PLAN_COLUMNS,
-    PLAN_CUT,
-    PLAN_P,
-    PLAN_PLAY,
-    PLAN_TIME,
-    PLAN_V,
-    PLAN_W,
-)
+from counterflex.runtime.follow_kernel import PLAN_COLUMNS
 from counterflex.runtime.fusion import Source
+from counterflex.runtime.loop_constants import SCALE_VARIANCE, pack_choices, pack_constants
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitor import Monitor
 from counterflex.runtime.monitor_layout import P_SPEED
-from counterflex.runtime.monitor_plan import monitor_plan
 from counterflex.runtime.monitor_settings import MonitorSettings, unwatched
-from counterflex.runtime.override_plan import SpeedPlan, speed_plan
 from counterflex.runtime.override_settings import OverrideSettings
-from counterflex.runtime.pilot_lead import pilot_lead
 from counterflex.runtime.plausibility_stage import PlausibilityStage
-from counterflex.runtime.settings import (
-    ForceMode,
-    OnlineSettings,
-    TrackerMode,
-    force_delay,
-    inertia_smoothing,
-    per_direction,
-    robot_answer,
-)
+from counterflex.runtime.settings import ForceMode, OnlineSettings
 from counterflex.runtime.step_kernel import step
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.signals.filters import Smoother
 
-_WINDOW = 200
 _NO_CURRENTS = 10_000
-_TORQUE_MEMORY_S = 0.5
-"""Over which the friction in a motor current stays the same, so that its samples are no new information."""
-_SCALE_VARIANCE = 0.25**2
 _OFFSET_M2 = (0.5e-3) ** 2
 _OFFSET_RAD2 = (5e-3) ** 2
-
-
-@dataclass(frozen=True, eq=False)
-class LoopPlan:
-    """What the loop knows of the program; n rows, part frame, SI.
-
-    Attributes:
-        p_part: (n, 3) points as the program sends them (its correction included).
-        time_s: (n,) planned time, not decreasing.
-        w_tcp_part: (n, 6) predicted wrench on the tool about its tip.
-        cutting: (n,) 1 where material is cut.
-        contained: (n, 6) correction that the program already contains, m and rotation vector.
-        play: (n, 3) m, deviation by play and friction that the plan predicts; None is none.
-        turn_per_s: (n,) spindle speed, turns per second; None is not known.
-        tool: (n,) number of the tool; None is one and the same.
-        teeth: (n,) of the tool; None is not known.
-        chip_m: (n,) mean chip thickness where it cuts, else NaN; None is not known.
-        need_m: (n, 3) correction across the feed that the loop will want at this place; None is not known.
-        left_m: (n,) size of the error that the program itself is predicted to leave; None is not known.
-        w_ahead_part: (n, 6) wrench whose deflection is to be commanded here so that the robot, as slow as it is, undoes
-            the predicted one in time; None reads the predicted wrench ahead by the lead instead.
-    """
-
-    p_part: Float
-    time_s: Float
-    w_tcp_part: Float
-    cutting: Float
-    contained: Float
-    play: Float | None = None
-    turn_per_s: Float | None = None
-    tool: Int | None = None
-    teeth: Int | None = None
-    chip_m: Float | None = None
-    need_m: Float | None = None
-    left_m: Float | None = None
-    w_ahead_part: Float | None = None
-
-    def packed(self) -> Float:
-        """(n, PLAN_COLUMNS) for the step, with feed directions.
-
-        Raises:
-            InputError: Fewer than two rows, wrong shapes, numbers that are not finite, time that runs backwards.
-        """
-        p = as_float("plan: p_part", self.p_part, (None, 3))
-        n = len(p)
-        if n < 2:
-            raise InputError("a plan needs two points", value=n)
-        time = as_float("plan: time_s", self.time_s, (n,))
-        if np.any(np.diff(time) < 0.0):
-            raise InputError("time of the plan runs backwards", value=f"row {int(np.argmin(np.diff(time))) + 1}")
-        out = np.zeros((n, PLAN_COLUMNS))
-        out[:, PLAN_P : PLAN_P + 3] = p
-        out[:, PLAN_TIME] = time
-        out[:, PLAN_W : PLAN_W + 6] = as_float("plan: w_tcp_part", self.w_tcp_part, (n, 6))
-        ahead = self.w_tcp_part if self.w_ahead_part is None else self.w_ahead_part
-        out[:, PLAN_A : PLAN_A + 6] = as_float("plan: w_ahead_part", ahead, (n, 6))
-        out[:, PLAN_CUT] = as_float("plan: cutting", self.cutting, (n,))
-        out[:, PLAN_C : PLAN_C + 6] = as_float("plan: contained", self.contained, (n, 6))
-        if self.play is not None:
-            out[:, PLAN_PLAY : PLAN_PLAY + 3] = as_float("plan: play", self.play, (n, 3))
-        step_p = np.diff(p - out[:, PLAN_C : PLAN_C + 3], axis=0)
-        length = np.linalg.norm(step_p, axis=1, keepdims=True)
-        out[:-1, PLAN_V : PLAN_V + 3] = step_p / np.where(length > 0.0, length, 1.0)
-        out[-1, PLAN_V : PLAN_V + 3] = out[-2, PLAN_V : PLAN_V + 3]
-        return out
-
-    def watched(self, settings: MonitorSettings) -> Float:
-        """The plan as the monitor needs it, see :func:`counterflex.runtime.monitor_plan.monitor_plan`."""
-        n = len(self.p_part)
-        turn = np.zeros(n) if self.turn_per_s is None else as_float("plan: turn_per_s", self.turn_per_s, (n,))
-        none = np.zeros(n, dtype=np.int64)
-        tool = none if self.tool is None else self.tool
-        teeth = none if self.teeth is None else self.teeth
-        return monitor_plan(self.packed(), settings, turn, teeth, tool)
-
-    def speeds(self, settings: OnlineSettings, override: OverrideSettings) -> SpeedPlan:
-        """Speeds at which the predicted remaining error stays within a tolerance."""
-        return speed_plan(self.time_s, self.need_m, self.left_m, settings, override)
 
 
 class Loop:
@@ -186,8 +83,8 @@ class Loop:
         compact = chain.compact
         m = compact.stations
         self._real, self._kind = compact.real, compact.kind
-        self._constants = _constants(settings, as_float("T_base_part", T_base_part, (4, 4)), plan)
-        self._choices = _choices(settings, plan)
+        self._constants = pack_constants(settings, as_float("T_base_part", T_base_part, (4, 4)), plan)
+        self._choices = pack_choices(settings, plan)
         self._supervisor = settings.supervisor.packed()
         self._plan = np.zeros((2, PLAN_COLUMNS)) if plan is None else plan.packed()
         self.given: Float = np.zeros(at.GIVEN)
@@ -225,7 +122,7 @@ class Loop:
         self._state[at.S_PLACE] = -1.0
         self._state[at.S_SCALE : at.S_SCALE + 3] = 1.0
         self._state[at.S_SPEED] = self._state[at.S_SLOWER] = 1.0
-        self._state[at.S_VARIANCE : at.S_VARIANCE + 3] = _SCALE_VARIANCE
+        self._state[at.S_VARIANCE : at.S_VARIANCE + 3] = SCALE_VARIANCE
         self._state[at.S_OFFSET_VARIANCE : at.S_OFFSET_VARIANCE + 2] = _OFFSET_M2, _OFFSET_RAD2
         self.settings.fusion.begin(self._state[at.S_FUSION : at.S_FUSION + fk.SIZE])
         self._whole[:] = 0
@@ -436,106 +333,3 @@ def _monitor(
     if watched is not None and plan is not None and override is not None:
         watched[:, P_SPEED] = plan.speeds(settings, override).speed
     return Monitor(monitor, override, path, watched, settings.off_path_m, settings.translation.radius)
-
-
-def _shaped(settings: OnlineSettings, plan: LoopPlan | None) -> bool:
-    """Whether the plan says itself what to command ahead of time."""
-    return plan is not None and plan.w_ahead_part is not None and settings.pilot.lead_s is None
-
-
-def _lead(settings: OnlineSettings, plan: LoopPlan | None) -> float:
-    """How much ahead the plan is read, s."""
-    if plan is None or plan.w_ahead_part is None or settings.pilot.lead_s is not None:
-        return settings.lead_s
-    if settings.force != ForceMode.PILOT:
-        return 0.0
-    return pilot_lead(
-        plan.time_s,
-        plan.w_tcp_part,
-        plan.w_ahead_part,
-        settings.smoothing,
-        settings.pilot.threshold_n,
-        settings.pilot.blend_s,
-        robot_answer(settings)[1],
-        most_s=2.0 * settings.pilot.blend_s,
-    )
-
-
-def _constants(settings: OnlineSettings, T_base_part: Float, plan: LoopPlan | None) -> Float:
-    T, tuning = settings.period_s, settings.tuning
-    out = np.zeros(at.CONSTANTS)
-
-    def put(place: int, values: Sequence[float] | Float) -> None:
-        out[place : place + len(values)] = values
-
-    lead = _lead(settings, plan)
-    put(at.C_PERIOD, [T, lead, settings.pilot.threshold_n, T / settings.pilot.blend_s])
-    fused = settings.force == ForceMode.FUSED
-    for place, name, factor in (
-        (at.C_KP, "proportional", 1.0),
-        (at.C_KI, "integral_per_s", T),
-        (at.C_KD, "derivative_s", 1.0 / T),
-    ):
-        put(place, [factor * gain for gain in per_direction(name, getattr(settings, name))])
-    put(at.C_WITHOUT, [float(settings.compensated), force_delay(settings) if plan is None else 0.0])
-    out[at.C_FOLLOW] = settings.delays.follow_s if fused else 0.0
-    put(at.C_FUSION, settings.fusion.packed(T))
-    out[at.C_TRACKER_LATE] = settings.delays.tracker_s
-    out[at.C_TORQUE] = settings.fusion.torque_nm**2 * _TORQUE_MEMORY_S / T
-    put(at.C_TRANSLATION, settings.translation.packed())
-    put(at.C_ROTATION, settings.rotation.packed())
-    share = settings.ramp_m_s / settings.translation.speed
-    put(at.C_RAMP, settings.translation.packed() * [1.0, share, 1.0])
-    put(at.C_RAMP_ROTATION, settings.rotation.packed() * [1.0, share, 1.0])
-    out[at.C_HARD] = settings.hard_factor
-    drift = settings.scale_drift**2 * T
-    put(at.C_SCALE, [settings.force_noise_n, settings.timing_s / T, drift, _SCALE_VARIANCE])
-    put(at.C_GAIN, [tuning.gain, tuning.saturation_m, tuning.saturation_rad])
-    put(at.C_DRIFT, [tuning.drift_m**2 * T, tuning.drift_rad**2 * T])
-    put(at.C_NOISE, [tuning.noise_m**2, tuning.noise_rad**2])
-    put(at.C_JUMP, [tuning.largest_jump_m, settings.off_path_m])
-    put(at.C_ANSWER, robot_answer(settings)[1])
-    put(at.C_SWING, settings.fusion.swing(T))
-    put(at.C_INERTIA, inertia_smoothing(settings).coefficients())
-    put(at.C_R_BASE_PART, T_base_part[:3, :3].reshape(-1))
-    out[at.C_PROPORTIONAL] = tuning.proportional
-    put(at.C_NOTCH, tuning.notch)
-    put(at.C_LAG, [*tuning.lag_filter, tuning.lag_most_m])
-    put(at.C_AHEAD, [settings.delays.dead_s, settings.delays.correction_s - settings.delays.dead_s])
-    return out
-
-
-def _choices(settings: OnlineSettings, plan: LoopPlan | None) -> Int:
-    T, delays = settings.period_s, settings.delays
-    tracker = round(delays.tracker_s / T)
-    dead, _ = robot_answer(settings)
-    ahead = settings.lead_s if settings.force == ForceMode.SCALE else -force_delay(settings)
-    back = {
-        at.W_NOMINAL_BACK: round((delays.follow_s + delays.tracker_s) / T),
-        at.W_CORRECTION_BACK: dead + (0 if settings.force == ForceMode.FUSED else tracker),
-        at.W_DEFLECTION_BACK: max(0, round((ahead + delays.tracker_s) / T)),
-        at.W_REPORTED_BACK: round(delays.follow_s / T),
-    }
-    if max(back.values()) >= at.RING_ROWS:
-        raise InputError(
-            "the delays are longer than the loop remembers",
-            value=f"{max(back.values())} cycles",
-            limit=f"< {at.RING_ROWS}",
-        )
-    out = np.zeros(at.CHOICES, dtype=np.int64)
-    out[at.W_FORCE], out[at.W_TRACKER] = settings.force, settings.tracker
-    out[at.W_COMPENSATED], out[at.W_NORMAL] = settings.compensated, settings.normal_only
-    out[at.W_ORIENTATION], out[at.W_PLAN] = settings.orientation, plan is not None
-    out[at.W_STALE], out[at.W_LOST] = settings.stale_cycles, settings.lost_cycles
-    out[at.W_WINDOW] = _WINDOW
-    bridged = plan is not None and settings.force in (ForceMode.PILOT, ForceMode.SCALE)
-    out[at.W_BRIDGE] = settings.stale_cycles + (round(settings.bridge_s / T) if bridged else 0)
-    out[at.W_AHEAD] = PLAN_A if _shaped(settings, plan) else PLAN_W
-    out[at.W_TRACKER_STALE] = max(1, round(settings.fusion.tracker_stale_s / T))
-    out[at.W_DISBELIEVED] = settings.fusion.disbelieved
-    designed = settings.tracker == TrackerMode.DESIGNED
-    out[at.W_LAG] = designed and settings.tuning.undo_lag
-    out[at.W_PLAY] = designed and settings.tuning.undo_play and plan is not None and not settings.compensated
-    for place, value in back.items():
-        out[place] = value
-    return out

@@ -1,0 +1,104 @@
+"""What the online loop knows of the program: points, planned forces, what the program contains already."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int, as_float
+from counterflex.core.errors import InputError
+from counterflex.runtime.follow_kernel import (
+    PLAN_A,
+    PLAN_C,
+    PLAN_COLUMNS,
+    PLAN_CUT,
+    PLAN_P,
+    PLAN_PLAY,
+    PLAN_TIME,
+    PLAN_V,
+    PLAN_W,
+)
+from counterflex.runtime.monitor_plan import monitor_plan
+from counterflex.runtime.monitor_settings import MonitorSettings
+from counterflex.runtime.override_plan import SpeedPlan, speed_plan
+from counterflex.runtime.override_settings import OverrideSettings
+from counterflex.runtime.settings import OnlineSettings
+
+
+@dataclass(frozen=True, eq=False)
+class LoopPlan:
+    """What the loop knows of the program; n rows, part frame, SI.
+
+    Attributes:
+        p_part: (n, 3) points as the program sends them (its correction included).
+        time_s: (n,) planned time, not decreasing.
+        w_tcp_part: (n, 6) predicted wrench on the tool about its tip.
+        cutting: (n,) 1 where material is cut.
+        contained: (n, 6) correction that the program already contains, m and rotation vector.
+        play: (n, 3) m, deviation by play and friction that the plan predicts; None is none.
+        turn_per_s: (n,) spindle speed, turns per second; None is not known.
+        tool: (n,) number of the tool; None is one and the same.
+        teeth: (n,) of the tool; None is not known.
+        chip_m: (n,) mean chip thickness where it cuts, else NaN; None is not known.
+        need_m: (n, 3) correction across the feed that the loop will want at this place; None is not known.
+        left_m: (n,) size of the error that the program itself is predicted to leave; None is not known.
+        w_ahead_part: (n, 6) wrench whose deflection is to be commanded here so that the robot, as slow as it is, undoes
+            the predicted one in time; None reads the predicted wrench ahead by the lead instead.
+    """
+
+    p_part: Float
+    time_s: Float
+    w_tcp_part: Float
+    cutting: Float
+    contained: Float
+    play: Float | None = None
+    turn_per_s: Float | None = None
+    tool: Int | None = None
+    teeth: Int | None = None
+    chip_m: Float | None = None
+    need_m: Float | None = None
+    left_m: Float | None = None
+    w_ahead_part: Float | None = None
+
+    def packed(self) -> Float:
+        """(n, PLAN_COLUMNS) for the step, with feed directions.
+
+        Raises:
+            InputError: Fewer than two rows, wrong shapes, numbers that are not finite, time that runs backwards.
+        """
+        p = as_float("plan: p_part", self.p_part, (None, 3))
+        n = len(p)
+        if n < 2:
+            raise InputError("a plan needs two points", value=n)
+        time = as_float("plan: time_s", self.time_s, (n,))
+        if np.any(np.diff(time) < 0.0):
+            raise InputError("time of the plan runs backwards", value=f"row {int(np.argmin(np.diff(time))) + 1}")
+        out = np.zeros((n, PLAN_COLUMNS))
+        out[:, PLAN_P : PLAN_P + 3] = p
+        out[:, PLAN_TIME] = time
+        out[:, PLAN_W : PLAN_W + 6] = as_float("plan: w_tcp_part", self.w_tcp_part, (n, 6))
+        ahead = self.w_tcp_part if self.w_ahead_part is None else self.w_ahead_part
+        out[:, PLAN_A : PLAN_A + 6] = as_float("plan: w_ahead_part", ahead, (n, 6))
+        out[:, PLAN_CUT] = as_float("plan: cutting", self.cutting, (n,))
+        out[:, PLAN_C : PLAN_C + 6] = as_float("plan: contained", self.contained, (n, 6))
+        if self.play is not None:
+            out[:, PLAN_PLAY : PLAN_PLAY + 3] = as_float("plan: play", self.play, (n, 3))
+        step_p = np.diff(p - out[:, PLAN_C : PLAN_C + 3], axis=0)
+        length = np.linalg.norm(step_p, axis=1, keepdims=True)
+        out[:-1, PLAN_V : PLAN_V + 3] = step_p / np.where(length > 0.0, length, 1.0)
+        out[-1, PLAN_V : PLAN_V + 3] = out[-2, PLAN_V : PLAN_V + 3]
+        return out
+
+    def watched(self, settings: MonitorSettings) -> Float:
+        """The plan as the monitor needs it, see :func:`counterflex.runtime.monitor_plan.monitor_plan`."""
+        n = len(self.p_part)
+        turn = np.zeros(n) if self.turn_per_s is None else as_float("plan: turn_per_s", self.turn_per_s, (n,))
+        none = np.zeros(n, dtype=np.int64)
+        tool = none if self.tool is None else self.tool
+        teeth = none if self.teeth is None else self.teeth
+        return monitor_plan(self.packed(), settings, turn, teeth, tool)
+
+    def speeds(self, settings: OnlineSettings, override: OverrideSettings) -> SpeedPlan:
+        """Speeds at which the predicted remaining error stays within a tolerance."""
+        return speed_plan(self.time_s, self.need_m, self.left_m, settings, override)
