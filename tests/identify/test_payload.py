@@ -22,7 +22,7 @@ from counterflex.identify.dataset import Dataset, of_arrays
 from counterflex.identify.derivative_check import convergence_order
 from counterflex.identify.model import CellModel
 from counterflex.identify.payload import RECIPE
-from counterflex.identify.payload_choice import greedy
+from counterflex.identify.payload_choice import greedy, working_postures
 from counterflex.identify.payload_data import shared_mass, with_mass_behind
 from counterflex.identify.payload_parameters import Effects, Knowledge, parameters, sensor_of
 from counterflex.identify.payload_residuals import SensorReadings
@@ -94,6 +94,7 @@ def random_block(rows: int, moving: bool) -> SensorReadings:
         sigma=np.ones((rows, 6)),
         w_sensor=rng.standard_normal((rows, 6)),
         R_base_sensor=R,
+        R_rest=R,
         gamma=R.swapaxes(1, 2) @ np.array([0.0, 0.0, -9.80665]) - swing[0],
         omega=swing[1],
         alpha=swing[2],
@@ -241,7 +242,32 @@ def test_the_twins_sensor_is_found_through_its_faults() -> None:
     assert force.value < 0.25 * force.nominal
     assert force.value < 5.0
     assert found.headline[2].value < 1.2
-    assert any("degree 1 is kept" in r for r in found.remarks)
+    assert any("degree 1 is kept, by the sensor's rotation in axis4" in r for r in found.remarks)
+
+
+def left_at_work(**settings: Any) -> float:
+    """Force that is left without process where programs work, mean over postures not used, N."""
+    truth, equipment = truth_of(cell(), 4), laboratory(4)
+    proposal = RECIPE.propose(model(), 24, {"seed": 4, **settings})
+    fitted = np.stack([proposal.columns[f"q{i}_rad"] for i in range(1, 7)], axis=1)
+    data = []
+    for name, q in (("fit", fitted), ("work", working_postures(model(), 6, 99, 0.3))):
+        columns = {f"q{i + 1}_rad": q[:, i] for i in range(6)}
+        m = measure(truth, replace(equipment, session=name), columns, {}, silent)
+        data.append(of_arrays(name, "sensor_poses", m.channels, m.sigma, group=m.group))
+    found = RECIPE.identify(model(), data[:1], data[1:], {**settings, "as_stated": True}, silent)
+    return found.headline[0].value
+
+
+def test_the_rest_goes_by_the_arm_and_is_measured_where_programs_work() -> None:
+    in_base, in_arm, near = (
+        left_at_work(near_share=0.0, hose_from="base"),
+        left_at_work(near_share=0.0, hose_from="axis4"),
+        left_at_work(hose_from="axis4"),
+    )
+    assert in_arm < 0.8 * in_base
+    assert near < 0.5 * in_arm
+    assert near < 2.0
 
 
 def test_hose_pack_rest_is_kept_only_where_it_helps() -> None:
@@ -373,6 +399,10 @@ def test_too_few_or_impossible_proposals_are_refused() -> None:
         RECIPE.propose(model(), 5, {"height_m": 9.0})
     with pytest.raises(CounterflexError, match="hose"):
         run(dataset(shown(true_sensor(), orientations(12))), hose="maybe")
+    with pytest.raises(InputError, match=r"hose_from.*base, axis1"):
+        run(dataset(shown(true_sensor(), orientations(12))), hose_from="roof")
+    with pytest.raises(InputError, match="near_share"):
+        RECIPE.propose(model(), 12, {"near_share": 1.5})
 
 
 def _draws(n: int, k: int) -> list[Any]:

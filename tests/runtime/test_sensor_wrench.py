@@ -11,15 +11,16 @@ import counterflex
 from counterflex.files.cell import read_cell
 from counterflex.geometry import pose, rotation, wrench
 from counterflex.runtime.sensor_wrench import SensorWrench
-from counterflex.sensing.carrier import carrier_pose, carrier_to_tcp
+from counterflex.sensing.carrier import carrier_pose, carrier_to_tcp, hose_rotation
 from counterflex.sensing.flange_sensor import FlangeSensor, sensor_rotation, tcp_wrench
 
 DEMO = Path(counterflex.__file__).parent / "app" / "demo"
 
 
+@pytest.mark.parametrize("hose_from", ["", "axis3", "axis4"])
 @pytest.mark.parametrize("segment", ["sensor", "axis6"])
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_agrees_with_the_array_form(segment: str, seed: int) -> None:
+def test_agrees_with_the_array_form(segment: str, seed: int, hose_from: str) -> None:
     cell = read_cell(DEMO / "cell.toml")
     rng = np.random.default_rng(seed)
     sensor = FlangeSensor(
@@ -28,7 +29,8 @@ def test_agrees_with_the_array_form(segment: str, seed: int) -> None:
         mass_kg=75.0,
         p_sensor_com=0.1 * rng.normal(size=3),
         w_bias=rng.normal(size=6),
-        w_offset=0.1 * rng.normal(size=(9, 6)),
+        w_offset=rng.normal(size=(9, 6)),
+        hose_from=hose_from,
     )
     q = np.array([0.2, -1.4, 1.7, 0.3, 0.6, -0.5]) + 0.1 * rng.normal(size=6)
     one = SensorWrench(cell.chain, sensor, cell.T_base_part)
@@ -38,6 +40,10 @@ def test_agrees_with_the_array_form(segment: str, seed: int) -> None:
     found = one(q, w_sensor)
     R_base_sensor = sensor_rotation(sensor, carrier_pose(cell.chain, segment, q, w_before))
     np.testing.assert_allclose(one.R_base_sensor, R_base_sensor, atol=1e-12)
-    w_base = tcp_wrench(sensor, w_sensor, R_base_sensor, carrier_to_tcp(cell.chain, segment))
+    R_hose_sensor = None
+    if hose_from:
+        R_hose_sensor = hose_rotation(cell.chain, hose_from, segment, q) @ sensor.T_seg_sensor[:3, :3]
+    T_seg_tcp = carrier_to_tcp(cell.chain, segment)
+    w_base = tcp_wrench(sensor, w_sensor, R_base_sensor, T_seg_tcp, R_hose_sensor=R_hose_sensor)
     np.testing.assert_allclose(found, wrench.rotate(cell.T_base_part[:3, :3].T, w_base), rtol=1e-9, atol=1e-8)
     np.testing.assert_allclose(one.w_base, w_base, rtol=1e-9, atol=1e-8)

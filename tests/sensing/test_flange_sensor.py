@@ -14,7 +14,7 @@ from counterflex.geometry import pose, rotation, wrench
 from counterflex.robot import catalog
 from counterflex.robot.chain import ElasticChain, forward, forward_elastic
 from counterflex.robot.description import EndEffector, Segment
-from counterflex.sensing.carrier import behind, carrier_pose, carrier_to_tcp
+from counterflex.sensing.carrier import behind, carrier_pose, carrier_to_tcp, hose_bodies, hose_rotation
 from counterflex.sensing.flange_sensor import (
     FlangeSensor,
     SensorMotion,
@@ -156,3 +156,25 @@ def test_bad_constants_are_named() -> None:
         sensor(w_bias=np.zeros(3))
     with pytest.raises(InputError, match="functions of the orientation"):
         sensor(w_offset=np.zeros((15, 6)))
+
+
+def test_a_hose_goes_by_how_the_sensor_stands_in_the_arm() -> None:
+    """Axes before the forearm turn both clamps of a hose alike; those behind it do not."""
+    one = chain()
+    R = hose_rotation(one, "axis4", "sensor", Q[0])
+    T_base_arm, T_base_seg = (carrier_pose(one, body, Q[0], elastic=False) for body in ("axis4", "sensor"))
+    np.testing.assert_allclose(T_base_arm[:3, :3] @ R, T_base_seg[:3, :3], atol=1e-12)
+    for axis, moves in ((0, False), (2, False), (3, False), (4, True), (5, True)):
+        q = Q[0].copy()
+        q[axis] += 0.3
+        assert np.allclose(hose_rotation(one, "axis4", "sensor", q), R, atol=1e-12) != moves
+
+
+def test_a_rest_that_goes_by_the_arm_needs_its_rotation() -> None:
+    full = sensor(w_offset=RNG.standard_normal((9, 6)), hose_from="axis4")
+    with pytest.raises(InputError, match=r"R_hose_sensor"):
+        idle_wrench(full, np.eye(3))
+    for body in ("spindle", "axis6", "nowhere"):
+        with pytest.raises(InputError, match=r"no such body|cannot come from there"):
+            hose_rotation(chain(), body, "sensor", Q)
+    assert hose_bodies(chain(), "sensor")[-1] == "axis5"

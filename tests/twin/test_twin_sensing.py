@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from counterflex.core.errors import InputError
+from counterflex.core.errors import InputError, ModelError
 from counterflex.core.progress import silent
-from counterflex.geometry import pose
+from counterflex.geometry import pose, rotation
 from counterflex.twin import measure_holder_loads, measure_sensor_poses
 from counterflex.twin.force_sensor import force_sensor, sensor_place
 from counterflex.twin.holder_cut import SideCut, cut_record
@@ -24,7 +26,8 @@ from counterflex.twin.strain_holder import (
     hysteresis,
     instrumented_holder,
 )
-from counterflex.twin.truth import Truth
+from counterflex.twin.truth import SensorPlace, Truth
+from counterflex.twin.truth_file import from_dict, to_dict
 
 PLAIN = HolderShape(
     thickness_m=(0.015, 0.015),
@@ -169,3 +172,17 @@ def test_readings_repeat_and_sessions_differ_only_by_noise(truth: Truth) -> None
 def test_a_sensor_needs_something_behind_it(truth: Truth) -> None:
     with pytest.raises(InputError, match="no force sensor can sit there"):
         sensor_place(truth, truth.bodies[-1].name)
+
+
+def test_the_truth_says_where_its_sensor_sits(truth: Truth) -> None:
+    """A cell file that has learnt how the sensor is turned does not turn the true one once more."""
+    turn = pose.make(rotation.about_z(0.5), np.array([0.0, 0.0, 0.01]))
+    placed = replace(truth, sensor=SensorPlace("haehn2020_sensor", turn))
+    for one in (placed, from_dict(to_dict(placed))):
+        found = force_sensor(one, 4)
+        expected = turn @ force_sensor(truth, 4).T_seg_sensor
+        np.testing.assert_allclose(found.T_seg_sensor, expected, atol=1e-12)
+    with pytest.raises(InputError, match="sits elsewhere"):
+        force_sensor(placed, 4, "axis6")
+    with pytest.raises(ModelError, match="body of the truth's sensor"):
+        replace(truth, sensor=SensorPlace("nothing", turn))

@@ -144,7 +144,6 @@ def run(
         truth,
         settings.seed,
         None if table is None else table.segment,
-        None if table is None else table.matrix(),
         hose_share=settings.hose_share,
     )
     instruments = Instruments(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from counterflex.core.errors import ModelError
@@ -12,7 +13,7 @@ from counterflex.robot.description import EndEffector, Robot
 from counterflex.twin.described import described
 from counterflex.twin.nominal import nominal_truth
 from counterflex.twin.perturb import perturbed
-from counterflex.twin.truth import CuttingTruth, Truth
+from counterflex.twin.truth import CuttingTruth, SensorPlace, Truth
 from counterflex.twin.truth_file import write_truth
 
 
@@ -32,6 +33,9 @@ def cutting_truth(law: ForceLaw) -> CuttingTruth:
 def truth_of(cell: Cell, seed: int | None) -> Truth:
     """The truth of a cell: nominal for None, otherwise put off by the seed."""
     truth = nominal_truth(cell.nominal_robot, cell.nominal_end_effector, cutting_truth(cell.force_law), name=cell.name)
+    table = cell.tables.sensor
+    if table is not None:
+        truth = replace(truth, sensor=SensorPlace(table.segment, table.matrix()))
     return truth if seed is None else perturbed(truth, seed)
 
 

@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, KN, MICRO, MINUTE, MM, N_PER_MM2
 from counterflex.files.schema import Angle, Length, PoseTable, Table
 from counterflex.robot.chain import ElasticChain
-from counterflex.sensing.carrier import behind
+from counterflex.sensing.carrier import behind, hose_place
 from counterflex.sensing.flange_sensor import FlangeSensor
 from counterflex.sensing.holder_beam import Gauge, HolderBeam
 from counterflex.sensing.strain_holder import StrainHolder
@@ -39,6 +39,7 @@ class SensorTable(PoseTable):
     temperature_nm_per_k: Three = (0.0, 0.0, 0.0)
     reference_c: Annotated[float, Field(ge=-50.0, le=150.0)] = 20.0
     offset: tuple[Six, ...] = ()
+    hose_from: str = ""
     range_n: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
     range_nm: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
     source: str = ""
@@ -105,13 +106,15 @@ def flange_sensor(table: SensorTable | None, chain: ElasticChain) -> FlangeSenso
         The sensor, or None.
 
     Raises:
-        InputError: The end effector has no such body.
+        InputError: The end effector has no such body, or the hose pack cannot come from where it is said to.
     """
     if table is None:
         return None
     T_seg_sensor = table.matrix()
     R, p = T_seg_sensor[:3, :3], T_seg_sensor[:3, 3]
     mass_kg, p_seg_com = behind(chain, table.segment)
+    if table.hose_from:
+        hose_place(chain, table.hose_from, table.segment)
     p_sensor_com: Float = R.T @ (p_seg_com - p)
     if table.mass_kg is not None and table.com_mm is not None:
         mass_kg, p_sensor_com = table.mass_kg, np.array(table.com_mm) * MM
@@ -126,6 +129,7 @@ def flange_sensor(table: SensorTable | None, chain: ElasticChain) -> FlangeSenso
         reference_c=table.reference_c,
         w_offset=np.array(table.offset).reshape(-1, 6),
         inertia_kg_m2=np.array(table.inertia_kg_m2) if table.inertia_kg_m2 is not None else np.zeros(6),
+        hose_from=table.hose_from,
     )
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress
 from counterflex.core.units import DEG, MINUTE, MM
 from counterflex.geometry import pose, rotation
@@ -19,9 +18,17 @@ from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
 from counterflex.identify.holdout import HeldOut, score_separate
 from counterflex.identify.model import CellModel
-from counterflex.identify.payload_choice import FORCE_N, HEIGHT_M, MOMENT_NM, propose
+from counterflex.identify.payload_choice import FORCE_N, HEIGHT_M, MOMENT_NM, NEAR_SHARE, propose
 from counterflex.identify.payload_data import KINDS, check_orientations, clock, readings, shared_mass, with_mass_behind
 from counterflex.identify.payload_holdout import held_out_forces, held_out_moments
+from counterflex.identify.payload_hose import (
+    BASE,
+    ROWS_PER_FUNCTION,
+    Rest,
+    choose_rest,
+    degrees_of,
+    frames_of,
+)
 from counterflex.identify.payload_parameters import (
     DRIFT,
     INERTIA,
@@ -39,19 +46,17 @@ from counterflex.identify.payload_sensor import sensor_before
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
 from counterflex.identify.solve import solve
 from counterflex.robot.chain import ElasticChain
+from counterflex.sensing.carrier import hose_bodies
 from counterflex.sensing.flange_sensor import FlangeSensor
 from counterflex.sensing.orientation_basis import COUNTS
 
-GAIN = 0.95
-"""The hose-pack rest is kept where it lowers the held-out error below this share."""
-ROWS_PER_FUNCTION = 2
-"""Readings for each function of the rest, below which a degree is not tried: fewer are met exactly and say nothing."""
 SHOWS = 2.6
 """Standard deviations beyond which a drift is kept: one of six components exceeds that by chance in 6 % of cases."""
 _HOUR = 60.0 * MINUTE
 _ROUNDS = 2
 SETTINGS: Mapping[str, float | int | str | bool] = {
     "hose": "auto",
+    "hose_from": "auto",
     "drift": True,
     "temperature": True,
     "inertia": True,
@@ -61,6 +66,7 @@ SETTINGS: Mapping[str, float | int | str | bool] = {
     "offset_nm": 1.0,
     "as_stated": False,
     "height_m": HEIGHT_M,
+    "near_share": NEAR_SHARE,
     "force_n": FORCE_N,
     "moment_nm": MOMENT_NM,
 }
@@ -79,7 +85,8 @@ def identify(
         cell: Before.
         data: Kinds ``sensor_poses`` and ``sensor_motion``.
         holdout: Likewise, or empty for folds.
-        settings: Of :data:`SETTINGS`; ``hose`` is ``auto``, ``none``, ``1`` or ``2`` (degree of its functions).
+        settings: Of :data:`SETTINGS`; ``hose`` is ``auto``, ``none``, ``1`` or ``2`` (degree of its functions),
+            ``hose_from`` ``auto``, ``base`` or the body that the hose pack comes from.
         progress: Told about fits.
 
     Raises:
@@ -91,8 +98,9 @@ def identify(
     start_s, reference_c = clock(data, sensor.reference_c)
     window_s = float(s["window_s"])
 
-    def block_of(d: Dataset, chain: ElasticChain) -> SensorReadings:
-        return readings(d, chain, sensor, reference_c=reference_c, start_s=start_s, window_s=window_s)
+    def block_of(d: Dataset, chain: ElasticChain, hose_from: str = "") -> SensorReadings:
+        framed = replace(sensor, hose_from=hose_from)
+        return readings(d, chain, framed, reference_c=reference_c, start_s=start_s, window_s=window_s)
 
     chain = cell.chain
     blocks = [block_of(d, chain) for d in data]
@@ -114,19 +122,32 @@ def identify(
         fit = solve(parameters(before, known, effects), blocks)
     progress(0.2, "weight and zero")
     effects = _that_show(fit, effects)
-    degree, tried = _degree(blocks, before, known, effects, s, progress)
-    effects = replace(effects, degree=degree)
+    degrees = degrees_of(s)
+    bodies = hose_bodies(chain, sensor.segment)
+    frames = frames_of(s, bodies, with_joints=all(d.has("q") for d in (*data, *holdout)))
+    rest = choose_rest(
+        lambda body: [block_of(d, chain, body) for d in data],
+        before,
+        known,
+        effects,
+        degrees,
+        frames,
+        progress,
+        forced=str(s["hose"]) != "auto",
+    )
+    effects = replace(effects, degree=rest.degree)
     chosen = parameters(before, known, effects)
+    blocks = [block_of(d, chain, rest.hose_from) for d in data]
     fit = solve(chosen, blocks)
-    unseen = [block_of(d, chain) for d in holdout]
+    unseen = [block_of(d, chain, rest.hose_from) for d in holdout]
     if unseen:
         force = score_separate(chosen, blocks, unseen, needed=needed(), error=force_error)
     else:
-        force = tried[degree] if degree in tried else held_out_forces(chosen, blocks)
+        force = rest.tried[rest.key] if rest.key in rest.tried else held_out_forces(chosen, blocks)
     moment = held_out_moments(force, chosen, blocks, unseen)
     progress(0.95, "held-out orientations")
-    found = sensor_of(sensor, fit.values, reference_c)
-    remarks += _remarks(cell, found, fit, effects, tried)
+    found = sensor_of(replace(sensor, hose_from=rest.hose_from), fit.values, reference_c)
+    remarks += _remarks(cell, found, fit, effects, rest)
     return Identification(
         recipe="payload",
         fits={"payload": fit},
@@ -153,32 +174,6 @@ def _effects(blocks: Sequence[SensorReadings], s: Mapping[str, Any]) -> Effects:
         temperature=bool(s["temperature"]) and float(np.ptp(warm)) > 0.5,
         inertia=bool(s["inertia"]) and moving,
     )
-
-
-def _degree(
-    blocks: Sequence[SensorReadings],
-    sensor: FlangeSensor,
-    known: Knowledge,
-    effects: Effects,
-    s: Mapping[str, Any],
-    progress: Progress,
-) -> tuple[int, dict[int, HeldOut]]:
-    """Degree of the hose-pack rest, and the held-out forces by degree where that was tried."""
-    hose = str(s["hose"])
-    if hose not in ("auto", "none", "0", "1", "2"):
-        raise InputError("setting hose", value=hose, limit="auto, none, 1 or 2")
-    if hose != "auto":
-        return (0 if hose in ("none", "0") else int(hose)), {}
-    rows = len(np.unique(np.concatenate([b.group for b in blocks])))
-    best, tried = 0, dict[int, HeldOut]()
-    for degree in range(3):
-        if degree and rows < ROWS_PER_FUNCTION * COUNTS[degree]:
-            break
-        tried[degree] = held_out_forces(parameters(sensor, known, replace(effects, degree=degree)), blocks)
-        if degree and tried[degree].mean()[0] < GAIN * tried[best].mean()[0]:
-            best = degree
-        progress(0.3 + 0.15 * degree, f"hose pack of degree {degree}")
-    return best, tried
 
 
 def _that_show(fit: Fit, effects: Effects) -> Effects:
@@ -251,6 +246,7 @@ def _table(found: FlangeSensor, effects: Effects) -> dict[str, Any]:
         "bias_nm": row(found.w_bias[3:]),
         "reference_c": found.reference_c,
         "offset": [row(r) for r in found.w_offset],
+        "hose_from": found.hose_from,
     }
     if effects.drift:
         table["drift_n_per_h"], table["drift_nm_per_h"] = (
@@ -264,9 +260,7 @@ def _table(found: FlangeSensor, effects: Effects) -> dict[str, Any]:
     return table
 
 
-def _remarks(
-    cell: CellModel, found: FlangeSensor, fit: Fit, effects: Effects, tried: Mapping[int, HeldOut]
-) -> list[str]:
+def _remarks(cell: CellModel, found: FlangeSensor, fit: Fit, effects: Effects, rest: Rest) -> list[str]:
     out = []
     chain = cell.chain
     split = shared_mass(chain, found.segment, found.mass_kg, _seg_com(found))
@@ -278,12 +272,17 @@ def _remarks(
         )
     else:
         out.append("No body with mass lies behind the sensor in the cell file, so only the table [sensor] is changed")
-    if len(tried) > 1:
-        listed = ", ".join(f"degree {k}: {v.mean()[0]:.2f} N" for k, v in tried.items())
-        kept = (
-            f"degree {found.degree} is kept" if found.degree else "none is kept, as none helps on unseen orientations"
+    if len(rest.tried) > 1:
+        listed = ", ".join(
+            f"degree {degree} in {body}: {held.mean()[0]:.2f} N" if degree else f"none: {held.mean()[0]:.2f} N"
+            for (body, degree), held in rest.tried.items()
         )
-        out.append(f"Orientation-dependent rest (hose pack), error on unseen orientations by degree: {listed}; {kept}")
+        kept = (
+            f"degree {found.degree} is kept, by the sensor's rotation in {found.hose_from or BASE}"
+            if found.degree
+            else "none is kept, as none helps on unseen orientations"
+        )
+        out.append(f"Orientation-dependent rest (hose pack), error on unseen orientations: {listed}; {kept}")
     elif found.degree == 0 and not effects.inertia:
         out.append(
             "An orientation-dependent rest (hose pack) was not looked for; "

@@ -10,10 +10,12 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ReachError
-from counterflex.core.units import DEG
+from counterflex.core.units import DEG, MM
+from counterflex.geometry import pose, rotation
 from counterflex.identify.dataset import of_arrays
 from counterflex.identify.model import CellModel
 from counterflex.identify.payload_data import readings
+from counterflex.identify.payload_hose import ROWS_PER_FUNCTION, degrees_of
 from counterflex.identify.payload_parameters import Effects, Knowledge, parameters
 from counterflex.identify.payload_sensor import sensor_before
 from counterflex.identify.recipe import Proposal
@@ -28,38 +30,46 @@ HEIGHT_M = 0.3
 """Least height of the tool tip above the base."""
 _SWING_RAD = 20.0 * DEG  # of axes 1 to 3 about the middle posture
 _WRIST_RAD = 175.0 * DEG
+NEAR_SHARE = 1.0 / 3.0
+"""Share of the orientations that stand about the working posture."""
+_NEAR_ARM_RAD, _NEAR_WRIST_RAD = 5.0 * DEG, 25.0 * DEG
+_NEAR_STREAM = 1
+_ABOVE_M = 100.0 * MM
 
 
 def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
     """Choose orientations within limits that make zero, weight, mounting and hose pack observable.
 
     Of random postures near the part, wrist turned any way, tool above ``height_m``, those are taken one by one that
-    raise the determinant of the information most (priors counted); then repeated cheapest to drive: nearest next.
+    raise the determinant of the information most (priors counted). A share of them stands about the posture in which
+    programs work, where the rest that no function holds matters most. Then ordered cheapest to drive: nearest next.
 
     Args:
         cell: The cell.
         count: How many, at least 3.
         settings: ``seed``; ``height_m`` least height of the tool tip above the base; ``force_n`` and ``moment_nm``
-            noise of a reading; ``hose`` degree of the hose pack (``auto``: 1 from 20 orientations).
+            noise of a reading; ``hose`` degree of the hose pack (``auto``: 1 from 20 orientations); ``near_share`` of
+            the orientations about the working posture, never more than leaves three others.
 
     Raises:
         InputError: Fewer than 3, or no posture that meets the limits.
     """
     if count < 3:
         raise InputError("orientations to propose", value=count, limit=">= 3 (8 or more for a check)")
-    hose = str(settings.get("hose", "auto"))
-    if hose not in ("auto", "none", "0", "1", "2"):
-        raise InputError("setting hose", value=hose, limit="auto, none, 1 or 2")
-    degree = int(hose) if hose.isdigit() else int(hose == "auto" and count >= 2 * (COUNTS[1] + 1))
+    hose, degrees = str(settings.get("hose", "auto")), degrees_of(settings)
+    many = count >= ROWS_PER_FUNCTION * (COUNTS[1] + 1)
+    degree = int(many) if hose == "auto" else max(degrees, default=0)
     sensor, chain = sensor_before(cell), cell.chain
-    q = candidates(cell, int(settings.get("seed", 0)), float(settings.get("height_m", HEIGHT_M)))
+    seed, height_m = int(settings.get("seed", 0)), float(settings.get("height_m", HEIGHT_M))
+    near = _near_count(count, float(settings.get("near_share", NEAR_SHARE)))
+    q = np.concatenate([working_postures(cell, near, seed, height_m), candidates(cell, seed, height_m)])
     sigma = np.repeat([float(settings.get("force_n", FORCE_N)), float(settings.get("moment_nm", MOMENT_NM))], 3)
     data = of_arrays("candidates", "sensor_poses", {"q": q, "w_sensor": np.zeros((len(q), 6))}, {"w_sensor": sigma})
     block = readings(data, chain, sensor, reference_c=sensor.reference_c, start_s=0.0, window_s=0.1)
     free = parameters(replace(sensor, w_offset=np.zeros((0, 6))), Knowledge(), Effects(degree=degree))
     mask = free.free
     J = block.jacobian(free.nominal)[:, :, mask] * free.slope(free.nominal)[mask]
-    rows, covariance = greedy(J, count)
+    rows, covariance = greedy(J, count, given=near)
     rows = _near_next(q[rows], rows)
     sd = np.sqrt(np.diag(covariance)) * free.slope(free.nominal)[mask]
     names = [p.name for p, f in zip(free, mask, strict=True) if f and not p.name.startswith("offset")]
@@ -75,8 +85,10 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
             "Note temperature and time of each reading; repeat the first orientation at the end to see the drift",
             f"Expected standard deviations hold for readings with {sigma[0]:g} N and {sigma[3]:g} N m, hose pack of "
             f"degree {degree} included",
+            f"{near} of them stand within {_NEAR_WRIST_RAD / DEG:.0f} deg of the wrist about the posture in "
+            "which programs work",
         ),
-        settings={"sensor_segment": sensor.segment, "T_seg_sensor": sensor.T_seg_sensor.reshape(-1).tolist()},
+        settings={"sensor_segment": sensor.segment},
     )
 
 
@@ -109,12 +121,56 @@ def candidates(cell: CellModel, seed: int, height_m: float) -> Float:
     return q
 
 
-def greedy(J: Float, count: int) -> tuple[Int, Float]:
+def working_postures(cell: CellModel, count: int, seed: int, height_m: float) -> Float:
+    """Postures (count, 6) rad about the one in which programs are run, tool above the part and the height asked for.
+
+    The working posture has the tool square to the part's zero plane, turned about itself as the cell says, over the
+    middle of the blank.
+
+    Args:
+        cell: The cell.
+        count: How many; 0 gives none.
+        seed: Of the draw.
+        height_m: Least height of the tool tip above the base.
+
+    Raises:
+        InputError: None meets the limits.
+    """
+    if count == 0:
+        return np.zeros((0, 6))
+    chain = cell.chain
+    rng = np.random.default_rng([seed, _NEAR_STREAM])
+    limits = chain.joint_limits_rad + np.array([1.0, -1.0]) * cell.joint_margin_rad
+    middle = _working(cell, chain, height_m)
+    least = max(height_m, float(cell.T_base_part[2, 3]))
+    swing = np.r_[np.full(3, _NEAR_ARM_RAD), np.full(3, _NEAR_WRIST_RAD)]
+    low, high = np.maximum(limits[:, 0], middle - swing), np.minimum(limits[:, 1], middle + swing)
+    q: Float = rng.uniform(low, np.maximum(low, high), (20 * count + 40, 6))
+    q = q[(q[:, 4] * middle[4] > 0.0) & (forward(chain, q)[:, 2, 3] >= least)][:count]
+    if len(q) < count:
+        raise InputError(
+            "too few postures about the working one keep the tool above the part",
+            where=cell.name,
+            value=len(q),
+            limit=count,
+            hint="Lower the setting height_m, or set near_share = 0",
+        )
+    return q
+
+
+def _near_count(count: int, share: float) -> int:
+    if not 0.0 <= share <= 1.0:
+        raise InputError("setting near_share", value=share, limit="0 to 1")
+    return max(0, min(round(share * count), count - 3))
+
+
+def greedy(J: Float, count: int, given: int = 0) -> tuple[Int, Float]:
     """Rows that raise ``det(1 + sum J^T J)`` most, one by one; each may be taken once.
 
     Args:
         J: (n, k, f) weighted derivatives in fit coordinates, where every prior is 1.
         count: How many.
+        given: So many of the first rows are taken whatever they bring, before all others.
 
     Returns:
         (count,) rows and the (f, f) covariance they give together with the priors.
@@ -128,10 +184,10 @@ def greedy(J: Float, count: int) -> tuple[Int, Float]:
     C = np.eye(f)
     left = np.ones(n, dtype=np.bool_)
     chosen = []
-    for _ in range(count):
+    for place in range(count):
         S = np.eye(k) + J @ C @ np.swapaxes(J, 1, 2)
         gain = np.where(left, np.linalg.slogdet(S)[1], -np.inf)
-        best = int(np.argmax(gain))
+        best = place if place < given else int(np.argmax(gain))
         CJ = C @ J[best].T
         C = C - CJ @ np.linalg.solve(S[best], CJ.T)
         C = 0.5 * (C + C.T)
@@ -156,6 +212,21 @@ def _middle(cell: CellModel, chain: ElasticChain, limits: Float) -> Float:
     """A posture at the part, or the middle of the limits where the part is out of reach as it stands."""
     target = np.array(cell.T_base_part)
     target[:3, :3] = target[:3, :3] @ np.diag([1.0, -1.0, -1.0])  # tool down on the part
+    return _reached(cell, chain, limits, target)
+
+
+def _working(cell: CellModel, chain: ElasticChain, height_m: float) -> Float:
+    """The posture in which programs are run, tool over the middle of the blank and at least so high."""
+    box = np.zeros((2, 3)) if cell.blank_part is None else cell.blank_part
+    over = np.array([*box.mean(axis=0)[:2], box[1, 2] + _ABOVE_M])
+    down = rotation.about_z(cell.rotation_about_tool_rad) @ np.diag([1.0, -1.0, -1.0])
+    target = cell.T_base_part @ pose.make(down, over)
+    target[2, 3] = max(target[2, 3], height_m + _ABOVE_M)
+    limits = chain.joint_limits_rad + np.array([1.0, -1.0]) * cell.joint_margin_rad
+    return _reached(cell, chain, limits, target)
+
+
+def _reached(cell: CellModel, chain: ElasticChain, limits: Float, target: Float) -> Float:
     try:
         q: Float = inverse(chain, target, cell.branch).q
     except (ReachError, InputError):

@@ -14,7 +14,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.payload_residuals import SensorReadings
 from counterflex.robot.chain import ElasticChain
-from counterflex.sensing.carrier import behind, carrier_pose, segment_index
+from counterflex.sensing.carrier import behind, carrier_pose, hose_rotation, segment_index
 from counterflex.sensing.flange_sensor import FlangeSensor
 
 KINDS = ("sensor_poses", "sensor_motion")
@@ -87,7 +87,7 @@ def readings(
             ``temperature_c``, ``time_s``, and for motions ``accelerometer_sensor`` in place of the acceleration
             computed from ``q``.
         chain: The cell with its masses: the bent arm gives the sensor's orientation.
-        sensor: Of the cell before.
+        sensor: Of the cell before; where it names the body that the hose pack comes from, the data need ``q``.
         reference_c: Temperature that the bias belongs to.
         start_s: Time that the bias belongs to.
         window_s: Motions: length of the local cubic (Savitzky-Golay) that smooths readings and differentiates ``q``.
@@ -104,8 +104,22 @@ def readings(
     R = T_base_sensor[:, :3, :3]
     R_t = np.swapaxes(R, -1, -2)
     gamma = R_t @ chain.gravity
+    R_rest = R
+    if sensor.hose_from:
+        q = _finite(data, "q")
+        R_rest = hose_rotation(chain, sensor.hose_from, sensor.segment, q) @ sensor.T_seg_sensor[:3, :3]
     block = SensorReadings(
-        data.name, data.group, sigma, w, R, gamma, zero, zero, time_s - start_s, np.asarray(warmer, dtype=np.float64)
+        data.name,
+        data.group,
+        sigma,
+        w,
+        R,
+        R_rest,
+        gamma,
+        zero,
+        zero,
+        time_s - start_s,
+        np.asarray(warmer, dtype=np.float64),
     )
     if data.kind != "sensor_motion":
         return block

@@ -126,7 +126,7 @@ def sensor_of(sensor: FlangeSensor, x: Float, reference_c: float) -> FlangeSenso
     """The sensor with found values.
 
     Args:
-        sensor: Of the cell before: body and frame.
+        sensor: Of the cell before: body and frame; and where the hose pack was taken to come from.
         x: (p,) SI values in the order of :func:`parameters`.
         reference_c: Temperature that the bias belongs to.
     """
@@ -141,6 +141,7 @@ def sensor_of(sensor: FlangeSensor, x: Float, reference_c: float) -> FlangeSenso
         reference_c=reference_c,
         w_offset=x[OFFSET:].reshape(-1, 6),
         inertia_kg_m2=x[INERTIA],
+        hose_from=sensor.hose_from if len(x) > OFFSET else "",
     )
 
 

@@ -42,6 +42,8 @@ class SensorReadings:
         sigma: (n, 6) N, N m.
         w_sensor: (n, 6) N, N m as read.
         R_base_sensor: (n, 3, 3) by the mounting of the cell file.
+        R_rest: (n, 3, 3) rotation that the offset goes by, same mounting: R_base_sensor, or the sensor's rotation in
+            the body that the hose pack comes from.
         gamma: (n, 3) m/s2: gravity minus acceleration of the sensor's origin, same axes.
         omega: (n, 3) rad/s, same axes.
         alpha: (n, 3) rad/s2, same axes.
@@ -54,6 +56,7 @@ class SensorReadings:
     sigma: Float
     w_sensor: Float
     R_base_sensor: Float
+    R_rest: Float
     gamma: Float
     omega: Float
     alpha: Float
@@ -73,7 +76,7 @@ class SensorReadings:
         w += self.time_s[:, None] * x[DRIFT] + self.warmer_k[:, None] * x[KELVIN]
         degree = degree_of((len(x) - OFFSET) // 6)
         if degree:
-            w += orientation_basis(self.R_base_sensor @ turn, degree) @ x[OFFSET:].reshape(-1, 6)
+            w += orientation_basis(self.R_rest @ turn, degree) @ x[OFFSET:].reshape(-1, 6)
         out: Float = (self.w_sensor - w) / self.sigma
         return out
 
@@ -109,7 +112,7 @@ class SensorReadings:
         out[:, 3:, INERTIA] = -turning - gyro
         degree = degree_of((len(x) - OFFSET) // 6)
         if degree:
-            R = self.R_base_sensor @ turn
+            R = self.R_rest @ turn
             phi, slope = orientation_basis(R, degree), orientation_basis_slope(R, degree)
             coefficients = x[OFFSET:].reshape(-1, 6)
             out[:, :, TURN] += np.einsum("nkj,ki->nij", slope, coefficients) @ right
@@ -124,6 +127,7 @@ class SensorReadings:
             sigma=self.sigma[rows],
             w_sensor=self.w_sensor[rows],
             R_base_sensor=self.R_base_sensor[rows],
+            R_rest=self.R_rest[rows],
             gamma=self.gamma[rows],
             omega=self.omega[rows],
             alpha=self.alpha[rows],

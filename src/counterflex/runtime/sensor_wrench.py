@@ -12,19 +12,20 @@ from counterflex.core.jit import kernel
 from counterflex.geometry import pose, rotation
 from counterflex.robot.chain import ElasticChain
 from counterflex.robot.kernels import chain_pass, joint_trig, loads
-from counterflex.sensing.carrier import carrier_to_tcp, segment_index
+from counterflex.sensing.carrier import carrier_to_tcp, hose_place, segment_index
 from counterflex.sensing.flange_sensor import FlangeSensor
 from counterflex.sensing.wrench_kernel import idle, to_tcp
 
 
 @kernel(
-    "void(float64[:, ::1], int64[:, ::1], int64, float64[::1], float64[::1], float64[::1], float64[:, ::1],"
-    " float64[:, ::1], float64[::1], float64[::1], float64[::1])"
+    "void(float64[:, ::1], int64[:, ::1], int64, int64, float64[::1], float64[::1], float64[::1], float64[:, ::1],"
+    " float64[:, ::1], float64[::1], float64[::1], float64[::1], float64[::1])"
 )
 def bent_rotation(
     real: Float,
     kind: Int,
     station: int,
+    hose: int,
     R_station_sensor: Float,
     q: Float,
     w_tcp_base: Float,
@@ -33,6 +34,7 @@ def bent_rotation(
     trig: Float,
     turn: Float,
     out: Float,
+    rest: Float,
 ) -> None:
     """Rotation of the sensor in the base, weight and the last process wrench included: ``R_base_sensor`` (9,) by rows.
 
@@ -40,6 +42,7 @@ def bent_rotation(
         real: Compact chain.
         kind: Likewise.
         station: Of the body that carries the sensor, or the one before it.
+        hose: Station of the body that the hose pack comes from, or -1.
         R_station_sensor: (9,) sensor in the station, behind its elastic element.
         q: (6,) rad.
         w_tcp_base: (6,).
@@ -48,10 +51,22 @@ def bent_rotation(
         trig: (12,) likewise.
         turn: (9,) likewise.
         out: (9,) written.
+        rest: (9,) written: rotation that the offset goes by, in that body on the unbent arm, else the same as ``out``.
     """
     m = kind.shape[0] - 1
     joint_trig(q, trig)
     chain_pass(real, kind, m, trig, delta, 0, frame)
+    if hose >= 0:
+        a, b = frame[hose], frame[station]
+        for i in range(3):
+            for k in range(3):
+                turn[3 * i + k] = a[i] * b[k] + a[3 + i] * b[3 + k] + a[6 + i] * b[6 + k]
+        for i in range(3):
+            for j in range(3):
+                total = 0.0
+                for k in range(3):
+                    total += turn[3 * i + k] * R_station_sensor[3 * k + j]
+                rest[3 * i + j] = total
     loads(real, kind, m, frame, q, w_tcp_base, 1, delta)
     chain_pass(real, kind, m, trig, delta, 1, frame)
     f, d = frame[station], delta[station]
@@ -70,6 +85,8 @@ def bent_rotation(
                 inner += turn[3 * k + 2] * R_station_sensor[6 + j]
                 total += f[3 * i + k] * inner
             out[3 * i + j] = total
+            if hose < 0:
+                rest[3 * i + j] = total
 
 
 class SensorWrench:
@@ -98,6 +115,9 @@ class SensorWrench:
         T = np.eye(4)
         for i in range(int(stations[self._station]) + 1, place + 1):
             T = T @ chain.fixed[i] @ pose.make(rotation.about_z(chain.offset[i]))
+        self._hose = -1
+        if sensor.hose_from:
+            self._hose = int(np.flatnonzero(stations == hose_place(chain, sensor.hose_from, sensor.segment))[0])
         self._R_station_sensor = np.ascontiguousarray((T @ sensor.T_seg_sensor)[:3, :3].reshape(-1))
         p = (pose.inverse(sensor.T_seg_sensor) @ carrier_to_tcp(chain, sensor.segment))[:3, 3]
         self._p_sensor_tcp = np.ascontiguousarray(p)
@@ -111,6 +131,7 @@ class SensorWrench:
         self._trig: Float = np.zeros(12)
         self._turn: Float = np.zeros(9)
         self._R: Float = np.zeros(9)
+        self._R_rest: Float = np.zeros(9)
         self._idle: Float = np.zeros(6)
         self._unturned: Float = np.eye(3).reshape(-1).copy()
         self.w_part: Float = np.zeros(6)
@@ -129,10 +150,10 @@ class SensorWrench:
             :attr:`w_part`.
         """
         bent_rotation(
-            self._real, self._kind, self._station, self._R_station_sensor, q, self.w_base, self._frame, self._delta,
-            self._trig, self._turn, self._R,
+            self._real, self._kind, self._station, self._hose, self._R_station_sensor, q, self.w_base, self._frame,
+            self._delta, self._trig, self._turn, self._R, self._R_rest,
         )  # fmt: skip
-        idle(self._packed, self._R, self._gravity, time_s, temperature_c, self._idle)
+        idle(self._packed, self._R, self._R_rest, self._gravity, time_s, temperature_c, self._idle)
         to_tcp(w_sensor, self._idle, self._R, self._p_sensor_tcp, self._unturned, self.w_base)
         to_tcp(w_sensor, self._idle, self._R, self._p_sensor_tcp, self._R_base_part, self.w_part)
         return self.w_part

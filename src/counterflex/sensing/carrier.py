@@ -67,6 +67,59 @@ def carrier_pose(
     return T
 
 
+def hose_rotation(chain: ElasticChain, body: str, segment: str, q: Float) -> Float:
+    """Rotation of the sensor's body in the body that the hose pack comes from.
+
+    What a hose pack between two bodies does to the outer one, weight apart, goes by how they stand to each other, not
+    by how they stand in the hall. The bending of the arm between them, some 0.1 mrad, is left out.
+
+    Args:
+        chain: The chain.
+        body: That the hose comes from; one that an axis drives.
+        segment: That carries the sensor; behind it.
+        q: (..., 6) rad controller angles.
+
+    Returns:
+        (..., 3, 3) R_hose_seg.
+
+    Raises:
+        InputError: No such bodies, or not in this order.
+    """
+    first, last = hose_place(chain, body, segment), segment_index(chain, segment)
+    T = frames(chain, joint_angles(q))
+    out: Float = np.swapaxes(T[..., first, :3, :3], -1, -2) @ T[..., last, :3, :3]
+    return out
+
+
+def hose_place(chain: ElasticChain, body: str, segment: str) -> int:
+    """Place in the chain of the body that a hose pack comes from.
+
+    Args:
+        chain: The chain.
+        body: See :func:`hose_rotation`.
+        segment: Likewise.
+
+    Raises:
+        InputError: No such bodies, no axis drives the first, or no axis moves between them.
+    """
+    first, last = segment_index(chain, body), segment_index(chain, segment)
+    if chain.joint[first] < 0 or not np.any(chain.joint[first + 1 : last + 1] >= 0):
+        raise InputError(
+            "the hose pack cannot come from there",
+            value=body,
+            limit="a body that an axis drives, with another axis between it and the sensor",
+            hint=", ".join(hose_bodies(chain, segment)),
+        )
+    return first
+
+
+def hose_bodies(chain: ElasticChain, segment: str) -> tuple[str, ...]:
+    """Bodies that a hose pack to a sensor can come from, outward: all that an axis drives, but for the last."""
+    last = segment_index(chain, segment)
+    driven = [i for i in range(last + 1) if chain.joint[i] >= 0]
+    return tuple(chain.names[i] for i in driven[:-1])
+
+
 def carrier_to_tcp(chain: ElasticChain, segment: str) -> Float:
     """Rigid pose ``T_seg_tcp`` (4, 4) of the TCP in an undriven body behind the last axis.
 

@@ -1,8 +1,9 @@
 """The six-axis sensor at the flange: what it shows without a process, and the process wrench behind its reading.
 
-``w_sensor = w_bias + w_drift t + w_kelvin (T - T_ref) + weight and inertia + w_offset^T phi(R_base_sensor) + process``,
-all on the tool side of the sensor about its origin in its axes: what the surroundings do to the tool, so a hanging
-tool shows a force along gravity (Haehn2020 eq. 12-20, torques included).
+``w_sensor = w_bias + w_drift t + w_kelvin (T - T_ref) + weight and inertia + w_offset^T phi(R) + process``, with R the
+sensor's rotation in the base, or in the body that the hose pack comes from. All on the tool side of the sensor about
+its origin in its axes: what the surroundings do to the tool, so a hanging tool shows a force along gravity (Haehn2020
+eq. 12-20, torques included).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from counterflex.core.arrays import Float, as_float, as_positive, frozen
+from counterflex.core.errors import InputError
 from counterflex.core.units import STANDARD_GRAVITY
 from counterflex.geometry import pose, rotation, wrench
 from counterflex.sensing.orientation_basis import degree_of, orientation_basis
@@ -50,6 +52,8 @@ class FlangeSensor:
         w_kelvin: (6,) N/K, N m/K.
         reference_c: Reference temperature, deg C.
         w_offset: (k, 6) N, N m: remaining offset by the functions of the orientation; k is 0, 9 or 34.
+        hose_from: Body that the hose pack comes from: its functions are those of the sensor's rotation in this body.
+            Empty: of its rotation in the base.
         inertia_kg_m2: (6,) ``xx yy zz xy xz yz`` of what hangs behind, about its centre of gravity, sensor axes.
     """
 
@@ -63,6 +67,7 @@ class FlangeSensor:
     reference_c: float = REFERENCE_C
     w_offset: Float = field(default_factory=lambda: np.zeros((0, 6)))
     inertia_kg_m2: Float = field(default_factory=lambda: np.zeros(6))
+    hose_from: str = ""
 
     def __post_init__(self) -> None:
         """Check shapes.
@@ -125,6 +130,7 @@ def idle_wrench(
     time_s: Float | float = 0.0,
     motion: SensorMotion | None = None,
     gravity_base: Float = DOWN,
+    R_hose_sensor: Float | None = None,
 ) -> Float:
     """What the sensor shows without a process.
 
@@ -138,9 +144,14 @@ def idle_wrench(
         time_s: (...) s since the sensor was set to zero or identified.
         motion: Motion of the sensor; None is at rest.
         gravity_base: (3,) m/s2 in base axes.
+        R_hose_sensor: (..., 3, 3) of :func:`counterflex.sensing.carrier.hose_rotation`; needed where the offset is one
+            of that rotation.
 
     Returns:
         (..., 6) N, N m about the sensor's origin in its axes.
+
+    Raises:
+        InputError: The rotation in the body that the hose pack comes from is needed and not given.
     """
     R = np.asarray(R_base_sensor, dtype=np.float64)
     g = np.swapaxes(R, -1, -2) @ np.asarray(gravity_base, dtype=np.float64)
@@ -159,9 +170,21 @@ def idle_wrench(
         warmer = np.asarray(temperature_c, dtype=np.float64) - sensor.reference_c
         out = out + warmer[..., None] * sensor.w_kelvin
     if sensor.degree:
-        out = out + orientation_basis(R, sensor.degree) @ sensor.w_offset
+        out = out + orientation_basis(_rest_rotation(sensor, R, R_hose_sensor), sensor.degree) @ sensor.w_offset
     result: Float = out
     return result
+
+
+def _rest_rotation(sensor: FlangeSensor, R_base_sensor: Float, R_hose_sensor: Float | None) -> Float:
+    if not sensor.hose_from:
+        return R_base_sensor
+    if R_hose_sensor is None:
+        raise InputError(
+            "the offset of the sensor goes by its rotation in a body of the arm, which is not given",
+            value=sensor.hose_from,
+            limit="R_hose_sensor",
+        )
+    return np.asarray(R_hose_sensor, dtype=np.float64)
 
 
 def process_wrench(
@@ -173,6 +196,7 @@ def process_wrench(
     time_s: Float | float = 0.0,
     motion: SensorMotion | None = None,
     gravity_base: Float = DOWN,
+    R_hose_sensor: Float | None = None,
 ) -> Float:
     """Wrench of the process about the sensor's origin in its axes: reading minus :func:`idle_wrench`.
 
@@ -184,6 +208,7 @@ def process_wrench(
         time_s: s.
         motion: Or None.
         gravity_base: (3,) m/s2.
+        R_hose_sensor: Likewise.
 
     Returns:
         (..., 6) N, N m (Haehn2020 eq. 18, moments likewise).
@@ -195,6 +220,7 @@ def process_wrench(
         time_s=time_s,
         motion=motion,
         gravity_base=gravity_base,
+        R_hose_sensor=R_hose_sensor,
     )
     out: Float = np.asarray(w_sensor, dtype=np.float64) - idle
     return out
@@ -210,6 +236,7 @@ def tcp_wrench(
     time_s: Float | float = 0.0,
     motion: SensorMotion | None = None,
     gravity_base: Float = DOWN,
+    R_hose_sensor: Float | None = None,
 ) -> Float:
     """Process wrench on the tool about the TCP in base axes (Haehn2020 eq. 18-20, with moments).
 
@@ -225,6 +252,7 @@ def tcp_wrench(
         time_s: Likewise.
         motion: Likewise.
         gravity_base: Likewise.
+        R_hose_sensor: Likewise.
 
     Returns:
         (..., 6) N, N m ``w_tcp_base``.
@@ -237,6 +265,7 @@ def tcp_wrench(
         time_s=time_s,
         motion=motion,
         gravity_base=gravity_base,
+        R_hose_sensor=R_hose_sensor,
     )
     p_sensor_tcp = (pose.inverse(sensor.T_seg_sensor) @ np.asarray(T_seg_tcp, dtype=np.float64))[:3, 3]
     return wrench.rotate(np.asarray(R_base_sensor, dtype=np.float64), wrench.shift(w, -p_sensor_tcp))

@@ -57,13 +57,16 @@ def _second(R: Float, a: int, b: int) -> float:
     return total
 
 
-@kernel("void(float64[::1], float64[::1], float64[::1], float64, float64, float64[::1])")
-def idle(packed: Float, R: Float, gravity: Float, time_s: float, temperature_c: float, out: Float) -> None:
+@kernel("void(float64[::1], float64[::1], float64[::1], float64[::1], float64, float64, float64[::1])")
+def idle(
+    packed: Float, R: Float, R_rest: Float, gravity: Float, time_s: float, temperature_c: float, out: Float
+) -> None:
     """What the sensor shows at rest without a process.
 
     Args:
         packed: Constants of the sensor.
         R: (9,) R_base_sensor by rows, of the bent arm.
+        R_rest: (9,) rotation that the offset goes by: R_base_sensor, or R_hose_sensor where a body is named.
         gravity: (3,) m/s2, base axes.
         time_s: Since the sensor's zero.
         temperature_c: NaN is the reference temperature.
@@ -81,7 +84,7 @@ def idle(packed: Float, R: Float, gravity: Float, time_s: float, temperature_c: 
         out[k] += packed[P_BIAS + k] + time_s * packed[P_DRIFT + k] + warm * packed[P_KELVIN + k]
     count = int(packed[P_COUNT])
     for i in range(count):
-        value = math.sqrt(3.0) * R[i] if i < 9 else math.sqrt(5.0) * _second(R, (i - 9) // 5, (i - 9) % 5)
+        value = math.sqrt(3.0) * R_rest[i] if i < 9 else math.sqrt(5.0) * _second(R_rest, (i - 9) // 5, (i - 9) % 5)
         for k in range(6):
             out[k] += value * packed[P_OFFSET + 6 * i + k]
 

@@ -76,11 +76,16 @@ def sensor_place(truth: Truth, segment: str | None = None) -> tuple[str, str, st
 
     Args:
         truth: The cell.
-        segment: Name of the carrier; None takes the body named ``sensor``, else the first behind the last axis.
+        segment: Name of the carrier; None takes that of the truth, the body named ``sensor``, else the first behind the
+            last axis.
 
     Raises:
-        InputError: No such body, or nothing behind it.
+        InputError: No such body, nothing behind it, or not the one of the truth.
     """
+    if truth.sensor is not None:
+        if segment not in (None, truth.sensor.segment):
+            raise InputError("the truth's sensor sits elsewhere", value=segment, limit=truth.sensor.segment)
+        segment = truth.sensor.segment
     names = [b.name for b in truth.bodies]
     last = max(i for i, b in enumerate(truth.bodies) if b.joint is not None)
     if segment is None:
@@ -97,17 +102,17 @@ def force_sensor(
     truth: Truth,
     seed: int,
     segment: str | None = None,
-    T_seg_sensor: Float | None = None,
     *,
     hose_share: float = 1.0,
 ) -> ForceSensor:
-    """The sensor of a laboratory.
+    """The sensor of a laboratory, turned a little from where the truth says that it is thought to sit.
+
+    Not from where a cell file has it: once that was identified, it holds the turn already.
 
     Args:
         truth: The cell it sits in.
         seed: Of the laboratory.
         segment: Body that carries it, see :func:`sensor_place`.
-        T_seg_sensor: (4, 4) where it is thought to sit; None is the body's frame.
         hose_share: Size of the hose pack; 0 leaves it out.
     """
     segment, behind, arm = sensor_place(truth, segment)
@@ -120,7 +125,7 @@ def force_sensor(
     gain[np.diag_indices(6)] += GAIN_SHARE * rng.standard_normal(6)
     creep = np.r_[np.full(3, CREEP_N), np.full(3, CREEP_NM)] * rng.standard_normal(6)
     kelvin = np.r_[np.full(3, KELVIN_N), np.full(3, KELVIN_NM)] * rng.standard_normal(6)
-    nominal = np.eye(4) if T_seg_sensor is None else T_seg_sensor
+    nominal = np.eye(4) if truth.sensor is None else truth.sensor.T_seg_sensor
     hose = Hose(
         p_arm_clamp=np.array([0.15, 0.05, 0.1]) + 0.03 * rng.standard_normal(3),
         p_tool_clamp=np.array([0.05, 0.0, 0.12]) + 0.03 * rng.standard_normal(3),

@@ -23,13 +23,11 @@ START_C, WARM_C, WARM_S, WOBBLE_C = 20.5, 4.0, 2400.0, 0.4
 
 
 def sensor_from(truth: Truth, laboratory: Laboratory, settings: Mapping[str, Any]) -> ForceSensor:
-    """The laboratory's sensor in the place that the settings ``sensor_segment`` and ``T_seg_sensor`` name."""
-    place = settings.get("T_seg_sensor")
+    """The laboratory's sensor in the body that the setting ``sensor_segment`` names."""
     return force_sensor(
         truth,
         laboratory.seed,
         settings.get("sensor_segment"),
-        None if place is None else np.asarray(place, dtype=np.float64).reshape(4, 4),
         hose_share=float(settings.get("hose_share", 1.0)),
     )
 
@@ -63,7 +61,7 @@ def measure(
         truth: The cell.
         laboratory: Noise and seed of the sensor.
         request: ``q1_rad`` ... ``q6_rad``.
-        settings: ``sensor_segment``, ``T_seg_sensor`` (nominal frame), ``hose_share`` (1; 0 is none).
+        settings: ``sensor_segment``, ``hose_share`` (1; 0 is none).
         progress: Told about rows.
 
     Returns:

@@ -167,6 +167,24 @@ class CuttingTruth:
         as_positive("truth cutting: h_ref_m", self.h_ref_m)
 
 
+@dataclass(frozen=True, eq=False)
+class SensorPlace:
+    """Where the force sensor is said to sit when the cell is set up; a laboratory's seed turns it a little from there.
+
+    Attributes:
+        segment: Body that carries it.
+        T_seg_sensor: (4, 4) its frame in that body.
+    """
+
+    segment: str
+    T_seg_sensor: Float
+
+    def __post_init__(self) -> None:
+        """Check the shape."""
+        frame = frozen(as_float("truth sensor: T_seg_sensor", self.T_seg_sensor, (4, 4)))
+        object.__setattr__(self, "T_seg_sensor", frame)
+
+
 @dataclass(frozen=True)
 class Truth:
     """The whole simulated cell.
@@ -181,6 +199,7 @@ class Truth:
         counterbalance: Or None.
         stock_top_offset_m: How much higher than stated the blank is.
         gravity_base: (3,) m/s2.
+        sensor: Where the force sensor is said to sit; None: in the axes of the body that carries it.
     """
 
     name: str
@@ -192,6 +211,7 @@ class Truth:
     counterbalance: Counterbalance | None = None
     stock_top_offset_m: float = 0.0
     gravity_base: Float = field(default_factory=lambda: np.array([0.0, 0.0, -STANDARD_GRAVITY]))
+    sensor: SensorPlace | None = None
 
     def __post_init__(self) -> None:
         """Check the chain."""
@@ -202,6 +222,9 @@ class Truth:
             raise ModelError("driven axes of the truth", value=joints, limit="0..5, each once, in order")
         if len(self.drives) != 6:
             raise ModelError("drives of the truth", value=len(self.drives), limit=6)
+        names = [b.name for b in self.bodies]
+        if self.sensor is not None and self.sensor.segment not in names:
+            raise ModelError("body of the truth's sensor", value=self.sensor.segment, limit=", ".join(names))
 
     def rigid_tcp(self, q: Float) -> Float:
         """Pose ``T_base_tcp`` (4, 4) of the undeformed chain at the axis angles ``q`` (6,) rad."""

@@ -19,7 +19,7 @@ from counterflex.core.similar import missing_file
 from counterflex.core.units import DEG, MM, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.geometry import pose, rotation
 from counterflex.robot.description import Counterbalance
-from counterflex.twin.truth import Body, CuttingTruth, Drive, Truth
+from counterflex.twin.truth import Body, CuttingTruth, Drive, SensorPlace, Truth
 
 T = TypeVar("T")
 FORMAT: Final = "counterflex-truth"
@@ -62,6 +62,8 @@ def to_dict(truth: Truth) -> dict[str, Any]:
             "gas_constant_j": b.gas_constant_j,
             "gas_volume_max_mm3": b.gas_volume_max_m3 / MM**3,
         }
+    if truth.sensor is not None:
+        out["sensor"] = {"segment": truth.sensor.segment, **_pose_to(truth.sensor.T_seg_sensor)}
     out["drives"] = [
         {
             "rotor_inertia_kg_m2": d.rotor_inertia_kg_m2,
@@ -197,6 +199,7 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
             counterbalance=_closed(_Table(top.raw("counterbalance"), f"{where}: counterbalance"), _balance_from)
             if "counterbalance" in top
             else None,
+            sensor=_closed(_Table(top.raw("sensor"), f"{where}: sensor"), _sensor_from) if "sensor" in top else None,
             drives=tuple(_closed(row, _drive_from) for row in drives),
             bodies=tuple(_closed(row, _body_from) for row in bodies),
         )
@@ -239,6 +242,10 @@ def _balance_from(t: _Table) -> Counterbalance:
         gas_constant_j=t.number("gas_constant_j"),
         gas_volume_max_m3=t.number("gas_volume_max_mm3", MM**3),
     )
+
+
+def _sensor_from(t: _Table) -> SensorPlace:
+    return SensorPlace(segment=t.text("segment"), T_seg_sensor=t.pose())
 
 
 def _drive_from(t: _Table) -> Drive:

@@ -1,0 +1,128 @@
+"""Which functions of which rotation stand for the hose pack: chosen by the error on orientations not used.
+
+A hose between two bodies acts on the outer one by how the two stand to each other; its weight, which acts by how they
+stand in the hall, is part of the weight. So beside functions of the sensor's rotation in the base, which take any rest
+that goes by gravity, functions of its rotation in a body of the arm are tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress
+from counterflex.identify.holdout import HeldOut
+from counterflex.identify.payload_holdout import held_out_forces
+from counterflex.identify.payload_parameters import Effects, Knowledge, parameters
+from counterflex.identify.payload_residuals import SensorReadings
+from counterflex.sensing.flange_sensor import FlangeSensor
+from counterflex.sensing.orientation_basis import COUNTS
+
+GAIN: Final = 0.95
+"""A rest is kept where it lowers the held-out error below this share of that of a simpler one."""
+ROWS_PER_FUNCTION: Final = 2
+"""Readings for each function of the rest, below which a degree is not tried: fewer are met exactly and say nothing."""
+BASE: Final = "base"
+_DEGREES: Final = {"auto": (1, 2), "none": (), "0": (), "1": (1,), "2": (2,)}
+_ARM: Final = slice(2, 4)
+"""Of the bodies that axes drive, those that hose packs come from: forearm, before and behind axis 4."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """What was chosen.
+
+    Attributes:
+        degree: Of the functions, 0 is none.
+        hose_from: Body in which the sensor's rotation is taken; empty is the base.
+        tried: Held-out forces by body (``base`` for the base) and degree, where that was tried.
+    """
+
+    degree: int = 0
+    hose_from: str = ""
+    tried: Mapping[tuple[str, int], HeldOut] = field(default_factory=dict)
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Place of the chosen one in ``tried``."""
+        return (self.hose_from if self.degree and self.hose_from else BASE, self.degree)
+
+
+def degrees_of(settings: Mapping[str, Any]) -> tuple[int, ...]:
+    """Degrees that the setting ``hose`` allows.
+
+    Raises:
+        InputError: An unknown value.
+    """
+    hose = str(settings.get("hose", "auto"))
+    if hose not in _DEGREES:
+        raise InputError("setting hose", value=hose, limit="auto, none, 1 or 2")
+    return _DEGREES[hose]
+
+
+def frames_of(settings: Mapping[str, Any], bodies: Sequence[str], *, with_joints: bool) -> tuple[str, ...]:
+    """Bodies that the setting ``hose_from`` allows, ``""`` for the base.
+
+    Args:
+        settings: Of the recipe.
+        bodies: Of :func:`counterflex.sensing.carrier.hose_bodies`.
+        with_joints: The data say where the axes stand; without, only the base can be tried.
+
+    Raises:
+        InputError: A body that no hose pack can come from.
+    """
+    given = str(settings.get("hose_from", "auto"))
+    if given == "auto":
+        return ("", *bodies[_ARM]) if with_joints else ("",)
+    if given != BASE and given not in bodies:
+        raise InputError("setting hose_from", value=given, limit=", ".join(("auto", BASE, *bodies)))
+    return ("",) if given == BASE else (given,)
+
+
+def choose_rest(
+    blocks_in: Callable[[str], Sequence[SensorReadings]],
+    sensor: FlangeSensor,
+    known: Knowledge,
+    effects: Effects,
+    degrees: Sequence[int],
+    frames: Sequence[str],
+    progress: Progress,
+    *,
+    forced: bool,
+) -> Rest:
+    """Degree and body of the rest with the least error on orientations not used.
+
+    Args:
+        blocks_in: Readings with the rotation in a body.
+        sensor: Before.
+        known: Priors.
+        effects: What else is free.
+        degrees: Of :func:`degrees_of`.
+        frames: Of :func:`frames_of`.
+        progress: Told about trials.
+        forced: A rest is wanted whether it helps or not: only the body is chosen.
+    """
+    if not degrees or (forced and len(degrees) == len(frames) == 1):
+        return Rest(*((degrees[0], frames[0]) if degrees else (0, "")))
+    blocks = blocks_in("")
+    rows = len(np.unique(np.concatenate([b.group for b in blocks])))
+    tried: dict[tuple[str, int], HeldOut] = {}
+    best = Rest()
+    if not forced:
+        tried[BASE, 0] = held_out_forces(parameters(sensor, known, replace(effects, degree=0)), blocks)
+    for degree in degrees:
+        if not forced and rows < ROWS_PER_FUNCTION * COUNTS[degree]:
+            break
+        chosen = parameters(sensor, known, replace(effects, degree=degree))
+        for k, body in enumerate(frames):
+            tried[body or BASE, degree] = held_out_forces(chosen, blocks_in(body))
+            progress(0.3 + 0.2 * (degree - 1) + 0.2 * (k + 1) / len(frames), f"hose pack of degree {degree}")
+        error = {body: float(tried[body or BASE, degree].mean()[0]) for body in frames}
+        body = min(frames, key=lambda b: error[b])
+        if best.key not in tried or error[body] < GAIN * tried[best.key].mean()[0]:
+            best = Rest(degree, body)
+    return replace(best, tried=tried)
