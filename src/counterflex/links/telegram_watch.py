@@ -9,9 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
-from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.runtime.supervisor import Cause
 
@@ -79,9 +76,10 @@ class TelegramWatch:
     def __init__(self, period_s: float, settings: WatchSettings | None = None) -> None:
         self.settings = settings if settings is not None else WatchSettings()
         self._period_ns = round(period_s * 1e9)
-        self._late: Float = np.zeros(WINDOW)
+        self._late = [0] * WINDOW
+        self._lates = 0
         self._place = 0
-        self._offsets: Int = np.zeros(_CLOCK_SPAN, dtype=np.int64)
+        self._offsets = [0] * _CLOCK_SPAN
         self._known = 0
         self._parted = False
         self._count = UNKNOWN
@@ -90,7 +88,7 @@ class TelegramWatch:
     @property
     def share_late(self) -> float:
         """Share 0..1 of late cycles within the window."""
-        return float(self._late.sum()) / WINDOW
+        return self._lates / WINDOW
 
     def restart(self) -> None:
         """The controller began another session: its counts mean something else."""
@@ -148,8 +146,9 @@ class TelegramWatch:
         self._count = late_count
         self.late_in_a_row = self.late_in_a_row + elapsed if late >= elapsed else late
         for k in range(min(WINDOW, elapsed)):
-            self._late[self._place] = 1.0 if k < late else 0.0
-            self._place = (self._place + 1) % WINDOW
+            now, place = int(k < late), self._place
+            self._lates += now - self._late[place]
+            self._late[place], self._place = now, (place + 1) % WINDOW
         self.good = self.good + 1 if lost == 0 else 0
         if self.settings.clock and self._clocks_part(now_ns - counter_ms * 1_000_000):
             soft = _CLOCK
@@ -165,7 +164,7 @@ class TelegramWatch:
             hard = hard or _TELEGRAMS_LATE
         elif self.late_in_a_row >= settings.hold_late:
             soft = soft or _TELEGRAMS_LATE
-        if self.share_late > settings.share_late:
+        if self._lates > settings.share_late * WINDOW:
             soft = soft or _TELEGRAMS_SCATTERED
         return soft, hard
 
@@ -176,12 +175,12 @@ class TelegramWatch:
         if known == 0:
             self._offsets[0], self._known = offset_ns, 1
             return False
-        jumped = abs(offset_ns - int(self._offsets[(known - 1) % _CLOCK_SPAN])) > most
+        jumped = abs(offset_ns - self._offsets[(known - 1) % _CLOCK_SPAN]) > most
         if jumped:
             self._offsets[0], self._known = offset_ns, 1
             self.clock_jumps += 1
             return True
-        oldest = int(self._offsets[known % _CLOCK_SPAN if known >= _CLOCK_SPAN else 0])
+        oldest = self._offsets[known % _CLOCK_SPAN if known >= _CLOCK_SPAN else 0]
         parted = abs(offset_ns - oldest) > most
         self.clock_jumps += int(parted and not self._parted)
         self._parted = parted

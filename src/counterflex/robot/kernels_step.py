@@ -123,23 +123,27 @@ def write_pose(tip: Float, out: Float) -> None:
     out[12], out[13], out[14], out[15] = 0.0, 0.0, 0.0, 1.0
 
 
-@kernel(
+_SIGNATURE = (
     "int64(float64[:, ::1], int64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1],"
     " float64[:, ::1], int64)"
 )
-def step(
+
+
+@kernel(_SIGNATURE)
+def deflect(
     real: Float, kind: Int, given: Float, out: Float, frame: Float, delta: Float, scratch: Float, gravity: int
 ) -> int:
-    """One online step for ``given = [q, w_tcp_base]`` (12,); see :class:`ElasticStep`. Returns the status bits."""
+    """Deflection, compliance and rigid Jacobian for ``given = [q, w_tcp_base]`` (12,): the first half of :func:`step`.
+
+    ``OUT_T0 .. OUT_D`` and ``OUT_SIGMA`` are written, and ``scratch`` holds the Jacobian in its row 1 and the inverse
+    of the (where needed damped) Cholesky factor in its row 3. Returns DAMPED, REFUSED or 0.
+    """
     m = kind.shape[0] - 1
-    w = given[6:]
-    trig, jac, low, inv, error, half, move = (
-        scratch[0], scratch[1], scratch[2], scratch[3], scratch[4], scratch[5], scratch[6],
-    )  # fmt: skip
+    trig, jac, low, inv, error = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
     nominal, tip = scratch[7], frame[m]
     joint_trig(given, trig)
     chain_pass(real, kind, m, trig, delta, 0, frame)
-    loads(real, kind, m, frame, given, w, gravity, delta)
+    loads(real, kind, m, frame, given, given[6:], gravity, delta)
     tcp_compliance(real, kind, m, frame, out[OUT_C:])
     rigid_jacobian(real, kind, m, frame, jac)
     for k in range(12):
@@ -148,22 +152,37 @@ def step(
     chain_pass(real, kind, m, trig, delta, 1, frame)
     write_pose(tip, out[OUT_TE:])
     pose_difference(nominal, tip, error)
-    q = out[OUT_Q:]
-    residual = out[OUT_RESIDUAL:]
     for k in range(6):
         out[OUT_D + k] = error[k]
-        residual[k] = error[k]
-        q[k] = given[k]
-    for k in range(16):
-        out[OUT_TC + k] = out[OUT_T0 + k]
     sigma = cholesky_inverse(jac, 0.0, low, inv)
     out[OUT_SIGMA] = sigma
     if not sigma >= REFUSE_BELOW:
         return REFUSED
-    status = 0
-    if sigma < DAMPING_BELOW:
-        status = DAMPED
-        cholesky_inverse(jac, DAMPING * DAMPING * (1.0 - (sigma / DAMPING_BELOW) ** 2), low, inv)
+    if sigma >= DAMPING_BELOW:
+        return 0
+    cholesky_inverse(jac, DAMPING * DAMPING * (1.0 - (sigma / DAMPING_BELOW) ** 2), low, inv)
+    return DAMPED
+
+
+@kernel(_SIGNATURE)
+def step(
+    real: Float, kind: Int, given: Float, out: Float, frame: Float, delta: Float, scratch: Float, gravity: int
+) -> int:
+    """One online step for ``given = [q, w_tcp_base]`` (12,); see :class:`ElasticStep`. Returns the status bits."""
+    m = kind.shape[0] - 1
+    w = given[6:]
+    trig, jac, inv, error, half, move = scratch[0], scratch[1], scratch[3], scratch[4], scratch[5], scratch[6]
+    nominal, tip = scratch[7], frame[m]
+    status = deflect(real, kind, given, out, frame, delta, scratch, gravity)
+    q = out[OUT_Q:]
+    residual = out[OUT_RESIDUAL:]
+    for k in range(6):
+        residual[k] = error[k]
+        q[k] = given[k]
+    for k in range(16):
+        out[OUT_TC + k] = out[OUT_T0 + k]
+    if status & REFUSED:
+        return REFUSED
     for _ in range(2):
         status |= newton_step(jac, inv, error, half, move)
         for j in range(6):

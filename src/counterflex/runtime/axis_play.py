@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.robot.chain import ElasticChain
 from counterflex.runtime import axis_play_kernel as ak
-from counterflex.runtime import layout as at
-from counterflex.runtime.supervisor import State
 
 SMOOTHING_S = 0.02
 """Time over which half the play of an axis is taken up."""
@@ -30,6 +26,8 @@ class AxisPlay:
 
     Attributes:
         parameters: (6, PARAMETERS) of the kernel.
+        memory: (6, MEMORY) of the kernel.
+        begun: (1,) 1: not the first cycle.
 
     Raises:
         InputError: The chain has no play, or ``own_rad`` is negative.
@@ -47,34 +45,23 @@ class AxisPlay:
         self.parameters[:, ak.P_PROGRAM] = band if contained else own
         self.parameters[:, ak.P_WIDTH] = np.maximum(_WIDTH * band, _LEAST_RAD)
         self.parameters[:, ak.P_STEP] = (band + self.parameters[:, ak.P_PROGRAM]) * period_s / SMOOTHING_S
-        self._memory: Float = np.zeros((6, ak.MEMORY))
-        self._begun = False
+        self.memory: Float = np.zeros((6, ak.MEMORY))
+        self.begun: Int = np.zeros(1, dtype=np.int64)
 
     def reset(self) -> None:
         """Begin anew."""
-        self._memory[:] = 0.0
-        self._begun = False
+        self.memory[:] = 0.0
+        self.begun[0] = 0
 
     @property
     def value(self) -> Float:
         """(6,) rad, view: what is added now."""
-        return self._memory[:, ak.M_VALUE]
+        return self.memory[:, ak.M_VALUE]
 
     def after(self, given: Float, flags: Int, results: Float, outcome: Int) -> None:
-        """After the step of a cycle: add to its axis correction; where an input is no number, what was added stays.
+        """After the step of a cycle, see :func:`counterflex.runtime.axis_play_kernel.play_after`."""
+        ak.play_after(given, flags, results, outcome, self.parameters, self.memory, self.begun)
 
-        Args:
-            given: Inputs of the cycle.
-            flags: Likewise.
-            results: Of the step; the axis correction is changed.
-            outcome: Likewise.
-        """
-        q, axes = given[at.G_Q : at.G_Q + 6], results[at.R_AXES : at.R_AXES + 6]
-        if flags[at.F_ELAPSED] > 0 and math.isfinite(float(q.sum())):
-            state = int(outcome[at.O_STATE])
-            doing = 1 if state == State.ACTIVE else -1 if state in (State.HOLD, State.FAULT) else 0
-            ak.compensate_play(self.parameters, self._memory, q, axes, int(not self._begun), doing)
-            self._begun = True
-        if outcome[at.O_SILENT] and not results[at.R_CORRECTION : at.R_CORRECTION + 6].any():
-            self._memory[:, ak.M_VALUE] = 0.0  # nothing is in effect any more, so nothing is held for the next session
-        axes += self.value
+    def arrays(self) -> tuple[Float | Int, ...]:
+        """Parameters, memory and whether it has begun, as the kernel of a cycle takes them."""
+        return self.parameters, self.memory, self.begun

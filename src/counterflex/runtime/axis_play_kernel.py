@@ -11,8 +11,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
+from counterflex.runtime import layout as at
+from counterflex.runtime.frame_kernel import all_finite
+from counterflex.runtime.supervisor import State
 
 # Columns of the constants, one row per axis.
 P_BAND: Final = 0  # half the play, rad; 0 leaves the axis out
@@ -26,6 +29,7 @@ M_BOTH: Final = 0  # play operator of program and correction, rad
 M_PROGRAM: Final = 1  # of the program alone
 M_VALUE: Final = 2  # what is added now
 MEMORY: Final = 3
+_ACTIVE, _HOLD, _FAULT = int(State.ACTIVE), int(State.HOLD), int(State.FAULT)
 
 
 @kernel("void(float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], int64, int64)")
@@ -54,3 +58,35 @@ def compensate_play(parameters: Float, memory: Float, q: Float, added: Float, be
             wanted = 0.0
         if doing >= 0:
             m[M_VALUE] += min(max(wanted - m[M_VALUE], -p[P_STEP]), p[P_STEP])
+
+
+@kernel("void(float64[::1], int64[::1], float64[::1], int64[::1], float64[:, ::1], float64[:, ::1], int64[::1])")
+def play_after(
+    given: Float, flags: Int, results: Float, outcome: Int, parameters: Float, memory: Float, begun: Int
+) -> None:
+    """After the step of a cycle: add to its axis correction; where an input is no number, what was added stays.
+
+    Args:
+        given: (at.GIVEN,) inputs of the cycle.
+        flags: (at.FLAGS,) likewise.
+        results: (at.RESULTS,) of the step; the axis correction is changed.
+        outcome: (at.OUTCOME,) likewise.
+        parameters: (6, PARAMETERS); no rows: nothing is compensated.
+        memory: (6, MEMORY); changed.
+        begun: (1,) 1: not the first cycle; changed.
+    """
+    if parameters.shape[0] == 0:
+        return
+    if flags[at.F_ELAPSED] > 0 and all_finite(given, at.G_Q, at.G_Q + 6):
+        state = outcome[at.O_STATE]
+        doing = 1 if state == _ACTIVE else (-1 if state in (_HOLD, _FAULT) else 0)
+        q, axes = given[at.G_Q : at.G_Q + 6], results[at.R_AXES : at.R_AXES + 6]
+        compensate_play(parameters, memory, q, axes, 1 - begun[0], doing)
+        begun[0] = 1
+    still = outcome[at.O_SILENT] != 0
+    for k in range(6):
+        still = still and results[at.R_CORRECTION + k] == 0.0
+    for j in range(6):
+        if still:  # nothing is in effect any more, so nothing is held for the next session
+            memory[j, M_VALUE] = 0.0
+        results[at.R_AXES + j] += memory[j, M_VALUE]

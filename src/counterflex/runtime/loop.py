@@ -6,6 +6,7 @@ import hashlib
 
 import numpy as np
 
+from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.robot.chain import ElasticChain
@@ -13,6 +14,7 @@ from counterflex.robot.kernels_step import OUT_C, OUT_SIZE, SCRATCH
 from counterflex.runtime import fusion_kernel as fk
 from counterflex.runtime import layout as at
 from counterflex.runtime.axis_play import AxisPlay
+from counterflex.runtime.cycle_kernel import cycle
 from counterflex.runtime.follow_kernel import PLAN_COLUMNS
 from counterflex.runtime.fusion import Source
 from counterflex.runtime.loop_constants import SCALE_VARIANCE, pack_choices, pack_constants
@@ -23,7 +25,6 @@ from counterflex.runtime.monitor_settings import MonitorSettings, unwatched
 from counterflex.runtime.override_settings import OverrideSettings
 from counterflex.runtime.plausibility_stage import PlausibilityStage
 from counterflex.runtime.settings import ForceMode, OnlineSettings
-from counterflex.runtime.step_kernel import step
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.signals.filters import Smoother
 
@@ -105,12 +106,13 @@ class Loop:
         self._load: Float = np.zeros(12)
         self._work: Float = np.zeros((11, 12))
         self.monitor = _monitor(settings, self._plan, plan, monitor, override)
-        self.plausibility = PlausibilityStage(settings, self._choices, self._state, self._whole, self._ring)
+        self.plausibility = PlausibilityStage(settings)
         self._place: Float = self._state[at.S_PLACE : at.S_PLACE + 2]
         self._axis_play: AxisPlay | None = None
         if settings.axis_play:
             own = np.array(settings.own_play_rad)
             self._axis_play = AxisPlay(chain, settings.period_s, contained=settings.compensated, own_rad=own)
+        self._table = self._arrays()
         self.reset()
 
     def reset(self) -> None:
@@ -135,6 +137,23 @@ class Loop:
         self.plausibility.reset()
         if self._axis_play is not None:
             self._axis_play.reset()
+
+    def _arrays(self) -> ArrayTable:
+        """All arrays of a cycle in the order of :mod:`counterflex.runtime.cycle_kernel`."""
+        m, p, play = self.measured_filter, self.predicted_filter, self._axis_play
+        none = np.zeros((0, 1)), np.zeros((0, 1)), np.zeros(1, dtype=np.int64)
+        return ArrayTable(
+            (
+                *(self.given, self.flags, self._constants, self._choices, self._supervisor, self._plan),
+                *(self._real, self._kind, self._state, self._whole, self._ring),
+                *(m.coefficients, m.memory, m.ring, m.place, p.memory, p.ring, p.place),
+                *(self._elastic, self._frame, self._delta, self._scratch, self._load),
+                *(self.results, self.outcome, self._work),
+                *self.plausibility.arrays(),
+                *(none if play is None else play.arrays()),
+                *self.monitor.arrays(),
+            )
+        )
 
     def take(self, samples: Float, count: int, number: int) -> None:
         """Hand over the force sensor's own samples of the cycle, see :meth:`Monitor.take`; before :meth:`run`."""
@@ -209,44 +228,7 @@ class Loop:
 
     def run(self) -> None:
         """One cycle."""
-        m, p = self.measured_filter, self.predicted_filter
-        self.monitor.before(self.flags)
-        self.plausibility.before(self.given, self.flags, self.results)
-        step(
-            self.given,
-            self.flags,
-            self._constants,
-            self._choices,
-            self._supervisor,
-            self._plan,
-            self._real,
-            self._kind,
-            self._state,
-            self._whole,
-            self._ring,
-            m.coefficients,
-            m.memory,
-            m.ring,
-            m.place,
-            p.memory,
-            p.ring,
-            p.place,
-            self._elastic,
-            self._frame,
-            self._delta,
-            self._scratch,
-            self._load,
-            self.results,
-            self.outcome,
-            self._work,
-        )
-        if self._axis_play is not None:
-            self._axis_play.after(self.given, self.flags, self.results, self.outcome)
-        self.plausibility.after(self.given, self.flags, self.results, self.outcome)
-        self.monitor.after(self.given, self.flags, self.results, self.outcome, self._place)
-        if self.monitor.overriding:
-            self._state[at.S_SPEED] = self.monitor.speed
-            self._state[at.S_SLOWER] = self.monitor.speed**self.monitor.settings.exponent
+        cycle(self._table.rows)
 
     @property
     def compliance(self) -> Float:

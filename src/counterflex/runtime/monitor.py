@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
-from counterflex.runtime import layout as at
 from counterflex.runtime import monitor_layout as ml
 from counterflex.runtime.fast_force_kernel import COUNTS, MEMORY, take_samples
 from counterflex.runtime.monitor_kernel import watch
@@ -25,9 +24,9 @@ from counterflex.runtime.override_settings import OverrideSettings
 class Monitor:
     """Watches the process beside the step of a loop.
 
-    Call :meth:`before` ahead of the step and :meth:`after` behind it; :meth:`take` hands over the force sensor's own
-    samples of the cycle. What :meth:`take` makes of them (``fast``) counts as given, as the tared force does, and is
-    logged as such.
+    The kernel of a cycle runs it around the step, over :meth:`arrays`; without a loop, call :meth:`after` every cycle.
+    :meth:`take` hands over the force sensor's own samples of the cycle. What :meth:`take` makes of them (``fast``)
+    counts as given, as the tared force does, and is logged as such.
 
     Args:
         settings: What is watched.
@@ -109,13 +108,6 @@ class Monitor:
             self.fast,
         )
 
-    def before(self, flags: Int) -> None:
-        """Hand what was found before to the supervisor: causes of hold and fault, where there are no others."""
-        if self._whole[ml.N_HOLD] and flags[at.F_SOFT] == 0:
-            flags[at.F_SOFT] = self._whole[ml.N_HOLD]
-        if self._whole[ml.N_STOP] and flags[at.F_HARD] == 0:
-            flags[at.F_HARD] = self._whole[ml.N_STOP]
-
     def after(self, given: Float, flags: Int, results: Float, outcome: Int, place: Float) -> None:
         """Look at a cycle; may ask for a feed hold in ``outcome``.
 
@@ -153,6 +145,26 @@ class Monitor:
             self._asked,
             self.results,
             self.outcome,
+        )
+
+    def arrays(self) -> tuple[Float | Int, ...]:
+        """Its arrays, as the kernel of a cycle takes them.
+
+        Plan, fast samples, constants, choices, speed's constants; state, counters, results, outcome, frame, speed's
+        state.
+        """
+        return (
+            self._plan,
+            self.fast,
+            self._constants,
+            self._choices,
+            self._speed,
+            self._state,
+            self._whole,
+            self.results,
+            self.outcome,
+            self._frame,
+            self._asked,
         )
 
     @property

@@ -245,3 +245,17 @@ def watch(
     if whole[ml.N_HOLD] != 0:
         step_outcome[at.O_FEED_HOLD] = 1
     outcome[ml.O_ON] = whole[ml.N_ON]
+
+
+@kernel("void(int64[::1], int64[::1])")
+def hand_over(whole: Int, flags: Int) -> None:
+    """Hand what was found before to the supervisor: causes of hold and fault, where there are no others.
+
+    Args:
+        whole: (WHOLE,) of :func:`watch`.
+        flags: (at.FLAGS,) inputs of the step; changed.
+    """
+    if whole[ml.N_HOLD] != 0 and flags[at.F_SOFT] == 0:
+        flags[at.F_SOFT] = whole[ml.N_HOLD]
+    if whole[ml.N_STOP] != 0 and flags[at.F_HARD] == 0:
+        flags[at.F_HARD] = whole[ml.N_STOP]

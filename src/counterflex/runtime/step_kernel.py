@@ -10,15 +10,9 @@ import math
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
-from counterflex.robot.kernels_step import (
-    OUT_D,
-    OUT_SIGMA,
-    REFUSED,
-    cholesky_inverse,
-    newton_step,
-)
-from counterflex.robot.kernels_step import step as elastic_step
+from counterflex.robot.kernels_step import OUT_D, OUT_SIGMA, REFUSED, deflect
 from counterflex.runtime import layout as at
+from counterflex.runtime.act_kernel import FAULT_LOST, as_axes, ask_supervisor, limit, remember
 from counterflex.runtime.direction_kernel import control
 from counterflex.runtime.estimate_kernel import (
     answered,
@@ -39,41 +33,24 @@ from counterflex.runtime.supervisor import (
     AT_CYCLES,
     AT_RISE,
     AT_STATE,
-    IN_ARM,
-    IN_AT_ZERO,
-    IN_ENABLE,
-    IN_HARD,
-    IN_HEALTHY,
-    IN_NEAR,
-    IN_RESET,
-    IN_SOFT,
-    IN_STOP,
-    IN_TELEGRAM,
     SET_RISE_CYCLES,
     SET_STOP_CYCLES,
     Cause,
     State,
     risen,
-    supervise,
 )
 from counterflex.runtime.tracker_kernel import designed, designed_correction, observe, sum_up
 from counterflex.signals.filters import smooth
-from counterflex.signals.limiter import limited_step
 
 MOST_ELAPSED = 4
 """Cycles that are made up for at most after telegrams were lost."""
-_NEAR_M = 0.05e-3
-_AT_ZERO_M = 1e-7
-_AT_ZERO_RAD = 1e-7
-_FAULT_LOST = 10
 _FORCE = int(Source.FORCE)
 _MEASURED, _PILOT, _SCALE, _FUSED = 1, 2, 3, 4
 _INTEGRATOR, _OBSERVER, _DESIGNED = 1, 2, 3
-_READY, _ARMED, _ACTIVE = int(State.READY), int(State.ARMED), int(State.ACTIVE)
-_HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
+_READY, _ACTIVE = int(State.READY), int(State.ACTIVE)
+_HOLD, _FAULT = int(State.HOLD), int(State.FAULT)
 _LATE, _STOPPED, _FORCE_STALE = int(Cause.TELEGRAMS_LATE), int(Cause.TELEGRAMS_STOPPED), int(Cause.FORCE_STALE)
 _TRACKER_LOST, _SOFT_LIMIT, _HARD_LIMIT = int(Cause.TRACKER_LOST), int(Cause.LIMIT_SOFT), int(Cause.LIMIT_HARD)
-_SESSION = int(Cause.SESSION_RESTARTED)
 _NOT_FINITE, _OFF_PATH, _SINGULAR = int(Cause.NOT_FINITE), int(Cause.OFF_PATH), int(Cause.SINGULAR)
 
 
@@ -148,7 +125,7 @@ def step(
     whole[at.N_CYCLES] += 1
     state[at.S_CLOCK] += flags[at.F_ELAPSED]
     soft, hard = flags[at.F_SOFT], flags[at.F_HARD]
-    if lost >= _FAULT_LOST and hard == 0:
+    if lost >= FAULT_LOST and hard == 0:
         hard = _STOPPED
     elif lost >= choices[at.W_LOST] and soft == 0:
         soft = _LATE
@@ -252,7 +229,7 @@ def step(
     if hard != _NOT_FINITE:
         turn(constants, at.C_R_BASE_PART, load, 6)
         turn(constants, at.C_R_BASE_PART, load, 9)
-        elastic_status = elastic_step(real, kind, load, elastic, frame, delta, scratch, 0)
+        elastic_status = deflect(real, kind, load, elastic, frame, delta, scratch, 0)
         for k in range(6):
             bent[k] = elastic[OUT_D + k]
         turn_back(constants, at.C_R_BASE_PART, bent, 0)
@@ -365,92 +342,15 @@ def step(
         hard = _HARD_LIMIT
     elif reach > 1.0 and soft == 0 and active:
         soft = _SOFT_LIMIT
-    # Who may act.
-    away = 0.0
-    for k in range(3):
-        away += (wanted[k] - state[at.S_Y + k]) ** 2
-    inputs = whole[at.N_INPUTS :]
-    inputs[IN_TELEGRAM] = 1 if flags[at.F_ELAPSED] > 0 else 0
-    inputs[IN_HEALTHY], inputs[IN_ARM], inputs[IN_ENABLE] = flags[at.F_HEALTHY], flags[at.F_ARM], flags[at.F_ENABLE]
-    inputs[IN_STOP], inputs[IN_RESET], inputs[IN_SOFT], inputs[IN_HARD] = (
-        flags[at.F_STOP],
-        flags[at.F_RESET],
-        soft,
-        hard,
-    )
-    still = size_of(state, at.S_V) * period < _AT_ZERO_M and size_of(state, at.S_V + 3) * period < _AT_ZERO_RAD
-    at_zero = size_of(state, at.S_Y) < _AT_ZERO_M and size_of(state, at.S_Y + 3) < _AT_ZERO_RAD and still
-    inputs[IN_AT_ZERO] = 1 if at_zero else 0
-    inputs[IN_NEAR] = 1 if away < _NEAR_M * _NEAR_M else 0
-    supervise(whole[:5], inputs, supervisor_settings)
-    now = whole[AT_STATE]
-    # Another session of the controller begins with no correction in force: what was held belongs to the one before. In
-    # a fault nothing is said to it, because whether it is another one is not certain, and either answer may be a jump.
-    if flags[at.F_HARD] == _SESSION:
-        whole[at.N_SESSION] = 1
-        for k in range(6):
-            state[at.S_Y + k] = state[at.S_V + k] = 0.0
-    if now <= _ARMED:  # the correction is zero: what was summed up belongs to another place of the program
-        for k in range(6):
-            state[at.S_SUM + k] = 0.0
-        for k in range(3):
-            state[at.S_INTEGRAL + k] = 0.0
-    if now != _FAULT:
-        whole[at.N_SESSION] = 0
-    elif whole[at.N_LATE] >= _FAULT_LOST and outcome[at.O_SILENT] == 1:
-        for k in range(12):  # nobody asked and nobody was answered: nothing is in effect any more
-            state[at.S_Y + k] = 0.0
-    # Limits.
-    limits = 0
-    target = state[at.S_HELD : at.S_HELD + 6]
-    for k in range(6):
-        if now == _ACTIVE:
-            target[k] = share * wanted[k]
-        elif now in (_HOLD, _FAULT):
-            target[k] = math.nan
-        else:
-            target[k] = 0.0
-    # From rest at zero there is nowhere to ramp to: no state but ACTIVE moves the output away from zero.
-    first = at.C_RAMP if now == _RAMP_OUT else at.C_TRANSLATION
-    second = at.C_RAMP_ROTATION if now == _RAMP_OUT else at.C_ROTATION
-    y, v = state[at.S_Y : at.S_Y + 6], state[at.S_V : at.S_V + 6]
-    # Without a telegram nothing is sent, so nothing moves: the cycles are made up for when the next one comes.
-    for _ in range(elapsed):
-        limits |= limited_step(y[:3], v[:3], target[:3], constants[first : first + 3], period)
-        limits |= limited_step(y[3:], v[3:], target[3:6], constants[second : second + 3], period) << 4
-    for k in range(6):
-        if math.isnan(target[k]):
-            target[k] = state[at.S_Y + k]
-        results[at.R_CORRECTION + k] = state[at.S_Y + k]
-    # What the robot makes of it, for the observer.
-    if hard == _NOT_FINITE:  # nothing of it into what is remembered: filters over the past would never forget it
-        before = (here - 1 + at.RING_ROWS) % at.RING_ROWS
-        for k in range(at.RING):
-            ring[here, k] = ring[before, k]
-        ring[here, at.RING_CLOCK] = state[at.S_CLOCK]
-    else:
-        for k in range(12):
-            ring[here, at.RING_NOMINAL + k] = nominal[k]
-    for k in range(6):
-        ring[here, at.RING_SENT + k] = state[at.S_Y + k]
-        ring[here, at.RING_DEFLECTION + k] = bent[k] if k < 3 or choices[at.W_ORIENTATION] == 1 else 0.0
-    if force_mode != _FUSED:
-        answered(ring, here, choices[at.W_CORRECTION_BACK], constants, state)
-    whole[at.N_RING] = (here + 1) % at.RING_ROWS
-    # The same as axis angles: the damped step of the rigid Jacobian that the elastic step left behind.
-    # Where they cannot be computed they stay as they were: a fault holds, also in the axes.
+    # Who may act, and how far.
+    now = ask_supervisor(flags, soft, hard, wanted, period, supervisor_settings, state, whole, outcome)
+    limits = limit(now, share, wanted, elapsed, constants, state, results)
+    remember(here, hard, nominal, bent, choices, constants, state, whole, ring)
+    # Where axis angles cannot be computed they stay as they were: a fault holds, also in the axes.
     for k in range(6):
         results[at.R_AXES + k] = state[at.S_AXES + k]
     if hard != _NOT_FINITE and not elastic_status & REFUSED:
-        error = load
-        for k in range(6):
-            error[k] = -state[at.S_Y + k]
-        turn(constants, at.C_R_BASE_PART, error, 0)
-        turn(constants, at.C_R_BASE_PART, error, 3)
-        cholesky_inverse(scratch[1], 0.0, scratch[2], scratch[3])
-        newton_step(scratch[1], scratch[3], error, scratch[5], results[at.R_AXES : at.R_AXES + 6])
-        for k in range(6):
-            state[at.S_AXES + k] = results[at.R_AXES + k]
+        elastic_status |= as_axes(elastic_status, constants, state, scratch, load, results)
     results[at.R_PATH], results[at.R_SIGMA], results[at.R_CUT] = distance, elastic[OUT_SIGMA], cut
     outcome[at.O_SOURCES], outcome[at.O_DEGRADED] = sources, degraded
     outcome[at.O_STATE], outcome[at.O_CAUSE] = now, whole[1]

@@ -1,0 +1,221 @@
+"""The last part of the online step: who may act, how far and how fast, and what the robot makes of it. Pure.
+
+Supervisor, limits, memory of what was sent, and the same correction as axis angles; called by
+:func:`counterflex.runtime.step_kernel.step` in this order. Part frame, SI.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.jit import kernel
+from counterflex.robot.kernels_step import DAMPED, cholesky_inverse, newton_step
+from counterflex.runtime import layout as at
+from counterflex.runtime.estimate_kernel import answered
+from counterflex.runtime.frame_kernel import size_of, turn
+from counterflex.runtime.supervisor import (
+    AT_STATE,
+    IN_ARM,
+    IN_AT_ZERO,
+    IN_ENABLE,
+    IN_HARD,
+    IN_HEALTHY,
+    IN_NEAR,
+    IN_RESET,
+    IN_SOFT,
+    IN_STOP,
+    IN_TELEGRAM,
+    Cause,
+    State,
+    supervise,
+)
+from counterflex.signals.limiter import limited_step
+
+FAULT_LOST: Final = 10
+"""Telegrams lost in a row that are a fault."""
+_NEAR_M = 0.05e-3
+_AT_ZERO_M = 1e-7
+_AT_ZERO_RAD = 1e-7
+_FUSED = 4
+_ARMED, _ACTIVE = int(State.ARMED), int(State.ACTIVE)
+_HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
+_SESSION, _NOT_FINITE = int(Cause.SESSION_RESTARTED), int(Cause.NOT_FINITE)
+
+
+@kernel("int64(int64[::1], int64, int64, float64[::1], float64, int64[::1], float64[::1], int64[::1], int64[::1])")
+def ask_supervisor(
+    flags: Int,
+    soft: int,
+    hard: int,
+    wanted: Float,
+    period: float,
+    supervisor_settings: Int,
+    state: Float,
+    whole: Int,
+    outcome: Int,
+) -> int:
+    """Who may act in this cycle; forgets what belongs to another place or another session.
+
+    Args:
+        flags: (at.FLAGS,) inputs.
+        soft: Cause of a hold, or 0.
+        hard: Cause of a fault, or 0.
+        wanted: (6,) correction wanted, m and rotation vector.
+        period: Of a cycle, s.
+        supervisor_settings: (4,).
+        state: (at.STATE,); changed.
+        whole: (at.WHOLE,); changed.
+        outcome: (at.OUTCOME,) of the last cycle.
+
+    Returns:
+        The state of the supervisor.
+    """
+    away = 0.0
+    for k in range(3):
+        away += (wanted[k] - state[at.S_Y + k]) ** 2
+    inputs = whole[at.N_INPUTS :]
+    inputs[IN_TELEGRAM] = 1 if flags[at.F_ELAPSED] > 0 else 0
+    inputs[IN_HEALTHY], inputs[IN_ARM], inputs[IN_ENABLE] = flags[at.F_HEALTHY], flags[at.F_ARM], flags[at.F_ENABLE]
+    inputs[IN_STOP], inputs[IN_RESET], inputs[IN_SOFT], inputs[IN_HARD] = (
+        flags[at.F_STOP],
+        flags[at.F_RESET],
+        soft,
+        hard,
+    )
+    still = size_of(state, at.S_V) * period < _AT_ZERO_M and size_of(state, at.S_V + 3) * period < _AT_ZERO_RAD
+    at_zero = size_of(state, at.S_Y) < _AT_ZERO_M and size_of(state, at.S_Y + 3) < _AT_ZERO_RAD and still
+    inputs[IN_AT_ZERO] = 1 if at_zero else 0
+    inputs[IN_NEAR] = 1 if away < _NEAR_M * _NEAR_M else 0
+    supervise(whole[:5], inputs, supervisor_settings)
+    now: int = whole[AT_STATE]
+    # Another session of the controller begins with no correction in force: what was held belongs to the one before. In
+    # a fault nothing is said to it, because whether it is another one is not certain, and either answer may be a jump.
+    if flags[at.F_HARD] == _SESSION:
+        whole[at.N_SESSION] = 1
+        for k in range(6):
+            state[at.S_Y + k] = state[at.S_V + k] = 0.0
+    if now <= _ARMED:  # the correction is zero: what was summed up belongs to another place of the program
+        for k in range(6):
+            state[at.S_SUM + k] = 0.0
+        for k in range(3):
+            state[at.S_INTEGRAL + k] = 0.0
+    if now != _FAULT:
+        whole[at.N_SESSION] = 0
+    elif whole[at.N_LATE] >= FAULT_LOST and outcome[at.O_SILENT] == 1:
+        for k in range(12):  # nobody asked and nobody was answered: nothing is in effect any more
+            state[at.S_Y + k] = 0.0
+    return now
+
+
+@kernel("int64(int64, float64, float64[::1], int64, float64[::1], float64[::1], float64[::1])")
+def limit(now: int, share: float, wanted: Float, elapsed: int, constants: Float, state: Float, results: Float) -> int:
+    """Move the correction towards what is wanted, as far as state and limits allow.
+
+    Args:
+        now: State of the supervisor.
+        share: 0..1, by which the correction is faded in.
+        wanted: (6,) m and rotation vector.
+        elapsed: Cycles since the last telegram.
+        constants: (at.CONSTANTS,).
+        state: (at.STATE,); changed.
+        results: (at.RESULTS,); R_CORRECTION is written.
+
+    Returns:
+        Bits of the limiter: translation, then rotation shifted by 4.
+    """
+    period = constants[at.C_PERIOD]
+    limits = 0
+    target = state[at.S_HELD : at.S_HELD + 6]
+    for k in range(6):
+        if now == _ACTIVE:
+            target[k] = share * wanted[k]
+        elif now in (_HOLD, _FAULT):
+            target[k] = math.nan
+        else:
+            target[k] = 0.0
+    # From rest at zero there is nowhere to ramp to: no state but ACTIVE moves the output away from zero.
+    first = at.C_RAMP if now == _RAMP_OUT else at.C_TRANSLATION
+    second = at.C_RAMP_ROTATION if now == _RAMP_OUT else at.C_ROTATION
+    y, v = state[at.S_Y : at.S_Y + 6], state[at.S_V : at.S_V + 6]
+    # Without a telegram nothing is sent, so nothing moves: the cycles are made up for when the next one comes.
+    for _ in range(elapsed):
+        limits |= limited_step(y[:3], v[:3], target[:3], constants[first : first + 3], period)
+        limits |= limited_step(y[3:], v[3:], target[3:6], constants[second : second + 3], period) << 4
+    for k in range(6):
+        if math.isnan(target[k]):
+            target[k] = state[at.S_Y + k]
+        results[at.R_CORRECTION + k] = state[at.S_Y + k]
+    return limits
+
+
+@kernel(
+    "void(int64, int64, float64[::1], float64[::1], int64[::1], float64[::1], float64[::1], int64[::1],"
+    " float64[:, ::1])"
+)
+def remember(
+    here: int,
+    hard: int,
+    nominal: Float,
+    bent: Float,
+    choices: Int,
+    constants: Float,
+    state: Float,
+    whole: Int,
+    ring: Float,
+) -> None:
+    """Write the cycle into the ring of the last ones, and reckon what the robot makes of the correction.
+
+    Args:
+        here: Row of this cycle.
+        hard: Cause of a fault, or 0.
+        nominal: (12,) commanded pose without correction.
+        bent: (6,) deflection, part axes.
+        choices: (at.CHOICES,).
+        constants: (at.CONSTANTS,).
+        state: (at.STATE,); changed.
+        whole: (at.WHOLE,); changed.
+        ring: (at.RING_ROWS, at.RING); changed.
+    """
+    if hard == _NOT_FINITE:  # nothing of it into what is remembered: filters over the past would never forget it
+        before = (here - 1 + at.RING_ROWS) % at.RING_ROWS
+        for k in range(at.RING):
+            ring[here, k] = ring[before, k]
+        ring[here, at.RING_CLOCK] = state[at.S_CLOCK]
+    else:
+        for k in range(12):
+            ring[here, at.RING_NOMINAL + k] = nominal[k]
+    for k in range(6):
+        ring[here, at.RING_SENT + k] = state[at.S_Y + k]
+        ring[here, at.RING_DEFLECTION + k] = bent[k] if k < 3 or choices[at.W_ORIENTATION] == 1 else 0.0
+    if choices[at.W_FORCE] != _FUSED:
+        answered(ring, here, choices[at.W_CORRECTION_BACK], constants, state)
+    whole[at.N_RING] = (here + 1) % at.RING_ROWS
+
+
+@kernel("int64(int64, float64[::1], float64[::1], float64[:, ::1], float64[::1], float64[::1])")
+def as_axes(status: int, constants: Float, state: Float, scratch: Float, error: Float, results: Float) -> int:
+    """The correction as change of the axis angles: one Newton step with the rigid Jacobian, never damped.
+
+    Args:
+        status: DAMPED or 0: of the elastic step, which left Jacobian and inverse factor in ``scratch``.
+        constants: (at.CONSTANTS,).
+        state: (at.STATE,); changed.
+        scratch: (SCRATCH, 36) of the elastic step.
+        error: (12,) work space.
+        results: (at.RESULTS,); R_AXES is written.
+
+    Returns:
+        CLAMPED or 0.
+    """
+    for k in range(6):
+        error[k] = -state[at.S_Y + k]
+    turn(constants, at.C_R_BASE_PART, error, 0)
+    turn(constants, at.C_R_BASE_PART, error, 3)
+    if status & DAMPED:
+        cholesky_inverse(scratch[1], 0.0, scratch[2], scratch[3])
+    clamped = newton_step(scratch[1], scratch[3], error, scratch[5], results[at.R_AXES : at.R_AXES + 6])
+    for k in range(6):
+        state[at.S_AXES + k] = results[at.R_AXES + k]
+    return clamped
