@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from counterflex.app import online, steady
+from counterflex.app import online_session, steady
 from counterflex.app.doctor import feed
 from counterflex.app.made_on import made_on
 from counterflex.core.arrays import Float
@@ -127,8 +127,8 @@ def reply(seconds: float) -> dict[str, Any]:
         try:
             cell.start()
             force, http = here.recv()
-            session = online.open_session(
-                online.RunSettings(
+            session = online_session.open_session(
+                online_session.RunSettings(
                     job.cell,
                     job.rsi,
                     job.plan,

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import counterflex
-from counterflex.app import evaluate, kept, live, online, over_sockets, run_log
+from counterflex.app import evaluate, kept, live, online_session, over_sockets, run_log
 from counterflex.app.compensate import run as compensate
 from counterflex.app.truth import make_truth
 from counterflex.files.cell import read_cell
@@ -108,7 +108,7 @@ def milled(folder: Path, of_cell: str, of_loop: str, plan: Path, truth: Path) ->
     said = over_sockets.run(
         live.LiveSettings(PROGRAM, there, truth, RSI, hose_share=0.0),
         folder / "part",
-        online.RunSettings(believed, RSI, plan, compensated=False, arm=True),
+        online_session.RunSettings(believed, RSI, plan, compensated=False, arm=True),
         folder / "log",
         sensors=over_sockets.Sensors(force=True),
     )

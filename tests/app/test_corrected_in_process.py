@@ -13,7 +13,7 @@ import pytest
 from counterflex.app import simulate
 from counterflex.app.compensate import run as compensate
 from counterflex.app.inputs import Job, read_job
-from counterflex.app.online import loop_plan
+from counterflex.app.online_loop import loop_plan
 from counterflex.app.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.files.cell import Cell, read_cell

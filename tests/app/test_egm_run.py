@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app import online
+from counterflex.app import online_session
 from counterflex.app.compensate import run as compensate
 from counterflex.app.lone_rsi import running_robot
 from counterflex.app.twin_controllers import egm_controller
@@ -99,8 +99,8 @@ def mill(folder: Path, mode: str, *, arm: bool) -> tuple[Float, set[State], Onli
     """Path of the bent tip while it cuts, states of the loop, and the session."""
     cell_file, plan = folder / f"{mode}.toml", folder / "plan" / "plan.parquet"
     cell = read_cell(cell_file)
-    run = online.RunSettings(cell_file, None, plan, compensated=False, port=0, egm=True, arm=arm, lockstep=True)
-    session = online.open_session(run)
+    run = online_session.RunSettings(cell_file, None, plan, compensated=False, port=0, egm=True, arm=arm, lockstep=True)
+    session = online_session.open_session(run)
     sensor = flange_sensor(cell.tables.sensor, cell.chain)
     assert sensor is not None
     egm = egm_controller(cell)
@@ -165,8 +165,8 @@ def test_what_egm_cannot_do_is_refused(folder: Path, tmp_path: Path) -> None:
         cell = tmp_path / "cell.toml"
         assert old in text
         cell.write_text(text.replace(old, new), encoding="utf-8")
-        settings = online.RunSettings(cell, None, plan, compensated=False, port=0, egm=True)
-        online.open_session(replace(settings, **changes))  # type: ignore[arg-type]
+        settings = online_session.RunSettings(cell, None, plan, compensated=False, port=0, egm=True)
+        online_session.open_session(replace(settings, **changes))  # type: ignore[arg-type]
 
     with pytest.raises(InputError, match="another cycle"):
         opened("period_ms = 24", "period_ms = 4")

@@ -10,8 +10,9 @@ import pytest
 from counterflex.app import faults
 from counterflex.app.fault_scenarios import SCENARIOS, network, rubbish, sessions, strangers
 from counterflex.app.fault_scenarios import clocks as clock_faults
+from counterflex.app.fault_scenarios.demonstration import force_only
 from counterflex.app.fault_scenarios.network import LARGEST_STEP_M, OLDEST
-from counterflex.app.fault_scenarios.rig import Rig, force_only
+from counterflex.app.fault_scenarios.rig import Rig
 from counterflex.app.fault_scenarios.scenario import Effort, Scenario
 from counterflex.core.errors import InputError
 from counterflex.files.summary_file import read_summary

@@ -11,7 +11,7 @@ import pytest
 
 import counterflex
 from counterflex.app import compensate as job
-from counterflex.app import online
+from counterflex.app import online_session
 from counterflex.app.compensate import LANGUAGES, compensate
 from counterflex.app.job_check import check_job
 from counterflex.core.errors import FileFormatError, InputError
@@ -106,13 +106,13 @@ def test_a_compensated_program_is_not_compensated_again(small: Path, made: Path)
 def test_a_run_is_refused_before_anything_is_opened(small: Path, made: Path, tmp_path: Path) -> None:
     cell = tmp_path / "online.toml"
     cell.write_text(small.read_text(encoding="utf-8") + '\n[online]\nforce = "fused"\n', encoding="utf-8")
-    settings = online.RunSettings(cell, RSI, made / "plan.parquet", port=0, program=compensated(made))
-    session = online.open_session(settings)
+    settings = online_session.RunSettings(cell, RSI, made / "plan.parquet", port=0, program=compensated(made))
+    session = online_session.open_session(settings)
     session.link.close()
     with pytest.raises(InputError, match="compensated twice"):
-        online.open_session(dataclasses.replace(settings, compensated=False))
+        online_session.open_session(dataclasses.replace(settings, compensated=False))
     with pytest.raises(InputError, match="compensated twice"):
-        online.open_session(dataclasses.replace(settings, plan=None))
+        online_session.open_session(dataclasses.replace(settings, plan=None))
 
 
 @pytest.mark.parametrize("text", ["", "0123", OTHER.upper(), OTHER + "0", "(" + OTHER[1:]])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import counterflex
-from counterflex.app import evaluate, live, online, over_sockets, run_log
+from counterflex.app import evaluate, live, online_session, over_sockets, run_log
 from counterflex.app.compensate import run as compensate
 from counterflex.app.truth import make_truth
 from counterflex.core.errors import FileFormatError, InputError
@@ -57,7 +57,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
 def mill(place: Place, name: str, *, arm: bool) -> tuple[dict[str, Any], dict[str, Any]]:
     """Run the groove with the loop watching or acting: its summary and the figures of the part."""
     twin = live.LiveSettings(PROGRAM, place.cell, place.truth, RSI, hose_share=0.0)
-    loop = online.RunSettings(place.cell, RSI, place.plan, compensated=False, arm=arm)
+    loop = online_session.RunSettings(place.cell, RSI, place.plan, compensated=False, arm=arm)
     part, log = place.folder / name, place.folder / f"{name}-log"
     summary = over_sockets.run(twin, part, loop, log, sensors=over_sockets.Sensors())
     return summary, evaluate.run([part], None)["variants"]["nominal"]
@@ -93,12 +93,12 @@ def test_correcting_while_milling_pair(place: Place) -> None:
 
 
 def test_what_is_missing_is_said(place: Place, tmp_path: Path) -> None:
-    bare = online.RunSettings(place.folder / "bare.toml", RSI, place.plan)
+    bare = online_session.RunSettings(place.folder / "bare.toml", RSI, place.plan)
     with pytest.raises(FileFormatError, match=r"\[online\]"):
-        online.open_session(bare)
-    blind = online.RunSettings(place.cell, RSI, place.plan)
+        online_session.open_session(bare)
+    blind = online_session.RunSettings(place.cell, RSI, place.plan)
     with pytest.raises(InputError, match="no force sensor"):
-        online.open_session(blind)
-    planless = online.RunSettings(place.cell, RSI, None, force=("127.0.0.1", 9))
+        online_session.open_session(blind)
+    planless = online_session.RunSettings(place.cell, RSI, None, force=("127.0.0.1", 9))
     with pytest.raises(InputError, match="needs a plan"):
-        online.open_session(planless)
+        online_session.open_session(planless)

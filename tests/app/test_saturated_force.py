@@ -20,7 +20,7 @@ def test_a_saturated_sensor_holds_in_the_same_cycle_until_it_is_clean(cycles: in
     def force(time_s: float) -> Float:
         return np.array([0.0, BEYOND_N if saturated else 200.0, 0.0])
 
-    with Rig(force=force) as rig:
+    with Rig(force=force, holds_feed=False) as rig:
         rig.activate().run(200)
         assert rig.seen.path()[-1] == "active"
         before = rig.seen.correction_m[-1]

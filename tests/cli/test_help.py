@@ -15,7 +15,7 @@ import pytest
 import typer
 
 from counterflex.app import examples
-from counterflex.app.online import online_loop
+from counterflex.app.online_loop import online_loop
 from counterflex.cli.main import app
 from counterflex.evaluate.loop_timing import LoopSamples
 from counterflex.files.cell import read_cell
@@ -53,6 +53,7 @@ LIVE = (
     "twin egm",
     "twin proxy",
     "tracker bridge",
+    "operator",
     "ads",
 )
 """Commands that wait for each other or for a device: tests of their own run them over sockets."""

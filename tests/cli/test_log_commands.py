@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 
 from counterflex import __version__
 from counterflex.app.made_on import made_on
-from counterflex.app.online import online_loop
+from counterflex.app.online_loop import online_loop
 from counterflex.core.arrays import Float
 from counterflex.files.cell import read_cell
 from counterflex.files.run_log import RunLog, read_log

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import counterflex
-from counterflex.app.fault_scenarios.rig import demo_cell, force_only
+from counterflex.app.fault_scenarios.demonstration import demo_cell, force_only
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
 from counterflex.robot.chain import ElasticChain

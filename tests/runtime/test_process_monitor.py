@@ -252,8 +252,10 @@ def active(reaction: dict[Event, Reaction] | None = None, arm: bool = True, **ch
     return loop
 
 
-def mill(loop: Loop, factor: float, until: float, begin: float = 0.0, seed: int = 1) -> set[Event]:
-    """Go along the slot with the plan's force times a factor; the events met."""
+def mill(
+    loop: Loop, factor: float, until: float, begin: float = 0.0, seed: int = 1, *, obey: bool = False
+) -> set[Event]:
+    """Go along the slot with the plan's force times a factor, to a feed hold where that is obeyed; the events met."""
     rng = np.random.default_rng(seed)
     plan = slot()
     met: set[Event] = set()
@@ -265,6 +267,8 @@ def mill(loop: Loop, factor: float, until: float, begin: float = 0.0, seed: int 
         loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True)
         loop.run()
         met |= {e for e in Event if int(loop.monitor.outcome[ml.O_NEW]) >> e & 1}
+        if obey and loop.outcome[at.O_FEED_HOLD]:
+            break
     return met
 
 
@@ -290,13 +294,16 @@ def test_a_sound_cut_and_pairs_of_what_can_go_wrong() -> None:
 def test_overload_holds_the_feed_until_a_person_resets() -> None:
     loop = active()
     assert loop.state == State.ACTIVE
-    assert Event.OVERLOAD in mill(loop, 2.0, 0.06)
-    assert loop.state in (State.HOLD, State.RAMP_OUT, State.READY)
-    assert loop.outcome[at.O_FEED_HOLD] == 1
-    held = pose.make(R, np.array([0.06, 0.0, 0.0]))
+    assert Event.OVERLOAD in mill(loop, 2.0, 0.06, obey=True)
+    held = pose.make(R, loop.given[9:12].copy())
+    stopped = 0
     for _ in range(700):  # longer than a hold may last: the correction has gone, the feed is held all the same
         loop.feed(T_part_tcp=held, q=Q, w_tcp_part=np.zeros(6), enable=True)
         loop.run()
+        assert loop.outcome[at.O_FEED_HOLD] == 1
+        stopped += int(loop.outcome[at.O_STOP])
+    assert loop.outcome[at.O_STATE] == State.READY
+    assert stopped == loop.settings.supervisor.stop  # and the program is told to stop once the correction has gone
     assert loop.outcome[at.O_FEED_HOLD] == 1
     assert loop.outcome[at.O_SOFT] == Cause.PROCESS_OVERLOAD
     loop.feed(T_part_tcp=held, q=Q, w_tcp_part=np.zeros(6), enable=True, reset=True)

@@ -53,7 +53,7 @@ class _Robot:
         self.loss, self.nan = loss, nan
         self.counter, self.elapsed = 1000, 0
         self.restarted = self.empty = self.clamped = False
-        self.enable = False
+        self.enable, self.job = False, 0
         self.counters = type("Counters", (), {"malformed_in_a_row": 0, "late_at_robot": -1})()
         self.x = 0.0
         self.waited = 1

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from counterflex.app.fault_scenarios.rig import demo_cell, force_only
+from counterflex.app.fault_scenarios.demonstration import demo_cell, force_only
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
 from counterflex.runtime.loop import Loop

@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from counterflex.core.arrays import Int
 from counterflex.core.errors import InputError
 from counterflex.runtime.supervisor import (
     AT_CAUSE,
     AT_CYCLES,
+    AT_FEED_HOLD,
     AT_GOOD,
+    AT_RETURNS,
     AT_RISE,
     AT_STATE,
+    AT_STOP,
     IN_ARM,
     IN_AT_ZERO,
     IN_ENABLE,
     IN_HARD,
     IN_HEALTHY,
-    IN_NEAR,
     IN_RESET,
     IN_SOFT,
+    IN_STANDS,
     IN_STOP,
     IN_TELEGRAM,
     INPUTS,
@@ -36,7 +41,7 @@ from counterflex.runtime.supervisor import (
     supervise,
 )
 
-SETTINGS = SupervisorSettings(hold=5, good=3, rise=4, stop=2).packed()
+SETTINGS = SupervisorSettings(hold=5, good=3, rise=4, stop=2, returns=2, calm=10).packed()
 LEGAL = {
     State.IDLE: {State.READY},
     State.READY: {State.IDLE, State.ARMED, State.FAULT},
@@ -59,7 +64,7 @@ def inputs(**values: int) -> Int:
         "soft": IN_SOFT,
         "hard": IN_HARD,
         "zero": IN_AT_ZERO,
-        "near": IN_NEAR,
+        "stands": IN_STANDS,
     }
     out = np.zeros(INPUTS, dtype=np.int64)
     out[IN_TELEGRAM] = 1
@@ -91,7 +96,7 @@ def test_the_way_in_is_deliberate() -> None:
 
 
 ALL = [
-    dict(zip(("healthy", "arm", "enable", "stop", "reset", "zero", "near"), bits, strict=True))
+    dict(zip(("healthy", "arm", "enable", "stop", "reset", "zero", "stands"), bits, strict=True))
     for bits in itertools.product((0, 1), repeat=7)
 ]
 
@@ -145,33 +150,164 @@ def test_nothing_acts_that_was_not_armed_since_the_last_fault(
         assert armed or state != State.ACTIVE
 
 
-def test_hold_ends_when_all_is_well_for_long_enough_and_bumpless() -> None:
+@dataclass(frozen=True)
+class Row:
+    """A transition: from, to, cause (None: as before), and what it needs; what is not named may be anything.
+
+    ``lasts``: HOLD has lasted as long as it may; ``calm``: nothing wrong for long enough, and a return is left;
+    ``process``: it was held by the process monitor.
+    """
+
+    before: State
+    after: State
+    cause: Cause | None
+    needs: str = ""
+
+    def fits(self, values: dict[str, int]) -> bool:
+        for word in self.needs.split():
+            if values[word.removeprefix("not-")] != (0 if word.startswith("not-") else 1):
+                return False
+        return True
+
+
+SOFT, HARD, BEFORE = Cause.FORCE_STALE, Cause.NOT_FINITE, Cause.TRACKER_LOST
+# The first row that fits holds; where none does, nothing changes.
+TABLE = [
+    Row(State.IDLE, State.READY, Cause.NONE, "not-hard not-soft healthy zero not-held"),
+    Row(State.IDLE, State.READY, None, "not-hard not-soft healthy zero held"),
+    Row(State.READY, State.FAULT, HARD, "hard"),
+    Row(State.READY, State.IDLE, SOFT, "not-healthy soft"),
+    Row(State.READY, State.IDLE, None, "not-healthy"),
+    Row(State.READY, State.ARMED, Cause.NONE, "arm not-stop not-soft zero not-enable"),
+    Row(State.ARMED, State.FAULT, HARD, "hard"),
+    Row(State.ARMED, State.READY, Cause.OPERATOR, "stop"),
+    Row(State.ARMED, State.READY, SOFT, "soft"),
+    Row(State.ARMED, State.ACTIVE, Cause.NONE, "enable"),
+    Row(State.ACTIVE, State.FAULT, HARD, "hard"),
+    Row(State.ACTIVE, State.HOLD, SOFT, "soft"),
+    Row(State.ACTIVE, State.RAMP_OUT, Cause.OPERATOR, "stop"),
+    Row(State.ACTIVE, State.RAMP_OUT, Cause.PROGRAM, "not-enable"),
+    Row(State.HOLD, State.FAULT, HARD, "hard"),
+    Row(State.HOLD, State.RAMP_OUT, None, "stop"),
+    Row(State.HOLD, State.RAMP_OUT, None, "not-enable"),
+    Row(State.HOLD, State.RAMP_OUT, None, "lasts stands"),
+    Row(State.HOLD, State.FAULT, Cause.HELD_TOO_LONG, "lasts not-stands"),
+    Row(State.HOLD, State.ACTIVE, Cause.NONE, "calm not-soft not-process"),
+    Row(State.RAMP_OUT, State.FAULT, HARD, "hard"),
+    Row(State.RAMP_OUT, State.READY, None, "zero healthy"),
+    Row(State.RAMP_OUT, State.IDLE, None, "zero not-healthy"),
+    Row(State.FAULT, State.IDLE, Cause.NONE, "reset zero not-hard"),
+]
+
+
+def expected(state: State, before: Cause, values: dict[str, int]) -> tuple[State, Cause]:
+    for row in TABLE:
+        if row.before == state and row.fits(values):
+            return row.after, before if row.cause is None else row.cause
+    return state, before
+
+
+@pytest.mark.parametrize("state", list(State))
+def test_every_transition_stands_in_the_table_and_every_row_is_met(state: State) -> None:
+    """Every state with every input: the supervisor does what the table says, and no row is idle."""
+    met = set()
+    extras = ("soft", "hard", "lasts", "calm", "process", "held")
+    for values in ALL:
+        for bits in itertools.product((0, 1), repeat=len(extras)):
+            extra = dict(zip(extras, bits, strict=True))
+            if state == State.HOLD and extra["process"]:
+                before = Cause.PROCESS_OVERLOAD
+            else:
+                before = BEFORE
+            at = np.zeros(STATES, dtype=np.int64)
+            at[AT_STATE], at[AT_CAUSE], at[AT_FEED_HOLD] = state, before, extra["held"]
+            at[AT_CYCLES] = 5 if extra["lasts"] else 0
+            at[AT_GOOD] = 3 if extra["calm"] else 0
+            given_now = inputs(**values, soft=SOFT * extra["soft"], hard=HARD * extra["hard"])
+            supervise(at, given_now, SETTINGS)
+            found = State(int(at[AT_STATE])), Cause(int(at[AT_CAUSE]))
+            everything = {**values, **extra}
+            assert found == expected(state, before, everything), everything
+            met |= {k for k, row in enumerate(TABLE) if row.before == state and row.fits(everything)}
+    assert met == {k for k, row in enumerate(TABLE) if row.before == state}
+
+
+def started(state: State, **places: int) -> Int:
     at = np.zeros(STATES, dtype=np.int64)
-    at[AT_STATE] = State.ACTIVE
-    at[AT_RISE] = 4
-    supervise(at, inputs(enable=1, soft=8), SETTINGS)
-    states = []
-    for _ in range(4):
-        supervise(at, inputs(enable=1, near=1), SETTINGS)
-        states.append(State(int(at[AT_STATE])))
-    assert states == [State.HOLD, State.HOLD, State.HOLD, State.ACTIVE]
+    at[AT_STATE], at[AT_RISE] = state, 4
+    for name, value in places.items():
+        at[{"feed_hold": AT_FEED_HOLD, "returns": AT_RETURNS, "cause": AT_CAUSE, "stop": AT_STOP}[name]] = value
+    return at
+
+
+def run(at: Int, cycles: int, **values: int) -> list[tuple[State, int, int]]:
+    """States, feed hold and Stop of some cycles with the same inputs."""
+    out = []
+    for _ in range(cycles):
+        supervise(at, inputs(**values), SETTINGS)
+        out.append((State(int(at[AT_STATE])), int(at[AT_FEED_HOLD]), int(at[AT_STOP] > 0)))
+    return out
+
+
+def test_hold_ends_when_all_is_well_for_long_enough_and_the_feed_goes_on() -> None:
+    at = started(State.ACTIVE)
+    run(at, 1, enable=1, soft=8)
+    found = run(at, 4, enable=1, stands=1)
+    assert [state for state, _, _ in found] == [State.HOLD, State.HOLD, State.HOLD, State.ACTIVE]
+    assert [hold for _, hold, _ in found] == [1, 1, 1, 0]
     assert at[AT_CAUSE] == Cause.NONE
     assert at[AT_RISE] == 4
     assert at[AT_GOOD] == 0
 
 
-def test_hold_that_lasts_ramps_out_and_keeps_its_cause() -> None:
-    at = np.zeros(STATES, dtype=np.int64)
-    at[AT_STATE] = State.ACTIVE
-    states = []
-    for _ in range(8):
-        supervise(at, inputs(enable=1, soft=8, near=1), SETTINGS)
-        states.append(State(int(at[AT_STATE])))
-    assert states.index(State.RAMP_OUT) == 6
+def test_hold_does_not_limp() -> None:
+    """After two returns the third hold is left by a person only; with time one return is forgotten."""
+    for calm, last in ((0, State.HOLD), (11, State.ACTIVE)):
+        at = started(State.ACTIVE)
+        for _ in range(2):
+            run(at, 1, enable=1, soft=8)
+            assert run(at, 4, enable=1)[-1][0] == State.ACTIVE
+        run(at, calm, enable=1)
+        run(at, 1, enable=1, soft=8)
+        assert run(at, 4, enable=1)[-1][0] == last
+
+
+def test_a_robot_that_stands_is_ramped_out_with_its_feed_held_then_stopped() -> None:
+    at = started(State.ACTIVE)
+    held = run(at, 8, enable=1, soft=8, stands=1)
+    assert [state for state, _, _ in held].index(State.RAMP_OUT) == 6
     assert at[AT_CAUSE] == Cause.FORCE_STALE
-    supervise(at, inputs(zero=1), SETTINGS)
-    assert at[AT_STATE] == State.IDLE
-    assert at[AT_CYCLES] == 0
+    assert all(hold == 1 for _, hold, _ in held)
+    assert all(stop == 0 for _, _, stop in held)
+    behind = run(at, 5, enable=1, zero=1)
+    assert [state for state, _, _ in behind] == [State.IDLE] * 5
+    assert [stop for _, _, stop in behind] == [1, 1, 0, 0, 0]
+    assert all(hold == 1 for _, hold, _ in behind)
+    assert run(at, 1, enable=1, zero=1, healthy=1) == [(State.READY, 1, 0)]
+    assert at[AT_CAUSE] == Cause.FORCE_STALE
+    assert run(at, 2, enable=1, zero=1, healthy=1, reset=1)[-1] == (State.READY, 0, 0)
+
+
+def test_a_robot_that_goes_on_is_stopped_with_its_correction() -> None:
+    """No feed hold wired, or not obeyed: never uncorrected in the cut."""
+    at = started(State.ACTIVE)
+    found = run(at, 12, enable=1, soft=8)
+    states = [state for state, _, _ in found]
+    assert State.RAMP_OUT not in states
+    assert states.index(State.FAULT) == 6
+    assert at[AT_CAUSE] == Cause.HELD_TOO_LONG
+
+
+@pytest.mark.parametrize("who", ["program", "operator"])
+def test_who_ends_the_correction_decides_about_the_feed(who: str) -> None:
+    """The program that switches the correction off has left the cut; the operator may be anywhere."""
+    at = started(State.ACTIVE)
+    values = {"enable": 0} if who == "program" else {"enable": 1, "stop": 1}
+    found = run(at, 3, **values) + run(at, 2, **values, zero=1)
+    held = int(who == "operator")
+    assert [hold for _, hold, _ in found] == [held] * 5
+    assert found[-1][2] == held
+    assert run(at, 1, enable=0, zero=1)[0][1:] == (0, 0)
 
 
 def test_fading_in_is_smooth_and_whole() -> None:
@@ -185,3 +321,79 @@ def test_fading_in_is_smooth_and_whole() -> None:
 def test_zero_cycles_are_no_setting() -> None:
     with pytest.raises(InputError):
         SupervisorSettings(hold=0).packed()
+
+
+class Operation(RuleBasedStateMachine):
+    """Any sequence of events, with the rules that hold throughout."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.at: Int = np.zeros(STATES, dtype=np.int64)
+        self.armed = self.asked = False
+        self.enable = 0
+
+    @property
+    def state(self) -> State:
+        return State(int(self.at[AT_STATE]))
+
+    def step(self, **values: int) -> None:
+        before = self.state
+        supervise(self.at, inputs(enable=self.enable, **values), SETTINGS)
+        after = self.state
+        assert after == before or after in LEGAL[before]
+        if after == State.ARMED:
+            self.armed = True
+        if after == State.FAULT:
+            self.armed = False
+        if after in (State.HOLD, State.FAULT):
+            self.asked = True
+        elif after == State.ACTIVE or values.get("reset") or not self.enable:
+            self.asked = False
+
+    @rule(cycles=st.integers(1, 9), healthy=st.booleans(), stands=st.booleans(), zero=st.booleans())
+    def well(self, cycles: int, healthy: bool, stands: bool, zero: bool) -> None:
+        for _ in range(cycles):
+            self.step(healthy=int(healthy), stands=int(stands), zero=int(zero or self.state <= State.ARMED))
+
+    @rule(cause=st.sampled_from([Cause.FORCE_STALE, Cause.PROCESS_OVERLOAD]), stands=st.booleans())
+    def soft(self, cause: Cause, stands: bool) -> None:
+        self.step(soft=cause, stands=int(stands))
+
+    @rule()
+    def hard(self) -> None:
+        self.step(hard=Cause.DIVERGENCE)
+
+    @rule(on=st.integers(0, 1))
+    def program(self, on: int) -> None:
+        self.enable = on
+        self.step(healthy=1, zero=int(self.state <= State.ARMED))
+
+    @rule()
+    def arm(self) -> None:
+        self.step(arm=1, healthy=1, zero=int(self.state <= State.ARMED))
+
+    @rule(zero=st.booleans())
+    def reset(self, zero: bool) -> None:
+        self.step(reset=1, healthy=1, zero=int(zero or self.state <= State.ARMED))
+
+    @precondition(lambda self: self.state not in (State.IDLE, State.READY))
+    @rule()
+    def stop(self) -> None:
+        self.step(stop=1, healthy=1, zero=int(self.state <= State.ARMED))
+
+    @invariant()
+    def acts_only_when_armed(self) -> None:
+        assert self.armed or self.state != State.ACTIVE
+
+    @invariant()
+    def a_feed_hold_stays(self) -> None:
+        if self.asked:
+            assert self.at[AT_FEED_HOLD] == 1
+
+    @invariant()
+    def stop_goes_with_a_held_feed(self) -> None:
+        assert self.at[AT_STOP] == 0 or (self.at[AT_FEED_HOLD] == 1 and self.state <= State.READY)
+
+
+TestOperation = Operation.TestCase
+TestOperation.settings = settings(max_examples=60, stateful_step_count=60, deadline=None)

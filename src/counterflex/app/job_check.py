@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.similar import missing_file
 from counterflex.plan.plan import Plan
-from counterflex.programs.job_mark import marks
+from counterflex.programs.job_mark import job_number, marks
 
 
 def check_job(program: Path, planned: tuple[Plan, Mapping[str, Any]] | None, *, compensated: bool) -> None:
@@ -63,3 +63,19 @@ def check_job(program: Path, planned: tuple[Plan, Mapping[str, Any]] | None, *, 
         if carried
         else "Give --original where the robot runs the original program",
     )
+
+
+def job_of(planned: tuple[Plan, Mapping[str, Any]] | None, *, compensated: bool) -> int | None:
+    """Number that the running robot program must say, where it says one.
+
+    Args:
+        planned: Plan and metadata as read, or None.
+        compensated: The robot is said to run the compensated program.
+
+    Returns:
+        That of the plan's job; 0 where the program must not be a compensated one; None where it is not known.
+    """
+    if planned is None or not compensated:
+        return 0
+    job = planned[1].get("job_hash")
+    return job_number(job) if isinstance(job, str) else None

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from counterflex.app import live, online
+from counterflex.app import live, online, online_session, recorder
 from counterflex.app.workers import interrupts_held
 from counterflex.core.errors import CounterflexError, SimulationError
 from counterflex.core.progress import Progress, silent
@@ -42,7 +42,7 @@ def free_port(kind: socket.SocketKind) -> int:
 def run(
     cell: live.LiveSettings,
     part: Path,
-    loop: online.RunSettings,
+    loop: online_session.RunSettings,
     log: Path,
     *,
     sensors: Sensors,
@@ -91,7 +91,7 @@ def run(
     parent, child = context.Pipe(duplex=False)
     process = context.Process(target=_cell_process, args=(cell, part, child), daemon=True)
 
-    def watch(status: online.Status) -> None:
+    def watch(status: recorder.Status) -> None:
         if cycles:
             progress(min(0.99, status.cycles / cycles), f"{part.name}: {status.state.name.lower()}")
         if not process.is_alive() and parent.poll() and isinstance(fault := parent.recv(), BaseException):

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
-from counterflex.app import campaign, compensate, evaluate, haehn_case, live, online, over_sockets
+from counterflex.app import campaign, compensate, evaluate, haehn_case, live, online_session, over_sockets
 from counterflex.app.campaign_step import CELL
 from counterflex.app.kept import begin, fingerprint, finish, finished
 from counterflex.app.workers import count_of, interrupts_held, pool_of
@@ -168,7 +168,7 @@ def one(place: Path, truth: Path, seed: int, kind: str, output: str, *, progress
     shutil.rmtree(log, ignore_errors=True)
     with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as config:
         twin = live.LiveSettings(program, cell, truth, config, original=original, seed=seed)
-        loop = online.RunSettings(cell, config, plan, compensated=item.compensated, arm=item.armed)
+        loop = online_session.RunSettings(cell, config, plan, compensated=item.compensated, arm=item.armed)
         said = over_sockets.run(twin, part, loop, log, sensors=over_sockets.Sensors(), cycles=1850, progress=progress)
     shutil.rmtree(log, ignore_errors=True)
     judged = evaluate.run([part], None)["variants"]["nominal"]

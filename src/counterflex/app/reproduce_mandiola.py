@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app import live, mandiola_case, mandiola_report, online, over_sockets, simulate
+from counterflex.app import live, mandiola_case, mandiola_report, online_session, over_sockets, simulate
 from counterflex.app.compensate import compensate
 from counterflex.app.kept import begin, fingerprint, finish, finished
 from counterflex.app.mandiola_case import VARIANTS, Case
@@ -134,7 +134,7 @@ def _mill(case: Case, shape: str, variant: str, part: Path, progress: Progress) 
         planned = compensate(program, read_cell(cell), predict=False)
         write_plan(plan, planned.plan, {"program": program.name, "counterflex": __version__})
         cycles = round(float(planned.plan.path.time_s[-1]) / mandiola_case.PERIOD_S) + 250
-        loop = online.RunSettings(cell, rsi, plan, compensated=False, arm=variant != "off")
+        loop = online_session.RunSettings(cell, rsi, plan, compensated=False, arm=variant != "off")
         log = part.with_name(f"{part.name}-log")
         shutil.rmtree(log, ignore_errors=True)
         said = over_sockets.run(

@@ -12,7 +12,7 @@ import polars
 from counterflex import __version__
 from counterflex.app.incidents import numbered
 from counterflex.app.made_on import made_on
-from counterflex.app.online import loop_plan, online_loop
+from counterflex.app.online_loop import loop_plan, online_loop
 from counterflex.app.process_events import shown_process
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent

@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app import online, steady
+from counterflex.app import online, online_session, steady
 from counterflex.app.made_on import made_on
 from counterflex.core import atomic
 from counterflex.core.errors import InputError, OutputError
@@ -123,7 +123,7 @@ def _watched(
     try:
         cell.start()
         force = _said(cell_end, cell)
-        run_settings = online.RunSettings(
+        run_settings = online_session.RunSettings(
             job.cell,
             job.rsi,
             job.plan,
@@ -299,7 +299,7 @@ def _cell_process(rsi: Path, played: RecordedPass, cycles: int, pipe: Any) -> No
         pipe.send(fault)
 
 
-def _run_process(settings: online.RunSettings, log: Path, pipe: Any) -> None:
+def _run_process(settings: online_session.RunSettings, log: Path, pipe: Any) -> None:
     """The recorder, which starts the loop: what the command ``run`` does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

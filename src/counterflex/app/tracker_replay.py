@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from counterflex.app.online import tcp_target
+from counterflex.app.online_loop import tcp_target
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.files.cell import Cell, read_cell

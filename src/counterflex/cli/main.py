@@ -20,6 +20,7 @@ from counterflex.cli import (
     identify,
     log,
     online,
+    operator,
     program,
     prove,
     question,
@@ -62,6 +63,7 @@ tracker.register(app)
 ads.register(app)
 campaign.register(app)
 online.register(app)
+operator.register(app)
 log.register(app)
 doctor.register(app)
 soak.register(app)

@@ -95,12 +95,16 @@ def run(
     """Correct while milling: answer the robot's telegrams from force, plan and tracker, and log every cycle.
 
     Without --arm every answer is zero: watch first. A robot that does not wait is armed only on a machine that
-    `doctor` has found fit. The log goes to DIR as run-000.mcap, run-001.mcap, ...
+    `doctor` has found fit. The log goes to DIR as run-000.mcap, run-001.mcap, ... While it runs, `operator stop DIR`,
+    `operator reset DIR` and `operator arm DIR` from another terminal end the correction, acknowledge and arm again.
 
     Example: `counterflex run --cell cell.toml --rsi rsi.xml --plan plan.parquet --force 192.168.1.1:49152 --out log`
     """
     from counterflex.app import online as job
+    from counterflex.app.online_session import RunSettings
     from counterflex.app.process_events import shown_event
+    from counterflex.app.recorder import Status
+    from counterflex.links.session import SessionChecks
     from counterflex.runtime.fusion import level
 
     keep_inputs(out, cell, *(path for path in (rsi, plan, program) if path is not None))
@@ -108,7 +112,7 @@ def run(
         from counterflex.app.doctor import require_fit
 
         require_fit()
-    settings = job.RunSettings(
+    settings = RunSettings(
         cell=cell,
         rsi=rsi,
         plan=plan,
@@ -125,13 +129,22 @@ def run(
         lockstep=lockstep,
     )
 
-    def watch(status: job.Status) -> None:
+    def watch(status: Status) -> None:
         x, y, z = status.correction_um
         cause = f" ({status.cause.name.lower().replace('_', ' ')})" if status.cause else ""
         rests = f"  from {level(status.sources)}" if status.sources else ""
         if status.degraded:
             rests += f" ({status.degraded.name.lower().replace('_', ' ')})"
-        trouble = f"  LOG LOST: {status.log_trouble}" if status.log_trouble else ""
+        trouble = "  feed held" if status.feed_hold else ""
+        trouble += f"  LOG LOST: {status.log_trouble}" if status.log_trouble else ""
+        if status.tares:
+            trouble += (
+                f"  NO ZERO: {status.idle_n:.1f} N and {status.idle_nm:.1f} N m without a cut, limits"
+                f" {SessionChecks.force_n:g} N and {SessionChecks.moment_nm:g} N m; tried again ({status.tares}):"
+                " take the tool off the part, or identify the payload"
+            )
+        if status.trouble:
+            trouble += f"  INTERNAL: {status.trouble}"
         if status.foreign:
             trouble += f"  FOREIGN TELEGRAMS: {status.foreign}"
         speed = f"  speed {100.0 * status.speed:.0f} %" if status.speed < 1.0 else ""

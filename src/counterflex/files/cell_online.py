@@ -83,6 +83,7 @@ class OnlineTable(Table):
     acceleration_mm_s2: Above = 1250.0
     hard_factor: Annotated[float, Field(ge=1.0, le=3.0)] = 1.5
     ramp_mm_s: Above = 2.0
+    without_log: Literal["warn", "hold"] = "warn"
 
     def settings(
         self, timing: TimingTable | None, *, compensated: bool, mode: tuple[float, float] | None = None
@@ -204,5 +205,6 @@ def tracker_plant(delays: Delays, period_s: float, mode: tuple[float, float] | N
 def _supervisor(period_ms: int) -> SupervisorSettings:
     """Times of the supervisor as cycles: those of 4 ms, at least one cycle each."""
     usual = SupervisorSettings()
-    cycles = (max(1, round(count * 4 / period_ms)) for count in (usual.hold, usual.good, usual.rise, usual.stop))
-    return SupervisorSettings(*cycles)
+    times = (usual.hold, usual.good, usual.rise, usual.stop, usual.calm)
+    hold, good, rise, stop, calm = (max(1, round(count * 4 / period_ms)) for count in times)
+    return SupervisorSettings(hold, good, rise, stop, usual.returns, calm)

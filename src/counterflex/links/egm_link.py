@@ -64,6 +64,7 @@ class EgmLink:
         self.elapsed = 0
         self.restarted = False
         self.enable = False
+        self.job = 0
         self.clamped = False
         self.force: Float | None = None
         self._state: RobotState | None = None

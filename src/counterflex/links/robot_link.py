@@ -22,6 +22,8 @@ class RobotLink(Protocol):
     """The robot program wants the correction."""
     clamped: bool
     """The controller limits the correction."""
+    job: int
+    """Number of the job that the robot program says it is of; 0: it says none."""
 
     @property
     def address(self) -> tuple[str, int]:

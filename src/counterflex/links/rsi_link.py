@@ -32,6 +32,7 @@ class RsiLink:
         restarted: The newest telegram belongs to another session than the one before.
         enable: Free tag ``Enable`` of the robot program; True where the configuration has none.
         clamped: The controller says that it limits the correction (free tag ``....Stat`` above 1).
+        job: Number of the job that the program says it is of: ``Enable`` above 1; 0: it says none.
 
     Raises:
         InputError: The configuration lacks what a correction needs.
@@ -91,6 +92,7 @@ class RsiLink:
         self.restarted = False
         self.enable = False
         self.clamped = False
+        self.job = 0
         self._held: Float = np.zeros(len(names))
         self._empty = False
 
@@ -144,7 +146,9 @@ class RsiLink:
         counters.telegrams += 1
         if self._delay >= 0:
             counters.late_at_robot = int(self._held[self._delay])
-        self.enable = self._enable < 0 or self._held[self._enable] > 0.5
+        enable = 1.0 if self._enable < 0 else self._held[self._enable]
+        self.enable = enable > 0.5
+        self.job = int(enable + 0.5) if 1.5 < enable < 2**31 else 0
         self.clamped = self._stat >= 0 and self._held[self._stat] > 1.5
 
     @property

@@ -19,6 +19,7 @@ from counterflex.core.units import MS, NS
 from counterflex.geometry import pose
 from counterflex.links.force_source import ForceSource
 from counterflex.links.robot_link import RobotLink
+from counterflex.links.tare import Tare
 from counterflex.links.telegram_watch import TelegramWatch, WatchSettings
 from counterflex.links.tracker_link import TrackerLink
 from counterflex.runtime import layout as at
@@ -32,13 +33,15 @@ from counterflex.runtime.spindle_inertia import SpindleInertia
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.signals.arrival import ArrivalClock
 
-_TARE_CYCLES = 50
 _FORGET_CYCLES = 10_000
 _FORGET_PEER_CYCLES = 250
 _IDLE, _READY, _ARMED = int(State.IDLE), int(State.READY), int(State.ARMED)
 _STATES = tuple(State)
 _RESTARTED, _CLAMPED = int(Cause.SESSION_RESTARTED), int(Cause.CLAMPED_BY_ROBOT)
 _SATURATED, _OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OFFSET)
+_INTERNAL, _LOG_LOST, _WRONG_JOB = int(Cause.INTERNAL), int(Cause.LOG_LOST), int(Cause.WRONG_JOB)
+_LOG_LATE_ROWS = 125
+"""Records that may wait before the loop is armed: half a second."""
 
 
 class Request(IntEnum):
@@ -70,10 +73,27 @@ class Tally(IntEnum):
     """Answers that came too late for the controller, by its own count; -1 where it does not say."""
     CLOCK = 10
     """How often this computer's clock and the controller's counter parted."""
+    TARES = 11
+    """Zeros of the force sensor refused in a row."""
+    IDLE_MN = 12
+    """What the sensor showed then, mN."""
+    IDLE_MNM = 13
+    """Its moment, mN m."""
 
 
-CONTROL = REQUESTS + len(Tally)
-"""Length of an array that holds requests and tallies."""
+class Kept(IntEnum):
+    """What the recorder says of the log: places of the control array after those of :class:`Tally`."""
+
+    TAKEN = 14
+    """Records taken over from the loop."""
+    TROUBLE = 15
+    """1: they cannot be written."""
+
+
+CONTROL = REQUESTS + len(Tally) + len(Kept)
+"""Length of an array that holds requests, tallies and what the recorder says."""
+_TALLIES = REQUESTS + len(Tally)
+_TAKEN, _TROUBLE = int(Kept.TAKEN), int(Kept.TROUBLE)
 
 
 @dataclass(frozen=True)
@@ -84,13 +104,20 @@ class SessionChecks:
         settle_cycles: Good telegrams in a row.
         force_n: Largest force that the sensor may show after its weight is taken off, without a cut (R17).
         moment_nm: Largest moment.
-        tare: Take what then remains as zero, over 0.2 s.
+        tare: Take what then remains as zero, over 0.2 s; what is too much is tried again until it is not.
+        hold_without_log: A log that is lost while the correction acts is a hold; else it is told, and goes on. It is
+            never armed without one.
+        job: Number of the job that the robot program must say it is of, where it says one
+            (:func:`counterflex.programs.job_mark.job_number`); 0: none, the program is not a compensated one.
+            None: not tested.
     """
 
     settle_cycles: int = 60
     force_n: float = 15.0
     moment_nm: float = 5.0
     tare: bool = True
+    hold_without_log: bool = False
+    job: int | None = None
 
 
 class OnlineSession:
@@ -107,7 +134,7 @@ class OnlineSession:
         T_target_tcp: (4, 4) tool tip in the tracker's target; needed with ``tracker``.
         ring: Where records go, or None.
         control: Of :class:`Request`, written by the operator's side, and where it is long enough (:data:`CONTROL`) of
-            :class:`Tally`, written by the loop; or None.
+            :class:`Tally`, written by the loop, and :class:`Kept`, written by the recorder; or None.
         checks: See :class:`SessionChecks`.
         watch: When telegrams are no longer good enough.
         clock_ns: Monotonic clock; time of day is never used.
@@ -116,6 +143,7 @@ class OnlineSession:
         watch: See :class:`TelegramWatch`.
         cycles: Telegrams answered or passed over in silence.
         compute_ns: Time of the last cycle from the return of the receive call to the return of the send call.
+        trouble: What failed in the loop's own program, or empty; it is a fault until it is reset.
     """
 
     def __init__(
@@ -155,10 +183,9 @@ class OnlineSession:
         self._force_age = self._tracker_age = _FORGET_CYCLES
         self.watch = TelegramWatch(loop.settings.period_s, watch)
         self._clock_ns = clock_ns
-        self._zero: Float = np.zeros(6)
-        self._sum: Float = np.zeros(6)
-        self._tared = 0
-        self._healthy_force = False
+        self._tare = Tare(self._checks.force_n, self._checks.moment_nm, keep=self._checks.tare)
+        self._job = self._checks.job
+        self.trouble = ""
         self._time_zero_ns = clock_ns()
         self._silent_cycles = 0
         self._another, self._answered = False, True
@@ -209,10 +236,15 @@ class OnlineSession:
             flags[at.F_REPORTED] = int(link.fill_reported(given))
         soft, hard = self._watch_telegrams(came, received, hard)
         self._since += link.elapsed if came else 0
-        soft, hard = self._read_force(given, soft, hard)
-        new = self._read_tracker(given)
+        new = 0
+        try:
+            soft, hard = self._read_force(given, soft, hard)
+            new = self._read_tracker(given)
+        except Exception as fault:  # whatever it is: the robot is told to stop, not left with what stood last
+            self._failed(fault)
         if link.clamped and soft == 0:
             soft = _CLAMPED
+        soft, hard = self._watch_program(soft, hard)
         control = self.control
         flags[at.F_ELAPSED] = link.elapsed if came else 0
         flags[at.F_FORCE_AGE] = self._force_age if self._needs_force else 0
@@ -227,19 +259,24 @@ class OnlineSession:
         outcome = loop.outcome
         if outcome[at.O_STATE] == _ARMED:
             control[_ARM] = 0
+        if control[_RESET]:
+            self._reset()
         self._let_go(bool(control[_RESET]))
         control[_RESET] = 0
         if came:
             self._answered = not outcome[at.O_SILENT]
         if came and self._answered:
-            link.answer(
-                loop.correction,
-                loop.axes if self._axes else None,
-                stop=bool(outcome[at.O_STOP]),
-                feed_hold=bool(outcome[at.O_FEED_HOLD]),
-                state=_STATES[outcome[at.O_STATE]],
-                override=loop.monitor.speed,
-            )
+            try:
+                link.answer(
+                    loop.correction,
+                    loop.axes if self._axes else None,
+                    stop=bool(outcome[at.O_STOP]),
+                    feed_hold=bool(outcome[at.O_FEED_HOLD]),
+                    state=_STATES[outcome[at.O_STATE]],
+                    override=loop.monitor.speed,
+                )
+            except Exception as fault:  # a fault in the next cycle; the controller keeps what it has
+                self._failed(fault)
         sent = self._clock_ns()
         self.compute_ns = sent - received
         self.cycles += int(came)
@@ -267,6 +304,36 @@ class OnlineSession:
         )
         return soft, hard or found
 
+    def _watch_program(self, soft: int, hard: int) -> tuple[int, int]:
+        """What is wrong on this side: the loop's own program, the job, the log."""
+        if self.trouble and hard == 0 and not self.control[_RESET]:
+            hard = _INTERNAL
+        armed = self.loop.outcome[at.O_STATE] > _ARMED
+        if self._job is not None and self.link.job not in (0, self._job):
+            if armed:
+                hard = hard or _WRONG_JOB
+            else:
+                soft = soft or _WRONG_JOB
+        if soft == 0 and self.ring is not None and len(self.control) >= CONTROL and self._log_lost(armed):
+            soft = _LOG_LOST
+        return soft, hard
+
+    def _log_lost(self, armed: bool) -> bool:
+        control, ring = self.control, self.ring
+        if ring is None or (armed and not self._checks.hold_without_log):
+            return False
+        return bool(control[_TROUBLE]) or ring.count - int(control[_TAKEN]) > (record.MOST if armed else _LOG_LATE_ROWS)
+
+    def _failed(self, fault: Exception) -> None:
+        self.trouble = self.trouble or f"{type(fault).__name__}: {fault}"
+
+    def _reset(self) -> None:
+        """A person's: out of what was latched here; the sensor's zero is taken again where nothing is corrected."""
+        state = self.loop.outcome[at.O_STATE]
+        if state <= _READY:
+            self.trouble = ""
+            self._tare.again()
+
     def _let_go(self, reset: bool) -> None:
         """Another session may come from another port: after a person's reset, or when nothing is going on at all."""
         idle = self.loop.outcome[at.O_STATE] == _IDLE
@@ -275,7 +342,8 @@ class OnlineSession:
 
     def _tally(self, control: Int) -> None:
         counters = self.link.counters
-        control[REQUESTS:CONTROL] = (
+        tare = self._tare
+        control[REQUESTS:_TALLIES] = (
             counters.foreign,
             counters.malformed,
             counters.old + counters.astray,
@@ -283,6 +351,9 @@ class OnlineSession:
             counters.lost,
             counters.late_at_robot,
             self.watch.clock_jumps,
+            tare.refusals,
+            round(1e3 * math.hypot(*tare.mean[:3])),
+            round(1e3 * math.hypot(*tare.mean[3:])),
         )
 
     def _read_force(self, given: Float, soft: int, hard: int) -> tuple[int, int]:
@@ -301,11 +372,13 @@ class OnlineSession:
         self._force_age = 0
         age = (self._clock_ns() - self._time_zero_ns) * 1e-9
         w = self._wrench(given[at.G_Q : at.G_Q + 6], force.w_sensor, age)
-        if self._tared < _TARE_CYCLES and self.watch.good > self._checks.settle_cycles // 2:
-            self._tare(w)
-        if self._needs_force and self._tared >= _TARE_CYCLES and not self._healthy_force and soft == 0:
+        tare = self._tare
+        idle = self.loop.outcome[at.O_STATE] <= _READY
+        if not tare.accepted and idle and self.watch.good > self._checks.settle_cycles // 2:
+            tare.take(w)
+        if self._needs_force and tare.refusals and soft == 0:
             soft = _OFFSET
-        w -= self._zero
+        w -= tare.zero
         if self._inertia is None:
             given[at.G_W : at.G_W + 6] = w
         elif self._since > 0:
@@ -321,18 +394,6 @@ class OnlineSession:
         since, self._since = self._since, 0
         return inertia(self._stand, w, self.loop.compliance, since, at_t=at.G_ACTUAL)
 
-    def _tare(self, w: Float) -> None:
-        """Mean of the idle reading; what is more than the checks allow is no zero but a wrong load (R17)."""
-        self._sum += w
-        self._tared += 1
-        if self._tared < _TARE_CYCLES:
-            return
-        mean = self._sum / _TARE_CYCLES
-        force, moment = math.hypot(*mean[:3]), math.hypot(*mean[3:])
-        self._healthy_force = force <= self._checks.force_n and moment <= self._checks.moment_nm
-        if self._checks.tare and self._healthy_force:
-            self._zero[:] = mean
-
     def _read_tracker(self, given: Float) -> int:
         self._tracker_age += 1
         if self.tracker is None or not self.tracker.drain():
@@ -346,14 +407,14 @@ class OnlineSession:
         return 1
 
     def _healthy(self) -> int:
-        force = not self._needs_force or (self._healthy_force and self._force_age == 0)
+        force = not self._needs_force or (self._tare.accepted and self._force_age == 0)
         tracker = not self._needs_tracker or self._tracker_age < self._tracker_stale
         return int(self.watch.good >= self._checks.settle_cycles and force and tracker)
 
     @property
     def idle_force(self) -> Float:
         """(6,) N, N m: mean reading before the cut that the checks were made on, part axes; zero before it is known."""
-        return self._sum / _TARE_CYCLES if self._tared >= _TARE_CYCLES else np.zeros(6)
+        return self._tare.mean
 
     def _record(self, received: int, sent: int) -> None:
         ring, loop = self.ring, self.loop

@@ -28,3 +28,18 @@ def mark(job: str) -> str:
 def marks(text: str) -> tuple[str, ...]:
     """Hashes that a program carries, in order, each once: none in an original program, one in a compensated one."""
     return tuple(dict.fromkeys(_MARK.findall(text)))
+
+
+def job_number(job: str) -> int:
+    """Number by which a running robot program says of which job it is: 2 to 1048577, exact in a REAL of 32 bits.
+
+    The first 20 bits of the hash, above 1: 0 and 1 say no more than off and on.
+
+    Args:
+        job: Hash of the plan, 16 hexadecimal digits.
+
+    Raises:
+        InputError: It is none.
+    """
+    mark(job)
+    return 2 + int(job[:5], 16)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.core.errors import InputError, ProgramError
+from counterflex.programs.job_mark import job_number, marks
 from counterflex.programs.limits import KRL, check_name
 
 _ROUTINE: Final = re.compile(r"\s*(?:GLOBAL\s+)?DEF\s+(\w+)\s*\(\s*\)\s*$", re.IGNORECASE)
@@ -47,7 +48,9 @@ class RsiSwitching:
 def with_correction(text: str, switching: RsiSwitching, where: str) -> str:
     """The main file of a KRL program with sensor correction from its start position to its end.
 
-    RSI is created behind the last PTP before the first path motion or call, and deleted before END.
+    RSI is created behind the last PTP before the first path motion or call, and deleted before END. Where the program
+    carries the mark of a job, it says its number by what it sets the enabling variable to
+    (:func:`counterflex.programs.job_mark.job_number`).
 
     Args:
         text: Of the ``.src`` file.
@@ -86,7 +89,7 @@ def with_correction(text: str, switching: RsiSwitching, where: str) -> str:
         "DECL INT cfr",
         "DECL INT cfid",
         *lines[begin + 1 : starts[-1] + 1],
-        *_on(switching),
+        *_on(switching, _says(text)),
         *lines[starts[-1] + 1 : end],
         *_off(switching),
         *lines[end:],
@@ -163,7 +166,7 @@ def link_test(name: str, switching: RsiSwitching, *, tool: int, base: int, secon
     if not 1 <= seconds <= 3600:
         raise InputError("time of the link test", value=seconds, limit="1 .. 3600 s")
     enable = f"$SEN_PREA[{switching.enable_index}]"
-    on = [line for line in _on(switching) if not line.startswith(f"{enable}=1")]
+    on = [line for line in _on(switching, 1.0) if not line.startswith(f"{enable}=1")]
     body = [
         "; stands still with RSI on: try the link, correction is not enabled",
         "DECL INT cfr",
@@ -193,7 +196,13 @@ def _no_ptp(where: str, index: int) -> ProgramError:
     )
 
 
-def _on(switching: RsiSwitching) -> list[str]:
+def _says(text: str) -> float:
+    """What Enable is set to: the number of the job that a compensated program carries, else 1."""
+    jobs = marks(text)
+    return float(job_number(jobs[0])) if len(jobs) == 1 else 1.0
+
+
+def _on(switching: RsiSwitching, says: float) -> list[str]:
     rate = "#IPO" if switching.cycle_ms == 12 else "#IPO_FAST"
     hold, enable = f"$SEN_PREA[{switching.feed_hold_index}]", f"$SEN_PREA[{switching.enable_index}]"
     lines = [
@@ -212,7 +221,7 @@ def _on(switching: RsiSwitching) -> list[str]:
         "CF_CHECK(cfr)",
         f"INTERRUPT DECL {_INTERRUPT} WHEN {hold}>0.5 DO CF_HOLD( )",
         f"INTERRUPT ON {_INTERRUPT}",
-        f"{enable}=1.0",
+        f"{enable}={says:.1f}",
     ]
 
 

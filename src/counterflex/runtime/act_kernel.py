@@ -14,7 +14,7 @@ from counterflex.core.jit import kernel
 from counterflex.robot.kernels_step import DAMPED, cholesky_inverse, newton_step
 from counterflex.runtime import layout as at
 from counterflex.runtime.estimate_kernel import answered
-from counterflex.runtime.frame_kernel import size_of, turn
+from counterflex.runtime.frame_kernel import shorten, size_of, turn
 from counterflex.runtime.supervisor import (
     AT_STATE,
     IN_ARM,
@@ -22,11 +22,12 @@ from counterflex.runtime.supervisor import (
     IN_ENABLE,
     IN_HARD,
     IN_HEALTHY,
-    IN_NEAR,
     IN_RESET,
     IN_SOFT,
+    IN_STANDS,
     IN_STOP,
     IN_TELEGRAM,
+    STATES,
     Cause,
     State,
     supervise,
@@ -35,7 +36,6 @@ from counterflex.signals.limiter import limited_step
 
 FAULT_LOST: Final = 10
 """Telegrams lost in a row that are a fault."""
-_NEAR_M = 0.05e-3
 _AT_ZERO_M = 1e-7
 _AT_ZERO_RAD = 1e-7
 _FUSED = 4
@@ -44,12 +44,12 @@ _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT
 _SESSION, _NOT_FINITE = int(Cause.SESSION_RESTARTED), int(Cause.NOT_FINITE)
 
 
-@kernel("int64(int64[::1], int64, int64, float64[::1], float64, int64[::1], float64[::1], int64[::1], int64[::1])")
+@kernel("int64(int64[::1], int64, int64, int64, float64, int64[::1], float64[::1], int64[::1], int64[::1])")
 def ask_supervisor(
     flags: Int,
     soft: int,
     hard: int,
-    wanted: Float,
+    standing: int,
     period: float,
     supervisor_settings: Int,
     state: Float,
@@ -62,9 +62,9 @@ def ask_supervisor(
         flags: (at.FLAGS,) inputs.
         soft: Cause of a hold, or 0.
         hard: Cause of a fault, or 0.
-        wanted: (6,) correction wanted, m and rotation vector.
+        standing: 1: the program stands.
         period: Of a cycle, s.
-        supervisor_settings: (4,).
+        supervisor_settings: (6,).
         state: (at.STATE,); changed.
         whole: (at.WHOLE,); changed.
         outcome: (at.OUTCOME,) of the last cycle.
@@ -72,9 +72,6 @@ def ask_supervisor(
     Returns:
         The state of the supervisor.
     """
-    away = 0.0
-    for k in range(3):
-        away += (wanted[k] - state[at.S_Y + k]) ** 2
     inputs = whole[at.N_INPUTS :]
     inputs[IN_TELEGRAM] = 1 if flags[at.F_ELAPSED] > 0 else 0
     inputs[IN_HEALTHY], inputs[IN_ARM], inputs[IN_ENABLE] = flags[at.F_HEALTHY], flags[at.F_ARM], flags[at.F_ENABLE]
@@ -87,8 +84,8 @@ def ask_supervisor(
     still = size_of(state, at.S_V) * period < _AT_ZERO_M and size_of(state, at.S_V + 3) * period < _AT_ZERO_RAD
     at_zero = size_of(state, at.S_Y) < _AT_ZERO_M and size_of(state, at.S_Y + 3) < _AT_ZERO_RAD and still
     inputs[IN_AT_ZERO] = 1 if at_zero else 0
-    inputs[IN_NEAR] = 1 if away < _NEAR_M * _NEAR_M else 0
-    supervise(whole[:5], inputs, supervisor_settings)
+    inputs[IN_STANDS] = standing
+    supervise(whole[:STATES], inputs, supervisor_settings)
     now: int = whole[AT_STATE]
     # Another session of the controller begins with no correction in force: what was held belongs to the one before. In
     # a fault nothing is said to it, because whether it is another one is not certain, and either answer may be a jump.
@@ -109,12 +106,17 @@ def ask_supervisor(
     return now
 
 
-@kernel("int64(int64, float64, float64[::1], int64, float64[::1], float64[::1], float64[::1])")
-def limit(now: int, share: float, wanted: Float, elapsed: int, constants: Float, state: Float, results: Float) -> int:
+@kernel("int64(int64, int64, float64, float64[::1], int64, float64[::1], float64[::1], float64[::1])")
+def limit(
+    now: int, held: int, share: float, wanted: Float, elapsed: int, constants: Float, state: Float, results: Float
+) -> int:
     """Move the correction towards what is wanted, as far as state and limits allow.
+
+    From HOLD it goes on where it stood, and ramps from there to what is wanted.
 
     Args:
         now: State of the supervisor.
+        held: 1: its last state was HOLD.
         share: 0..1, by which the correction is faded in.
         wanted: (6,) m and rotation vector.
         elapsed: Cycles since the last telegram.
@@ -128,9 +130,17 @@ def limit(now: int, share: float, wanted: Float, elapsed: int, constants: Float,
     period = constants[at.C_PERIOD]
     limits = 0
     target = state[at.S_HELD : at.S_HELD + 6]
+    bumpless = state[at.S_BUMPLESS : at.S_BUMPLESS + 6]
+    for k in range(6):
+        if now != _ACTIVE:
+            bumpless[k] = 0.0
+        elif held == 1:
+            bumpless[k] = state[at.S_Y + k] - share * wanted[k]
+    shorten(bumpless, 0, constants[at.C_RAMP + 1] * period * elapsed)
+    shorten(bumpless, 3, constants[at.C_RAMP_ROTATION + 1] * period * elapsed)
     for k in range(6):
         if now == _ACTIVE:
-            target[k] = share * wanted[k]
+            target[k] = share * wanted[k] + bumpless[k]
         elif now in (_HOLD, _FAULT):
             target[k] = math.nan
         else:

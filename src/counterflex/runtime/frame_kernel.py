@@ -97,3 +97,12 @@ def all_finite(x: Float, begin: int, end: int) -> bool:
     for k in range(begin, end):
         finite = finite and math.isfinite(x[k])
     return finite
+
+
+@kernel("void(float64[::1], int64, float64)")
+def shorten(x: Float, begin: int, by: float) -> None:
+    """Make the vector ``x[begin:begin+3]`` shorter by a length, at most to nothing."""
+    size = size_of(x, begin)
+    left = (size - by) / size if size > by else 0.0
+    for k in range(begin, begin + 3):
+        x[k] *= left

@@ -128,16 +128,17 @@ S_PAST: Final = 462  # 68: row of the ring at the time of a sample
 S_EARLIER: Final = 530  # 68: a second row of the ring
 S_SWEEP: Final = 598  # 4: search for the place on the path while nobody is on the way
 S_AXES: Final = 602  # 6: the correction as axis angles that could be computed last
-STATE: Final = 608
+S_BUMPLESS: Final = 608  # 6: what is left of the correction held before, above what is wanted; ramps to nothing
+STATE: Final = 614
 
-# State, int64: 0..4 of the supervisor, then
-N_RING: Final = 5  # next row of the ring
-N_CYCLES: Final = 6  # cycles since the start
-N_LATE: Final = 7  # telegrams lost in a row
-N_INPUTS: Final = 8  # 10: inputs of the supervisor
-N_SESSION: Final = 18  # 1: another session of the controller came, and the fault it raised has not been reset
-N_DISBELIEVED: Final = 19  # tracker samples in a row that were too far off
-WHOLE: Final = 20
+# State, int64: 0..8 of the supervisor, then
+N_RING: Final = 9  # next row of the ring
+N_CYCLES: Final = 10  # cycles since the start
+N_LATE: Final = 11  # telegrams lost in a row
+N_INPUTS: Final = 12  # 10: inputs of the supervisor
+N_SESSION: Final = 22  # 1: another session of the controller came, and the fault it raised has not been reset
+N_DISBELIEVED: Final = 23  # tracker samples in a row that were too far off
+WHOLE: Final = 24
 
 RING_ROWS: Final = 256
 RING_NOMINAL: Final = 0  # 12

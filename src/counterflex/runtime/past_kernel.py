@@ -73,3 +73,22 @@ def moves(ring: Float, here: int, nominal: Float) -> bool:
         now += (nominal[k - at.RING_NOMINAL] - one[k]) ** 2
         before += (two[k] - three[k]) ** 2
     return min(now, before) > STANDS_M * STANDS_M
+
+
+@kernel("boolean(float64[:, ::1], int64, float64[::1])")
+def stands(ring: Float, here: int, nominal: Float) -> bool:
+    """Whether the program stands: the commanded point has not moved by more than STANDS_M within SPAN cycles.
+
+    Args:
+        ring: Of the last cycles.
+        here: Row of this cycle; it need not be written.
+        nominal: (12,) commanded pose now, without correction.
+    """
+    for back in (SPAN // 2, SPAN):
+        row = ring[(here - back + at.RING_ROWS) % at.RING_ROWS]
+        way = 0.0
+        for k in range(at.RING_NOMINAL + 9, at.RING_NOMINAL + 12):
+            way += (nominal[k - at.RING_NOMINAL] - row[k]) ** 2
+        if not way <= STANDS_M * STANDS_M:
+            return False
+    return True

@@ -18,6 +18,8 @@ from counterflex.runtime import monitor_layout as ml
 
 ROWS: Final = 4096
 """16 s at 250 Hz."""
+MOST: Final = ROWS - ROWS // 8
+"""Rows that may wait for the reader: the oldest may be overwritten while they are copied."""
 _HEAD: Final = 64  # bytes
 
 
@@ -125,10 +127,20 @@ class RecordRing:
         """Hand the row over."""
         self._count[0] += 1
 
+    @property
+    def count(self) -> int:
+        """Rows handed over since the ring was made."""
+        return int(self._count[0])
+
+    @property
+    def taken(self) -> int:
+        """Reader: rows taken, or lost because it was too slow."""
+        return self._read
+
     def take(self) -> Float:
         """(n, WIDTH) copies of the rows that are new since the last call."""
         count = int(self._count[0])
-        first = max(self._read, count - ROWS + ROWS // 8)  # the oldest may be overwritten while they are copied
+        first = max(self._read, count - MOST)
         self.dropped += first - self._read
         places = np.arange(first, count) % ROWS
         out: Float = self._rows[places].copy()

@@ -28,11 +28,13 @@ from counterflex.runtime.force_kernel import blend, learn_scale, scaled
 from counterflex.runtime.frame_kernel import across, directions, pose_deviation, size_of, turn, turn_back
 from counterflex.runtime.fusion import Source
 from counterflex.runtime.lag_kernel import lag
-from counterflex.runtime.past_kernel import moves, row_at
+from counterflex.runtime.past_kernel import moves, row_at, stands
 from counterflex.runtime.supervisor import (
     AT_CYCLES,
+    AT_FEED_HOLD,
     AT_RISE,
     AT_STATE,
+    AT_STOP,
     SET_RISE_CYCLES,
     SET_STOP_CYCLES,
     Cause,
@@ -95,7 +97,7 @@ def step(
         flags: (at.FLAGS,).
         constants: (at.CONSTANTS,).
         choices: (at.CHOICES,).
-        supervisor_settings: (4,).
+        supervisor_settings: (6,).
         plan: (n, PLAN_COLUMNS), or two rows that mean nothing without a plan.
         real: Compact chain.
         kind: Likewise.
@@ -340,11 +342,13 @@ def step(
     reach = max(size_of(wanted, 0) / constants[at.C_TRANSLATION], size_of(wanted, 3) / constants[at.C_ROTATION])
     if reach > constants[at.C_HARD] and hard == 0 and (active or whole[AT_STATE] == _HOLD):
         hard = _HARD_LIMIT
-    elif reach > 1.0 and soft == 0 and active:
+    elif reach > 1.0 and soft == 0 and (active or whole[AT_STATE] == _HOLD):
         soft = _SOFT_LIMIT
     # Who may act, and how far.
-    now = ask_supervisor(flags, soft, hard, wanted, period, supervisor_settings, state, whole, outcome)
-    limits = limit(now, share, wanted, elapsed, constants, state, results)
+    held = whole[AT_STATE] == _HOLD
+    standing = 1 if held and stands(ring, here, nominal) else 0
+    now = ask_supervisor(flags, soft, hard, standing, period, supervisor_settings, state, whole, outcome)
+    limits = limit(now, 1 if held else 0, share, wanted, elapsed, constants, state, results)
     remember(here, hard, nominal, bent, choices, constants, state, whole, ring)
     # Where axis angles cannot be computed they stay as they were: a fault holds, also in the axes.
     for k in range(6):
@@ -354,9 +358,9 @@ def step(
     results[at.R_PATH], results[at.R_SIGMA], results[at.R_CUT] = distance, elastic[OUT_SIGMA], cut
     outcome[at.O_SOURCES], outcome[at.O_DEGRADED] = sources, degraded
     outcome[at.O_STATE], outcome[at.O_CAUSE] = now, whole[1]
-    outcome[at.O_FEED_HOLD] = 1 if now in (_HOLD, _FAULT) else 0
+    outcome[at.O_FEED_HOLD] = whole[AT_FEED_HOLD]
     silent = whole[AT_CYCLES] >= supervisor_settings[SET_STOP_CYCLES] or whole[at.N_SESSION] == 1
-    outcome[at.O_STOP] = 1 if now == _FAULT and not silent else 0
+    outcome[at.O_STOP] = 1 if (now == _FAULT and not silent) or whole[AT_STOP] > 0 else 0
     outcome[at.O_SILENT] = 1 if now == _FAULT and silent else 0
     outcome[at.O_LIMITS], outcome[at.O_ELASTIC], outcome[at.O_SOFT], outcome[at.O_HARD] = (
         limits,

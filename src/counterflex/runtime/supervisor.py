@@ -1,9 +1,12 @@
 """Who lets the correction act: states, what moves between them, and what the output may do in each.
 
 A pure function of one cycle. Correction acts in ACTIVE only. What goes wrong freezes the output in the same cycle
-(HOLD), asks for a feed hold, and ramps out slowly when it lasts; what must not happen is a FAULT: the output is held,
-the robot is told to stop, and only a person leads out of it, with the correction at zero. There is no way from FAULT to
-ACTIVE, and dropping to zero in the cut is never the reaction.
+(HOLD) and asks for a feed hold. When it lasts, the correction is ramped out slowly where the robot stands; a robot that
+goes on although it is to hold is told to stop with the correction as it is (FAULT), because a program that goes on is
+never left without its correction in the cut. A feed hold that was asked for stays so, and the robot is told to stop
+behind the ramp, until a person acknowledges it or the program itself has switched the correction off. What must not
+happen is a FAULT: the output is held, the robot is told to stop, and only a person leads out of it, with the correction
+at zero. There is no way from FAULT to ACTIVE.
 """
 
 from __future__ import annotations
@@ -62,11 +65,13 @@ class Cause(IntEnum):
     OFF_PATH = 19
     SINGULAR = 20
     HELD_TOO_LONG = 21
-    DEADLINE = 22
+    """The robot went on although a feed hold was asked for."""
     LOG_LOST = 23
+    """Records are not written: nobody takes them, or the disk does not."""
     CLOCK = 24
     FOREIGN_PEER = 25
     INTERNAL = 26
+    """The loop's own program failed."""
     FORCE_OFFSET = 27
     """The sensor shows a force without a cut: wrong load or zero."""
     PROCESS_MISSING_CUT = 28
@@ -82,11 +87,11 @@ IN_HEALTHY = 1  # 1: telegrams, sensors and self-tests are good enough to be REA
 IN_ARM = 2  # 1: the operator's edge
 IN_ENABLE = 3  # 1: the robot program wants the correction
 IN_STOP = 4  # 1: the operator's or robot's stop
-IN_RESET = 5  # 1: the operator's edge out of FAULT
+IN_RESET = 5  # 1: the operator's edge: out of FAULT, or a feed hold acknowledged
 IN_SOFT = 6  # cause of a hold, or 0
 IN_HARD = 7  # cause of a fault, or 0
 IN_AT_ZERO = 8  # 1: the output is zero and at rest
-IN_NEAR = 9  # 1: the output is where the correction wants it, so that going on is bumpless
+IN_STANDS = 9  # 1: the commanded pose, correction aside, does not move
 INPUTS = 10
 
 # State of the supervisor.
@@ -95,14 +100,20 @@ AT_CAUSE = 1  # latched until reset, or until ACTIVE is reached again from HOLD
 AT_CYCLES = 2  # in the present state
 AT_GOOD = 3  # cycles without a soft cause, in HOLD
 AT_RISE = 4  # 0 .. rise cycles: how far the correction has been faded in
-STATES = 5
+AT_FEED_HOLD = 5  # 1: the robot is to hold its feed
+AT_STOP = 6  # cycles left in which the robot is told to stop behind a ramp
+AT_RETURNS = 7  # returns from HOLD to ACTIVE, those long ago forgotten
+AT_CALM = 8  # cycles in ACTIVE since one was forgotten
+STATES = 9
 
 # Settings.
 SET_HOLD_CYCLES = 0
 SET_GOOD_CYCLES = 1
 SET_RISE_CYCLES = 2
 SET_STOP_CYCLES = 3
-SETTINGS = 4
+SET_RETURNS = 4
+SET_CALM_CYCLES = 5
+SETTINGS = 6
 
 
 @dataclass(frozen=True)
@@ -110,24 +121,28 @@ class SupervisorSettings:
     """How long things may last, in cycles.
 
     Attributes:
-        hold: Longest HOLD before the output is ramped out.
+        hold: Longest HOLD before the output is ramped out, or the robot stopped that does not hold.
         good: Clean cycles before HOLD may end.
         rise: Cycles over which the correction is faded in.
-        stop: Cycles in FAULT in which the robot is told to stop, before the loop falls silent.
+        stop: Cycles in FAULT in which the robot is told to stop, before the loop falls silent; also behind a ramp.
+        returns: How often HOLD may end by itself before it needs a person: stop, do not limp.
+        calm: Cycles in ACTIVE after which one return is forgotten.
     """
 
     hold: int = 125
     good: int = 50
     rise: int = 50
     stop: int = 125
+    returns: int = 3
+    calm: int = 2500
 
     def packed(self) -> Int:
-        """(4,) for the kernel.
+        """(6,) for the kernel.
 
         Raises:
             InputError: A number below 1: zero never means without limit.
         """
-        values = (self.hold, self.good, self.rise, self.stop)
+        values = (self.hold, self.good, self.rise, self.stop, self.returns, self.calm)
         if min(values) < 1:
             raise InputError("cycles of the supervisor", value=min(values), limit=">= 1")
         return np.array(values, dtype=np.int64)
@@ -135,7 +150,37 @@ class SupervisorSettings:
 
 _IDLE, _READY, _ARMED, _ACTIVE = int(State.IDLE), int(State.READY), int(State.ARMED), int(State.ACTIVE)
 _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
-_OPERATOR, _PROGRAM = int(Cause.OPERATOR), int(Cause.PROGRAM)
+_OPERATOR, _PROGRAM, _TOO_LONG = int(Cause.OPERATOR), int(Cause.PROGRAM), int(Cause.HELD_TOO_LONG)
+_OF_PROCESS = int(Cause.PROCESS_MISSING_CUT)
+
+
+@kernel("void(int64[::1], int64[::1], int64[::1], int64, int64)")
+def _ask_the_robot(at: Int, given: Int, settings: Int, following: int, cause: int) -> None:
+    """Feed hold, and Stop behind a ramp: what was asked for stays so until somebody has seen it.
+
+    It begins with HOLD and FAULT, and where the operator ends the correction. It ends where the correction acts again,
+    with the operator's acknowledgment outside of HOLD and FAULT, and where the program has switched the correction off.
+
+    Args:
+        at: (STATES,) before the change of state; AT_FEED_HOLD and AT_STOP are changed.
+        given: (10,).
+        settings: (6,).
+        following: The next state.
+        cause: Its cause.
+    """
+    state = at[AT_STATE]
+    if following in (_HOLD, _FAULT):
+        at[AT_FEED_HOLD] = 1
+    elif following == _ACTIVE or given[IN_RESET] == 1 or given[IN_ENABLE] == 0:
+        at[AT_FEED_HOLD] = 0
+    elif following == _RAMP_OUT and state == _ACTIVE and cause == _OPERATOR:
+        at[AT_FEED_HOLD] = 1
+    if at[AT_FEED_HOLD] == 0 or following > _ARMED:
+        at[AT_STOP] = 0
+    elif state == _RAMP_OUT and following != _RAMP_OUT:
+        at[AT_STOP] = settings[SET_STOP_CYCLES]
+    else:
+        at[AT_STOP] = max(0, at[AT_STOP] - 1)
 
 
 @kernel("void(int64[::1], int64[::1], int64[::1])")
@@ -143,9 +188,9 @@ def supervise(at: Int, given: Int, settings: Int) -> None:
     """Advance the supervisor by one cycle.
 
     Args:
-        at: (5,) its state; changed.
+        at: (STATES,) its state; changed.
         given: (10,) inputs of the cycle.
-        settings: (4,) of :meth:`SupervisorSettings.packed`.
+        settings: (6,) of :meth:`SupervisorSettings.packed`.
     """
     state, cause = at[AT_STATE], at[AT_CAUSE]
     soft, hard = given[IN_SOFT], given[IN_HARD]
@@ -154,7 +199,8 @@ def supervise(at: Int, given: Int, settings: Int) -> None:
         following, cause = _FAULT, hard
     elif state == _IDLE:
         if given[IN_HEALTHY] == 1 and hard == 0 and soft == 0 and given[IN_AT_ZERO] == 1:
-            following, cause = _READY, 0
+            following = _READY
+            cause = cause if at[AT_FEED_HOLD] == 1 else 0
     elif state == _READY:
         if given[IN_HEALTHY] == 0:
             following = _IDLE
@@ -182,23 +228,34 @@ def supervise(at: Int, given: Int, settings: Int) -> None:
         elif given[IN_ENABLE] == 0:
             following, cause = _RAMP_OUT, _PROGRAM
     elif state == _HOLD:
-        if given[IN_STOP] == 1:
+        # The program that switches the correction off has left the cut, whatever it was held for.
+        may_return = cause < _OF_PROCESS and at[AT_RETURNS] < settings[SET_RETURNS]
+        if given[IN_STOP] == 1 or given[IN_ENABLE] == 0:
             following = _RAMP_OUT
-            cause = cause if cause != 0 else _OPERATOR
         elif at[AT_CYCLES] >= settings[SET_HOLD_CYCLES]:
-            following = _RAMP_OUT
-        elif at[AT_GOOD] >= settings[SET_GOOD_CYCLES] and given[IN_NEAR] == 1 and soft == 0 and given[IN_ENABLE] == 1:
+            if given[IN_STANDS] == 1:
+                following = _RAMP_OUT
+            else:
+                following, cause = _FAULT, _TOO_LONG
+        elif may_return and at[AT_GOOD] >= settings[SET_GOOD_CYCLES] and soft == 0:
             following, cause = _ACTIVE, 0
     elif state == _RAMP_OUT:
         if given[IN_AT_ZERO] == 1:
             following = _READY if given[IN_HEALTHY] == 1 else _IDLE
     elif given[IN_RESET] == 1 and given[IN_AT_ZERO] == 1 and hard == 0:
         following, cause = _IDLE, 0
+    _ask_the_robot(at, given, settings, following, cause)
     at[AT_GOOD] = at[AT_GOOD] + 1 if following == _HOLD and soft == 0 else 0
     if following == _ACTIVE:
         if state == _ARMED:
-            at[AT_RISE] = 0
+            at[AT_RISE] = at[AT_RETURNS] = at[AT_CALM] = 0
+        elif state == _HOLD:
+            at[AT_RETURNS] += 1
+            at[AT_CALM] = 0
         at[AT_RISE] = min(at[AT_RISE] + 1, settings[SET_RISE_CYCLES])
+        at[AT_CALM] += 1
+        if at[AT_CALM] >= settings[SET_CALM_CYCLES]:
+            at[AT_RETURNS], at[AT_CALM] = max(0, at[AT_RETURNS] - 1), 0
     elif following != _HOLD:
         at[AT_RISE] = 0
     at[AT_CYCLES] = at[AT_CYCLES] + 1 if following == state else 0

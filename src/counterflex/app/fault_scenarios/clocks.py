@@ -9,8 +9,9 @@ from unittest import mock
 
 import numpy as np
 
+from counterflex.app.fault_scenarios.demonstration import PERIOD_S
 from counterflex.app.fault_scenarios.network import LARGEST_STEP_M, described
-from counterflex.app.fault_scenarios.rig import PERIOD_S, Rig
+from counterflex.app.fault_scenarios.rig import Rig
 from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
 from counterflex.app.fault_scenarios.sessions import SETTLED, first_cycle
 from counterflex.core.units import NS

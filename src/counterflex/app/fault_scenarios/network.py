@@ -6,7 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.app.fault_scenarios.rig import PERIOD_S, Rig, force_only
+from counterflex.app.fault_scenarios.demonstration import PERIOD_S, force_only
+from counterflex.app.fault_scenarios.rig import Rig
 from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
 from counterflex.links.telegram_watch import WatchSettings
 from counterflex.runtime.supervisor import State

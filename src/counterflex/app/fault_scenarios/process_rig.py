@@ -19,13 +19,14 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from counterflex.app.fault_scenarios.rig import PERIOD_S, Q, demo_config
-from counterflex.app.online import RunSettings, loop_process
+from counterflex.app.fault_scenarios.demonstration import PERIOD_S, Q, demo_config
+from counterflex.app.online_process import loop_process
+from counterflex.app.online_session import RunSettings
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
 from counterflex.files.run_log import RunLog
 from counterflex.geometry import pose, rotation
-from counterflex.links.session import CONTROL, Request
+from counterflex.links.session import CONTROL, Kept, Request
 from counterflex.runtime.record_ring import OUTCOME, RecordRing
 from counterflex.runtime.supervisor import State
 from counterflex.twin.commanded_motion import Report
@@ -56,12 +57,13 @@ def write_files(folder: Path) -> tuple[Path, Path]:
     return folder / "cell.toml", folder / "rsi.xml"
 
 
-def keep_log(ring_name: str, folder: str, largest_file: int) -> None:
+def keep_log(ring_name: str, folder: str, control: Any, largest_file: int) -> None:
     """A recorder's process: takes what the loop hands over, until it is killed.
 
     Args:
         ring_name: Of the ring.
         folder: Of the log.
+        control: Shared with the loop, which is told what was taken.
         largest_file: Bytes that a file may have before the operating system refuses more; 0: no limit.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -75,6 +77,7 @@ def keep_log(ring_name: str, folder: str, largest_file: int) -> None:
     log = RunLog(folder, {})
     while True:
         log.add(reader.take())
+        control[Kept.TAKEN], control[Kept.TROUBLE] = reader.taken, int(bool(log.trouble))
         time.sleep(_POLL_S)
 
 
@@ -166,7 +169,7 @@ class ProcessRig:
         """
         folder = self.folder / name
         self.recorder = self._context.Process(
-            target=keep_log, args=(self.ring.name, str(folder), largest_file), daemon=True
+            target=keep_log, args=(self.ring.name, str(folder), self.control, largest_file), daemon=True
         )
         self.recorder.start()
         end = time.monotonic() + 300.0
@@ -202,6 +205,8 @@ class ProcessRig:
         rows = self._reader.take()
         if len(rows):
             self.state = State(int(rows[-1, OUTCOME]))
+        if self.recorder is None:  # whoever looks is the recorder
+            self.control[Kept.TAKEN] = self._reader.taken
         return answer is not None
 
     def _answer(self, patience_s: float) -> bytes | None:

@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
+from counterflex.app.fault_scenarios.demonstration import PERIOD_S
 from counterflex.app.fault_scenarios.process_rig import ProcessRig
-from counterflex.app.fault_scenarios.rig import PERIOD_S
 from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
 from counterflex.core.units import MM
 from counterflex.files.run_log import read_log

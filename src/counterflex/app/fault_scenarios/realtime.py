@@ -14,20 +14,19 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.fault_scenarios.network import LARGEST_STEP_M
-from counterflex.app.fault_scenarios.rig import (
-    PATIENT,
+from counterflex.app.fault_scenarios.demonstration import (
     PERIOD_S,
     demo_config,
     force_only,
-    named,
     open_session,
     reported,
     sensor_link,
     sensor_reading,
-    square,
 )
+from counterflex.app.fault_scenarios.network import LARGEST_STEP_M
+from counterflex.app.fault_scenarios.rig import PATIENT, square
 from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
+from counterflex.app.fault_scenarios.seen import named
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import SimulationError
 from counterflex.links.realtime import prepare

@@ -7,40 +7,39 @@ seed alone and takes as long as its sums do. The controller judges: what counts 
 from __future__ import annotations
 
 import contextlib
-import functools
 import heapq
 import itertools
 import socket
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from importlib import resources
+from dataclasses import replace
 from typing import Any, Final, Self
 
 import numpy as np
 
+from counterflex.app.fault_scenarios.demonstration import (
+    PERIOD_S,
+    demo_config,
+    force_only,
+    open_session,
+    reported,
+    sensor_link,
+    sensor_reading,
+)
+from counterflex.app.fault_scenarios.seen import Seen
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
 from counterflex.core.units import MS, NS
-from counterflex.files.cell import Cell, read_cell
-from counterflex.geometry import pose, rotation
-from counterflex.links.netft_link import NetftLink
 from counterflex.links.rsi_link import RsiLink
-from counterflex.links.session import CONTROL, OnlineSession, Request, SessionChecks
+from counterflex.links.session import CONTROL, Request
 from counterflex.links.telegram_watch import WatchSettings
-from counterflex.runtime.loop import Loop
-from counterflex.runtime.sensor_wrench import SensorWrench
-from counterflex.runtime.settings import ForceMode, OnlineSettings
-from counterflex.runtime.supervisor import Cause, State
-from counterflex.sensing.flange_sensor import FlangeSensor
+from counterflex.runtime.settings import OnlineSettings
+from counterflex.runtime.supervisor import State
 from counterflex.twin.commanded_motion import Report
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext
 from counterflex.twin.impairment import Impairment, Schedule
-from counterflex.twin.netft_server import COUNTS, NetftServer
-from counterflex.wire.netft import Scaling
-from counterflex.wire.rsi_config import RsiConfig, read_config
+from counterflex.twin.netft_server import NetftServer
+from counterflex.wire.rsi_config import RsiConfig
 
-Q: Final = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
-PERIOD_S: Final = 4e-3
 PATIENT: Final = 10**9
 """Timeout of a controller that is never to stop, so that all of a run can be looked at."""
 _SAMPLES: Final = 4
@@ -52,71 +51,9 @@ _TELEGRAM, _ANSWER = 0, 1
 _LAST_COUNTER: Final = 0xFFFFFFFF
 
 
-@functools.cache
-def demo_cell() -> Cell:
-    """The demonstration cell."""
-    with resources.as_file(resources.files("counterflex.app") / "demo" / "cell.toml") as file:
-        return read_cell(file)
-
-
-@functools.cache
-def demo_config() -> RsiConfig:
-    """Its RSI configuration."""
-    with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as file:
-        return read_config(file)
-
-
 def square(time_s: float) -> Float:
     """Force (3,) N on the tool, part axes: on and off every half second, faster than a correction may follow."""
     return np.array([0.0, 450.0 if time_s % 1.0 < 0.5 else 0.0, 0.0])
-
-
-def named(state: State, cause: Cause) -> str:
-    """A state and why it was reached, in words."""
-    why = f" ({cause.name.lower().replace('_', ' ')})" if cause and state != State.ACTIVE else ""
-    return state.name.lower().replace("_", " ") + why
-
-
-@dataclass(eq=False)
-class Seen:
-    """What the controller saw, a row per cycle.
-
-    Attributes:
-        age: (n,) cycles since an answer was accepted; 0: in this cycle.
-        correction_m: (n, 3) in force, RSI's axes.
-        state: (n,) of the loop at the end of the cycle.
-        cause: (n,) its cause.
-        session: (n,) number of the controller's session.
-        running: (n,) the controller had not stopped.
-    """
-
-    age: list[int] = field(default_factory=list)
-    correction_m: list[Float] = field(default_factory=list)
-    state: list[State] = field(default_factory=list)
-    cause: list[Cause] = field(default_factory=list)
-    session: list[int] = field(default_factory=list)
-    running: list[bool] = field(default_factory=list)
-
-    def steps(self) -> Float:
-        """(n - 1,) m: change of the correction in force from cycle to cycle; none from one session to the next."""
-        change = np.linalg.norm(np.diff(np.array(self.correction_m), axis=0), axis=1)
-        out: Float = np.where(np.diff(self.session) == 0, change, 0.0)
-        return out
-
-    def stopped_s(self, first: int) -> float | None:
-        """Time from the begin of a cycle until the controller had stopped; None: it did not."""
-        running = self.running[first:]
-        return None if all(running) else (running.index(False) + 1) * PERIOD_S
-
-    def path(self, first: int = 0) -> list[str]:
-        """States from a cycle on, each once, with the cause by which it was reached."""
-        out: list[str] = []
-        before: tuple[State, Cause] | None = None
-        for state, cause in zip(self.state[first:], self.cause[first:], strict=True):
-            if before is None or state != before[0]:
-                out.append(named(state, cause))
-            before = (state, cause)
-        return out
 
 
 class Rig:
@@ -133,6 +70,7 @@ class Rig:
         config: RSI configuration; None: the demonstration's.
         peer: The only address the loop listens to, or None.
         sense: A force sensor is there and sends.
+        holds_feed: The robot stands while a feed hold is asked for, and no force acts then; else it goes on.
         chosen: Changes of the other arguments of :class:`OnlineSession`.
 
     Attributes:
@@ -151,6 +89,7 @@ class Rig:
         other: What another program answers to the robot in every cycle in which the loop does not, or None.
         wrap: The controller's counter begins again at 0 behind ``2^32 - 1``.
         wrapped_at: In which cycle it did.
+        gone: Cycles in which the robot went on.
     """
 
     def __init__(
@@ -166,6 +105,7 @@ class Rig:
         config: RsiConfig | None = None,
         peer: tuple[str, int] | None = None,
         sense: bool = True,
+        holds_feed: bool = True,
         **chosen: Any,
     ) -> None:
         self.config = demo_config() if config is None else config
@@ -189,7 +129,8 @@ class Rig:
         self.loop = self.session.loop
         self.ways = (Schedule(telegrams or Impairment(), seed, 0), Schedule(answers or Impairment(), seed, 1))
         self.seen = Seen()
-        self.cycle_count = 0
+        self.cycle_count = self.gone = 0
+        self._holds_feed = holds_feed
         self.frozen = self.feed = self.enable = self.paused = self.wrap = False
         self.wrapped_at = 0
         self.other: Callable[[int], bytes] | None = None
@@ -260,6 +201,11 @@ class Rig:
         """The controller sends telegrams."""
         return not (self.paused or self.robot.stopped)
 
+    @property
+    def stands(self) -> bool:
+        """The robot holds its feed, or has stopped."""
+        return (self._holds_feed and self.robot.feed_hold) or bool(self.robot.stopped)
+
     def run(self, cycles: int) -> Self:
         """Go on for some cycles."""
         for _ in range(cycles):
@@ -277,6 +223,7 @@ class Rig:
         """One cycle of the controller."""
         begin = self.cycle_count * PERIOD_S
         self.now_s = begin
+        self.gone += not self.stands
         if self.running:
             self.robot.frees["Enable"] = float(self.enable)
             if self.wrap and self.robot.counter + round(PERIOD_S / MS) > _LAST_COUNTER:
@@ -292,7 +239,7 @@ class Rig:
     def read_sensor(self) -> None:
         """The sensor's samples of one cycle."""
         self.sensor.poll()
-        force = self._force(self.now_s - self._feed_begin) if self.feed else np.zeros(3)
+        force = self._force(self.now_s - self._feed_begin) if self.feed and not self.stands else np.zeros(3)
         w = self._reading @ np.concatenate([force, np.zeros(3)])
         for noise in self._noise.standard_normal((_SAMPLES, 6)) * _NOISE:
             self.sensor.send(w + noise)
@@ -309,7 +256,7 @@ class Rig:
         return data
 
     def _report(self) -> Report:
-        return reported(self.robot, self.cycle_count, self.feed)
+        return reported(self.robot, self.cycle_count, self.feed, self.gone)
 
     def _send(self, kind: int, data: bytes, time_s: float) -> None:
         number = self._sent[kind]
@@ -369,70 +316,3 @@ class Rig:
         seen.cause.append(self.loop.cause)
         seen.session.append(self._sessions)
         seen.running.append(not self.robot.stopped)
-
-
-def reported(robot: FakeRsi, cycle: int, running: bool) -> Report:
-    """What a robot on a straight path shows that follows its correction at once.
-
-    Args:
-        robot: Its controller.
-        cycle: Number of the cycle.
-        running: The program runs.
-    """
-    T = pose.make(rotation.about_x(np.pi), np.array([0.05 + 1e-4 * (cycle % 500), 0.0, 0.0]))
-    corrected, offset = T.copy(), robot.pose_correction()
-    corrected[:3, 3] += offset[:3]
-    if offset[3:].any():
-        corrected[:3, :3] = rotation.exp(offset[3:]) @ T[:3, :3]
-    return Report(cycle * PERIOD_S, T, corrected, Q, Q, running, False)
-
-
-def force_only(**changes: Any) -> OnlineSettings:
-    """Settings of a loop that undoes the measured force, all of it, within the default limits; it needs no plan.
-
-    Args:
-        changes: Of other settings.
-    """
-    return OnlineSettings(force=ForceMode.MEASURED, normal_only=False, **changes)
-
-
-def sensor_link(address: tuple[str, int]) -> NetftLink:
-    """Link to a simulated sensor, subscribed."""
-    link = NetftLink(address, Scaling(1.0 / COUNTS, 1.0 / COUNTS, 1000, "Net F/T"))
-    link.start()
-    return link
-
-
-def _sensor_wrench(cell: Cell) -> SensorWrench:
-    """A sensor in the demonstration's end effector that carries no weight and has no bias."""
-    return SensorWrench(cell.chain, FlangeSensor("sensor", np.eye(4), 0.0, np.zeros(3)), cell.T_base_part)
-
-
-def open_session(link: RsiLink, force: NetftLink, settings: OnlineSettings, **chosen: Any) -> OnlineSession:
-    """The loop of the demonstration's cell, compiled and at its beginning.
-
-    Args:
-        link: To the robot.
-        force: To the sensor.
-        settings: Of the loop.
-        chosen: Other arguments of :class:`OnlineSession`.
-    """
-    cell = demo_cell()
-    loop = Loop(cell.chain, settings, cell.T_base_part)
-    parts = {"force": force, "wrench": _sensor_wrench(cell), "checks": SessionChecks(), **chosen}
-    session = OnlineSession(link, loop, **parts)
-    loop.run()
-    loop.reset()
-    return session
-
-
-@functools.cache
-def sensor_reading() -> Float:
-    """(6, 6) reading of the sensor for a wrench on the tool, part axes."""
-    wrench = _sensor_wrench(demo_cell())
-    out: Float = np.zeros((6, 6))
-    for k in range(6):
-        wrench.w_base[:] = 0.0
-        out[:, k] = wrench(Q, np.eye(6)[k])
-    inverse: Float = np.asarray(np.linalg.inv(out), dtype=np.float64)
-    return inverse

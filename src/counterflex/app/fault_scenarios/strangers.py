@@ -8,8 +8,9 @@ from typing import Final
 
 import numpy as np
 
+from counterflex.app.fault_scenarios.demonstration import PERIOD_S
 from counterflex.app.fault_scenarios.network import described
-from counterflex.app.fault_scenarios.rig import PERIOD_S, Rig
+from counterflex.app.fault_scenarios.rig import Rig
 from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
 from counterflex.core.errors import OutputError
 from counterflex.links.rsi_link import RsiLink

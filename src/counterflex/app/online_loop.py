@@ -1,0 +1,108 @@
+"""The loop of a cell, built from its files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.units import MS
+from counterflex.files.cell import Cell
+from counterflex.files.cell_monitor import feed_exponent
+from counterflex.files.cell_online import OnlineTable
+from counterflex.geometry import pose
+from counterflex.plan.ahead import ahead_wrench, arm_share
+from counterflex.plan.plan import Plan, across
+from counterflex.robot.chain import ElasticChain
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
+from counterflex.runtime.monitor_settings import unwatched
+from counterflex.signals.preview import Mode, Shaping
+
+_EXPONENT = 0.75
+"""Of the force in the feed, where there is no plan to take it from."""
+
+
+def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
+    """What the loop needs of a plan.
+
+    Args:
+        plan: Of the program.
+        cell: Its arm, its lowest mode and its delays say what has to be commanded ahead of time.
+        compensated: The robot runs the compensated program, so that its points contain the plan's correction.
+    """
+    contained = np.concatenate([plan.correction_part, plan.rotvec_part], axis=1)
+    if not compensated:
+        contained = np.zeros_like(contained)
+    dynamics = cell.tables.dynamics
+    delays = (cell.tables.online or OnlineTable()).settings(cell.tables.timing, compensated=compensated).delays
+    modes = (
+        Mode(2.0 * np.pi * dynamics.mode_hz, dynamics.damping_ratio),
+        Mode(delays.natural_per_s, delays.damping),
+    )
+    shaping = Shaping(dynamics.correction_smoothing_ms * MS, delays.dead_s + dynamics.correction_lead_ms * MS)
+    share = arm_share(cell.chain, cell.T_base_part, plan.q, plan.w_tcp_part)
+    return LoopPlan(
+        p_part=plan.path.p_part_tcp + contained[:, :3],
+        time_s=plan.path.time_s,
+        w_tcp_part=plan.w_tcp_part,
+        cutting=plan.cutting.astype(np.float64),
+        contained=contained,
+        play=plan.play_part,
+        turn_per_s=np.abs(plan.path.spindle_rad_s) / (2.0 * np.pi),
+        tool=plan.path.tool.astype(np.int64),
+        chip_m=plan.feed_per_tooth_m * np.sin(0.5 * (plan.entry_rad + plan.exit_rad)),
+        need_m=None if compensated else across(-plan.deflection_part[:, :3], plan.path.p_part_tcp),
+        left_m=np.linalg.norm(across(plan.deviation_compensated_part, plan.path.p_part_tcp), axis=1)
+        if compensated
+        else None,
+        w_ahead_part=ahead_wrench(plan.w_tcp_part, plan.path.time_s, share, modes, shaping),
+    )
+
+
+def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop:
+    """The loop of a cell.
+
+    Raises:
+        FileFormatError: The cell has no ``[online]`` table.
+        InputError: Its values contradict each other, or need a plan.
+    """
+    table = cell.tables.online
+    if table is None:
+        raise FileFormatError(
+            "the cell file does not say how to correct online",
+            where=str(cell.path),
+            hint='Add a table [online], for example with force = "pilot"',
+        )
+    settings = table.settings(cell.tables.timing, compensated=compensated, mode=cell.tables.lowest_mode)
+    watched, override = cell.tables.monitor, cell.tables.override
+    teeth = None
+    exponent = _EXPONENT
+    if plan is not None and plan.tool is not None:
+        flutes = {tool.number: tool.flutes for tool in cell.tables.tools}
+        teeth = np.array([flutes.get(int(number), 0) for number in plan.tool], dtype=np.int64)
+        if plan.chip_m is not None and np.any(chips := np.isfinite(plan.chip_m) & (plan.chip_m > 0.0)):
+            exponent = feed_exponent(cell.force_law, float(np.median(plan.chip_m[chips])))
+        plan = replace(plan, teeth=teeth)
+    return Loop(
+        cell.chain,
+        settings,
+        cell.T_base_part,
+        plan,
+        monitor=unwatched(settings, exponent) if watched is None else watched.settings(settings, exponent),
+        override=None if override is None else override.settings(),
+    )
+
+
+def tcp_target(cell: Cell, chain: ElasticChain) -> Float:
+    """``T_tcp_target`` of the tracker table, whichever frame it names."""
+    table = cell.tables.tracker
+    if table is None:
+        raise InputError("the cell has no tracker", where=str(cell.path))
+    if table.target_on == "tcp":
+        return table.T_on_target
+    T_flange_target = table.T_on_target
+    out: Float = pose.inverse(chain.T_flange_tcp) @ T_flange_target
+    return out

@@ -1,0 +1,206 @@
+"""What a run is made of: the files read, the loop built, the links opened."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from counterflex.app.compliance_window import require_plausible
+from counterflex.app.job_check import check_job, job_of
+from counterflex.app.online_loop import loop_plan, online_loop, tcp_target
+from counterflex.app.robot_links import egm_link, rsi_link
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError, OutputError
+from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell_online import OnlineTable
+from counterflex.files.cell_sensing import flange_sensor
+from counterflex.files.plan_file import read_plan
+from counterflex.links.egm_force import EgmForce
+from counterflex.links.egm_link import EgmLink
+from counterflex.links.force_source import ForceSource
+from counterflex.links.netft_link import NetftLink, fetch_scaling
+from counterflex.links.robot_link import RobotLink
+from counterflex.links.session import OnlineSession, SessionChecks, tracker_frames
+from counterflex.links.telegram_watch import WatchSettings
+from counterflex.links.tracker_link import TrackerLink
+from counterflex.plan.plan import Plan
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.record_ring import RecordRing
+from counterflex.runtime.sensor_wrench import SensorWrench
+from counterflex.runtime.spindle_inertia import SpindleInertia
+from counterflex.wire.netft import Scaling
+
+QUIET_S = 2.0
+"""Without a telegram for so long, a run has ended."""
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """What a run is made of.
+
+    Attributes:
+        cell: Cell file with an ``[online]`` table.
+        rsi: ETHERNET configuration file of a KUKA controller, or None.
+        plan: Plan file, or None.
+        program: What the robot runs, or None; it must be of the same job as the plan.
+        compensated: The robot runs the compensated program.
+        host: Address to listen on.
+        port: Of the robot; None takes the configuration's, or that of the table ``[egm]``.
+        egm: The robot is an ABB one, as the table ``[egm]`` says.
+        force: Host and UDP port of the force sensor, or None; with EGM the robot's own force is then taken.
+        force_http_port: Of its scaling document.
+        force_wait_s: How long to wait for the sensor to serve it: parts of a cell may be started in any order.
+        tracker_port: Port for tracker datagrams, or None.
+        peer: Address and port of the controller, port 0 for any; None takes the first that sends a good telegram.
+        arm: Arm as soon as all checks are passed; else only watch.
+        lockstep: The robot is simulated and waits for every answer: telegrams are lost by their counter only.
+        quiet_s: End when no telegram has come for so long, after the first.
+    """
+
+    cell: Path
+    rsi: Path | None = None
+    plan: Path | None = None
+    compensated: bool = True
+    host: str = "127.0.0.1"
+    port: int | None = None
+    egm: bool = False
+    force: tuple[str, int] | None = None
+    force_http_port: int = 80
+    force_wait_s: float = 10.0
+    tracker_port: int | None = None
+    peer: tuple[str, int] | None = None
+    arm: bool = False
+    lockstep: bool = False
+    quiet_s: float = QUIET_S
+    program: Path | None = None
+
+
+def one_protocol(settings: RunSettings) -> None:
+    """Check that the robot's protocol is chosen.
+
+    Raises:
+        InputError: None or both are.
+    """
+    if (settings.rsi is None) == (not settings.egm):
+        raise InputError(
+            "the robot's protocol is not clear",
+            value="both" if settings.egm else "none",
+            limit="one of RSI and EGM",
+            hint="Give --rsi FILE for a KUKA robot, --egm for an ABB one",
+        )
+
+
+def open_session(settings: RunSettings, *, ring: RecordRing | None = None, control: Int | None = None) -> OnlineSession:
+    """Read the files, build the loop and open the links.
+
+    Raises:
+        FileFormatError: A file cannot be used.
+        InputError: What the cell wants to use is not given.
+        OutputError: A port or the sensor cannot be reached.
+    """
+    cell = read_cell(settings.cell)
+    require_plausible(cell)
+    one_protocol(settings)
+    read = None if settings.plan is None else read_plan(settings.plan)
+    if settings.program is not None:
+        check_job(settings.program, read, compensated=settings.compensated)
+    planned = None if read is None else read[0]
+    plan = None if planned is None else loop_plan(planned, cell, compensated=settings.compensated)
+    loop = online_loop(cell, plan, compensated=settings.compensated and plan is not None)
+    table = cell.tables.online or OnlineTable()
+    sensor = flange_sensor(cell.tables.sensor, cell.chain)
+    fused = table.force == "fused"
+    if fused and settings.force is None and settings.tracker_port is None and plan is None:
+        raise InputError(
+            "the estimator has nothing to estimate from",
+            where=str(settings.cell),
+            value='force = "fused"',
+            hint="Give --force HOST:PORT, --tracker PORT, --plan FILE, or several of them",
+        )
+    without = (settings.force is None and not settings.egm) or sensor is None
+    if table.force != "none" and without and not (fused and settings.force is None):
+        raise InputError(
+            "the force is to be corrected from, but there is no force sensor",
+            where=str(settings.cell),
+            value=f'force = "{table.force}"',
+            hint='Give --force HOST:PORT and a table [sensor], or set force = "none"',
+        )
+    wanted = table.tracker != "none" or (fused and settings.tracker_port is not None)
+    if wanted and (settings.tracker_port is None or cell.tables.tracker is None):
+        raise InputError(
+            "the tracker is to be corrected from, but there is none",
+            where=str(settings.cell),
+            value=f'tracker = "{table.tracker}"',
+            hint='Give --tracker PORT and a table [tracker], or set tracker = "none"',
+        )
+    link = _link(settings, cell, loop, planned)
+    force: ForceSource | None = None
+    tracker = wrench = None
+    frames: tuple[Float | None, Float | None] = (None, None)
+    if settings.force is not None and sensor is not None:
+        measured = cell.tables.sensor
+        ranges = (None, None) if measured is None else (measured.range_n, measured.range_nm)
+        netft = NetftLink(settings.force, _scaling(settings), range_n=ranges[0], range_nm=ranges[1])
+        netft.start()
+        force, wrench = netft, SensorWrench(cell.chain, sensor, cell.T_base_part)
+    elif isinstance(link, EgmLink) and sensor is not None and table.force != "none":
+        force, wrench = EgmForce(link), SensorWrench(cell.chain, sensor, cell.T_base_part)
+    inertia = None
+    if sensor is not None and loop.settings.inertia_hz > 0.0:
+        hz, period = loop.settings.inertia_hz, loop.settings.period_s
+        inertia = SpindleInertia(cell.chain, sensor, cell.T_base_part, hz, period)
+    if settings.tracker_port is not None and cell.tables.tracker is not None:
+        tracker = TrackerLink(settings.host, settings.tracker_port)
+        frames = tracker_frames(cell.T_base_part, cell.tables.tracker.T_base_tracker, tcp_target(cell, cell.chain))
+    return OnlineSession(
+        link,
+        loop,
+        force=force,
+        wrench=wrench,
+        inertia=inertia,
+        tracker=tracker,
+        T_part_tracker=frames[0],
+        T_target_tcp=frames[1],
+        ring=ring,
+        control=control,
+        checks=SessionChecks(
+            hold_without_log=table.without_log == "hold",
+            job=job_of(read, compensated=settings.compensated),
+        ),
+        watch=WatchSettings(clock=not settings.lockstep),
+    )
+
+
+def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> RobotLink:
+    if settings.rsi is not None:
+        return rsi_link(
+            settings.rsi,
+            loop.settings,
+            settings.host,
+            settings.port,
+            settings.peer,
+            overriding=loop.monitor.overriding,
+        )
+    return egm_link(
+        cell,
+        loop.settings,
+        plan,
+        compensated=settings.compensated,
+        watch_only=not settings.arm,
+        host=settings.host,
+        port=settings.port,
+        peer=settings.peer,
+    )
+
+
+def _scaling(settings: RunSettings) -> Scaling:
+    host = settings.force[0] if settings.force is not None else ""
+    end = time.monotonic() + settings.force_wait_s
+    while True:
+        try:
+            return fetch_scaling(host, settings.force_http_port)
+        except OutputError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.1)
