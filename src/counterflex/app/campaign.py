@@ -20,6 +20,7 @@ from counterflex.app.campaign_plan import Measurement, campaign_of
 from counterflex.app.campaign_proof import compared, compensated, machined, told
 from counterflex.app.campaign_step import CELL, RESULT, step
 from counterflex.app.inputs import read_job
+from counterflex.app.kept import made_again
 from counterflex.app.simulate import check_same_cell
 from counterflex.app.task_graph import Task, run_tasks
 from counterflex.app.truth import make_truth
@@ -98,7 +99,7 @@ def run(
         raise InputError("a campaign needs either a number of seeds or one truth file")
     if seeds is not None and seeds < 1:
         raise InputError("number of truth seeds is out of range", value=seeds, limit=">= 1")
-    begin = time.perf_counter()
+    begin, begun = time.perf_counter(), time.time()
     folder, cell = Path(out), read_cell(cell_file)
     steps = campaign_of(cell, recipes)
     if program is not None:
@@ -118,6 +119,7 @@ def run(
             end = Path(place.cell_after(len(steps) - 1, start))
             _keep(copied_text(end, place.folder).encode("utf-8"), place.folder / CELL)
     found = _summary(places, results, part, start, time.perf_counter() - begin)
+    found["made_again"] = made_again(folder, begun)
     from counterflex.app.campaign_report import campaign_page_of
     from counterflex.report.page import write_page
 

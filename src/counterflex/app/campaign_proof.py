@@ -10,6 +10,7 @@ import numpy as np
 
 from counterflex.app import simulate
 from counterflex.app.against_truth import against_truth
+from counterflex.app.campaign_step import ONLINE
 from counterflex.app.compensate import compensate, write
 from counterflex.app.evaluate import Reference, judge, reference_of
 from counterflex.app.inputs import read_job, setting_of
@@ -25,6 +26,9 @@ from counterflex.path.toolpath import FEED
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.twin.truth_file import read_truth
 
+_PLANNING: Final = ("counterflex.app.compensate",)
+_TRUTH: Final = "counterflex.app.truth"
+_MACHINING: Final = ("counterflex.app.simulate",)
 POSES: Final = 16
 """Points of a program at which poses and deflections are compared with the truth."""
 
@@ -36,11 +40,11 @@ def compensated(program: str, cell_file: str, folder: str) -> dict[str, Any]:
         ``prediction``: figures of the plan.
     """
     out = Path(folder)
-    mark = fingerprint(program, cell_file, job="compensate")
+    mark = fingerprint(program, cell_file, code=_PLANNING, code_without=ONLINE, job="compensate")
     before = finished(out, mark)
     if before is not None:
         return before
-    begin(out)
+    begin(out, mark)
     cell = read_cell(cell_file)
     result = compensate(program, cell)
     for name, text in result.files.items():
@@ -53,11 +57,11 @@ def compensated(program: str, cell_file: str, folder: str) -> dict[str, Any]:
 def told(program: str, cell_file: str, truth_file: str, folder: str) -> dict[str, Any]:
     """Compensate a program with a planner that was told the truth's constants, unless that was done before."""
     out = Path(folder)
-    mark = fingerprint(program, cell_file, truth_file, job="told")
+    mark = fingerprint(program, cell_file, truth_file, code=(*_PLANNING, _TRUTH), code_without=ONLINE, job="told")
     before = finished(out, mark)
     if before is not None:
         return before
-    begin(out)
+    begin(out, mark)
     cell = read_cell(cell_file)
     job = read_job(program, cell)
     chain, law = knowing(cell, read_truth(truth_file))
@@ -75,9 +79,9 @@ def machined(program: str, original: str, cell_file: str, truth_file: str, folde
         Its figures.
     """
     out = Path(folder)
-    mark = fingerprint(program, original, cell_file, truth_file, job="simulate")
+    mark = fingerprint(program, original, cell_file, truth_file, code=_MACHINING, code_without=ONLINE, job="simulate")
     if finished(out, mark) is None:
-        begin(out)
+        begin(out, mark)
         simulate.run(program, cell_file, truth_file, out, original=original)
         finish(out, mark, {})
     run, _ = read_run(out / simulate.RUN)

@@ -21,6 +21,8 @@ from counterflex.files.cell_update import copied_text
 CELL: Final = "cell.toml"
 DATA, HOLDOUT = "data", "holdout"
 RESULT: Final = "result"
+ONLINE: Final = ("runtime", "links", "wire")
+"""Rooms that take no part in identifying, planning and machining without a loop."""
 _HOLDOUT_SEED: Final = 1000
 """Added to the seed of a proposal, so that validation stands elsewhere than the fit."""
 
@@ -52,11 +54,11 @@ def step(plan: Measurement, cell_file: str, truth_file: str, folder: str, seed: 
         "identify": dict(plan.identify),
         "seed": seed,
     }
-    mark = fingerprint(cell_file, truth_file, **facts)
+    mark = fingerprint(cell_file, truth_file, code=(__name__,), code_without=ONLINE, **facts)
     before = finished(out, mark)
     if before is not None:
         return before
-    begin(out)
+    begin(out, mark)
     seconds: dict[str, float] = {}
     rows: dict[str, int] = {}
     manifests: dict[str, str] = {}

@@ -141,7 +141,7 @@ def demonstration_cell() -> dict[str, Any]:
 
 
 def write_cells(base: dict[str, Any], folder: Path, edge: str) -> None:
-    """Write the program and the cell files of all variants of an edge.
+    """Write the program, the cell file of the plan and those of all variants of an edge.
 
     Args:
         base: See :func:`cell_table`; a rotation about the tool that belongs to the feed along x of the part.
@@ -151,6 +151,7 @@ def write_cells(base: dict[str, Any], folder: Path, edge: str) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     angle = EDGES[edge]
     write_text(folder / PROGRAM, program(angle))
+    write_toml(folder / OFFLINE, cell_table(base, angle))
     for kind, item in KINDS.items():
         for output in item.outputs:
             online = {**item.online, "output": output}
@@ -158,6 +159,8 @@ def write_cells(base: dict[str, Any], folder: Path, edge: str) -> None:
 
 
 PROGRAM: Final = "groove.ngc"
+OFFLINE: Final = "cell.toml"
+"""Cell file without ``[online]``, from which the plan is made."""
 
 
 def cell_name(kind: str, output: str) -> str:

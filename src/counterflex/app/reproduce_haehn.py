@@ -17,8 +17,8 @@ from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app import campaign, compensate, evaluate, haehn_case, live, online_session, over_sockets
-from counterflex.app.campaign_step import CELL
-from counterflex.app.kept import begin, fingerprint, finish, finished
+from counterflex.app.campaign_step import CELL, ONLINE
+from counterflex.app.kept import Mark, begin, fingerprint, finish, finished, made_again
 from counterflex.app.workers import count_of, interrupts_held, pool_of
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
@@ -35,6 +35,9 @@ PAPER: Final[dict[str, float]] = {"uncompensated": 1.4, "force": 0.7, "force_pil
 _FIGURES: Final = ("path", "entry", "plateau", "exit")
 _BASE: Final = "cell.toml"
 _PLAN: Final = "plan"
+_PLAN_FILE: Final = "plan.parquet"
+_PLANNING: Final = ("counterflex.app.compensate",)
+_MILLING: Final = ("counterflex.app.over_sockets", "counterflex.app.evaluate")
 
 
 def run(
@@ -68,7 +71,7 @@ def run(
         raise InputError("number of truth seeds is out of range", value=seeds, limit=">= 1")
     if level not in RECIPES:
         raise InputError("no such truth level", value=level, limit=", ".join(RECIPES))
-    start = time.perf_counter()
+    start, begun = time.perf_counter(), time.time()
     folder = Path(out)
     share = 0.4 if level == "identified" else 0.1
     cells = _identify(folder, seeds, level, workers, _part_of(progress, 0.0, share))
@@ -83,6 +86,7 @@ def run(
     ]
     found = _mill_all(folder, jobs, cells, workers, _part_of(progress, share, 1.0 - share))
     summary = _summary(found, level, time.perf_counter() - start)
+    summary["made_again"] = made_again(folder, begun)
     write_summary(folder / "summary.json", summary)
     progress(1.0, "done")
     return summary
@@ -131,13 +135,25 @@ def _prepare(place: Path, edge: str, cell: Path) -> None:
     """Program, cell files and plan of one edge on one simulated cell."""
     base = tomllib.loads(cell.read_text(encoding="utf-8"))
     haehn_case.write_cells(base, place, edge)
-    cell_file, program = place / haehn_case.cell_name("hybrid", "cartesian"), place / haehn_case.PROGRAM
-    plan = place / _PLAN
-    mark = fingerprint(cell_file, program)
+    cell_file, program, plan = place / haehn_case.OFFLINE, place / haehn_case.PROGRAM, place / _PLAN
+    mark = _plan_mark(place)
     if finished(plan, mark) is None:
-        shutil.rmtree(plan, ignore_errors=True)
+        begin(plan, mark)
         compensate.run(program, cell_file, plan, report=False)
         finish(plan, mark, {})
+
+
+def _plan_mark(place: Path) -> Mark:
+    """What a plan is made from: the cell without ``[online]``, which no plan depends on."""
+    return fingerprint(place / haehn_case.OFFLINE, place / haehn_case.PROGRAM, code=_PLANNING, code_without=ONLINE)
+
+
+def _run_mark(place: Path, truth: Path, seed: int, kind: str, output: str) -> Mark:
+    """What a run is made from."""
+    plan = place / _PLAN
+    commanded = (plan / haehn_case.PROGRAM,) if haehn_case.KINDS[kind].compensated else ()
+    files = (place / haehn_case.cell_name(kind, output), place / haehn_case.PROGRAM, *commanded)
+    return fingerprint(*files, plan / _PLAN_FILE, truth, code=_MILLING, kind=kind, output=output, seed=seed)
 
 
 def one(place: Path, truth: Path, seed: int, kind: str, output: str, *, progress: Progress = silent) -> dict[str, Any]:
@@ -157,13 +173,13 @@ def one(place: Path, truth: Path, seed: int, kind: str, output: str, *, progress
     item = haehn_case.KINDS[kind]
     part = place / haehn_case.variant_name(kind, output)
     cell, original = place / haehn_case.cell_name(kind, output), place / haehn_case.PROGRAM
-    plan = place / _PLAN / "plan.parquet"
+    plan = place / _PLAN / _PLAN_FILE
     program = place / _PLAN / haehn_case.PROGRAM if item.compensated else original
-    mark = fingerprint(cell, original, program, plan, truth, kind=kind, output=output, seed=seed)
+    mark = _run_mark(place, truth, seed, kind, output)
     kept = finished(part, mark)
     if kept is not None:
         return kept
-    begin(part)
+    begin(part, mark)
     log = part.with_name(f"{part.name}-log")
     shutil.rmtree(log, ignore_errors=True)
     with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as config:

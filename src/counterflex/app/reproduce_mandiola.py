@@ -17,7 +17,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app import live, mandiola_case, mandiola_report, online_session, over_sockets, simulate
 from counterflex.app.compensate import compensate
-from counterflex.app.kept import begin, fingerprint, finish, finished
+from counterflex.app.kept import begin, fingerprint, finish, finished, made_again
 from counterflex.app.mandiola_case import VARIANTS, Case
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
@@ -32,6 +32,12 @@ from counterflex.twin.path_answer import PathAnswer
 
 SHAPES: Final = ("square", "circle")
 QUICK_SCALE: Final = 0.15
+_CODE: Final = (
+    "counterflex.app.mandiola_case",
+    "counterflex.app.compensate",
+    "counterflex.app.over_sockets",
+    "counterflex.evaluate.tracking",
+)
 CORNER_M: Final = 15.0 * MM
 """Path on either side of a corner that counts as corner, at full size: 1.3 s at 700 mm/min."""
 AFTER_REVERSAL_S: Final = 1.5
@@ -69,7 +75,7 @@ def run(
     """
     if seeds < 1:
         raise InputError("number of truth seeds is out of range", value=seeds, limit=">= 1")
-    start = time.perf_counter()
+    start, begun = time.perf_counter(), time.time()
     folder, scale = Path(out), QUICK_SCALE if quick else 1.0
     jobs = [(seed, shape, variant) for seed in range(1, seeds + 1) for shape in SHAPES for variant in VARIANTS]
     found: dict[tuple[int, str, str], dict[str, Any]] = {}
@@ -84,7 +90,11 @@ def run(
         found[seed, shape, variant] = one(cases[seed], shape, variant, progress=told)
     first = cases[1]
     margins = mandiola_report.margin_table(first.cell("designed"))
-    summary = {**_summary(found, scale, time.perf_counter() - start), "margins": margins}
+    summary = {
+        **_summary(found, scale, time.perf_counter() - start),
+        "margins": margins,
+        "made_again": made_again(folder, begun),
+    }
 
     def read(shape: str, variant: str) -> tracking.Tracked:
         return tracked(first.folder / f"{shape}-{variant}", first.cell(variant))
@@ -109,10 +119,10 @@ def one(case: Case, shape: str, variant: str, *, progress: Progress = silent) ->
     """
     cell, program = case.cell(variant), case.program(shape)
     part = case.folder / f"{shape}-{variant}"
-    mark = fingerprint(cell, program, case.truth, shape=shape, variant=variant, dead=mandiola_case.DEAD_S)
+    mark = fingerprint(cell, program, case.truth, code=_CODE, shape=shape, variant=variant, dead=mandiola_case.DEAD_S)
     kept = finished(part, mark)
     if kept is None:
-        begin(part)
+        begin(part, mark)
         kept = _mill(case, shape, variant, part, progress)
         kept["figures"] = figures(tracked(part, cell), case, shape)
         finish(part, mark, kept)

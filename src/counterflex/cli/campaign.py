@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, print_json, print_made_again, print_table, progress_bar
 from counterflex.cli.prove import Workers
 from counterflex.core.errors import InputError, Interrupted
 
@@ -111,4 +111,5 @@ def show(summary: dict[str, Any], out: Path) -> None:
             [list(row if told else row[:-2]) for row in rows],
         )
         typer.echo(verdict(summary))
+    print_made_again(summary)
     typer.echo(f"report: {out / 'report.html'}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +68,18 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     console.print(table)
     if note:
         console.print(note, markup=False)
+
+
+def print_made_again(summary: Mapping[str, Any]) -> None:
+    """Say in a line each why finished steps were made again, and how many for that reason.
+
+    Args:
+        summary: Of a job; ``made_again`` counts by reason.
+    """
+    import typer
+
+    for reason, count in summary.get("made_again", {}).items():
+        typer.echo(f"made again: {count} ({reason})")
 
 
 def _is_number(text: str) -> bool:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli.output import print_json, print_table, progress_bar
+from counterflex.cli.output import print_json, print_made_again, print_table, progress_bar
 from counterflex.core.errors import Interrupted
 
 _reproduce = typer.Typer(
@@ -65,6 +65,7 @@ def haehn2020(
         print_json(summary)
     else:
         _show_haehn(summary)
+        print_made_again(summary)
         typer.echo(f"wrote {out}")
 
 
@@ -123,6 +124,7 @@ def mandiola2023(
         print_json(summary)
     else:
         _show_mandiola(summary)
+        print_made_again(summary)
         typer.echo(f"wrote {out}")
 
 
