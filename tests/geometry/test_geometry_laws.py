@@ -112,3 +112,10 @@ def test_registration_refuses_points_on_a_line() -> None:
     line = np.outer(np.arange(4.0), [1.0, 2.0, 3.0])
     with pytest.raises(InputError, match="one line"):
         registration.register(line, line)
+
+
+def test_the_fast_cross_product_is_numpys_bit_for_bit() -> None:
+    a, b = np.random.default_rng(8).standard_normal((2, 200, 3))
+    np.testing.assert_array_equal(wrench.cross(a, b), np.cross(a, b))
+    np.testing.assert_array_equal([wrench.cross(x, y) for x, y in zip(a, b, strict=True)], np.cross(a, b))
+    np.testing.assert_array_equal(wrench.cross(a[0], b), np.cross(a[0], b))

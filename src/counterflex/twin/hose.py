@@ -12,6 +12,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose
+from counterflex.geometry.wrench import cross
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,5 +53,5 @@ class Hose:
         length = float(np.linalg.norm(chord))
         along = chord / max(length, 1e-9)
         force = 0.5 * self.mass_kg * gravity_base + self.pull_n_m * max(0.0, length - self.slack_m) * along
-        moment = self.bending_nm * np.cross(T_base_tool[:3, :3] @ self.tool_exit, along)
+        moment = self.bending_nm * cross(T_base_tool[:3, :3] @ self.tool_exit, along)
         return near, np.concatenate([force, moment])

@@ -13,6 +13,7 @@ from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError, SimulationError
 from counterflex.core.jit import kernel
 from counterflex.geometry import pose
+from counterflex.geometry.wrench import cross
 from counterflex.twin.drives import apply_drives, gains
 from counterflex.twin.friction import apply_friction, play_torque, slip_parameters
 from counterflex.twin.loads import apply_loads, balance_parameters
@@ -317,9 +318,9 @@ class Plant:
         d.qacc[:] = kept
         moment, force = -d.cfrc_int[i, :3], -d.cfrc_int[i, 3:]  # about the tree's centre of gravity, base axes
         origin: Float = np.array(d.xpos[i])
-        moment = moment + np.cross(d.subtree_com[self._model.body_rootid[i]] - origin, force)
+        moment = moment + cross(d.subtree_com[self._model.body_rootid[i]] - origin, force)
         force = force + self._load[:3]
-        moment = moment + self._load[3:] + np.cross(self._p - origin, self._load[:3])
+        moment = moment + self._load[3:] + cross(self._p - origin, self._load[:3])
         R = np.array(d.xmat[i]).reshape(3, 3)
         return np.concatenate([R.T @ force, R.T @ moment])
 
