@@ -28,6 +28,8 @@ CASES = (
     ("all teeth break", Incident(Event.BREAKAGE, size=3)),
     ("chatter, 60 N", Incident(Event.CHATTER, size=60.0)),
     ("chatter, 120 N", Incident(Event.CHATTER, size=120.0)),
+    ("the arm swings on, 60 N", Incident(Event.LOW_CHATTER, size=60.0)),
+    ("the arm swings on, 100 N", Incident(Event.LOW_CHATTER, size=100.0)),
 )
 
 

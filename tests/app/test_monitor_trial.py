@@ -30,6 +30,7 @@ def test_a_sound_cut_is_left_alone() -> None:
         (Incident(Event.OVERLOAD, size=1.0), 9.0 * MM),
         (Incident(Event.BREAKAGE, size=2), 3.0 * MM),
         (Incident(Event.BREAKAGE, size=3), 3.0 * MM),
+        (Incident(Event.LOW_CHATTER, size=120.0), 25.0 * MM),
     ],
 )
 def test_what_goes_wrong_is_seen_soon(incident: Incident, within_m: float) -> None:

@@ -44,8 +44,8 @@ class Incident:
     Attributes:
         event: What it is; None is a sound cut.
         at_m: Where it begins, from the start of the cut.
-        size: Of it: N of an overload by its mean force, teeth that break, N of chatter, rise of the ratio per metre;
-            m without material.
+        size: Of it: N of an overload by its mean force, teeth that break, N of chatter or of slow chatter, rise of the
+            ratio per metre; m without material.
     """
 
     event: Event | None = None
@@ -120,6 +120,10 @@ def signal(cut_m: float, incident: Incident, seed: int) -> Float:
         grown = incident.size * np.where(gone, 1.0 - np.exp(-np.maximum(0.0, place) / (5.0 * MM)), 0.0)
         line = 2.0 * np.pi * rng.uniform(70.0, 480.0) * t
         force += (grown * (engaged > 0.0))[:, None] * np.sin(line)[:, None] * np.array([0.4, 0.9, 0.1])
+    if incident.event == Event.LOW_CHATTER:
+        grown = incident.size * np.where(gone, 1.0 - np.exp(-np.maximum(0.0, place) / (5.0 * MM)), 0.0)
+        arm = 2.0 * np.pi * rng.uniform(4.0, 36.0) * t
+        force += (grown * (engaged > 0.0))[:, None] * np.sin(arm)[:, None] * np.array([0.4, 0.9, 0.1])
     return force + rng.standard_normal((k, 3))
 
 

@@ -14,22 +14,25 @@ _SHOWN: dict[Event, tuple[float, str]] = {
     Event.WEAR: (0.01, "% more force"),
     Event.BREAKAGE: (0.01, "% of the force lost"),
     Event.CHATTER: (1.0, "N of vibration"),
+    Event.LOW_CHATTER: (1.0, "N of slow vibration"),
 }
 
 
 def shown_process(found: ProcessFigures | None) -> dict[str, Any]:
     """What process monitoring found, in shop units."""
     if found is None:
-        return {"events": [], "wear": None, "slowed_share": 0.0, "least_speed": 1.0}
+        return {"events": [], "event_counts": {}, "wear": None, "slowed_share": 0.0, "least_speed": 1.0}
     wear = found.wear
     return {
         "events": [shown_event(event) for event in found.events],
+        "event_counts": {event.name.lower(): count for event, count in found.counts.items()},
         "wear": None
         if wear is None
         else {
             "cut_m": round(wear.cut_m, 4),
-            "trend_percent_per_m": round(100.0 * wear.trend_per_m, 3),
-            "sigma_percent_per_m": round(100.0 * wear.sigma_per_m, 3),
+            "trend_percent_per_m": round(100.0 * wear.trend_per_m, 3) if wear.known else None,
+            "sigma_percent_per_m": round(100.0 * wear.sigma_per_m, 3) if wear.known else None,
+            "range95_percent_per_m": round(100.0 * wear.range_per_m, 3) if wear.known else None,
         },
         "slowed_share": round(found.slowed, 4),
         "least_speed": round(found.least_speed, 3),

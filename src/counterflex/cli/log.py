@@ -138,19 +138,30 @@ def show_process(found: dict[str, Any]) -> None:
                 ]
                 for event in events[:_SHOWN]
             ],
-            note=f"and {len(events) - _SHOWN} more; --json lists them" if len(events) > _SHOWN else "",
+            note=_others(found["event_counts"], len(events)),
         )
     wear = found["wear"]
-    if wear is not None:
+    if wear is not None and wear["trend_percent_per_m"] is None:
+        typer.echo(f"{wear['cut_m']:g} m of cut: too short to tell a trend of force by predicted force")
+    elif wear is not None:
         typer.echo(
-            f"force by predicted force over {wear['cut_m']:g} m of cut: {wear['trend_percent_per_m']:+g} % per metre,"
-            f" standard deviation {wear['sigma_percent_per_m']:g}"
+            f"force by predicted force over {wear['cut_m']:g} m of cut: {wear['trend_percent_per_m']:+g}"
+            f" +- {wear['range95_percent_per_m']:g} % per metre (95 %)"
         )
     if found["slowed_share"] > 0.0:
         typer.echo(
             f"slowed in {100.0 * found['slowed_share']:.1f} % of the cycles,"
             f" down to {100.0 * found['least_speed']:.0f} % of the programmed speed"
         )
+
+
+def _others(counts: dict[str, int], listed: int) -> str:
+    """What a table of the first events leaves out."""
+    total = sum(counts.values())
+    if total <= _SHOWN:
+        return ""
+    kinds = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items())
+    return f"in all {kinds}; --json lists {listed}"
 
 
 def replay(

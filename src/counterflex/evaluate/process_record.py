@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.special import stdtrit
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -13,7 +15,9 @@ from counterflex.runtime import monitor_layout as ml
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.monitor_layout import Event
 
-MOST_EVENTS: Final = 10_000
+FIRST_EVENTS: Final = 200
+LAST_EVENTS: Final = 50
+"""So many events of a run are kept one by one, from its beginning and from its end; all are counted."""
 _RECEIVED: Final = 1
 
 
@@ -46,12 +50,21 @@ class Wear:
     Attributes:
         cut_m: Length of cut.
         trend_per_m: Change of the ratio per metre of cut.
-        sigma_per_m: Its standard deviation; 0 where it is not known.
+        sigma_per_m: Its standard deviation; 0 where the cut was too short to tell a trend.
+        degrees: Degrees of freedom of that, neighbouring stretches of cut being alike.
+        range_per_m: Half width of the interval that holds the trend in 95 % of all jobs; 0 where it is not known.
     """
 
     cut_m: float
     trend_per_m: float
     sigma_per_m: float
+    degrees: float
+    range_per_m: float
+
+    @property
+    def known(self) -> bool:
+        """Whether the cut was long enough to tell a trend at all."""
+        return self.degrees >= 1.0
 
 
 @dataclass(frozen=True)
@@ -59,13 +72,15 @@ class ProcessFigures:
     """Figures of one run.
 
     Attributes:
-        events: The first :data:`MOST_EVENTS`.
+        events: The first :data:`FIRST_EVENTS` and the last :data:`LAST_EVENTS`, in order.
+        counts: All of them, by kind.
         wear: At the end; None where nothing was cut.
         slowed: Share of the cycles in which less than the programmed speed was asked for.
         least_speed: Lowest share of the programmed speed that was asked for.
     """
 
     events: tuple[ProcessEvent, ...]
+    counts: dict[Event, int]
     wear: Wear | None
     slowed: float
     least_speed: float
@@ -75,7 +90,9 @@ class ProcessRecord:
     """Takes the records of one run piece by piece, in order."""
 
     def __init__(self) -> None:
-        self._events: list[ProcessEvent] = []
+        self._first: list[ProcessEvent] = []
+        self._latest: deque[ProcessEvent] = deque(maxlen=LAST_EVENTS)
+        self._counts = dict.fromkeys(Event, 0)
         self._begin: float | None = None
         self._cycles = self._slowed = 0
         self._least = 1.0
@@ -114,7 +131,11 @@ class ProcessRecord:
             for event in Event
             if int(bits[k]) >> event & 1
         ]  # fmt: skip
-        self._events += found[: MOST_EVENTS - len(self._events)]
+        for event in found:
+            self._counts[event.event] += 1
+        room = FIRST_EVENTS - len(self._first)
+        self._first += found[:room]
+        self._latest.extend(found[room:])
         self._last = rows[-1, record.MONITOR : record.MONITOR_OUTCOME].copy()
         return tuple(found)
 
@@ -133,5 +154,16 @@ class ProcessRecord:
         """Figures of what was taken so far."""
         wear = None
         if self._last is not None and self._last[ml.R_CUT] > 0.0:
-            wear = Wear(*(float(self._last[k]) for k in (ml.R_CUT, ml.R_TREND, ml.R_TREND_SIGMA)))
-        return ProcessFigures(tuple(self._events), wear, self._slowed / max(1, self._cycles), self._least)
+            last = self._last
+            cut, slope, sigma, degrees = (
+                float(last[k]) for k in (ml.R_CUT, ml.R_TREND, ml.R_TREND_SIGMA, ml.R_TREND_DEGREES)
+            )
+            wide = sigma * float(stdtrit(degrees, 0.975)) if degrees >= 1.0 else 0.0
+            wear = Wear(cut, slope, sigma, degrees, wide)
+        return ProcessFigures(
+            (*self._first, *self._latest),
+            {event: count for event, count in self._counts.items() if count},
+            wear,
+            self._slowed / max(1, self._cycles),
+            self._least,
+        )

@@ -11,7 +11,7 @@ from counterflex.core.units import MM, MS, UM
 from counterflex.cutting.coefficients import ForceLaw, edge_force
 from counterflex.files.schema import Table
 from counterflex.runtime.monitor_layout import Event
-from counterflex.runtime.monitor_settings import MonitorSettings, Reaction
+from counterflex.runtime.monitor_settings import MonitorSettings, Reaction, low_chatter_time
 from counterflex.runtime.override_settings import OverrideSettings
 from counterflex.runtime.settings import OnlineSettings
 
@@ -30,6 +30,7 @@ class MonitorTable(Table):
     wear: React = "warn"
     breakage: React = "feed hold"
     chatter: React = "warn"
+    low_chatter: React = "warn"
     margin_n: Above = 40.0
     false_alarms_per_h: Annotated[float, Field(gt=0.0, le=100.0)] = 0.01
     model_sigma: Annotated[float, Field(gt=0.0, le=1.0)] = 0.10
@@ -45,17 +46,24 @@ class MonitorTable(Table):
     breakage_ms: Above = 24.0
     chatter_ms: Above = 60.0
     chatter_share: Annotated[float, Field(gt=0.0, le=10.0)] = 0.1
+    low_chatter_ms: Above | None = None
+    low_chatter_share: Annotated[float, Field(gt=0.0, le=10.0)] = 0.1
     settle_ms: Above = 400.0
     wear_mm: Above = 20.0
     wear_false_alarm_m: Annotated[float, Field(gt=0.0, le=1e7)] = 1000.0
     wear_rise: Annotated[float, Field(gt=0.0, le=10.0)] = 0.1
+    wear_probability: Annotated[float, Field(gt=1e-9, lt=0.5)] = 1e-3
 
-    def settings(self, online: OnlineSettings, exponent: float) -> MonitorSettings:
+    def settings(
+        self, online: OnlineSettings, exponent: float, inertia_kg: float = 0.0, ring_s: float = 0.0
+    ) -> MonitorSettings:
         """What the monitor is told.
 
         Args:
             online: Settings of the loop that it belongs to.
             exponent: Of the force in the feed per tooth, see :func:`feed_exponent`.
+            inertia_kg: Mass behind the force sensor whose inertia it feels.
+            ring_s: Over which a swing of the arm dies away to 1/e.
 
         Raises:
             InputError: Values that contradict each other.
@@ -78,10 +86,14 @@ class MonitorTable(Table):
             breakage_s=self.breakage_ms * MS,
             chatter_s=self.chatter_ms * MS,
             chatter_share=self.chatter_share,
+            low_chatter_s=low_chatter_time(ring_s) if self.low_chatter_ms is None else self.low_chatter_ms * MS,
+            low_chatter_share=self.low_chatter_share,
             settle_s=self.settle_ms * MS,
             wear_bin_m=self.wear_mm * MM,
             wear_false_alarm_m=self.wear_false_alarm_m,
             wear_rise=self.wear_rise,
+            wear_probability=self.wear_probability,
+            inertia_kg=inertia_kg,
             stale_cycles=online.stale_cycles,
             follow_s=online.delays.follow_s,
             exponent=exponent,

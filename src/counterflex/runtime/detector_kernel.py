@@ -7,18 +7,22 @@ from typing import Final
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
+from counterflex.runtime import layout as at
 from counterflex.runtime import monitor_layout as ml
-from counterflex.runtime.wear_kernel import add_ratio, force_class, trend
+from counterflex.runtime.fast_force_kernel import SLOWER
+from counterflex.runtime.quiet_kernel import IDLE_LEARNT, IDLE_S
+from counterflex.runtime.wear_kernel import add_ratio, force_class, normal_of_student, trend
 
-IDLE_LEARNT: Final = 50
-"""Cycles out of the cut after which their noise is believed."""
 PEAK_S: Final = 0.15
 """How long a force counts for the vibration that comes from it."""
-IDLE_S: Final = 2.0
-"""Memory of that noise."""
+LEVEL_S: Final = 0.16
+"""Memory of the mean about which a force vibrates slowly: what is below 1 Hz is none."""
+SLOW_S: Final = 0.12
+"""Memory of the energy of slow vibration."""
 _SLOW_S: Final = 1.0
 _DOUBT: Final = 250  # cycles after which a lower ratio that was no event becomes the new reference
 _WEAR, _BREAKAGE, _CHATTER = int(ml.Event.WEAR), int(ml.Event.BREAKAGE), int(ml.Event.CHATTER)
+_LOW_CHATTER = int(ml.Event.LOW_CHATTER)
 _LATCHED = (1 << _BREAKAGE) | (1 << _WEAR)
 
 
@@ -82,8 +86,9 @@ def wear(
     moved: float,
     rate: float,
 ) -> None:
-    """Collect ratios by length of cut; judge the rise once there is a trend."""
+    """Collect ratios by length of cut; judge the rise once sum and trend both say that there is one."""
     classes = state[ml.S_CLASS : ml.S_CLASS + ml.CLASSES * ml.CLASS].reshape((ml.CLASSES, ml.CLASS))
+    serial = state[ml.S_SERIAL : ml.S_SERIAL + 4]
     if ratio != 0.0 and moved > 0.0 and 0.8 < rate < 1.2:
         state[ml.S_BIN] += product * moved
         state[ml.S_BIN + 1] += square * moved
@@ -92,12 +97,15 @@ def wear(
             force = math.sqrt(state[ml.S_BIN + 1] / state[ml.S_BIN + 2])
             middle = state[ml.S_CUT] - 0.5 * state[ml.S_BIN + 2]
             found = state[ml.S_BIN] / state[ml.S_BIN + 1]
-            state[ml.S_CUSUM] = add_ratio(classes, force_class(force), middle, found, state[ml.S_CUSUM])
+            state[ml.S_CUSUM] = add_ratio(classes, serial, force_class(force), middle, found, state[ml.S_CUSUM])
             for k in range(3):
                 state[ml.S_BIN + k] = 0.0
-    trend(classes, state[ml.S_CUT], results[ml.R_TREND : ml.R_TREND + 3])
+    trend(classes, serial, state[ml.S_CUT], results[ml.R_TREND : ml.R_TREND + 4])
     rise = results[ml.R_RISE]
-    seen = results[ml.R_TREND_SIGMA] > 0.0 and state[ml.S_CUSUM] > constants[ml.C_CUSUM]
+    seen = results[ml.R_TREND_DEGREES] > 0.0 and state[ml.S_CUSUM] > constants[ml.C_CUSUM]
+    if seen:
+        t = results[ml.R_TREND] / results[ml.R_TREND_SIGMA]
+        seen = normal_of_student(t, results[ml.R_TREND_DEGREES]) > constants[ml.C_TREND]
     judge(results, outcome, whole, choices, _WEAR, rise, constants[ml.C_RISE] if seen else 0.0, 1)
     if not seen:
         results[ml.R_VALUE + _WEAR] = rise
@@ -172,19 +180,73 @@ def chatter(
     force: float,
     idle: bool,
 ) -> None:
-    """Energy that does not turn with the spindle against that out of the cut and a share of the force."""
+    """Energy that does not turn with the spindle against that out of the cut, a share of the force, what is slower."""
     ready = fast[ml.F_READY] > 0.5
     energy = fast[ml.F_RESIDUAL] ** 2
+    slower = (SLOWER * fast[ml.F_SLOWER]) ** 2
     floor = constants[ml.C_FAST_NOISE] ** 2
     if ready and idle:
         whole[ml.N_IDLE_FAST] += 1
         share = max(constants[ml.C_PERIOD] / IDLE_S, 1.0 / whole[ml.N_IDLE_FAST])
-        state[ml.S_IDLE_FAST] += share * (energy - state[ml.S_IDLE_FAST])
+        state[ml.S_IDLE_FAST] += share * (max(0.0, energy - slower) - state[ml.S_IDLE_FAST])
     if whole[ml.N_IDLE_FAST] >= IDLE_LEARNT:
         floor = max(floor, state[ml.S_IDLE_FAST])
     # The vibration is remembered longer than the force: at an exit it is judged by the force it comes from.
     state[ml.S_PEAK] = max(force, state[ml.S_PEAK] * math.exp(-constants[ml.C_PERIOD] / PEAK_S))
     quiet = floor + (constants[ml.C_CHATTER] * state[ml.S_PEAK]) ** 2
-    limit = math.sqrt(quiet * constants[ml.C_QUANTILE]) if ready else 0.0
+    limit = math.sqrt(quiet * constants[ml.C_QUANTILE] + slower) if ready else 0.0
     judge(results, outcome, whole, choices, _CHATTER, fast[ml.F_RESIDUAL], limit, choices[ml.W_CYCLES + 2]
+    )  # fmt: skip
+
+
+@kernel(
+    "void(float64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1],"
+    " float64, float64, boolean)"
+)
+def low_chatter(
+    given: Float,
+    constants: Float,
+    choices: Int,
+    state: Float,
+    whole: Int,
+    results: Float,
+    outcome: Int,
+    expected: Float,
+    predicted: float,
+    noise: float,
+    steady: bool,
+) -> None:
+    """Slow vibration of the force that goes on and on where the plan is steady.
+
+    Measured minus predicted force less its own mean of :data:`LEVEL_S`: what vibrates between 1 Hz and half the rate of
+    the telegrams, root mean square over :data:`SLOW_S`. A ring after an entry or a jump of the correction dies away
+    with the arm's damping; what stays above the limit for the whole of the stated time does not.
+
+    Args:
+        given: (at.GIVEN,) of the step.
+        constants: (CONSTANTS,).
+        choices: (CHOICES,).
+        state: (STATE,); changed.
+        whole: (WHOLE,); changed.
+        results: (RESULTS,) written.
+        outcome: (OUTCOME,) written.
+        expected: (3,) predicted force of this cycle, part axes, N.
+        predicted: Its filtered size.
+        noise: Of the filtered force.
+        steady: The plan is.
+    """
+    least = constants[ml.C_PERIOD] / LEVEL_S
+    square = 0.0
+    for k in range(3):
+        left = given[at.G_W + k] - expected[k]
+        state[ml.S_LEVEL + k] += least * (left - state[ml.S_LEVEL + k])
+        square += (left - state[ml.S_LEVEL + k]) ** 2
+    state[ml.S_SLOW] += constants[ml.C_PERIOD] / SLOW_S * (square - state[ml.S_SLOW])
+    if not steady:
+        whole[ml.N_COUNT + _LOW_CHATTER] = 0
+        state[ml.S_SLOW] = 0.0
+        for k in range(3):
+            state[ml.S_LEVEL + k] = given[at.G_W + k] - expected[k]
+    limit = math.hypot(constants[ml.C_LOW_CHATTER] * predicted, constants[ml.C_Z] * noise) if steady else 0.0
+    judge(results, outcome, whole, choices, _LOW_CHATTER, math.sqrt(state[ml.S_SLOW]), limit, choices[ml.W_CYCLES + 3]
     )  # fmt: skip

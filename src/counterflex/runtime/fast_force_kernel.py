@@ -12,6 +12,11 @@ Sample by sample: slow force out (two high-passes, 60 Hz), then an adaptive notc
 A notch is about ``mu f_s / (2 pi)`` wide on each side and follows the true speed within that. ``sqrt(a_k^2 + b_k^2)``
 over the three axes is the amplitude of a harmonic, the energy of e the vibration that is none.
 
+Of the force that is slow (an entry, the arm that swings) the high-passes leave a rest. How much it can be is seen from
+what they take out: with the second low-pass of what the first high-pass leaves, passed through a third, a line at f
+has ``e / b = r sqrt(1 + r^2)``, r = f by 60 Hz, and a step of the force ``e / b = 1.15``. What is no more than
+:data:`SLOWER` times b is therefore slower than 54 Hz, or a step.
+
 What reaches a flange sensor is the cutting force through the spindle's inertia: above the robot's own modes only a part
 of it, the same part in every cycle. So amplitudes are judged against their own past, never as absolute forces.
 """
@@ -33,12 +38,16 @@ SLOW_HZ: Final = 60.0
 """Corner of the high-passes: the mean force and the robot's own modes lie below."""
 SETTLED: Final = 150
 """Samples after a gap or another speed before amplitudes are believed."""
+SLOWER: Final = 1.2
+"""Residual that a force slower than 54 Hz or a step of the force leaves at most, by what lies about the corner."""
 _CLOSE: Final = 0.025  # lines closer than this share of the sampling rate are one line
 
-# Memory, float64: 6 of the high-passes, 3 x HARMONICS x 2 amplitudes, energy, speed
-_LINES: Final = 6
+# Memory, float64: 6 of the high-passes, 3, 3 x HARMONICS x 2 amplitudes, two energies, speed
+_SLOWER: Final = 6  # 3: third low-pass
+_LINES: Final = 9
 _ENERGY: Final = _LINES + 3 * HARMONICS * 2
-_SPEED: Final = _ENERGY + 1
+_SLOWER_ENERGY: Final = _ENERGY + 1
+_SPEED: Final = _ENERGY + 2
 _FREQUENCY: Final = _SPEED + 1  # HARMONICS, turns of the line per sample, folded; -1 unused
 _WAVE: Final = _FREQUENCY + HARMONICS  # cos and sin of each line, this sample
 MEMORY: Final = _WAVE + 2 * HARMONICS
@@ -161,7 +170,7 @@ def take_samples(
             continue
         if counts[_SINCE] == 0:
             for axis in range(3):
-                memory[2 * axis], memory[2 * axis + 1] = samples[i, axis], 0.0
+                memory[2 * axis], memory[2 * axis + 1], memory[_SLOWER + axis] = samples[i, axis], 0.0, 0.0
         lines = 0
         for k in range(HARMONICS):
             f = memory[_FREQUENCY + k]
@@ -171,12 +180,14 @@ def take_samples(
             angle = 2.0 * math.pi * (angle - math.floor(angle))
             memory[_WAVE + 2 * k], memory[_WAVE + 2 * k + 1] = math.cos(angle), math.sin(angle)
             lines += 1
-        energy = 0.0
+        energy = slower = 0.0
         for axis in range(3):
             memory[2 * axis] += share * (samples[i, axis] - memory[2 * axis])
             x = whole * (samples[i, axis] - memory[2 * axis])
             memory[2 * axis + 1] += share * (x - memory[2 * axis + 1])
             e = whole * (x - memory[2 * axis + 1])
+            memory[_SLOWER + axis] += share * (memory[2 * axis + 1] - memory[_SLOWER + axis])
+            slower += memory[_SLOWER + axis] ** 2
             base = _LINES + axis * HARMONICS * 2
             for k in range(2 * lines):
                 e -= memory[base + k] * memory[_WAVE + k]
@@ -186,10 +197,12 @@ def take_samples(
         counts[_SINCE] += 1
         if counts[_SINCE] > SETTLED // 3:
             memory[_ENERGY] += forget * (energy - memory[_ENERGY])
+            memory[_SLOWER_ENERGY] += forget * (slower - memory[_SLOWER_ENERGY])
         else:
-            memory[_ENERGY] = energy
+            memory[_ENERGY], memory[_SLOWER_ENERGY] = energy, slower
     out[ml.F_SAMPLES] = count
     out[ml.F_RESIDUAL] = math.sqrt(memory[_ENERGY])
+    out[ml.F_SLOWER] = math.sqrt(memory[_SLOWER_ENERGY])
     out[ml.F_TURN] = _amplitude(memory, counts[_TURN_AT], share)
     out[ml.F_TOOTH] = _amplitude(memory, counts[_TOOTH_AT], share)
     out[ml.F_READY] = 1.0 if count > 0 and counts[_SINCE] >= SETTLED else 0.0

@@ -7,7 +7,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.runtime import monitor_layout as ml
 from counterflex.runtime.fast_force_kernel import COUNTS, MEMORY, take_samples
-from counterflex.runtime.monitor_kernel import watch
+from counterflex.runtime.monitor_kernel import WORK, watch
 from counterflex.runtime.monitor_settings import FAST_S, MonitorSettings
 from counterflex.runtime.override_kernel import (
     K_LEAST,
@@ -70,14 +70,14 @@ class Monitor:
         self._state: Float = np.zeros(ml.STATE)
         self._whole: Int = np.zeros(ml.WHOLE, dtype=np.int64)
         self._asked: Float = np.zeros(OVERRIDE_STATE)
-        self._frame: Float = np.zeros(9)
+        self._work: Float = np.zeros(WORK)
         self._memory: Float = np.zeros(MEMORY)
         self._counts: Int = np.zeros(COUNTS, dtype=np.int64)
         self.reset()
 
     def reset(self) -> None:
         """Begin anew: nothing learnt, no event, full speed."""
-        for array in (self.fast, self.results, self._state, self._asked, self._frame, self._memory):
+        for array in (self.fast, self.results, self._state, self._asked, self._work, self._memory):
             array[:] = 0.0
         for counts in (self.outcome, self._whole, self._counts):
             counts[:] = 0
@@ -133,7 +133,7 @@ class Monitor:
             self._whole,
             self.results,
             self.outcome,
-            self._frame,
+            self._work,
         )
         ask_speed(
             results,
@@ -150,7 +150,7 @@ class Monitor:
     def arrays(self) -> tuple[Float | Int, ...]:
         """Its arrays, as the kernel of a cycle takes them.
 
-        Plan, fast samples, constants, choices, speed's constants; state, counters, results, outcome, frame, speed's
+        Plan, fast samples, constants, choices, speed's constants; state, counters, results, outcome, work space, speed's
         state.
         """
         return (
@@ -163,7 +163,7 @@ class Monitor:
             self._whole,
             self.results,
             self.outcome,
-            self._frame,
+            self._work,
             self._asked,
         )
 

@@ -19,6 +19,8 @@ class Event(IntEnum):
     """The force drops at once where the plan is steady."""
     CHATTER = 4
     """Vibration that does not turn with the spindle."""
+    LOW_CHATTER = 5
+    """Vibration at the frequencies of the arm and the correction that does not die away in a steady cut."""
 
 
 EVENTS: Final = len(Event)
@@ -30,7 +32,8 @@ F_TURN: Final = 2  # amplitude once per turn of the spindle, N
 F_TOOTH: Final = 3  # amplitude at the tooth passing frequency or its alias, N
 F_READY: Final = 4  # 1: the three above have settled
 F_SEPARATE: Final = 5  # 1: once per turn can be told from the tooth passing and its harmonics
-FAST: Final = 6
+F_SLOWER: Final = 6  # root mean square of what lies about the corner of the high-pass and below, N
+FAST: Final = 7
 
 # The plan, row by row, float64.
 P_TIME: Final = 0  # planned time, s
@@ -65,16 +68,19 @@ C_QUANTILE: Final = 14  # of the energy of the residual, noise alone
 C_EXPONENT: Final = 15  # of the force in the feed
 C_OFF_PATH: Final = 16
 C_LEAST: Final = 17  # force that tells a ratio, N
-CONSTANTS: Final = 18
+C_INERTIA: Final = 18  # mass behind the sensor whose inertia it feels, kg
+C_LOW_CHATTER: Final = 19  # share of the mean force that may be slow vibration
+C_TREND: Final = 20  # standard normal value that a trend must reach
+CONSTANTS: Final = 21
 
 # Choices, int64.
 W_PLAN: Final = 0
-W_REACTION: Final = 1  # 5
-W_CYCLES: Final = 6  # cycles for which overload, breakage, chatter must last: 3
-W_SETTLE: Final = 9  # cycles of steady cut before a drop can be seen
-W_CLEAR: Final = 10  # cycles without the condition before an event may come again
-W_STALE: Final = 11
-CHOICES: Final = 12
+W_REACTION: Final = 1  # EVENTS
+W_CYCLES: Final = W_REACTION + EVENTS  # cycles for which overload, breakage, chatter, low chatter must last: 4
+W_SETTLE: Final = W_CYCLES + 4  # cycles of steady cut before a drop can be seen
+W_CLEAR: Final = W_SETTLE + 1  # cycles without the condition before an event may come again
+W_STALE: Final = W_CLEAR + 1
+CHOICES: Final = W_STALE + 1
 
 # State, float64.
 S_FORCE: Final = 0  # 6: filter of the measured force, two stages, part axes
@@ -87,7 +93,7 @@ S_ACROSS: Final = 21  # 3: last direction across
 S_LAST_TIME: Final = 24  # plan time of the last cycle
 S_RATE: Final = 25  # speed by programmed speed, filtered
 S_LAST_DISTANCE: Final = 26
-S_IDLE: Final = 27  # mean square of the filtered size out of the cut
+S_IDLE: Final = 27  # mean square of the filtered size out of the cut, the tool moving evenly
 S_IDLE_FAST: Final = 28  # mean square of the fast residual out of the cut
 S_BLIND: Final = 29  # m of cut without force
 S_RATIO: Final = 30  # reference of the ratio in this steady stretch
@@ -100,22 +106,31 @@ S_CUSUM: Final = 38
 S_CLASS: Final = 39  # CLASSES x 6: n, mean cut, mean ratio, Sxx, Sxy, Syy
 CLASSES: Final = 8
 CLASS: Final = 6
-S_PEAK: Final = S_CLASS + CLASSES * CLASS  # largest force of late
-STATE: Final = S_PEAK + 1
+S_SERIAL: Final = S_CLASS + CLASSES * CLASS  # 4: last residual, sum of products of neighbours, of squares, count
+S_PEAK: Final = S_SERIAL + 4  # largest force of late
+S_PLACE: Final = S_PEAK + 1  # 3: commanded place of the last cycle, correction included
+S_VELOCITY: Final = S_PLACE + 3  # 6: its velocity, two stages of the force filter
+S_MOVED: Final = S_VELOCITY + 6  # largest acceleration of late, m/s^2
+S_SWUNG: Final = S_MOVED + 1  # 2: mean square of the force out of the cut after accelerations, and of S_MOVED then
+S_LEVEL: Final = S_SWUNG + 2  # 3: slow mean of measured minus predicted force
+S_SLOW: Final = S_LEVEL + 3  # mean square of what is left of it
+STATE: Final = S_SLOW + 1
 
 # State, int64.
-N_COUNT: Final = 0  # 5: cycles that a condition has lasted
-N_GONE: Final = 5  # 5: cycles since it was last there
-N_ON: Final = 10  # bits of the events that are on
-N_HOLD: Final = 11  # cause of a feed hold asked for, until reset
-N_STOP: Final = 12  # cause of a stop asked for, until reset
-N_STEADY: Final = 13  # cycles of steady cut
-N_IDLE: Final = 14  # cycles learnt out of the cut
-N_TOOL: Final = 15
-N_STARTED: Final = 16
-N_IDLE_FAST: Final = 17
-N_DOUBT: Final = 18
-WHOLE: Final = 19
+N_COUNT: Final = 0  # EVENTS: cycles that a condition has lasted
+N_GONE: Final = N_COUNT + EVENTS  # EVENTS: cycles since it was last there
+N_ON: Final = N_GONE + EVENTS  # bits of the events that are on
+N_HOLD: Final = N_ON + 1  # cause of a feed hold asked for, until reset
+N_STOP: Final = N_ON + 2  # cause of a stop asked for, until reset
+N_STEADY: Final = N_ON + 3  # cycles of steady cut
+N_IDLE: Final = N_ON + 4  # cycles learnt out of the cut, moving evenly
+N_TOOL: Final = N_ON + 5
+N_STARTED: Final = N_ON + 6
+N_IDLE_FAST: Final = N_ON + 7
+N_DOUBT: Final = N_ON + 8
+N_SWUNG: Final = N_ON + 9  # cycles learnt out of the cut, after accelerations
+N_PLACED: Final = N_ON + 10  # 1: S_PLACE is known
+WHOLE: Final = N_ON + 11
 
 # Results, float64.
 R_FORCE: Final = 0  # 3: measured, feed frame, filtered, N
@@ -124,16 +139,17 @@ R_SIZE: Final = 6  # filtered size of the measured force
 R_LEAST: Final = 7  # force below which a cut counts as missing, where it can be told; else 0
 R_MOST: Final = 8  # force above which it is an overload
 R_RATIO: Final = 9  # measured by predicted; 0 where it is not known
-R_VALUE: Final = 10  # 5: what is watched, by event
-R_LIMIT: Final = 15  # 5: its limit; 0 while an event cannot be seen
-R_TREND: Final = 20  # change of the ratio per metre of cut
-R_TREND_SIGMA: Final = 21
-R_RISE: Final = 22  # of the ratio since the first cut, by the trend
-R_CUT: Final = 23  # m of cut so far
-R_DISTANCE: Final = 24  # m along the program
-R_RATE: Final = 25  # speed by programmed speed, measured
-R_SPEED: Final = 26  # share of the programmed speed asked for
-RESULTS: Final = 27
+R_VALUE: Final = 10  # EVENTS: what is watched, by event
+R_LIMIT: Final = R_VALUE + EVENTS  # EVENTS: its limit; 0 while an event cannot be seen
+R_TREND: Final = R_LIMIT + EVENTS  # change of the ratio per metre of cut
+R_TREND_SIGMA: Final = R_TREND + 1
+R_RISE: Final = R_TREND + 2  # of the ratio since the first cut, by the trend
+R_TREND_DEGREES: Final = R_TREND + 3  # degrees of freedom of its standard deviation
+R_CUT: Final = R_TREND + 4  # m of cut so far
+R_DISTANCE: Final = R_TREND + 5  # m along the program
+R_RATE: Final = R_TREND + 6  # speed by programmed speed, measured
+R_SPEED: Final = R_TREND + 7  # share of the programmed speed asked for
+RESULTS: Final = R_TREND + 8
 
 # Results, int64.
 O_ON: Final = 0  # bits of the events that are on

@@ -18,7 +18,7 @@ from counterflex.runtime.settings import OnlineSettings
 
 CUSUM_SLACK: Final = 0.5
 """Reference value of the cumulative sum: half of the shift, one standard deviation, that it is made for."""
-FAST_S: Final = 40.0 * MS
+FAST_S: Final = 20.0 * MS
 """Memory of the energy of the fast residual."""
 _HOUR: Final = 60.0 * MINUTE
 _SIEGMUND: Final = 1.166
@@ -62,10 +62,14 @@ class MonitorSettings:
         breakage_s: Likewise a drop.
         chatter_s: Likewise chatter.
         chatter_share: Broad-band vibration that belongs to a quiet cut, by mean force.
+        low_chatter_s: How long slow vibration goes on in a steady cut before it counts: longer than the arm rings.
+        low_chatter_share: Slow vibration that belongs to a quiet cut, by mean force.
         settle_s: Steady cut before a drop can be seen.
         wear_bin_m: Length of cut that gives one ratio.
         wear_false_alarm_m: Length of cut per false alarm of the wear trend.
         wear_rise: Least rise of the ratio that counts.
+        wear_probability: That a trend is seen where there is none, one look.
+        inertia_kg: Mass behind the force sensor whose inertia it feels; 0 where it is taken out before.
         clear_s: How long a condition is gone before it may be reported again.
         stale_cycles: Age of a force that is not judged any more.
         follow_s: How late the robot follows its program.
@@ -91,10 +95,14 @@ class MonitorSettings:
     breakage_s: float = 24.0 * MS
     chatter_s: float = 60.0 * MS
     chatter_share: float = 0.1
+    low_chatter_s: float = 0.6
+    low_chatter_share: float = 0.1
     settle_s: float = 0.4
     wear_bin_m: float = 20.0 * MM
     wear_false_alarm_m: float = 1000.0
     wear_rise: float = 0.1
+    wear_probability: float = 1e-3
+    inertia_kg: float = 0.0
     clear_s: float = 0.5
     stale_cycles: int = 3
     follow_s: float = 0.0
@@ -109,16 +117,19 @@ class MonitorSettings:
             InputError: A number is out of range, or a reaction is missing.
         """
         above = "margin_n false_alarms_per_h model_sigma noise_n fast_noise_n filter_s missing_m overload_s breakage_s"
-        above += " chatter_s chatter_share settle_s wear_bin_m wear_false_alarm_m wear_rise clear_s exponent period_s"
+        above += " chatter_s chatter_share low_chatter_s low_chatter_share settle_s wear_bin_m wear_false_alarm_m"
+        above += " wear_rise clear_s exponent period_s"
         for name in (above + " sample_s").split():
             as_positive(f"monitor: {name}", getattr(self, name))
-        for name in ("timing_s", "place_m", "follow_s"):
+        for name in ("timing_s", "place_m", "follow_s", "inertia_kg"):
             as_positive(f"monitor: {name}", getattr(self, name), zero=True)
         for name in ("force_limit_n", "moment_limit_nm"):
             if getattr(self, name) is not None:
                 as_positive(f"monitor: {name}", getattr(self, name))
         if not 1e-9 <= self.model_probability < 0.5:
             raise InputError("monitor: model_probability is out of range", value=self.model_probability, limit="< 0.5")
+        if not 1e-9 <= self.wear_probability < 0.5:
+            raise InputError("monitor: wear_probability is out of range", value=self.wear_probability, limit="< 0.5")
         if self.exponent > 1.0:
             raise InputError("monitor: the force grows faster than the feed", value=self.exponent, limit="<= 1")
         if set(self.reaction) != set(ml.Event):
@@ -180,6 +191,8 @@ class MonitorSettings:
         out[ml.C_CUSUM], out[ml.C_RISE] = self.cusum, self.wear_rise
         out[ml.C_CHATTER], out[ml.C_QUANTILE] = self.chatter_share, self.energy_quantile
         out[ml.C_EXPONENT], out[ml.C_OFF_PATH] = self.exponent, off_path_m
+        out[ml.C_INERTIA], out[ml.C_LOW_CHATTER] = self.inertia_kg, self.low_chatter_share
+        out[ml.C_TREND] = NormalDist().inv_cdf(1.0 - self.wear_probability)
         out[ml.C_LEAST] = max(20.0, 4.0 * self.noise_n)
         return out
 
@@ -189,7 +202,7 @@ class MonitorSettings:
         out[ml.W_PLAN] = planned
         for event, reaction in self.reaction.items():
             out[ml.W_REACTION + event] = reaction
-        for k, time in enumerate((self.overload_s, self.breakage_s, self.chatter_s)):
+        for k, time in enumerate((self.overload_s, self.breakage_s, self.chatter_s, self.low_chatter_s)):
             out[ml.W_CYCLES + k] = max(1, round(time / self.period_s))
         out[ml.W_SETTLE] = max(1, round(self.settle_s / self.period_s))
         out[ml.W_CLEAR] = max(1, round(self.clear_s / self.period_s))
@@ -231,12 +244,16 @@ def decision_interval(length: float) -> float:
     return 0.5 * (low + high)
 
 
-def unwatched(online: OnlineSettings, exponent: float = 0.75) -> MonitorSettings:
+def unwatched(
+    online: OnlineSettings, exponent: float = 0.75, inertia_kg: float = 0.0, ring_s: float = 0.0
+) -> MonitorSettings:
     """Everything is watched and nothing reacts: what a loop does that was not told.
 
     Args:
         online: Settings of the loop.
         exponent: Of the force in the feed per tooth.
+        inertia_kg: Mass behind the force sensor whose inertia it feels.
+        ring_s: Over which a swing of the arm dies away to 1/e.
     """
     return MonitorSettings(
         reaction=dict.fromkeys(ml.Event, Reaction.WARN),
@@ -244,4 +261,18 @@ def unwatched(online: OnlineSettings, exponent: float = 0.75) -> MonitorSettings
         follow_s=online.delays.follow_s,
         stale_cycles=online.stale_cycles,
         exponent=exponent,
+        inertia_kg=inertia_kg,
+        low_chatter_s=low_chatter_time(ring_s),
     )
+
+
+def low_chatter_time(ring_s: float) -> float:
+    """How long slow vibration must go on before it is no ring: three times its memory, 0.6 s at the least.
+
+    A ring that begins A times as large as the limit is above it for ``ring_s log(A)``: for three times ``ring_s`` only
+    where A is above 20.
+
+    Args:
+        ring_s: Over which a swing of the arm dies away to 1/e, ``1 / (zeta omega)``.
+    """
+    return max(0.6, 3.0 * ring_s)

@@ -28,7 +28,7 @@ def _columns() -> tuple[str, ...]:
     six = ("x", "y", "z", "rx", "ry", "rz")
     wrench = ("fx", "fy", "fz", "mx", "my", "mz")
     names = ["counter_ms", "received_ns", "sent_ns", "elapsed", "w_good"]
-    names += [f"fast_{f}" for f in ("samples", "residual", "turn", "tooth", "ready", "separate")]
+    names += [f"fast_{f}" for f in ("samples", "residual", "turn", "tooth", "ready", "separate", "slower")]
     names += [f"sensor_{a}" for a in wrench]
     names += [f"nominal_{p}" for p in pose] + [f"q{i}" for i in range(1, 7)]
     names += [f"wrench_{a}" for a in wrench] + [f"actual_{p}" for p in pose]
@@ -61,7 +61,16 @@ def _columns() -> tuple[str, ...]:
     names += ["force_size", "force_least", "force_most", "force_ratio"]
     watched = [event.name.lower() for event in ml.Event]
     names += [f"value_{e}" for e in watched] + [f"limit_{e}" for e in watched]
-    names += ["wear_trend", "wear_trend_sigma", "wear_rise", "cut_m", "path_m", "speed_measured", "speed_asked"]
+    names += [
+        "wear_trend",
+        "wear_trend_sigma",
+        "wear_rise",
+        "wear_degrees",
+        "cut_m",
+        "path_m",
+        "speed_measured",
+        "speed_asked",
+    ]
     return (*names, "event_on", "event_new", "event_seen", "slowed", "cycle")
 
 

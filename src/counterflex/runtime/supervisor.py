@@ -79,6 +79,7 @@ class Cause(IntEnum):
     PROCESS_WEAR = 30
     PROCESS_BREAKAGE = 31
     PROCESS_CHATTER = 32
+    PROCESS_LOW_CHATTER = 33
 
 
 # Inputs of a cycle.

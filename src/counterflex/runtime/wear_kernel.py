@@ -9,9 +9,18 @@ as long as nothing changes, whatever m and s truly are; made standard normal (Wa
 
     U = sign(T) (8 nu + 1) / (8 nu + 3) sqrt(nu log(1 + T^2 / nu))
 
-and summed up: ``S = max(0, S + U - 1/2)``. The false alarm rate is therefore that of a cumulative sum of standard
+and summed up: ``S = max(0, S + c U - 1/2)``. The false alarm rate is therefore that of a cumulative sum of standard
 normal values, with no reference to be learnt first (self-starting CUSUM, Hawkins 1987; Page 1954). Beside it runs the
 regression of the ratio on the length of cut with one mean per class of force: trend per metre, its standard deviation.
+
+Neighbouring stretches are alike: the place in the stock, the posture of the arm and the model's error there are nearly
+the same. With the correlation rho of neighbouring residuals n ratios are worth ``n / f`` independent ones,
+``f = (1 + rho) / (1 - rho)`` (Bayley and Hammersley 1946). rho is that of the recursive residuals of the regression,
+freed of the bias of short records, one standard error added; as long as few are known they count as correlated by 1/2::
+
+    sigma^2 = rest / (n - (classes + 1) f),   sigma_b^2 = f sigma^2 / sum Sxx,   degrees = n / f - classes - 1
+
+and ``c = 1 / sqrt(f)``. A trend is known from one degree of freedom on: nine ratios at the least.
 """
 
 from __future__ import annotations
@@ -29,6 +38,11 @@ LARGEST_U: Final = 4.0
 """A single ratio counts no more than this: one odd stretch is no trend."""
 LEAST_SPREAD: Final = 0.002
 """Standard deviation of ratios, at least."""
+_SUPPOSED: Final = 0.5  # correlation of neighbours as long as nothing is known
+_SUPPOSED_WEIGHT: Final = 4.0  # ratios that it counts as
+_MOST_ALIKE: Final = 0.98
+# Places of the memory of neighbours.
+_LAST, _PRODUCTS, _SQUARES, _PAIRS = 0, 1, 2, 3
 
 
 @kernel("int64(float64)")
@@ -46,12 +60,48 @@ def normal_of_student(t: float, degrees: float) -> float:
     return size if t >= 0.0 else -size
 
 
-@kernel("float64(float64[:, ::1], int64, float64, float64, float64)")
-def add_ratio(classes: Float, which: int, cut_m: float, ratio: float, total: float) -> float:
+@kernel("float64(float64[::1])")
+def worth(serial: Float) -> float:
+    """By how many ratios one independent one is outweighed, ``(1 + rho) / (1 - rho)``, at least 1.
+
+    Args:
+        serial: (4,) last residual, sum of products of neighbours, sum of squares, number of pairs.
+    """
+    n = serial[_PAIRS]
+    rho = 0.0
+    if n > 0.0 and serial[_SQUARES] > 0.0:
+        rho = serial[_PRODUCTS] / serial[_SQUARES]
+        rho += (1.0 + 3.0 * max(0.0, rho)) / n  # that of a short record is too low (Kendall 1954)
+        rho += math.sqrt(max(0.0, 1.0 - rho * rho) / n)  # doubt counts against certainty
+    rho = (n * rho + _SUPPOSED_WEIGHT * _SUPPOSED) / (n + _SUPPOSED_WEIGHT)
+    rho = min(_MOST_ALIKE, max(0.0, rho))
+    return (1.0 + rho) / (1.0 - rho)
+
+
+@kernel("void(float64[:, ::1], float64[::1], float64, float64, float64)")
+def _add_residual(classes: Float, serial: Float, n: float, dx: float, dy: float) -> None:
+    """Residual of a ratio from the regression of those before it, in units of its own spread; beside its neighbour."""
+    sxx = sxy = 0.0
+    for k in range(classes.shape[0]):
+        sxx += classes[k, 3]
+        sxy += classes[k, 4]
+    slope = sxy / sxx if sxx > 0.0 and n >= FIRST else 0.0
+    wide = 1.0 + 1.0 / n + (dx * dx / sxx if sxx > 0.0 and n >= FIRST else 0.0)
+    residual = (dy - slope * dx) / math.sqrt(wide)
+    if serial[_SQUARES] > 0.0:
+        serial[_PRODUCTS] += residual * serial[_LAST]
+        serial[_PAIRS] += 1.0
+    serial[_SQUARES] += residual * residual
+    serial[_LAST] = residual
+
+
+@kernel("float64(float64[:, ::1], float64[::1], int64, float64, float64, float64)")
+def add_ratio(classes: Float, serial: Float, which: int, cut_m: float, ratio: float, total: float) -> float:
     """Take one ratio.
 
     Args:
         classes: (CLASSES, 6) n, mean length of cut, mean ratio, Sxx, Sxy, Syy; changed.
+        serial: (4,) see :func:`worth`; changed.
         which: Class.
         cut_m: Length of cut at the middle of its stretch, m.
         ratio: Measured by predicted force.
@@ -62,12 +112,13 @@ def add_ratio(classes: Float, which: int, cut_m: float, ratio: float, total: flo
     """
     c = classes[which]
     n = c[0]
+    dx, dy = cut_m - c[1], ratio - c[2]
+    if n > 0.0:
+        _add_residual(classes, serial, n, dx, dy)
     if n >= FIRST:
         spread = max(math.sqrt(c[5] / (n - 1.0)), LEAST_SPREAD)
-        t = (ratio - c[2]) / spread * math.sqrt(n / (n + 1.0))
-        u = normal_of_student(t, n - 1.0)
-        total = max(0.0, total + min(LARGEST_U, u) - 0.5)
-    dx, dy = cut_m - c[1], ratio - c[2]
+        u = normal_of_student(dy / spread * math.sqrt(n / (n + 1.0)), n - 1.0)
+        total = max(0.0, total + min(LARGEST_U, u / math.sqrt(worth(serial))) - 0.5)
     c[0] = n + 1.0
     c[1] += dx / c[0]
     c[2] += dy / c[0]
@@ -77,15 +128,16 @@ def add_ratio(classes: Float, which: int, cut_m: float, ratio: float, total: flo
     return total
 
 
-@kernel("void(float64[:, ::1], float64, float64[::1])")
-def trend(classes: Float, cut_m: float, out: Float) -> None:
+@kernel("void(float64[:, ::1], float64[::1], float64, float64[::1])")
+def trend(classes: Float, serial: Float, cut_m: float, out: Float) -> None:
     """Regression over all classes: ``b = sum Sxy / sum Sxx``.
 
     Args:
         classes: (CLASSES, 6).
+        serial: (4,) see :func:`worth`.
         cut_m: Length of cut now.
-        out: (3,) written: trend per metre, its standard deviation (0 where not known), rise since the first cut
-            relative to the ratio there.
+        out: (4,) written: trend per metre, its standard deviation, rise since the first cut relative to the ratio
+            there, degrees of freedom of the standard deviation; all 0 where the cut is too short to tell.
     """
     n = used = sxx = sxy = syy = mean = 0.0
     for k in range(classes.shape[0]):
@@ -95,15 +147,18 @@ def trend(classes: Float, cut_m: float, out: Float) -> None:
         sxx += classes[k, 3]
         sxy += classes[k, 4]
         syy += classes[k, 5]
-    out[0] = out[1] = out[2] = 0.0
-    degrees = n - used - 1.0
+    for k in range(4):
+        out[k] = 0.0
+    f = worth(serial)
+    degrees = n / f - used - 1.0
     if degrees < 1.0 or sxx <= 0.0:
         return
     slope = sxy / sxx
-    rest = max(0.0, syy - slope * sxy)
+    variance = max(max(0.0, syy - slope * sxy) / (f * degrees), LEAST_SPREAD * LEAST_SPREAD)
     middle = 0.0
     for k in range(classes.shape[0]):
         middle += classes[k, 0] * classes[k, 1]
     first = mean / n - slope * middle / n
-    out[0], out[1] = slope, math.sqrt(rest / degrees / sxx)
+    out[0], out[1] = slope, math.sqrt(f * variance / sxx)
     out[2] = slope * cut_m / first if first > 0.0 else 0.0
+    out[3] = degrees
