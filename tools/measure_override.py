@@ -26,7 +26,7 @@ CELL = ROOT / "examples" / "cells" / "kr300_d16_small.toml"
 PROGRAM = ROOT / "examples" / "programs" / "groove.ngc"
 RSI = Path(counterflex.__file__).parent / "app" / "demo" / "rsi.xml"
 ONLINE = '\n[online]\nforce = "scale"\ncorrection_mm = 3\nspeed_mm_s = 40\nacceleration_mm_s2 = 2500\n'
-MONITOR = "\n[monitor]\nforce_limit_n = 1200\nmargin_n = 60\noverload = \"warn\"\nbreakage = \"warn\"\n"
+MONITOR = '\n[monitor]\nforce_limit_n = 1200\nmargin_n = 60\noverload = "warn"\nbreakage = "warn"\n'
 OVERRIDE = "\n[override]\ntolerance_um = {tolerance:g}\nleast = {least:g}\n"
 CASES = ("full speed", "override", "blank ends early", "blank too high")
 

@@ -150,8 +150,8 @@ class Monitor:
     def arrays(self) -> tuple[Float | Int, ...]:
         """Its arrays, as the kernel of a cycle takes them.
 
-        Plan, fast samples, constants, choices, speed's constants; state, counters, results, outcome, work space, speed's
-        state.
+        Plan, fast samples, constants, choices, speed's constants; state, counters, results, outcome, work space,
+        speed's state.
         """
         return (
             self._plan,

@@ -58,7 +58,7 @@ def _whole(given: Float, flags: Int, choices: Int) -> bool:
         good = good and math.isfinite(given[at.G_W + k])
     for k in range(12):
         good = good and math.isfinite(given[at.G_NOMINAL + k])
-    return good
+    return bool(good)
 
 
 @kernel("float64(float64, float64, int64, float64, float64[::1], int64[::1])")

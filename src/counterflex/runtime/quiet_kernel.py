@@ -70,7 +70,7 @@ def follow_motion(given: Float, step_results: Float, elapsed: int, constants: Fl
 def noise(constants: Float, state: Float, whole: Int) -> float:
     """Standard deviation of the filtered force while the tool moves evenly, N."""
     learnt = math.sqrt(state[ml.S_IDLE]) if whole[ml.N_IDLE] >= IDLE_LEARNT else 0.0
-    return max(constants[ml.C_NOISE], learnt)
+    return float(max(constants[ml.C_NOISE], learnt))
 
 
 @kernel("float64(float64[::1], float64[::1], int64[::1])")
@@ -79,7 +79,7 @@ def quiet_force(constants: Float, state: Float, whole: Int) -> float:
     mass = constants[ml.C_INERTIA]
     if whole[ml.N_SWUNG] >= IDLE_LEARNT:
         mass = math.sqrt(state[ml.S_SWUNG] / max(state[ml.S_SWUNG + 1], EVEN_M_S2 * EVEN_M_S2))
-    return constants[ml.C_Z] * noise(constants, state, whole) + CREST * mass * state[ml.S_MOVED]
+    return float(constants[ml.C_Z] * noise(constants, state, whole) + CREST * mass * state[ml.S_MOVED])
 
 
 @kernel("void(float64, float64[::1], float64[::1], int64[::1])")

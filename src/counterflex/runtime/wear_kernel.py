@@ -75,7 +75,7 @@ def worth(serial: Float) -> float:
         rho += math.sqrt(max(0.0, 1.0 - rho * rho) / n)  # doubt counts against certainty
     rho = (n * rho + _SUPPOSED_WEIGHT * _SUPPOSED) / (n + _SUPPOSED_WEIGHT)
     rho = min(_MOST_ALIKE, max(0.0, rho))
-    return (1.0 + rho) / (1.0 - rho)
+    return float((1.0 + rho) / (1.0 - rho))
 
 
 @kernel("void(float64[:, ::1], float64[::1], float64, float64, float64)")
