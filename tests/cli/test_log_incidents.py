@@ -180,5 +180,6 @@ def test_every_length_force_and_angle_has_a_unit() -> None:
         "cutting",
         "force_ratio",
         "wear_rise",
+        "wear_degrees",
     }
     assert (unit_of("correction_x"), unit_of("correction_rx"), unit_of("sensor_mx")) == ("m", "rad", "N m")

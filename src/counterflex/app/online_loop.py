@@ -12,6 +12,7 @@ from counterflex.core.units import MS
 from counterflex.files.cell import Cell
 from counterflex.files.cell_monitor import feed_exponent
 from counterflex.files.cell_online import OnlineTable
+from counterflex.files.cell_sensing import flange_sensor
 from counterflex.geometry import pose
 from counterflex.plan.ahead import ahead_wrench, arm_share
 from counterflex.plan.plan import Plan, across
@@ -86,12 +87,17 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
         if plan.chip_m is not None and np.any(chips := np.isfinite(plan.chip_m) & (plan.chip_m > 0.0)):
             exponent = feed_exponent(cell.force_law, float(np.median(plan.chip_m[chips])))
         plan = replace(plan, teeth=teeth)
+    sensor = flange_sensor(cell.tables.sensor, cell.chain)
+    inertia_kg = 0.0 if sensor is None or settings.inertia_hz > 0.0 else sensor.mass_kg
+    dynamics = cell.tables.dynamics
+    ring_s = 1.0 / (2.0 * np.pi * dynamics.mode_hz * dynamics.damping_ratio)
+    seen_by = unwatched if watched is None else watched.settings
     return Loop(
         cell.chain,
         settings,
         cell.T_base_part,
         plan,
-        monitor=unwatched(settings, exponent) if watched is None else watched.settings(settings, exponent),
+        monitor=seen_by(settings, exponent, inertia_kg, ring_s),
         override=None if override is None else override.settings(),
     )
 
