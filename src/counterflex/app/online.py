@@ -36,6 +36,7 @@ def run(
     most_s: float | None = None,
     started: Callable[[tuple[str, int]], None] = lambda _: None,
     ended: Callable[[], bool] = lambda: False,
+    told: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Run the loop in a process of its own and record it from this one.
 
@@ -46,6 +47,7 @@ def run(
         most_s: End after so long; None goes on until the telegrams stop.
         started: Told the address at which telegrams are expected, once.
         ended: Whether the robot is known to be gone; asked now and then.
+        told: Told of what is unusual in the cell file, a line each.
 
     Returns:
         Summary: cycles, times, states, losses, what process monitoring found; also written as ``summary.json``.
@@ -71,7 +73,9 @@ def run(
             raise OutputError("the loop's process died before it began", value=process.exitcode) from None
         if isinstance(said, BaseException):
             raise said
-        where, loop_sha256 = said
+        where, loop_sha256, unusual = said
+        for line in unusual:
+            told(line)
         log = RunLog(out, _about(settings, loop_sha256))
         started(where)
         operator = OperatorPort(Path(out))

@@ -11,7 +11,9 @@ import numpy as np
 from counterflex.app.online_session import RunSettings, open_session
 from counterflex.core.arrays import Int
 from counterflex.core.errors import CounterflexError
+from counterflex.files.cell import read_cell
 from counterflex.files.machine_file import machine_file
+from counterflex.files.plausible import unusual
 from counterflex.links.instance_lock import InstanceLock
 from counterflex.links.realtime import prepare
 from counterflex.links.session import OnlineSession, Request
@@ -35,7 +37,7 @@ def loop_process(settings: RunSettings, ring_name: str, control: Any, pipe: Any)
         settings: See :class:`RunSettings`.
         ring_name: Of the ring of records.
         control: Shared array of :data:`counterflex.links.session.CONTROL` numbers.
-        pipe: Told the address and the loop's hash, or what went wrong.
+        pipe: Told the address, the loop's hash and what is unusual in the cell file, or what went wrong.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
@@ -49,7 +51,8 @@ def loop_process(settings: RunSettings, ring_name: str, control: Any, pipe: Any)
     except BaseException as fault:
         pipe.send(fault)
         return
-    pipe.send((session.link.address, session.loop.sha256()))
+    told = [one.said() for one in unusual(read_cell(settings.cell).tables)]
+    pipe.send((session.link.address, session.loop.sha256(), told))
     try:
         _cycle_on(session, settings, shared, pipe)
     except CounterflexError as fault:

@@ -11,6 +11,7 @@ from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.units import DEG, MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.files.cell import Cell, read_cell
+from counterflex.files.plausible import unusual
 from counterflex.files.schema import ComplianceTable
 from counterflex.geometry import pose, rotation
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
@@ -121,7 +122,7 @@ def check_cell(path: str) -> dict[str, Any]:
     """Resolve a cell and judge it: reach of the stock's corners, compliance at the part, weakest element, warnings."""
     cell = read_cell(path)
     chain = cell.chain
-    warnings: list[str] = []
+    warnings: list[str] = [one.said() for one in unusual(cell.tables)]
     stock = cell.stock()
     law, tools = cell.force_law, [cell.cutter(tool.number) for tool in cell.tables.tools]
     x, y, top = stock.x_m(), stock.y_m(), float(stock.z.max())

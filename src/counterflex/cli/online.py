@@ -164,7 +164,10 @@ def run(
     def started(where: tuple[str, int]) -> None:
         typer.echo(f"waiting for the robot at {where[0]}:{where[1]}", err=True)
 
-    summary = job.run(settings, out, watch=watch, most_s=seconds, started=started)
+    def told(line: str) -> None:
+        typer.echo(f"warning: {line}", err=True)
+
+    summary = job.run(settings, out, watch=watch, most_s=seconds, started=started, told=told)
     if as_json:
         print_json(summary)
     else:

@@ -19,6 +19,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell_measured import CalibrationTable
 from counterflex.files.cell_schema import CellTables, MaterialTable, OpwTable, StockTable
+from counterflex.files.plausible import require_units
 from counterflex.robot import catalog, opw_chain
 from counterflex.robot.calibration import calibrated
 from counterflex.robot.chain import ElasticChain
@@ -127,12 +128,14 @@ def read_cell(path: str | Path) -> Cell:
     """Read a cell file and resolve what it names.
 
     Raises:
-        FileFormatError: Missing file, wrong format or version, unknown key, value out of range, unknown robot,
-            segment or material; one line that says where and what to do.
+        FileFormatError: Missing file, wrong format or version, unknown key, value out of range or by magnitude in
+            another unit, unknown robot, segment or material; one line that says where and what to do.
         ModelError: The numbers contradict each other (compliance or mass far outside of what robots are made of).
     """
     file = Path(path)
-    return resolve(CellTables.read(file, kind=KIND, version=VERSION), file)
+    cell = resolve(CellTables.read(file, kind=KIND, version=VERSION), file)
+    require_units(cell.tables, str(file))
+    return cell
 
 
 def resolve(tables: CellTables, path: Path) -> Cell:

@@ -17,6 +17,7 @@ from counterflex.app.compliance_window import require_plausible
 from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
 from counterflex.core.errors import CounterflexError
 from counterflex.files.cell import read_cell
+from counterflex.files.plausible import unusual
 
 _FACTORS: Final = (1e3, float(np.degrees(1.0)), 1e-3)
 
@@ -47,39 +48,42 @@ def altered(tables: dict[str, Any], path: tuple[Any, ...], value: float) -> str:
     return tomli_w.dumps(out)
 
 
-def accepted(text: str, folder: Path) -> bool:
-    """Whether a cell file is taken for a run."""
+def judged(text: str, folder: Path) -> str:
+    """What becomes of a cell file that is given to a run: ``refused``, ``told`` of a number, or ``passed``."""
     file = folder / "cell.toml"
     file.write_text(text, encoding="utf-8")
     try:
-        require_plausible(read_cell(file))
+        cell = read_cell(file)
+        require_plausible(cell)
     except CounterflexError:
-        return False
-    return True
+        return "refused"
+    return "told" if unusual(cell.tables) else "passed"
 
 
 def _units(effort: Effort) -> Outcome:
     """R25: every number of the demonstration cell times 1000, 57.3 and a thousandth."""
     tables = tomllib.loads(_demo())
     every = effort.pick(1, 12)
-    tried, caught = 0, 0
+    count = {"refused": 0, "told": 0, "passed": 0}
     passed_over: dict[str, int] = {}
     with tempfile.TemporaryDirectory() as place:
+        sound = judged(_demo(), Path(place))
         for path, value in list(numbers(tables))[::every]:
             for factor in _FACTORS:
-                tried += 1
-                if accepted(altered(tables, path, value * factor), Path(place)):
+                found = judged(altered(tables, path, value * factor), Path(place))
+                count[found] += 1
+                if found == "passed":
                     name = ".".join(str(key) for key in path if not isinstance(key, int))
                     passed_over[name] = passed_over.get(name, 0) + 1
-                else:
-                    caught += 1
     most = sorted(passed_over, key=lambda name: -passed_over[name])[:6]
+    tried = sum(count.values())
     return Outcome(
-        caught == tried,
-        f"{caught} of {tried} refused; let pass most often: {', '.join(most)}",
+        count["passed"] == 0 and sound == "passed",
+        f"{count['refused']} of {tried} refused, {count['told']} told, {count['passed']} let pass"
+        + (f": {', '.join(most)}" if most else ""),
         None,
         None,
-        {"refused_share": caught / tried, "tried": float(tried)},
+        {"refused_share": count["refused"] / tried, "told_share": count["told"] / tried, "tried": float(tried)},
     )
 
 
@@ -92,10 +96,10 @@ def _truncated(effort: Effort) -> Outcome:
     with tempfile.TemporaryDirectory() as place:
         for size in range(0, len(text), every):
             try:
-                if accepted(text[:size], Path(place)):
-                    taken += 1
-                else:
+                if judged(text[:size], Path(place)) == "refused":
                     refused += 1
+                else:
+                    taken += 1
             except Exception:  # whatever it is, it is not the one clear line that a user should get
                 wrong += 1
     return Outcome(
@@ -110,7 +114,8 @@ SCENARIOS: Final = (
         "R25",
         "unit-mistakes",
         "every number of the demonstration cell times 1000, 57.3 and 0.001, one at a time",
-        "each is refused by its range or by the compliance of the tool tip, 0.1 to 30 um/N at three poses",
+        "each is refused, by its range or by the compliance of the tool tip (0.1 to 30 um/N at three poses), or told "
+        "before the run, by a narrower range",
         _units,
     ),
     Scenario(

@@ -1,0 +1,112 @@
+"""R25: a mistaken unit in a cell file is refused or told, with the limit and the likely unit; real cells pass."""
+
+from __future__ import annotations
+
+import copy
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomli_w
+
+import counterflex
+from counterflex.core.errors import FileFormatError
+from counterflex.files.cell import read_cell
+from counterflex.files.plausible import WINDOWS, unusual
+from counterflex.robot import catalog
+
+DEMO = Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml"
+EXAMPLES = sorted((Path(__file__).parents[2] / "examples" / "cells").glob("*.toml"))
+
+
+def changed(folder: Path, place: tuple[str | int, ...], value: Any) -> Path:
+    data = tomllib.loads(DEMO.read_text(encoding="utf-8"))
+    at: Any = data
+    for key in place[:-1]:
+        at = at.setdefault(key, {}) if isinstance(at, dict) else at[key]
+    at[place[-1]] = value
+    file = folder / "cell.toml"
+    file.write_text(tomli_w.dumps(data), encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize("file", [DEMO, *EXAMPLES], ids=lambda file: file.stem)
+def test_cells_that_are_right_pass_without_a_word(file: Path) -> None:
+    assert unusual(read_cell(file).tables) == []
+
+
+@pytest.mark.parametrize("name", catalog.names())
+def test_robots_of_the_catalogue_pass(tmp_path: Path, name: str) -> None:
+    file = changed(tmp_path, ("robot",), {"catalog": name})
+    assert unusual(read_cell(file).tables) == []
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "key", "hint"),
+    [
+        (("robot", "play", 0, "friction_nm"), [75e3, 105.0, 120.0], r"play\[1\]\.friction_nm\[1\]", "Is it in N mm?"),
+        (("robot", "servo", 2, "friction_nm"), 0.06, r"servo\[3\]\.friction_nm", "Is it in kN m?"),
+        (("tools", 0, "diameter_mm"), 0.016, r"tools\[1\]\.diameter_mm", "Is it in m?"),
+        (("dynamics", "mode_hz"), 487.0, "mode_hz", "Is it in rad/s?"),
+        (("controller", "acceleration_mm_s2"), 1.0, "acceleration_mm_s2", "Is it in m/s2?"),
+        (("limits", "correction_mm"), 0.003, "correction_mm", "Is it in m?"),
+        (("material", "kc11_n_mm2"), 0.78, "kc11_n_mm2", "Is it in GPa?"),
+        (("online", "correction_mm"), 0.002, "online.correction_mm", "Is it in m?"),
+    ],
+)
+def test_a_refusal_names_place_value_limit_and_likely_unit(
+    tmp_path: Path, place: tuple[str | int, ...], value: Any, key: str, hint: str
+) -> None:
+    with pytest.raises(FileFormatError, match=key) as found:
+        read_cell(changed(tmp_path, place, value))
+    line = str(found.value)
+    assert hint in line
+    assert "expected magnitude" in line
+    assert "\n" not in line
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "hint"),
+    [
+        (("tcp", "x_mm"), 0.24, "is it in m?"),
+        (("part", "datum_points_mm"), [[0, 0, 0.04], [200, 0, 40], [200, 150, 40]], "is it in m?"),
+        (("tcp", "b_deg"), round(math.pi / 2.0, 5), "is it in rad?"),
+        (("posture", "rotation_about_tool_deg"), 3.14159, "is it in rad?"),
+    ],
+)
+def test_what_could_be_meant_so_is_told(tmp_path: Path, place: tuple[str | int, ...], value: Any, hint: str) -> None:
+    found = unusual(read_cell(changed(tmp_path, place, value)).tables)
+    assert [one.refused for one in found] == [False]
+    assert hint in found[0].said()
+
+
+def test_zero_and_what_was_identified_is_not_told(tmp_path: Path) -> None:
+    """A pose that an identification has shifted may hold any small number."""
+    file = changed(tmp_path, ("tcp", "y_mm"), 0.0371)
+    assert len(unusual(read_cell(file).tables)) == 1
+    data = tomllib.loads(file.read_text(encoding="utf-8"))
+    data["identified"] = [
+        {
+            "recipe": "kinematics",
+            "date": "2026-11-01",
+            "data": ["poses.csv"],
+            "data_sha256": ["0" * 64],
+            "counterflex": "0.1.0",
+            "holdout": "0.1 mm",
+            "values": [{"name": "tcp y", "value": 0.0371, "sigma": 0.01, "unit": "mm"}],
+        }
+    ]
+    file.write_text(tomli_w.dumps(data), encoding="utf-8")
+    assert unusual(read_cell(file).tables) == []
+    whole = copy.deepcopy(data)
+    whole["tcp"]["y_mm"] = 0
+    file.write_text(tomli_w.dumps(whole), encoding="utf-8")
+    assert unusual(read_cell(file).tables) == []
+
+
+def test_windows_are_in_order() -> None:
+    for name, window in WINDOWS.items():
+        assert 0.0 <= window.least <= window.low < window.high <= window.most, name
+        assert window.high / window.low >= 15.0, name
