@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.core.atomic import write_text
-from counterflex.core.units import DEG
+from counterflex.core.units import DEG, MM
 from counterflex.files.schema import write_toml
 
 EDGES: Final[dict[str, float]] = {"straight": 0.0, "oblique": 40.0}
@@ -59,6 +59,19 @@ KINDS: Final[dict[str, Kind]] = {
     "hybrid": Kind({"force": "scale"}, compensated=True),
 }
 """Without correction; measured force; with pilot control, lead as published and computed; plan alone; plan and rest."""
+
+
+MIDDLE_M: Final = np.array([0.5 * _BLANK_MM[0], 0.5 * _BLANK_MM[1], 0.0]) * MM
+"""Middle of the groove in the part frame, seen from above."""
+
+
+def cut_length_m(edge: str) -> float:
+    """Length of the tool centre's way through the blank, m.
+
+    Args:
+        edge: Of :data:`EDGES`.
+    """
+    return _BLANK_MM[0] * MM / math.cos(EDGES[edge] * DEG)
 
 
 def names() -> tuple[str, ...]:

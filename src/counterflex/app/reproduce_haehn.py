@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
-from counterflex.app import campaign, compensate, evaluate, haehn_case, live, online_session, over_sockets
+from counterflex.app import campaign, compensate, evaluate, haehn_case, haehn_report, live, online_session, over_sockets
 from counterflex.app.campaign_step import CELL, ONLINE
 from counterflex.app.kept import Mark, begin, fingerprint, finish, finished, made_again
 from counterflex.app.workers import count_of, interrupts_held, pool_of
@@ -24,6 +24,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.files.schema import write_toml
 from counterflex.files.summary_file import write_summary
+from counterflex.report.page import write_page
 
 RECIPES: Final[dict[str, tuple[str, ...]]] = {
     "seeded": ("payload",),
@@ -32,6 +33,8 @@ RECIPES: Final[dict[str, tuple[str, ...]]] = {
 """What is identified of each simulated cell first. The weight on the sensor always is: a run is not armed without."""
 PAPER: Final[dict[str, float]] = {"uncompensated": 1.4, "force": 0.7, "force_pilot_40ms": 0.3}
 """Largest deviation of the scanned part, mm (Haehn2020 section 3)."""
+GOALS_MM: Final[dict[str, float]] = {"force_pilot": 0.3, "hybrid": 0.15}
+"""Largest error that these should leave, at every edge and on every truth."""
 _FIGURES: Final = ("path", "entry", "plateau", "exit")
 _BASE: Final = "cell.toml"
 _PLAN: Final = "plan"
@@ -49,7 +52,7 @@ def run(
     workers: int | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Do the job on files: a folder per truth and edge, ``summary.json`` over all of them.
+    """Do the job on files: a folder per truth and edge, ``summary.json`` and ``report.html`` over all of them.
 
     Args:
         out: Folder; what is there and was made from the same inputs is not done again.
@@ -88,6 +91,8 @@ def run(
     summary = _summary(found, level, time.perf_counter() - start)
     summary["made_again"] = made_again(folder, begun)
     write_summary(folder / "summary.json", summary)
+    progress(0.99, "page")
+    write_page(haehn_report.page(summary, folder), folder / "report.html")
     progress(1.0, "done")
     return summary
 
@@ -199,21 +204,24 @@ def _summary(found: Mapping[tuple[int, str, str], dict[str, Any]], level: str, s
     for seed, edge in dict.fromkeys(key[:2] for key in found):
         variants = {name: value for (s, e, name), value in found.items() if (s, e) == (seed, edge)}
         rows.append({"seed": seed, "edge": edge, "truth_level": level, "variants": variants})
+    total = over_seeds(rows)
     return {
         "job": "reproduce haehn2020",
         "truth_level": level,
         "seeds": rows,
-        "variants": over_seeds(rows),
+        "variants": total,
+        "goals": {name: _goal(total.get(name, {}), limit) for name, limit in GOALS_MM.items()},
         "paper": PAPER,
         "seconds": round(seconds, 1),
         "counterflex": __version__,
     }
 
 
-def acted(name: str, found: Mapping[str, Any]) -> bool:
-    """Whether a run did what its variant says: the loop corrected, or was to watch only."""
-    kind = haehn_case.KINDS[name.removesuffix("_axes")]
-    return not kind.armed or "active" in found["loop"]["states"]
+def _goal(found: Mapping[str, Any], limit_mm: float) -> dict[str, Any]:
+    """Worst figure beside its limit; met only where no run was refused."""
+    worst = found["path"]["max_mm"] if "path" in found else None
+    met = worst is not None and worst <= limit_mm and found["refused"] == 0
+    return {"limit_mm": limit_mm, "worst_mm": worst, "met": met}
 
 
 def over_seeds(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -228,7 +236,7 @@ def over_seeds(rows: list[dict[str, Any]]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for name in dict.fromkeys(name for row in rows for name in row["variants"]):
         there = [row["variants"][name] for row in rows if name in row["variants"]]
-        counted = [item for item in there if acted(name, item)]
+        counted = [item for item in there if haehn_report.acted(name, item)]
         out[name] = {"runs": len(counted), "refused": len(there) - len(counted)}
         if not counted:
             continue

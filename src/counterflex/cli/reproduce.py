@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -70,32 +69,18 @@ def haehn2020(
 
 
 def _show_haehn(summary: dict[str, Any]) -> None:
-    from counterflex.app.reproduce_haehn import acted
+    from counterflex.app import haehn_report as report
 
     edges = list(dict.fromkeys(row["edge"] for row in summary["seeds"]))
-    names = list(summary["variants"])
-    rows = []
-    for name in names:
-        cells = [name]
-        for edge in edges:
-            for figure in ("path", "exit"):
-                values = [
-                    row["variants"][name][figure]["max_mm"]
-                    for row in summary["seeds"]
-                    if row["edge"] == edge and acted(name, row["variants"][name])
-                ]
-                cells.append(f"{statistics.median(values):.3f} / {max(values):.3f}" if values else "-")
-        paper, total = summary["paper"].get(name), summary["variants"][name]
-        runs = f"{total['runs']} of {total['runs'] + total['refused']}"
-        rows.append([*cells, "-" if paper is None else f"{paper:g}", runs])
     print_table(
         f"Largest error across the feed, mm: median / worst of {len({r['seed'] for r in summary['seeds']})} truths"
         f" ({summary['truth_level']})",
         ["variant", *(f"{edge} {figure}" for edge in edges for figure in ("path", "exit")), "Haehn2020", "runs"],
-        rows,
+        report.table_rows(summary),
     )
     if any(item["refused"] for item in summary["variants"].values()):
-        typer.echo("Runs left out: the loop refused to act; the causes are in summary.json.")
+        typer.echo(report.REFUSED)
+    typer.echo(report.verdict(summary))
 
 
 def mandiola2023(
