@@ -8,8 +8,9 @@ from scipy.integrate import solve_ivp
 from counterflex.core.arrays import Float
 from counterflex.files.cell import read_cell
 from counterflex.geometry import wrench
-from counterflex.plan.ahead import ahead_wrench, arm_share
+from counterflex.plan.ahead import arm_share
 from counterflex.robot.compliance import cartesian_compliance
+from counterflex.signals.ahead import Ahead
 from counterflex.signals.preview import Mode, Shaping
 
 CELL = "examples/cells/kr300_d16_flat.toml"
@@ -60,7 +61,7 @@ def test_what_is_sent_undoes_the_deflection_pair() -> None:
 
     lead = dead + 2.0 * answer.damping_ratio / answer.omega_rad_s
     plain = np.interp(time + lead, time, w[:, 1])
-    shaped = ahead_wrench(w, time, share, (arm, answer), Shaping(0.008, dead))[:, 1]
+    shaped = Ahead(share, (arm, answer), Shaping(0.008, dead)).command(w, time)[:, 1]
     assert left(w[:, 1]) > 150.0
     assert left(plain) > 40.0
     assert left(shaped) < 0.35 * left(plain)

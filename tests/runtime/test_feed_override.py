@@ -22,11 +22,13 @@ from counterflex.runtime import monitor_layout as ml
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.override_kernel import falling
-from counterflex.runtime.override_plan import speed_plan, within_rate
+from counterflex.runtime.override_plan import slowed_time, speed_plan, within_rate
 from counterflex.runtime.override_settings import OverrideSettings
 from counterflex.runtime.settings import ForceMode, OnlineSettings, Pilot
 from counterflex.runtime.supervisor import State
+from counterflex.signals.ahead import Ahead
 from counterflex.signals.limiter import MotionLimit
+from counterflex.signals.preview import Mode, Shaping
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
 Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
@@ -178,3 +180,49 @@ def test_nothing_is_asked_for_while_only_watching() -> None:
 def test_settings_that_are_none_are_refused(bad: dict[str, float]) -> None:
     with pytest.raises(InputError, match="override"):
         OverrideSettings(**bad)
+
+
+def test_what_is_commanded_ahead_is_shaped_for_the_slower_program_pair() -> None:
+    """A command shaped for full speed begins too far ahead of a slow tool; shaped again it fits."""
+    delays = ONLINE.delays
+    modes = (Mode(2.0 * np.pi * 8.5, 0.1), Mode(delays.natural_per_s, delays.damping))
+    ahead = Ahead(0.6, modes, Shaping(0.02, delays.dead_s))
+    unshaped = slot()
+    plan = replace(unshaped, ahead=ahead, w_ahead_part=ahead.command(unshaped.w_tcp_part, unshaped.time_s))
+    online = replace(ONLINE, pilot=Pilot(lead_s=None), timing_s=1e-6)
+    slowed = plan.at_speeds(online, replace(WISH, tolerance_m=30.0 * UM), EXPONENT)
+    assert slowed.speed is not None
+    assert slowed.w_ahead_part is not None
+    assert plan.w_ahead_part is not None
+    assert slowed.speed.min() < 0.8
+    when = slowed_time(plan.time_s, slowed.speed)
+    force = slowed.speed**EXPONENT
+    errors = {}
+    for name, w in (("again", slowed.w_ahead_part), ("as it was", plan.w_ahead_part)):
+        robot, arm, swung, worst = Robot(), Swing(), Swing(), 0.0
+        for t in np.arange(0.0, when[-1], T):
+            sent, there = (np.interp(t, when, column * force) for column in (w[:, 1], unshaped.w_tcp_part[:, 1]))
+            undone = arm(robot(np.array([sent, 0.0, 0.0]))[0])
+            worst = max(worst, abs(0.4 * there + 0.6 * swung(there) - undone))
+        errors[name] = worst
+    assert errors["again"] < 0.6 * errors["as it was"]
+
+
+class Swing:
+    """An arm's mode, 8.5 Hz with a damping ratio of 0.1, integrated by itself in steps of 0.5 ms."""
+
+    def __init__(self) -> None:
+        self.x, self.v, self.w = 0.0, 0.0, 2.0 * np.pi * 8.5
+
+    def __call__(self, force: float) -> float:
+        for _ in range(8):
+            self.v += 0.5e-3 * (self.w**2 * (force - self.x) - 0.2 * self.w * self.v)
+            self.x += 0.5e-3 * self.v
+        return self.x
+
+
+def test_time_at_a_slower_speed_is_that_of_the_integral() -> None:
+    time = np.linspace(0.0, 2.0, 401)
+    np.testing.assert_allclose(slowed_time(time, np.full(401, 0.5)), 2.0 * time, rtol=1e-12)
+    ramp = 1.0 - 0.35 * time
+    np.testing.assert_allclose(slowed_time(time, ramp), -np.log(ramp) / 0.35, rtol=1e-4)  # integral dt / s

@@ -14,12 +14,13 @@ from counterflex.files.cell_monitor import feed_exponent
 from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_sensing import flange_sensor
 from counterflex.geometry import pose
-from counterflex.plan.ahead import ahead_wrench, arm_share
+from counterflex.plan.ahead import arm_share
 from counterflex.plan.plan import Plan, across
 from counterflex.robot.chain import ElasticChain
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitor_settings import unwatched
+from counterflex.signals.ahead import Ahead
 from counterflex.signals.preview import Mode, Shaping
 
 _EXPONENT = 0.75
@@ -44,7 +45,7 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
         Mode(delays.natural_per_s, delays.damping),
     )
     shaping = Shaping(dynamics.correction_smoothing_ms * MS, delays.dead_s + dynamics.correction_lead_ms * MS)
-    share = arm_share(cell.chain, cell.T_base_part, plan.q, plan.w_tcp_part)
+    ahead = Ahead(arm_share(cell.chain, cell.T_base_part, plan.q, plan.w_tcp_part), modes, shaping)
     return LoopPlan(
         p_part=plan.path.p_part_tcp + contained[:, :3],
         time_s=plan.path.time_s,
@@ -59,7 +60,8 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
         left_m=np.linalg.norm(across(plan.deviation_compensated_part, plan.path.p_part_tcp), axis=1)
         if compensated
         else None,
-        w_ahead_part=ahead_wrench(plan.w_tcp_part, plan.path.time_s, share, modes, shaping),
+        w_ahead_part=ahead.command(plan.w_tcp_part, plan.path.time_s),
+        ahead=ahead,
     )
 
 

@@ -1,14 +1,13 @@
-"""The predicted wrench as a loop has to command against it: ahead of time, and shaped for what corrections pass."""
+"""What part of the deflection swings with the arm: corrections are commanded ahead of time accordingly."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from counterflex.core.arrays import Float, as_float
+from counterflex.core.arrays import Float
 from counterflex.geometry import wrench
 from counterflex.robot import compliance
 from counterflex.robot.chain import ElasticChain
-from counterflex.signals.preview import Mode, Shaping, command_for
 
 
 def arm_share(chain: ElasticChain, T_base_part: Float, q: Float, w_part: Float) -> float:
@@ -36,24 +35,3 @@ def arm_share(chain: ElasticChain, T_base_part: Float, q: Float, w_part: Float) 
         return 1.0
     kept = square > 0.0
     return float(np.clip(np.median(np.sum(arm * total, axis=1)[kept] / square[kept]), 0.0, 1.0))
-
-
-def ahead_wrench(w_part: Float, time_s: Float, share: float, modes: tuple[Mode, ...], shaping: Shaping) -> Float:
-    """Wrench whose static deflection, sent as a correction, undoes that of the predicted wrench in time.
-
-    Deflection under a force comes in two parts: that of the arm swings through its mode, the rest follows at once. A
-    correction passes dead time, the controller's own lag and the arm's mode. The compliance changes little over the
-    time of all that, so the shaping is done on the wrench, by :func:`counterflex.signals.preview.command_for`.
-
-    Args:
-        w_part: (n, 6) predicted, N, N m, part axes.
-        time_s: (n,) planned time.
-        share: Of the deflection that the arm makes, see :func:`arm_share`.
-        modes: What corrections pass, the arm's first.
-        shaping: Smoothing and dead time.
-
-    Returns:
-        (n, 6).
-    """
-    w = as_float("w_part", w_part, (None, 6))
-    return command_for((1.0 - share) * w, time_s, modes, shaping, share * w)

@@ -81,6 +81,9 @@ class Loop:
                 hint="Give the plan file, or correct along the feed too",
             )
         self.settings = settings
+        monitor = unwatched(settings) if monitor is None else monitor
+        if plan is not None and override is not None:
+            plan = plan.at_speeds(settings, override, monitor.exponent)
         compact = chain.compact
         m = compact.stations
         self._real, self._kind = compact.real, compact.kind
@@ -305,13 +308,12 @@ def _monitor(
     settings: OnlineSettings,
     path: Float,
     plan: LoopPlan | None,
-    monitor: MonitorSettings | None,
+    monitor: MonitorSettings,
     override: OverrideSettings | None,
 ) -> Monitor:
-    monitor = unwatched(settings) if monitor is None else monitor
     if abs(monitor.period_s - settings.period_s) > 1e-9:
         raise InputError("the monitor has another cycle", value=monitor.period_s, limit=settings.period_s)
     watched = None if plan is None else plan.watched(monitor)
-    if watched is not None and plan is not None and override is not None:
-        watched[:, P_SPEED] = plan.speeds(settings, override).speed
+    if watched is not None and plan is not None and plan.speed is not None:
+        watched[:, P_SPEED] = plan.speed
     return Monitor(monitor, override, path, watched, settings.off_path_m, settings.translation.radius)

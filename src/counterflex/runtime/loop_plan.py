@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from counterflex.runtime.monitor_settings import MonitorSettings
 from counterflex.runtime.override_plan import SpeedPlan, speed_plan
 from counterflex.runtime.override_settings import OverrideSettings
 from counterflex.runtime.settings import OnlineSettings
+from counterflex.signals.ahead import Ahead
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +46,8 @@ class LoopPlan:
         left_m: (n,) size of the error that the program itself is predicted to leave; None is not known.
         w_ahead_part: (n, 6) wrench whose deflection is to be commanded here so that the robot, as slow as it is, undoes
             the predicted one in time; None reads the predicted wrench ahead by the lead instead.
+        ahead: How that was made from the predicted wrench; None is not known.
+        speed: (n,) share of the programmed speed at which the program is to run; None is 1 everywhere.
     """
 
     p_part: Float
@@ -60,6 +63,8 @@ class LoopPlan:
     need_m: Float | None = None
     left_m: Float | None = None
     w_ahead_part: Float | None = None
+    ahead: Ahead | None = None
+    speed: Float | None = None
 
     def packed(self) -> Float:
         """(n, PLAN_COLUMNS) for the step, with feed directions.
@@ -99,6 +104,25 @@ class LoopPlan:
         teeth = none if self.teeth is None else self.teeth
         return monitor_plan(self.packed(), settings, turn, teeth, tool)
 
-    def speeds(self, settings: OnlineSettings, override: OverrideSettings) -> SpeedPlan:
-        """Speeds at which the predicted remaining error stays within a tolerance."""
-        return speed_plan(self.time_s, self.need_m, self.left_m, settings, override)
+    def speeds(self, settings: OnlineSettings, override: OverrideSettings, exponent: float = 0.0) -> SpeedPlan:
+        """Speeds at which the predicted remaining error stays within a tolerance, see :func:`speed_plan`."""
+        shaped = self.ahead if settings.pilot.lead_s is None else None
+        return speed_plan(self.time_s, self.need_m, self.left_m, settings, override, shaped, exponent)
+
+    def at_speeds(self, settings: OnlineSettings, override: OverrideSettings, exponent: float) -> LoopPlan:
+        """The same program, slowed down where the correction could not follow.
+
+        What is to be commanded ahead of time is shaped again for the slower program and its smaller force. It is
+        stored as at full speed: the loop multiplies it by the speed's power ``exponent`` as all of the plan's forces.
+
+        Args:
+            settings: Of the loop.
+            override: Tolerance, least speed, rate.
+            exponent: Of the force in the feed.
+        """
+        found = self.speeds(settings, override, exponent)
+        ahead = self.w_ahead_part
+        if self.ahead is not None and ahead is not None and np.any(found.speed < 1.0):
+            smaller = found.speed[:, None] ** exponent
+            ahead = self.ahead.command(self.w_tcp_part * smaller, found.time_s) / smaller
+        return replace(self, speed=found.speed, w_ahead_part=ahead)

@@ -1,10 +1,12 @@
 """At which speed can the correction follow? The plan is driven through limits, dead time and lag of the correction.
 
-The correction that the plan wants at every place is sent ahead of time by the lead, as the loop does, through limits
-of speed and acceleration, the dead time and the second-order lag of the robot's answer. What is missing of it where and
-when it is needed, taken over the uncertainty of timing, is the remaining error. Where it is beyond the tolerance the
-program goes slower: everything then changes more slowly in time, while lag and limits stay. Repeated until it fits or
-the least speed is reached; the largest change of speed per second is kept by beginning earlier.
+The correction that the plan wants at every place is commanded ahead of time, as the loop does: shaped for what it
+passes (:class:`counterflex.signals.ahead.Ahead`), or read ahead by the lead. It goes through limits of speed and
+acceleration, the dead time and the second-order lag of the robot's answer, and the arm's mode where it is known. What
+is missing of it where and when it is needed, taken over the uncertainty of timing, is the remaining error. Where it is
+beyond the tolerance the program goes slower: everything then changes more slowly in time, while lag and limits stay,
+and the force is smaller. Repeated until it fits or the least speed is reached; the largest change of speed per second
+is kept by beginning earlier.
 
 A compensated program leaves an error that the plan has predicted already (``left_m``); what of it is lag and what is
 force changes with the speed at most in proportion, and so it is lowered here.
@@ -23,7 +25,9 @@ from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
 from counterflex.runtime.override_settings import OverrideSettings
 from counterflex.runtime.settings import OnlineSettings, robot_answer
+from counterflex.signals.ahead import Ahead
 from counterflex.signals.limiter import limited_step
+from counterflex.signals.preview import Mode
 
 ROUNDS: Final = 12
 _LONGEST_S: Final = 7200.0
@@ -44,69 +48,78 @@ def _need_at(time: Float, need: Float, t: float, begin: int, out: Float) -> None
         out[k] = (1.0 - u) * need[i, k] + u * need[i + 1, k]
 
 
+@kernel("void(float64[::1], float64[::1], float64[:, ::1])")
+def _passed(x: Float, answer: Float, memory: Float) -> None:
+    """Pass (3,) values through a second-order lag, in place; ``memory`` (4, 3) last two inputs and outputs."""
+    for k in range(3):
+        y = answer[0] * x[k] + answer[1] * memory[0, k] + answer[2] * memory[1, k]
+        y -= answer[3] * memory[2, k] + answer[4] * memory[3, k]
+        memory[1, k], memory[0, k] = memory[0, k], x[k]
+        memory[3, k], memory[2, k] = memory[2, k], y
+        x[k] = y
+
+
 @kernel(
-    "float64(float64[::1], float64[:, ::1], float64[::1], float64, float64, float64, int64, float64[::1],"
-    " float64[::1], float64, float64[::1])"
+    "void(float64[::1], float64[:, ::1], float64[:, ::1], float64, float64, float64, int64, float64[::1],"
+    " float64[::1], float64, float64[::1], float64, float64[::1])"
 )
 def drive(
     time: Float,
     need: Float,
-    speed: Float,
+    sent: Float,
     period: float,
     lead: float,
     timing: float,
     dead: int,
     answer: Float,
+    arm: Float,
+    share: float,
     limit: Float,
     longest: float,
     error: Float,
-) -> float:
-    """Remaining error of a plan at given shares of its speed.
+) -> None:
+    """Remaining error of a plan.
 
     Args:
         time: (n,) s, not decreasing.
         need: (n, 3) correction that is needed there, m.
-        speed: (n,) share of the programmed speed, above 0, linear between rows.
+        sent: (n, 3) correction that is commanded, m.
         period: Cycle, s.
-        lead: How much ahead the need is sent, s.
+        lead: How much ahead ``sent`` is read, s.
         timing: Uncertainty of timing, s.
         dead: Cycles of dead time.
-        answer: (5,) b0 b1 b2 a1 a2 of the lag.
+        answer: (5,) b0 b1 b2 a1 a2 of the robot's lag.
+        arm: (5,) of the arm's mode, which the correction passes too.
+        share: Of the need that swings through that mode.
         limit: (3,) of the correction.
         longest: Ends there, s.
         error: (n,) written: largest error from each row to the next, m.
-
-    Returns:
-        How long it takes, s.
     """
     n = time.shape[0]
-    y, v, wanted, here, x1, x2 = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    y1, y2, now = np.zeros(3), np.zeros(3), np.zeros(3)
+    y, v, wanted, here, swung, now = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    of_robot, of_arm, of_need = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((3, 4, 3))
     ring = np.zeros((dead + 1, 3))
     error[:] = 0.0
-    t, at, row, spent = time[0], 0, 0, 0.0
-    while t < time[n - 1] and spent < longest:
+    t, at, row = time[0], 0, 0
+    while t < time[n - 1] and t - time[0] < longest:
         while row < n - 2 and time[row + 1] < t:
             row += 1
-        span = time[row + 1] - time[row]
-        u = min(1.0, max(0.0, (t - time[row]) / span)) if span > 0.0 else 1.0
-        share = (1.0 - u) * speed[row] + u * speed[row + 1]
-        _need_at(time, need, t + share * lead, row, wanted)
+        _need_at(time, sent, t + lead, row, wanted)
         limited_step(y, v, wanted, limit, period)
         ring[at] = y
         at = (at + 1) % (dead + 1)
-        for k in range(3):
-            x = ring[at, k]
-            now[k] = answer[0] * x + answer[1] * x1[k] + answer[2] * x2[k] - answer[3] * y1[k] - answer[4] * y2[k]
-            x2[k], x1[k] = x1[k], x
-            y2[k], y1[k] = y1[k], now[k]
-        for side in (-1.0, 0.0, 1.0):
-            _need_at(time, need, t + side * timing * share, row, here)
-            square = (here[0] - now[0]) ** 2 + (here[1] - now[1]) ** 2 + (here[2] - now[2]) ** 2
+        now[:] = ring[at]
+        _passed(now, answer, of_robot)
+        _passed(now, arm, of_arm)
+        for side in range(3):
+            _need_at(time, need, t + (side - 1.0) * timing, row, here)
+            swung[:] = here
+            _passed(swung, arm, of_need[side])
+            square = 0.0
+            for k in range(3):
+                square += ((1.0 - share) * here[k] + share * swung[k] - now[k]) ** 2
             error[row] = max(error[row], math.sqrt(square))
-        t += share * period
-        spent += period
-    return spent
+        t += period
 
 
 @kernel("void(float64[::1], float64[::1], float64)")
@@ -149,17 +162,45 @@ class SpeedPlan:
         speed: (n,) share of the programmed speed.
         error_before_m: (n,) predicted remaining error at full speed.
         error_after_m: (n,) at these speeds.
+        time_s: (n,) when the rows are reached at these speeds.
         extra_s: Time that it costs.
     """
 
     speed: Float
     error_before_m: Float
     error_after_m: Float
+    time_s: Float
     extra_s: float
 
 
+def slowed_time(time_s: Float, speed: Float) -> Float:
+    """(n,) s, when the rows of a plan are reached at shares of its speed, linear between them over the plan's time.
+
+    Args:
+        time_s: (n,) planned, not decreasing.
+        speed: (n,) above 0.
+    """
+    step = np.diff(time_s) * 2.0 / (speed[1:] + speed[:-1])
+    out: Float = time_s[0] + np.concatenate([[0.0], np.cumsum(step)])
+    return out
+
+
+def _sampled(mode: Mode, period: float) -> Float:
+    """(5,) b0 b1 b2 a1 a2 of a mode, bilinear transform as of the robot's answer."""
+    k = mode.omega_rad_s * period / 2.0
+    norm = 1.0 + 2.0 * mode.damping_ratio * k + k * k
+    b = k * k / norm
+    return np.array([b, 2.0 * b, b, 2.0 * (k * k - 1.0) / norm, (1.0 - 2.0 * mode.damping_ratio * k + k * k) / norm])
+
+
 def speed_plan(
-    time_s: Float, need_m: Float | None, left_m: Float | None, online: OnlineSettings, override: OverrideSettings
+    time_s: Float,
+    need_m: Float | None,
+    left_m: Float | None,
+    online: OnlineSettings,
+    override: OverrideSettings,
+    ahead: Ahead | None = None,
+    exponent: float = 0.0,
 ) -> SpeedPlan:
     """Speeds at which the predicted remaining error stays within the tolerance, as far as the least speed allows.
 
@@ -169,6 +210,8 @@ def speed_plan(
         left_m: (n,) error that the program itself is predicted to leave; None for none.
         online: Settings of the loop: limits, delays, lead.
         override: Tolerance, least speed, rate.
+        ahead: How the loop shapes what it commands; None: it reads the need ahead by the lead.
+        exponent: Of the force, and so of the need, in the feed.
 
     Raises:
         InputError: The program takes more than two hours even at full speed.
@@ -178,23 +221,31 @@ def speed_plan(
     need = np.zeros((n, 3)) if need_m is None else np.ascontiguousarray(need_m, dtype=np.float64)
     left = np.zeros(n) if left_m is None else np.ascontiguousarray(left_m, dtype=np.float64)
     dead, answer = robot_answer(online)
+    lead = online.lead_s if ahead is None else 0.0
+    arm = np.array([1.0, 0.0, 0.0, 0.0, 0.0]) if ahead is None else _sampled(ahead.modes[0], online.period_s)
+    share = 0.0 if ahead is None else ahead.arm_share
     found: Float = np.zeros(n)
 
-    def errors(speed: Float) -> tuple[Float, float]:
-        spent = drive(
-            time,
-            need,
-            speed,
+    def errors(speed: Float) -> tuple[Float, Float]:
+        when = slowed_time(time, speed)
+        smaller = np.ascontiguousarray(need * speed[:, None] ** exponent)
+        sent = smaller if ahead is None or need_m is None else np.ascontiguousarray(ahead.command(smaller, when))
+        drive(
+            when,
+            smaller,
+            sent,
             online.period_s,
-            online.lead_s,
+            lead,
             online.timing_s,
             dead,
             answer,
+            arm,
+            share,
             online.translation.packed(),
             _LONGEST_S / override.least * 2.0,
             found,
         )
-        return np.maximum(found, left * speed), float(spent)
+        return np.maximum(found, left * speed), when
 
     if time[-1] - time[0] > _LONGEST_S:
         raise InputError(
@@ -203,11 +254,11 @@ def speed_plan(
             limit=f"<= {_LONGEST_S:g} s",
             hint="Split it, or leave out the table [override]",
         )
-    before, plain = errors(np.ones(n))
+    before, when = errors(np.ones(n))
     own: Float = np.ones(n)
     speed: Float = np.ones(n)
     settle = 2.0 * online.delays.correction_s
-    after, spent = before, plain
+    after = before
     for _ in range(ROUNDS):
         over = after / override.tolerance_m
         if not np.any((over > 1.0) & (speed > override.least)):
@@ -220,5 +271,5 @@ def speed_plan(
         least_about(time, own, override.delay_s + online.lead_s, settle * override.least, wide)
         speed = wide
         within_rate(time, speed, override.change_per_s)
-        after, spent = errors(speed)
-    return SpeedPlan(speed, before, after, max(0.0, spent - plain))
+        after, when = errors(speed)
+    return SpeedPlan(speed, before, after, when, max(0.0, float(when[-1] - time[-1])))

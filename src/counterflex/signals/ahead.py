@@ -1,0 +1,47 @@
+"""How a correction is to be commanded ahead of time, so that what the robot makes of it undoes a deflection in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.signals.preview import Mode, Shaping, command_for
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """What a force and a correction against it pass on their way to the tool.
+
+    Attributes:
+        arm_share: Of the deflection that the arm makes, 0 .. 1: it swings through the first mode, the rest follows at
+            once.
+        modes: What a correction passes, the arm's first.
+        shaping: Smoothing and dead time.
+
+    Raises:
+        InputError: No mode, or a share out of range.
+    """
+
+    arm_share: float
+    modes: tuple[Mode, ...]
+    shaping: Shaping
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        if not self.modes:
+            raise InputError("a correction passes the arm's mode at least")
+        if not 0.0 <= self.arm_share <= 1.0:
+            raise InputError("share of the arm in the deflection", value=self.arm_share, limit="0 .. 1")
+
+    def command(self, wanted: Float, time_s: Float) -> Float:
+        """What to command, see :func:`counterflex.signals.preview.command_for`.
+
+        Args:
+            wanted: (n, k) deflection, or force, that would be there if nothing swung.
+            time_s: (n,) s, not decreasing.
+
+        Returns:
+            (n, k) likewise.
+        """
+        return command_for((1.0 - self.arm_share) * wanted, time_s, self.modes, self.shaping, self.arm_share * wanted)
