@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from counterflex.links import datagrams
+from counterflex.links import system_calls
 from counterflex.links.datagrams import ROWS, SIZE, Datagrams, host_number
 
 
@@ -28,7 +28,7 @@ def test_takes_all_in_order_with_length_and_sender(
     pair: tuple[socket.socket, socket.socket], many: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not many:
-        monkeypatch.setattr(datagrams, "_many", lambda: None)
+        monkeypatch.setattr(system_calls, "THERE", False)
     receiver, sender = pair
     inbox = Datagrams(receiver)
     assert inbox.take() == 0
@@ -48,7 +48,7 @@ def test_takes_all_in_order_with_length_and_sender(
 def test_never_raises(pair: tuple[socket.socket, socket.socket], many: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody at the other end, and a socket that is closed."""
     if not many:
-        monkeypatch.setattr(datagrams, "_many", lambda: None)
+        monkeypatch.setattr(system_calls, "THERE", False)
     receiver, sender = pair
     inbox = Datagrams(sender)
     receiver.close()

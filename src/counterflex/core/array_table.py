@@ -98,3 +98,17 @@ def whole_matrix(table: Int, k: int) -> Int:
     """Array ``k`` of a table: int64, two dimensions."""
     out: Int = carray(_to_int(table[k, 0]), (table[k, 1], table[k, 2]))
     return out
+
+
+@kernel("uint8[:, ::1](int64[:, ::1], int64)")
+def byte_matrix(table: Int, k: int) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
+    """Array ``k`` of a table: uint8, two dimensions."""
+    out: np.ndarray[tuple[int, int], np.dtype[np.uint8]] = carray(_to_byte(table[k, 0]), (table[k, 1], table[k, 2]))
+    return out
+
+
+@kernel("uint8[::1](int64[:, ::1], int64)")
+def raw_bytes(table: Int, k: int) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:
+    """Array ``k`` of a table: uint8, one dimension."""
+    out: np.ndarray[tuple[int], np.dtype[np.uint8]] = carray(_to_byte(table[k, 0]), (table[k, 1],))
+    return out

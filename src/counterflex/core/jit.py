@@ -92,7 +92,7 @@ def cache_folder(module: str) -> Path:
 
 
 def kernel(
-    signature: Any = None, *, parallel: bool = False, fast: bool = False, inline: bool = False
+    signature: Any = None, *, parallel: bool = False, fast: bool = False, inline: bool = False, waits: bool = False
 ) -> Callable[[F], F]:
     """Compile a pure array function with Numba, cached on disk.
 
@@ -102,13 +102,14 @@ def kernel(
         parallel: Allow ``prange``. Never for kernels called by the online process.
         fast: Allow re-association of sums (``fastmath={'reassoc','contract','nsz','arcp'}``), never NaN tricks.
         inline: Let Numba inline the function into its callers.
+        waits: Called from Python it may wait long: other threads of the process run meanwhile.
 
     Returns:
         A decorator that keeps the Python signature for the type checker.
     """
     options: dict[str, Any] = {
         "cache": True,
-        "nogil": parallel,
+        "nogil": parallel or waits,
         "parallel": parallel,
         "error_model": "numpy",
         "fastmath": {"reassoc", "contract", "nsz", "arcp"} if fast else {"contract"},

@@ -3,30 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
-import errno
 import socket
-import sys
 from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Int
+from counterflex.links import system_calls
 from counterflex.wire.decimal_kernel import ByteRows
 
 ROWS: Final = 64
 SIZE: Final = 2048
 """Bytes that are kept of a datagram; none of the protocols has longer ones."""
-_HEAD: Final = np.dtype(
-    {
-        "names": ["name", "namelen", "iov", "iovlen", "control", "controllen", "flags", "length"],
-        "formats": ["u8", "u4", "u8", "u8", "u8", "u8", "i4", "u4"],
-        "offsets": [0, 8, 16, 24, 32, 40, 48, 56],
-        "itemsize": 64,
-    }
-)
-"""``struct mmsghdr`` of 64-bit Linux (recvmmsg(2))."""
-_ADDRESS: Final = 16
 
 
 class Datagrams:
@@ -39,6 +27,7 @@ class Datagrams:
         data: (ROWS, SIZE) bytes, one datagram in a row; what lies behind its end means nothing.
         lengths: (ROWS,) of each, at most SIZE.
         hosts: (ROWS,) sender's IPv4 address as a number, see :func:`host_number`.
+        many: They are taken with one system call, in a compiled kernel over :meth:`arrays`.
     """
 
     def __init__(self, own: socket.socket) -> None:
@@ -48,20 +37,18 @@ class Datagrams:
         self.lengths: Int = np.zeros(ROWS, dtype=np.int64)
         self.hosts: Int = np.zeros(ROWS, dtype=np.int64)
         self._views: list[memoryview] = [row.data for row in self.data]
-        self._many = _many()
-        if self._many is not None:
-            self._names = np.zeros((ROWS, _ADDRESS), dtype=np.uint8)
-            self._pieces = np.zeros((ROWS, 2), dtype=np.uint64)
-            self._pieces[:, 0] = self.data.ctypes.data + SIZE * np.arange(ROWS)
-            self._pieces[:, 1] = SIZE
-            self._heads = np.zeros(ROWS, dtype=_HEAD)
-            self._heads["name"] = self._names.ctypes.data + _ADDRESS * np.arange(ROWS)
-            self._heads["namelen"] = _ADDRESS
-            self._heads["iov"] = self._pieces.ctypes.data + 16 * np.arange(ROWS)
-            self._heads["iovlen"] = 1
-            self._said = self._heads["length"]
-            self._from = self._names[:, 4:8].view(">u4")[:, 0]
-            self._at = self._heads.ctypes.data
+        self.many = system_calls.THERE
+        self._names: ByteRows = np.zeros((ROWS, system_calls.NAME), dtype=np.uint8)
+        self._pieces, self._heads = system_calls.heads(self.data, self._names)
+
+    @property
+    def fd(self) -> int:
+        """Of the socket; -1 where it is closed."""
+        return self._socket.fileno()
+
+    def arrays(self) -> tuple[np.ndarray[Any, Any], ...]:
+        """Heads, names, lengths, hosts and data, as a kernel that calls the system itself takes them."""
+        return self._heads, self._names, self.lengths, self.hosts, self.data
 
     def take(self) -> int:
         """Take what is there, at most ROWS; never waits, never raises. Call again where it returns ROWS.
@@ -69,16 +56,9 @@ class Datagrams:
         Returns:
             Datagrams taken.
         """
-        if self._many is None:
-            return self._one_by_one()
-        while True:
-            count = int(self._many(self._socket.fileno(), self._at, ROWS, socket.MSG_DONTWAIT, None))
-            if count > 0:
-                self.lengths[:count] = self._said[:count]
-                self.hosts[:count] = self._from[:count]
-                return count
-            if ctypes.get_errno() not in (errno.ECONNREFUSED, errno.EINTR):
-                return 0
+        if self.many:
+            return system_calls.receive(self.fd, self._heads, self._names, self.lengths, self.hosts)
+        return self._one_by_one()
 
     def _one_by_one(self) -> int:
         count = 0
@@ -99,14 +79,3 @@ def host_number(host: str) -> int:
     with contextlib.suppress(OSError):
         return int.from_bytes(socket.inet_aton(socket.gethostbyname(host)), "big")
     return -1
-
-
-def _many() -> Any:
-    """``recvmmsg`` of the C library, or None."""
-    if not sys.platform.startswith("linux") or ctypes.sizeof(ctypes.c_void_p) != 8:
-        return None
-    found = getattr(ctypes.CDLL(None, use_errno=True), "recvmmsg", None)
-    if found is not None:
-        found.argtypes = (ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p)
-        found.restype = ctypes.c_int
-    return found

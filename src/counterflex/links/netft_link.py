@@ -10,16 +10,16 @@ from typing import Final
 
 import numpy as np
 
+from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import OutputError, ProtocolError
 from counterflex.links.datagrams import ROWS, Datagrams
+from counterflex.links.drain_kernel import drain_records
 from counterflex.wire import netft
 from counterflex.wire import netft_kernel as reading
 
 MOST_SAMPLES: Final = 512
 """Samples of one drain that are kept one by one: half a second at 1 kHz; later ones still enter the mean."""
-FROZEN: Final = 8
-"""Samples with the same counts in a row that no living sensor sends."""
 _LONGEST_DOCUMENT: Final = 1 << 20
 
 
@@ -35,6 +35,10 @@ class NetftLink:
     Attributes:
         w_sensor: (6,) N, N m, mean of the good samples since the last :meth:`drain`.
         samples: (MOST_SAMPLES, 6) the good ones of the last drain one by one, N, N m, in time.
+        good: Good samples in the last drain.
+        first: Sequence number of the first good sample that was taken last.
+        saturated: One of them was beyond the range, or the sensor said so.
+        frozen: The counts have not changed for a while.
     """
 
     def __init__(
@@ -64,6 +68,14 @@ class NetftLink:
         self._numbers: Int = np.zeros(reading.NUMBERS, dtype=np.int64)
         self._numbers[[reading.N_SEQUENCE, reading.N_FIRST]] = -1
         self.samples: Float = np.zeros((MOST_SAMPLES, 6))
+        self.good, self.first = 0, -1
+        self.saturated = self.frozen = False
+        self._table = ArrayTable(
+            (
+                *self._inbox.arrays(),
+                *(self._scale, self._limit, self._numbers, self._before, self._sum, self.samples, self.w_sensor),
+            )
+        )
 
     def start(self) -> None:
         """Ask for the stream (again)."""
@@ -82,6 +94,14 @@ class NetftLink:
         Returns:
             Number of good samples; with none :attr:`w_sensor` is left as it was.
         """
+        inbox = self._inbox
+        if not inbox.many:
+            self._one_by_one()
+        found = drain_records(inbox.fd, not inbox.many, self._table.rows)
+        self.good, self.first, self.saturated, self.frozen = found
+        return found[0]
+
+    def _one_by_one(self) -> None:
         inbox, numbers = self._inbox, self._numbers
         self._sum[:] = 0.0
         numbers[reading.N_GOOD] = numbers[reading.N_SATURATED] = 0
@@ -101,25 +121,6 @@ class NetftLink:
                 )
             if count < ROWS:
                 break
-        good = self.good
-        if good:
-            np.divide(self._sum, good, out=self.w_sensor)
-        return good
-
-    @property
-    def good(self) -> int:
-        """Good samples in the last drain."""
-        return int(self._numbers[reading.N_GOOD])
-
-    @property
-    def saturated(self) -> bool:
-        """One of them was beyond the range, or the sensor said so."""
-        return bool(self._numbers[reading.N_SATURATED])
-
-    @property
-    def frozen(self) -> bool:
-        """The counts have not changed for a while."""
-        return bool(self._numbers[reading.N_SAME] >= FROZEN - 1)
 
     @property
     def lost(self) -> int:
@@ -135,11 +136,6 @@ class NetftLink:
     def malformed(self) -> int:
         """Datagrams that are no records, in all."""
         return int(self._numbers[reading.N_MALFORMED])
-
-    @property
-    def first(self) -> int:
-        """Sequence number of the first good sample that was taken last."""
-        return int(self._numbers[reading.N_FIRST])
 
     def close(self) -> None:
         """End the stream and free the socket."""

@@ -12,10 +12,15 @@ from typing import Final
 
 import numpy as np
 
+from counterflex.core.arrays import Int
 from counterflex.core.errors import InputError, OutputError
-from counterflex.wire.decimal_kernel import Bytes
+from counterflex.links import system_calls
+from counterflex.links.system_calls import await_datagrams
+from counterflex.wire.decimal_kernel import ByteRows, Bytes
 
 _MOST_DRAINED: Final = 512
+_ROWS: Final = 8
+_NOBODY: Final = -1
 
 
 class Verdict(IntEnum):
@@ -73,8 +78,8 @@ class RobotPort:
 
     Attributes:
         address: Where telegrams are expected.
-        peer: Who is answered, or None before the first good telegram.
         data: (largest,) bytes of the datagram that is being read.
+        name: (NAME,) the peer's address, as the system has it.
         counters: See :class:`Counters`.
 
     Raises:
@@ -83,8 +88,8 @@ class RobotPort:
     """
 
     def __init__(self, host: str, port: int, largest: int, peer: tuple[str, int] | None = None) -> None:
-        self._allowed = None if peer is None else (_numeric(peer[0]), peer[1])
-        self.peer: tuple[str, int] | None = None
+        self._allowed = None if peer is None else (_number(peer[0]), peer[1])
+        self._sender = _NOBODY
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         if sys.platform == "win32":  # elsewhere a port that is bound cannot be bound again
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
@@ -98,9 +103,28 @@ class RobotPort:
                 hint="Is another sensor program running? One at a time answers a robot",
             ) from fault
         self.address: tuple[str, int] = self._socket.getsockname()
-        self._bytes = bytearray(largest)
-        self.data: Bytes = np.frombuffer(self._bytes, dtype=np.uint8)
+        self._fd = self._socket.fileno()
+        self._inbox: ByteRows = np.zeros((_ROWS, largest), dtype=np.uint8)
+        self._rows: list[Bytes] = list(self._inbox)
+        self._views: list[memoryview] = [row.data for row in self._rows]
+        self.data: Bytes = self._rows[0]
+        self._many = system_calls.THERE
+        self._most = _ROWS if self._many else 1
+        self._socket.setblocking(False)
+        self._names: ByteRows = np.zeros((_ROWS, system_calls.NAME), dtype=np.uint8)
+        self._pieces, self._heads = system_calls.heads(self._inbox, self._names)
+        self._lengths: Int = np.zeros(_ROWS, dtype=np.int64)
+        self._senders: Int = np.zeros(_ROWS, dtype=np.int64)
+        self.name: Bytes = np.zeros(system_calls.NAME, dtype=np.uint8)
+        self._waiting: Int = np.zeros(system_calls.WAITING, dtype=np.int64)
         self.counters = Counters()
+
+    @property
+    def peer(self) -> tuple[str, int] | None:
+        """Who is answered, or None before the first good telegram."""
+        if self._sender == _NOBODY:
+            return None
+        return socket.inet_ntoa((self._sender >> 16).to_bytes(4, "big")), self._sender & 0xFFFF
 
     def wait(self, timeout_s: float, read: Callable[[int], Verdict]) -> bool:
         """Wait for a datagram, then take all that are there.
@@ -112,72 +136,98 @@ class RobotPort:
         Returns:
             Whether one of them was :attr:`Verdict.NEW`.
         """
-        found, taken = False, 0
-        end = time.monotonic() + timeout_s
-        self._socket.settimeout(timeout_s)
+        found, taken, left_ns = False, 0, int(timeout_s * 1e9)
+        end = time.monotonic_ns() + left_ns
         while taken < _MOST_DRAINED:
-            try:
-                length, peer = self._socket.recvfrom_into(self._bytes)
-            except (TimeoutError, BlockingIOError):
-                break
-            except ConnectionError:
+            count = self._receive(left_ns)
+            for row in range(count):
+                if self._take(row, read):
+                    self.counters.drained += int(found)
+                    found = True
+            taken += count
+            if count == self._most:  # there may be more
+                left_ns = 0
                 continue
-            taken += 1
-            if self._take(length, peer, read):
-                self.counters.drained += int(found)
-                found = True
             # What is no telegram does not end the wait: rubbish must not look like a cycle without one.
-            self._socket.settimeout(0.0 if found else max(0.0, end - time.monotonic()))
+            left_ns = 0 if found else end - time.monotonic_ns()
+            if left_ns <= 0:
+                break
         return found
 
-    def _take(self, length: int, peer: tuple[str, int], read: Callable[[int], Verdict]) -> bool:
-        counters = self.counters
-        if not self._known(peer):
+    def _receive(self, timeout_ns: int) -> int:
+        """Datagrams that came, in the rows of the inbox; waits for the first one."""
+        if self._many:
+            return await_datagrams(
+                self._fd, self._heads, self._names, self._lengths, self._senders, timeout_ns, self._waiting
+            )
+        self._socket.settimeout(max(0, timeout_ns) * 1e-9)
+        try:
+            self._lengths[0], (host, port) = self._socket.recvfrom_into(self._views[0])
+        except OSError:  # none came, or the last answer was refused
+            return 0
+        self._senders[0] = _number(host) << 16 | port
+        return 1
+
+    def _take(self, row: int, read: Callable[[int], Verdict]) -> bool:
+        counters, sender = self.counters, int(self._senders[row])
+        if sender != self._sender and not self._may_speak(sender):
             counters.foreign += 1
             return False
-        verdict = read(length)
+        self.data = self._rows[row]
+        verdict = read(int(self._lengths[row]))
         if verdict == _MALFORMED:
             counters.malformed += 1
             counters.malformed_in_a_row += 1
             return False
-        self.peer = peer
+        if sender != self._sender:
+            self._sender = sender
+            self.name[:] = self._names[row]
         counters.malformed_in_a_row = 0
+        if verdict == _NEW:
+            return True
         counters.old += verdict == _OLD
         counters.astray += verdict == _ASTRAY
-        return verdict == _NEW
+        return False
 
-    def _known(self, peer: tuple[str, int]) -> bool:
-        if self.peer is not None:
-            return peer == self.peer
+    def _may_speak(self, sender: int) -> bool:
+        if self._sender != _NOBODY:
+            return False
         allowed = self._allowed
-        return allowed is None or (peer[0] == allowed[0] and allowed[1] in (0, peer[1]))
+        return allowed is None or (sender >> 16 == allowed[0] and allowed[1] in (0, sender & 0xFFFF))
 
     def forget(self) -> None:
         """Whoever sends the next good telegram is the controller, as far as it is allowed to be."""
-        self.peer = None
+        self._sender = _NOBODY
 
     def send(self, data: bytes | memoryview) -> bool:
         """Send to the peer; False where there is none yet or the system does not take it."""
-        if self.peer is None:
+        peer = self.peer
+        if peer is None:
             return False
         try:
-            self._socket.sendto(data, self.peer)
+            self._socket.sendto(data, peer)
         except OSError:  # a cable that is pulled (no route) must not end the loop: it is then a line without telegrams
             return False
         return True
 
+    @property
+    def target(self) -> int:
+        """Of the socket, for a kernel that sends to :attr:`name` itself; -1: there is nobody, or use :meth:`send`."""
+        return self._fd if self._many and self._sender != _NOBODY else -1
+
     def close(self) -> None:
         """Free the port."""
+        self._fd = -1
         self._socket.close()
 
 
-def _numeric(host: str) -> str:
-    """Numeric address of a host.
+def _number(host: str) -> int:
+    """IPv4 address of a host as a number.
 
     Raises:
         InputError: There is no such host.
     """
     try:
-        return socket.gethostbyname(host)
+        return int.from_bytes(socket.inet_aton(socket.gethostbyname(host)), "big")
     except OSError as fault:
         raise InputError("the controller's address is none", value=host) from fault

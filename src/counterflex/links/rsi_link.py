@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.links.robot_port import Counters, RobotPort, Verdict
+from counterflex.links.rsi_answer_kernel import answer
 from counterflex.links.session_counter import SessionCounter
 from counterflex.runtime import layout as at
 from counterflex.runtime.supervisor import State
-from counterflex.wire.kuka_pose_kernel import read_axes, read_pose, write_axes, write_correction
+from counterflex.wire.kuka_pose_kernel import read_pose, read_stand
 from counterflex.wire.rsi_config import RsiConfig
 from counterflex.wire.rsi_kernel import MISSING, OK
 from counterflex.wire.rsi_telegram import LARGEST_DATAGRAM, answer_writer, robot_reader
@@ -81,10 +83,7 @@ class RsiLink:
                 where=config.where,
                 hint="Add RKorr.X to RKorr.C (wired to POSCORR) or AKorr.A1 to AKorr.A6 (AXISCORR) to RECEIVE",
             )
-        self._stop = self._place_of("Stop")
-        self._feed_hold = self._place_of("FeedHold")
         self._override = self._place_of("Override")
-        self._state = self._place_of("State")
         self._line = SessionCounter(round(period_s * 1e3))
         self._port = RobotPort(host, config.port if port is None else port, LARGEST_DATAGRAM, peer)
         self.counters: Counters = self._port.counters
@@ -94,6 +93,17 @@ class RsiLink:
         self.clamped = False
         self.job = 0
         self._held: Float = np.zeros(len(names))
+        places = [self._place_of("Stop"), self._place_of("FeedHold"), self._override, self._place_of("State")]
+        nowhere = np.zeros(0, dtype=np.int64)
+        self._table = ArrayTable(
+            (
+                self._writer.values,
+                nowhere if self._pose_out is None else self._pose_out,
+                nowhere if self._axes_out is None else self._axes_out,
+                np.array(places, dtype=np.int64),
+                *(self._writer.buffer, *self._writer.fixed, self._port.name),
+            )
+        )
         self._empty = False
 
     def _place_of(self, name: str) -> int:
@@ -168,8 +178,7 @@ class RsiLink:
 
     def fill(self, given: Float) -> None:
         """Write commanded pose and axis angles of the newest telegram into the inputs of the step."""
-        read_pose(self._held, self._nominal, given, at.G_NOMINAL)
-        read_axes(self._held, self._axes, given, at.G_Q)
+        read_stand(self._held, self._nominal, self._axes, given, at.G_NOMINAL, at.G_Q)
 
     def fill_actual(self, given: Float) -> bool:
         """Write the pose that the controller reports (encoders, nominal geometry) as measured; False without RIst."""
@@ -208,22 +217,11 @@ class RsiLink:
         Returns:
             Whether an answer was sent: not, where a number cannot be written or nobody has asked yet.
         """
-        values = self._writer.values
-        values[:] = 0.0
-        if axes is not None and self._axes_out is not None:
-            write_axes(axes, values, self._axes_out)
-        elif self._pose_out is not None:
-            write_correction(correction, values, self._pose_out)
-        if self._stop >= 0:
-            values[self._stop] = float(stop)
-        if self._feed_hold >= 0:
-            values[self._feed_hold] = float(feed_hold)
-        if self._override >= 0:
-            values[self._override] = 100.0 * override
-        if self._state >= 0:
-            values[self._state] = float(state)
-        length = self._writer.write(self._line.newest)
-        return length > 0 and self._port.send(self._writer.buffer.data[:length])
+        fd = self._port.target
+        as_axes = axes is not None and self._axes_out is not None
+        sent: Float = axes if as_axes and axes is not None else correction
+        length = answer(self._table.rows, fd, self._line.newest, sent, as_axes, stop, feed_hold, override, int(state))
+        return length > 0 and (fd >= 0 or self._port.send(self._writer.buffer.data[:length]))
 
     def forget(self) -> None:
         """Another session may come from another port of the controller."""

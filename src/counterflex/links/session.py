@@ -32,6 +32,7 @@ from counterflex.runtime.settings import ForceMode, Output, TrackerMode
 from counterflex.runtime.spindle_inertia import SpindleInertia
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.signals.arrival import ArrivalClock
+from counterflex.wire.tracker_pose_kernel import tool_pose
 
 _FORGET_CYCLES = 10_000
 _FORGET_PEER_CYCLES = 250
@@ -165,6 +166,9 @@ class OnlineSession:
     ) -> None:
         self.link, self.loop, self.force, self.tracker, self.ring = link, loop, force, tracker, ring
         self._wrench, self._inertia = wrench, inertia
+        self._q: Float = loop.given[at.G_Q : at.G_Q + 6]
+        self._w: Float = loop.given[at.G_W : at.G_W + 6]
+        self._flags, self._outcome = loop.flags.data, loop.outcome.data  # read faster than arrays
         self._stand: Float = np.zeros(at.GIVEN)
         self._since = 0
         self._T_part_tracker = np.eye(4) if T_part_tracker is None else np.ascontiguousarray(T_part_tracker)
@@ -220,11 +224,11 @@ class OnlineSession:
         """
         link, loop = self.link, self.loop
         received = self._clock_ns()
-        given, flags = loop.given, loop.flags
+        given, flags, outcome = loop.given, self._flags, self._outcome
         soft, hard = 0, 0
         self._another = self._another or (came and link.restarted)
         if came and link.empty:  # says nothing of the robot
-            if loop.outcome[at.O_STATE] <= _READY:
+            if outcome[at.O_STATE] <= _READY:
                 link.answer(loop.correction, loop.axes if self._axes else None)
                 return True
             came = False  # once something is in force it stays in force, and is no telegram
@@ -238,7 +242,7 @@ class OnlineSession:
         self._since += link.elapsed if came else 0
         new = 0
         try:
-            soft, hard = self._read_force(given, soft, hard)
+            soft, hard = self._read_force(soft, hard)
             new = self._read_tracker(given)
         except Exception as fault:  # whatever it is: the robot is told to stop, not left with what stood last
             self._failed(fault)
@@ -256,7 +260,6 @@ class OnlineSession:
         flags[at.F_SOFT], flags[at.F_HARD] = soft, hard
         flags[at.F_SOURCES], flags[at.F_CURRENT_AGE] = self._sources, _FORGET_CYCLES
         loop.run()
-        outcome = loop.outcome
         if outcome[at.O_STATE] == _ARMED:
             control[_ARM] = 0
         if control[_RESET]:
@@ -308,7 +311,7 @@ class OnlineSession:
         """What is wrong on this side: the loop's own program, the job, the log."""
         if self.trouble and hard == 0 and not self.control[_RESET]:
             hard = _INTERNAL
-        armed = self.loop.outcome[at.O_STATE] > _ARMED
+        armed = self._outcome[at.O_STATE] > _ARMED
         if self._job is not None and self.link.job not in (0, self._job):
             if armed:
                 hard = hard or _WRONG_JOB
@@ -336,7 +339,7 @@ class OnlineSession:
 
     def _let_go(self, reset: bool) -> None:
         """Another session may come from another port: after a person's reset, or when nothing is going on at all."""
-        idle = self.loop.outcome[at.O_STATE] == _IDLE
+        idle = self._outcome[at.O_STATE] == _IDLE
         if idle and (reset or self._silent_cycles >= _FORGET_PEER_CYCLES):
             self.link.forget()
 
@@ -356,7 +359,7 @@ class OnlineSession:
             round(1e3 * math.hypot(*tare.mean[3:])),
         )
 
-    def _read_force(self, given: Float, soft: int, hard: int) -> tuple[int, int]:
+    def _read_force(self, soft: int, hard: int) -> tuple[int, int]:
         if self.force is None or self._wrench is None:
             return soft, hard
         force = self.force
@@ -371,18 +374,18 @@ class OnlineSession:
             return soft, hard  # it ages: the step goes on by the plan for a while where there is one, then holds
         self._force_age = 0
         age = (self._clock_ns() - self._time_zero_ns) * 1e-9
-        w = self._wrench(given[at.G_Q : at.G_Q + 6], force.w_sensor, age)
+        w = self._wrench(self._q, force.w_sensor, age)
         tare = self._tare
-        idle = self.loop.outcome[at.O_STATE] <= _READY
+        idle = self._outcome[at.O_STATE] <= _READY
         if not tare.accepted and idle and self.watch.good > self._checks.settle_cycles // 2:
             tare.take(w)
         if self._needs_force and tare.refusals and soft == 0:
             soft = _OFFSET
         w -= tare.zero
         if self._inertia is None:
-            given[at.G_W : at.G_W + 6] = w
+            self._w[:] = w
         elif self._since > 0:
-            given[at.G_W : at.G_W + 6] = self._without_inertia(self._inertia, w)
+            self._w[:] = self._without_inertia(self._inertia, w)
         return soft, hard
 
     def _without_inertia(self, inertia: SpindleInertia, w: Float) -> Float:
@@ -399,9 +402,7 @@ class OnlineSession:
         if self.tracker is None or not self.tracker.drain():
             return 0
         self._tracker_age = 0
-        T = self._T_part_tracker @ self.tracker.T_tracker_target @ self._T_target_tcp
-        given[at.G_ACTUAL : at.G_ACTUAL + 9] = T[:3, :3].reshape(-1)
-        given[at.G_ACTUAL + 9 : at.G_ACTUAL + 12] = T[:3, 3]
+        tool_pose(self._T_part_tracker, self.tracker.T_tracker_target, self._T_target_tcp, given, at.G_ACTUAL)
         given[at.G_TRACKER_LATE] = self._arrival.age(self.link.counter * MS, self.tracker.time_ns * NS)
         given[at.G_TRACKER_SIGMA] = self.tracker.sigma_m
         return 1

@@ -6,12 +6,14 @@ import socket
 
 import numpy as np
 
+from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import OutputError
 from counterflex.core.units import MM
 from counterflex.links.datagrams import ROWS, Datagrams, host_number
+from counterflex.links.drain_kernel import drain_poses
 from counterflex.wire import tracker_pose_kernel as reading
-from counterflex.wire.tracker_pose import BEAM_BROKEN, INACCURATE
+from counterflex.wire.tracker_pose import BEAM_BROKEN
 
 
 class TrackerLink:
@@ -47,11 +49,19 @@ class TrackerLink:
         self._values: Float = np.zeros(8)
         self._spare: Float = np.zeros((5, 8))
         self.T_tracker_target: Float = np.eye(4)
+        self._table = ArrayTable(
+            (
+                *self._inbox.arrays(),
+                *(self._allowed, self._numbers, self.T_tracker_target, self._spare, self._values),
+            )
+        )
 
     def drain(self) -> bool:
         """Take every datagram that is there; returns whether a new good pose is among them."""
-        fresh = False
         inbox = self._inbox
+        if inbox.many:
+            return drain_poses(inbox.fd, self._table.rows)
+        fresh = False
         while True:
             count = inbox.take()
             if count:
@@ -60,7 +70,7 @@ class TrackerLink:
                     self.T_tracker_target, self._spare, self._values,
                 )  # fmt: skip
             if count < ROWS:
-                return bool(fresh and not self.status & (BEAM_BROKEN | INACCURATE))
+                return bool(fresh and not self.status & reading.UNUSABLE)
 
     @property
     def time_ns(self) -> int:

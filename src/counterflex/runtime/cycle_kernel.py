@@ -8,11 +8,12 @@ from __future__ import annotations
 from typing import Final
 
 from counterflex.core.array_table import matrix, reals, whole_matrix, wholes
-from counterflex.core.arrays import Int
+from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.runtime import layout as at
 from counterflex.runtime import monitor_layout as ml
 from counterflex.runtime.axis_play_kernel import play_after
+from counterflex.runtime.fast_force_kernel import take_samples
 from counterflex.runtime.monitor_kernel import hand_over, watch
 from counterflex.runtime.override_kernel import K_STEP, ask_speed
 from counterflex.runtime.step_kernel import step
@@ -37,8 +38,8 @@ A_OUTCOME: Final = 24
 A_WORK: Final = 25
 A_TESTS: Final = 26  # 6: PlausibilityStage.arrays
 A_PLAY: Final = 32  # 3: AxisPlay.arrays
-A_PROCESS: Final = 35  # 11: Monitor.arrays
-ARRAYS: Final = 46
+A_PROCESS: Final = 35  # 14: Monitor.arrays
+ARRAYS: Final = 49
 
 
 @kernel("void(int64[:, ::1])")
@@ -105,3 +106,32 @@ def cycle(table: Int) -> None:
     if speed[K_STEP] > 0.0:  # the program's speed may be changed: the plan is read at it
         state[at.S_SPEED] = process_results[ml.R_SPEED]
         state[at.S_SLOWER] = process_results[ml.R_SPEED] ** process_constants[ml.C_EXPONENT]
+
+
+@kernel("void(int64[:, ::1], float64[:, ::1], int64, int64)")
+def take_fast(table: Int, samples: Float, count: int, number: int) -> None:
+    """Hand over the force sensor's own samples since the last cycle, ahead of :func:`cycle`.
+
+    Args:
+        table: As for :func:`cycle`.
+        samples: (n, >= 3) force in any fixed axes, N, in time.
+        count: Samples that are new; those beyond the rows were not kept.
+        number: Sequence number of the first.
+    """
+    state, plan, sampling = reals(table, A_STATE), matrix(table, A_PROCESS), reals(table, A_PROCESS + 13)
+    turn_per_s, teeth = 0.0, 0
+    if wholes(table, A_PROCESS + 3)[ml.W_PLAN] == 1:
+        row = max(0, int(state[at.S_PLACE]))
+        turn_per_s, teeth = plan[row, ml.P_TURN], int(plan[row, ml.P_TEETH])
+    take_samples(
+        samples,
+        min(count, samples.shape[0]),
+        number,
+        turn_per_s,
+        teeth,
+        sampling[0],
+        sampling[1],
+        reals(table, A_PROCESS + 11),
+        wholes(table, A_PROCESS + 12),
+        reals(table, A_PROCESS + 1),
+    )

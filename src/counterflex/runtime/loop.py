@@ -14,7 +14,7 @@ from counterflex.robot.kernels_step import OUT_C, OUT_SIZE, SCRATCH
 from counterflex.runtime import fusion_kernel as fk
 from counterflex.runtime import layout as at
 from counterflex.runtime.axis_play import AxisPlay
-from counterflex.runtime.cycle_kernel import cycle
+from counterflex.runtime.cycle_kernel import cycle, take_fast
 from counterflex.runtime.follow_kernel import PLAN_COLUMNS
 from counterflex.runtime.fusion import Source
 from counterflex.runtime.loop_constants import SCALE_VARIANCE, pack_choices, pack_constants
@@ -110,7 +110,6 @@ class Loop:
         self._work: Float = np.zeros((11, 12))
         self.monitor = _monitor(settings, self._plan, plan, monitor, override)
         self.plausibility = PlausibilityStage(settings)
-        self._place: Float = self._state[at.S_PLACE : at.S_PLACE + 2]
         self._axis_play: AxisPlay | None = None
         if settings.axis_play:
             own = np.array(settings.own_play_rad)
@@ -160,7 +159,7 @@ class Loop:
 
     def take(self, samples: Float, count: int, number: int) -> None:
         """Hand over the force sensor's own samples of the cycle, see :meth:`Monitor.take`; before :meth:`run`."""
-        self.monitor.take(samples, count, number, self._place)
+        take_fast(self._table.rows, samples, count, number)
 
     def feed(
         self,

@@ -73,6 +73,7 @@ class Monitor:
         self._work: Float = np.zeros(WORK)
         self._memory: Float = np.zeros(MEMORY)
         self._counts: Int = np.zeros(COUNTS, dtype=np.int64)
+        self._sampling: Float = np.array([settings.sample_s, FAST_S])
         self.reset()
 
     def reset(self) -> None:
@@ -151,7 +152,7 @@ class Monitor:
         """Its arrays, as the kernel of a cycle takes them.
 
         Plan, fast samples, constants, choices, speed's constants; state, counters, results, outcome, work space,
-        speed's state.
+        speed's state; memory and counters of the fast samples, sampling period and length of their memory.
         """
         return (
             self._plan,
@@ -165,6 +166,9 @@ class Monitor:
             self.outcome,
             self._work,
             self._asked,
+            self._memory,
+            self._counts,
+            self._sampling,
         )
 
     @property

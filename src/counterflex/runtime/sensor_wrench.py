@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from counterflex.core.array_table import ArrayTable, matrix, reals, whole_matrix, wholes
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
@@ -89,6 +90,41 @@ def bent_rotation(
                 rest[3 * i + j] = total
 
 
+@kernel("void(int64[:, ::1], float64[::1], float64[::1], float64, float64)")
+def sensor_wrench(table: Int, q: Float, w_sensor: Float, time_s: float, temperature_c: float) -> None:
+    """Process wrench of one reading; see :meth:`SensorWrench.__call__`.
+
+    Args:
+        table: Real, kind; (2,) stations of sensor and hose; rotation of the sensor in its station; frame, delta, trig,
+            turn, both rotations of :func:`bent_rotation`; constants of the sensor, gravity, idle reading, TCP in the
+            sensor, the unit rotation, R_base_part; and the wrench in base and in part axes: these two are written.
+        q: (6,) rad.
+        w_sensor: (6,) N, N m.
+        time_s: Since the sensor's zero.
+        temperature_c: NaN is the reference temperature.
+    """
+    stations, R, R_rest = wholes(table, 2), reals(table, 8), reals(table, 9)
+    still, p, w_base = reals(table, 12), reals(table, 13), reals(table, 16)
+    bent_rotation(
+        matrix(table, 0),
+        whole_matrix(table, 1),
+        stations[0],
+        stations[1],
+        reals(table, 3),
+        q,
+        w_base,
+        matrix(table, 4),
+        matrix(table, 5),
+        reals(table, 6),
+        reals(table, 7),
+        R,
+        R_rest,
+    )
+    idle(reals(table, 10), R, R_rest, reals(table, 11), time_s, temperature_c, still)
+    to_tcp(w_sensor, still, R, p, reals(table, 14), w_base)
+    to_tcp(w_sensor, still, R, p, reals(table, 15), reals(table, 17))
+
+
 class SensorWrench:
     """The reading of one cell's flange sensor as process wrench, with buffers that are allocated once.
 
@@ -136,6 +172,15 @@ class SensorWrench:
         self._unturned: Float = np.eye(3).reshape(-1).copy()
         self.w_part: Float = np.zeros(6)
         self.w_base: Float = np.zeros(6)
+        stations_of = np.array([self._station, self._hose], dtype=np.int64)
+        self._table = ArrayTable(
+            (
+                *(self._real, self._kind, stations_of, self._R_station_sensor),
+                *(self._frame, self._delta, self._trig, self._turn, self._R, self._R_rest),
+                *(self._packed, self._gravity, self._idle, self._p_sensor_tcp, self._unturned, self._R_base_part),
+                *(self.w_base, self.w_part),
+            )
+        )
 
     def __call__(self, q: Float, w_sensor: Float, time_s: float = 0.0, temperature_c: float = math.nan) -> Float:
         """Process wrench of one reading.
@@ -149,13 +194,7 @@ class SensorWrench:
         Returns:
             :attr:`w_part`.
         """
-        bent_rotation(
-            self._real, self._kind, self._station, self._hose, self._R_station_sensor, q, self.w_base, self._frame,
-            self._delta, self._trig, self._turn, self._R, self._R_rest,
-        )  # fmt: skip
-        idle(self._packed, self._R, self._R_rest, self._gravity, time_s, temperature_c, self._idle)
-        to_tcp(w_sensor, self._idle, self._R, self._p_sensor_tcp, self._unturned, self.w_base)
-        to_tcp(w_sensor, self._idle, self._R, self._p_sensor_tcp, self._R_base_part, self.w_part)
+        sensor_wrench(self._table.rows, q, w_sensor, time_s, temperature_c)
         return self.w_part
 
     @property

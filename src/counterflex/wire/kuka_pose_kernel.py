@@ -56,6 +56,13 @@ def read_axes(values: Float, place: Int, out: Float, at: int) -> None:
         out[at + k] = values[place[k]] * _DEG
 
 
+@kernel("void(float64[::1], int64[::1], int64[::1], float64[::1], int64, int64)")
+def read_stand(values: Float, pose: Int, axes: Int, out: Float, at_pose: int, at_axes: int) -> None:
+    """:func:`read_pose` and :func:`read_axes` in one call."""
+    read_pose(values, pose, out, at_pose)
+    read_axes(values, axes, out, at_axes)
+
+
 @kernel("void(float64[::1], float64[::1], int64[::1])")
 def write_axes(axes: Float, values: Float, place: Int) -> None:
     """Six angles in rad as deg."""

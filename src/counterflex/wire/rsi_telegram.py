@@ -135,6 +135,11 @@ class Writer:
         self._pieces: Bytes = np.frombuffer(bytes(pieces), dtype=np.uint8).copy()
         self._parts: Int = np.array(parts, dtype=np.int64)
 
+    @property
+    def fixed(self) -> tuple[Bytes, Int]:
+        """Fixed text and parts of :func:`counterflex.wire.rsi_kernel.compose`, for a kernel that writes itself."""
+        return self._pieces, self._parts
+
     def write(self, counter: int) -> int:
         """Write :attr:`values` with a counter into :attr:`buffer`.
 

@@ -21,6 +21,8 @@ NOT_UNIT: Final = 5
 SIZE: Final = 88
 _MAGIC: Final = 0x31504643  # CFP1, little-endian
 _BROKEN, _NO_ORIENTATION, _INACCURATE = 1, 2, 4
+UNUSABLE: Final = _BROKEN | _INACCURATE
+"""Bits of the status with which a pose is not used."""
 FARTHEST_MM: Final = 200_000.0
 UNIT: Final = 1e-6
 
@@ -138,7 +140,7 @@ def take_poses(
         numbers[N_LOST] += step - 1
         numbers[N_SEQUENCE] = sequence
         numbers[N_STATUS] = _number(data, row, 16, 4)
-        if numbers[N_STATUS] & (_BROKEN | _INACCURATE):
+        if numbers[N_STATUS] & UNUSABLE:
             continue
         numbers[N_TIME] = _number(data, row, 8, 8)
         for i in range(4):
@@ -148,3 +150,26 @@ def take_poses(
             values[k] = work[k]
         fresh = True
     return fresh
+
+
+@kernel("void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], int64)")
+def tool_pose(T_part_tracker: Float, T_tracker_target: Float, T_target_tcp: Float, out: Float, at: int) -> None:
+    """Pose of the tool in the part frame, ``T_part_tracker T_tracker_target T_target_tcp``.
+
+    Args:
+        T_part_tracker: (4, 4) tracker in the part frame.
+        T_tracker_target: (4, 4) what was measured.
+        T_target_tcp: (4, 4) tool tip in the target.
+        out: Written from ``at`` on: nine numbers of the rotation by rows, three of the position, m.
+        at: See above.
+    """
+    A, B, C = T_part_tracker, T_tracker_target, T_target_tcp
+    for i in range(3):
+        a0, a1, a2 = A[i, 0], A[i, 1], A[i, 2]
+        r0 = a0 * B[0, 0] + a1 * B[1, 0] + a2 * B[2, 0]
+        r1 = a0 * B[0, 1] + a1 * B[1, 1] + a2 * B[2, 1]
+        r2 = a0 * B[0, 2] + a1 * B[1, 2] + a2 * B[2, 2]
+        p = a0 * B[0, 3] + a1 * B[1, 3] + a2 * B[2, 3] + A[i, 3]
+        for j in range(3):
+            out[at + 3 * i + j] = r0 * C[0, j] + r1 * C[1, j] + r2 * C[2, j]
+        out[at + 9 + i] = r0 * C[0, 3] + r1 * C[1, 3] + r2 * C[2, 3] + p
