@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from counterflex.app import faults
-from counterflex.app.fault_scenarios import SCENARIOS, network, rubbish, sessions, strangers
+from counterflex.app.fault_scenarios import SCENARIOS, holds, network, rubbish, sessions, strangers
 from counterflex.app.fault_scenarios import clocks as clock_faults
 from counterflex.app.fault_scenarios.demonstration import force_only
 from counterflex.app.fault_scenarios.network import LARGEST_STEP_M, OLDEST
@@ -26,12 +26,13 @@ LINE = (
     *rubbish.SCENARIOS,
     *clock_faults.SCENARIOS,
     *strangers.SCENARIOS,
+    *holds.SCENARIOS,
 )
 
 
 @pytest.mark.parametrize("scenario", LINE, ids=lambda s: f"{s.requirement}-{s.name}")
 def test_requirement_holds(scenario: Scenario) -> None:
-    """R3 to R11, R13, R20, R21, R30, R31, R34: as the requirement's number is in the name of the test."""
+    """R3 to R11, R13, R14, R16, R17, R20, R21, R23, R30 to R32, R34: the number is in the name of the test."""
     outcome = scenario.run(Effort(quick=True, seed=3))
     assert outcome.passed, outcome.happened
     assert outcome.step_m is None or outcome.step_m <= LARGEST_STEP_M

@@ -131,6 +131,12 @@ def test_only_a_person_leads_out_of_a_fault_and_only_at_zero() -> None:
         assert found == (State.IDLE if values["reset"] and values["zero"] else State.FAULT)
 
 
+def test_a_reset_may_come_before_the_next_session_of_the_controller() -> None:
+    """In a fault its telegrams are not answered: it would not wait for the reset."""
+    for zero, state in ((1, State.IDLE), (0, State.FAULT)):
+        assert after(State.FAULT, reset=1, zero=zero, hard=Cause.TELEGRAMS_STOPPED)[0] == state
+
+
 @given(
     st.lists(
         st.tuples(st.sampled_from(ALL), st.sampled_from([0, 0, 0, 8]), st.sampled_from([0] * 9 + [15])), max_size=80

@@ -13,7 +13,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.links.operator_port import Asked, OperatorPort, ask
 from counterflex.links.session import Request
-from counterflex.runtime.layout import O_CAUSE, O_FEED_HOLD, O_SOFT, O_STATE
+from counterflex.runtime.layout import O_CAUSE, O_FEED_HOLD, O_HARD, O_SOFT, O_STATE
 from counterflex.runtime.record_ring import OUTCOME, RESULTS
 from counterflex.runtime.supervisor import Cause, State
 
@@ -70,9 +70,10 @@ class OperatorRequests:
     def _answer(self, action: str, before: State) -> dict[str, Any]:
         last = self._last
         state = self._state()
-        cause, held, correction = Cause.NONE, False, 0.0
+        cause, hard, held, correction = Cause.NONE, Cause.NONE, False, 0.0
         if last is not None:
             cause = Cause(int(last[OUTCOME + O_CAUSE]) or int(last[OUTCOME + O_SOFT]))
+            hard = Cause(int(last[OUTCOME + O_HARD]))
             held = bool(last[OUTCOME + O_FEED_HOLD])
             correction = float(np.linalg.norm(last[RESULTS : RESULTS + 3]))
         refused = ""
@@ -84,7 +85,7 @@ class OperatorRequests:
             refused = (
                 "a correction is in force at the robot: end the robot program first"
                 if correction > 0.0
-                else "what caused the fault is still there"
+                else f"its cause is still there: {(hard or cause).name.lower().replace('_', ' ')}"
             )
         elif action == "arm" and not self._may_arm:
             refused = "the run only watches: start it with --arm"

@@ -10,13 +10,15 @@ from counterflex.core.arrays import Float
 
 CYCLES = 50
 """Readings of a mean: 0.2 s at 4 ms."""
+_STEADY = 0.2
+"""Share of the limits by which the means of both halves may differ: a load that changes meanwhile has no mean."""
 
 
 class Tare:
     """Takes the mean of idle readings as zero; what is more than the limits is no zero but a wrong load (R17).
 
-    A mean that was refused is taken again at once, for as long as it takes: the load may be put right, the tool lifted
-    off the part, while everything runs.
+    Both halves of a mean must agree to a fifth of the limits. A mean that was refused is taken again at once, for as
+    long as it takes: the load may be put right, the tool lifted off the part, while everything runs.
 
     Args:
         force_n: Largest force that may remain.
@@ -35,6 +37,7 @@ class Tare:
         self.zero: Float = np.zeros(6)
         self.mean: Float = np.zeros(6)
         self._sum: Float = np.zeros(6)
+        self._first: Float = np.zeros(6)
         self._count = 0
         self.accepted = False
         self.refusals = 0
@@ -47,16 +50,22 @@ class Tare:
         """
         self._sum += w
         self._count += 1
+        if self._count == CYCLES // 2:
+            self._first[:] = self._sum
         if self._count < CYCLES:
             return
         self.mean[:] = self._sum / CYCLES
+        apart = (self._sum - 2.0 * self._first) / (CYCLES // 2)
         self._sum[:] = 0.0
         self._count = 0
-        force, moment = math.hypot(*self.mean[:3]), math.hypot(*self.mean[3:])
-        self.accepted = force <= self._force_n and moment <= self._moment_nm  # not a number is no zero
+        self.accepted = self._small(self.mean, 1.0) and self._small(apart, _STEADY)
         self.refusals = 0 if self.accepted else self.refusals + 1
         if self.accepted and self._keep:
             self.zero[:] = self.mean
+
+    def _small(self, w: Float, share: float) -> bool:
+        """Whether a wrench is within a share of the limits; not a number is not."""
+        return math.hypot(*w[:3]) <= share * self._force_n and math.hypot(*w[3:]) <= share * self._moment_nm
 
     def again(self) -> None:
         """Take a new one: the zero so far holds until it is accepted, but nothing may be armed on it."""

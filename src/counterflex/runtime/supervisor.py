@@ -152,6 +152,7 @@ class SupervisorSettings:
 _IDLE, _READY, _ARMED, _ACTIVE = int(State.IDLE), int(State.READY), int(State.ARMED), int(State.ACTIVE)
 _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
 _OPERATOR, _PROGRAM, _TOO_LONG = int(Cause.OPERATOR), int(Cause.PROGRAM), int(Cause.HELD_TOO_LONG)
+_STOPPED = int(Cause.TELEGRAMS_STOPPED)
 _OF_PROCESS = int(Cause.PROCESS_MISSING_CUT)
 
 
@@ -243,7 +244,8 @@ def supervise(at: Int, given: Int, settings: Int) -> None:
     elif state == _RAMP_OUT:
         if given[IN_AT_ZERO] == 1:
             following = _READY if given[IN_HEALTHY] == 1 else _IDLE
-    elif given[IN_RESET] == 1 and given[IN_AT_ZERO] == 1 and hard == 0:
+    elif given[IN_RESET] == 1 and given[IN_AT_ZERO] == 1 and hard in (0, _STOPPED):
+        # A controller whose next session nobody answered would not wait for a reset: it may come before.
         following, cause = _IDLE, 0
     _ask_the_robot(at, given, settings, following, cause)
     at[AT_GOOD] = at[AT_GOOD] + 1 if following == _HOLD and soft == 0 else 0

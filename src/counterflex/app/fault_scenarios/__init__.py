@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from typing import Final
 
-from counterflex.app.fault_scenarios import clocks, files, network, processes, realtime, rubbish, sessions, strangers
+from counterflex.app.fault_scenarios import (
+    clocks,
+    files,
+    holds,
+    network,
+    processes,
+    realtime,
+    rubbish,
+    sessions,
+    strangers,
+)
 from counterflex.app.fault_scenarios.scenario import Scenario
 
 SCENARIOS: Final[tuple[Scenario, ...]] = tuple(
@@ -17,6 +27,7 @@ SCENARIOS: Final[tuple[Scenario, ...]] = tuple(
             *strangers.SCENARIOS,
             *processes.SCENARIOS,
             *files.SCENARIOS,
+            *holds.SCENARIOS,
             *realtime.SCENARIOS,
         ),
         key=lambda scenario: int(scenario.requirement[1:]),

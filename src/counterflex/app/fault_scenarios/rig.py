@@ -90,6 +90,8 @@ class Rig:
         wrap: The controller's counter begins again at 0 behind ``2^32 - 1``.
         wrapped_at: In which cycle it did.
         gone: Cycles in which the robot went on.
+        says: What the robot program sets Enable to: 1, or the number of its job.
+        idle: (3,) N that the sensor shows without a cut, part axes.
     """
 
     def __init__(
@@ -130,6 +132,8 @@ class Rig:
         self.ways = (Schedule(telegrams or Impairment(), seed, 0), Schedule(answers or Impairment(), seed, 1))
         self.seen = Seen()
         self.cycle_count = self.gone = 0
+        self.says = 1.0
+        self.idle: Float = np.zeros(3)
         self._holds_feed = holds_feed
         self.frozen = self.feed = self.enable = self.paused = self.wrap = False
         self.wrapped_at = 0
@@ -225,7 +229,7 @@ class Rig:
         self.now_s = begin
         self.gone += not self.stands
         if self.running:
-            self.robot.frees["Enable"] = float(self.enable)
+            self.robot.frees["Enable"] = self.says * self.enable
             if self.wrap and self.robot.counter + round(PERIOD_S / MS) > _LAST_COUNTER:
                 self.robot.counter -= _LAST_COUNTER + 1
                 self.wrapped_at = self.cycle_count
@@ -239,7 +243,7 @@ class Rig:
     def read_sensor(self) -> None:
         """The sensor's samples of one cycle."""
         self.sensor.poll()
-        force = self._force(self.now_s - self._feed_begin) if self.feed and not self.stands else np.zeros(3)
+        force = self._force(self.now_s - self._feed_begin) if self.feed and not self.stands else self.idle
         w = self._reading @ np.concatenate([force, np.zeros(3)])
         for noise in self._noise.standard_normal((_SAMPLES, 6)) * _NOISE:
             self.sensor.send(w + noise)
