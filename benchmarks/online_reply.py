@@ -1,10 +1,13 @@
 """Benchmark of the online loop: one step, and the whole reply to a telegram beside a do-nothing echo in the same run.
 
-``python benchmarks/online_reply.py [--quick] [--seconds S] [--json FILE]``. The step: compute time of one call in each
-mode, in blocks that alternate with an empty call. The reply: the real session (telegrams every 4 ms, force and tracker
-at 1 kHz, records into the ring) answers a cell in another process, which times from sending a telegram to having its
-answer; half a cycle later the same telegram goes to a third process that only sends it back. All three are prepared as
-the loop is: real-time priority, locked memory, no garbage collection, as far as the system allows.
+``python benchmarks/online_reply.py [--quick] [--seconds S] [--stages] [--json FILE]``. The step: compute time of one
+call in each mode, in blocks that alternate with an empty call. The reply: the real session (telegrams every 4 ms, force
+and tracker at 1 kHz, records into the ring) answers a cell in another process, which times from sending a telegram to
+having its answer; half a cycle later the same telegram goes to a third process that only sends it back. All three are
+prepared as the loop is: real-time priority, locked memory, no garbage collection, as far as the system allows.
+
+``--stages`` also times the parts of the reply. Every clock that is read costs time itself, most of it where caches are
+cold, so such a run says what the parts are to each other, and not how long the reply takes.
 """
 
 from __future__ import annotations
@@ -33,7 +36,7 @@ from counterflex.files.cell import read_cell
 from counterflex.links import timing_probe
 from counterflex.links.machine import processor_times
 from counterflex.links.realtime import prepare
-from counterflex.links.session import Request
+from counterflex.links.session import OnlineSession, Request
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.record_ring import RecordRing
@@ -112,7 +115,38 @@ def _cell_process(rsi: Path, played: RecordedPass, cycles: int, pipe: Any) -> No
     cell.close()
 
 
-def reply(seconds: float) -> dict[str, Any]:
+def _timed(session: OnlineSession) -> dict[str, list[int]]:
+    """Lists that the times of a session's parts go to, ns; nested parts are indented."""
+    clock = time.perf_counter_ns
+    times: dict[str, list[int]] = {}
+
+    def watch(owner: Any, name: str, part: str) -> None:
+        inner, into = getattr(owner, name), times.setdefault(part, [])
+
+        def timed(*args: Any, **chosen: Any) -> Any:
+            start = clock()
+            result = inner(*args, **chosen)
+            into.append(clock() - start)
+            return result
+
+        setattr(owner, name, timed)
+
+    watch(session.link, "_read", "telegram read")
+    watch(session, "deal", "all behind it")
+    watch(session.link, "fill", "  pose and axes")
+    watch(session, "_watch_telegrams", "  telegrams watched")
+    watch(session, "_read_force", "  force")
+    watch(session.force, "drain", "    records taken in")
+    watch(session.loop, "take", "    fast samples")
+    watch(session, "_read_tracker", "  tracker")
+    watch(session.tracker, "drain", "    poses taken in")
+    watch(session.loop, "run", "  step")
+    watch(session.link, "answer", "  answer written and sent")
+    watch(session, "_record", "  record, behind the answer")
+    return times
+
+
+def reply(seconds: float, stages: bool = False) -> dict[str, Any]:
     """Times of the reply and of the echo, of the loop's own part, and the machine's condition."""
     cycles = GATE + round(seconds / 4e-3)
     context = multiprocessing.get_context("spawn")
@@ -120,6 +154,7 @@ def reply(seconds: float) -> dict[str, Any]:
     here, there = context.Pipe()
     with tempfile.TemporaryDirectory() as folder:
         job = steady.prepare(Path(folder), cycles)
+        _lengthen(job.rsi)
         cell = context.Process(target=_cell_process, args=(job.rsi, job.played, cycles, there), daemon=True)
         echo = context.Process(target=_echo_process, args=(own,), daemon=True)
         before = processor_times()
@@ -141,6 +176,7 @@ def reply(seconds: float) -> dict[str, Any]:
                 ring=ring,
             )
             size = _telegram_bytes(job)
+            parts = _timed(session) if stages else {}
             session.control[Request.ARM] = 1
             session.loop.run()
             session.loop.reset()
@@ -174,6 +210,7 @@ def reply(seconds: float) -> dict[str, Any]:
         "echo_us": echo_us,
         "ratio_p50": round(reply_us["p50"] / echo_us["p50"], 2),
         "loop_us": _micro(compute[GATE:done]),
+        "stages_us": {part: _micro(1e-9 * np.array(t[GATE:], dtype=np.float64)) for part, t in parts.items()},
         "unanswered": int(np.sum(late)),
         "states": states,
         "telegram_bytes": size,
@@ -184,6 +221,13 @@ def reply(seconds: float) -> dict[str, Any]:
     }
 
 
+def _lengthen(rsi: Path) -> None:
+    """Let the controller send motor currents and external axes too: a telegram of 600 bytes."""
+    more = "".join(f'<ELEMENT TAG="DEF_{tag}" TYPE="DOUBLE" INDX="INTERNAL"/>' for tag in ("MACur", "EIPos"))
+    text = rsi.read_text(encoding="utf-8")
+    rsi.write_text(text.replace("</ELEMENTS>", f"{more}</ELEMENTS>", 1), encoding="utf-8")
+
+
 def _telegram_bytes(job: steady.SteadyJob) -> int:
     played = job.played
     T, q = played.T_part_nominal[0], played.q_command[0]
@@ -191,29 +235,30 @@ def _telegram_bytes(job: steady.SteadyJob) -> int:
     return len(FakeRsi(read_config(job.rsi), RsiContext()).telegram(report))
 
 
-def run(seconds: float, quick: bool) -> dict[str, Any]:
-    """Measure everything; ``quick`` only shows that it runs."""
+def run(seconds: float, quick: bool, stages: bool = False) -> dict[str, Any]:
+    """Measure everything; ``quick`` only shows that it runs, ``stages`` times the parts of the reply too."""
     return {
         "schema": "counterflex-benchmark-online-reply",
-        "version": 1,
+        "version": 2,
         "quick": quick,
         "seconds": seconds,
         "machine": made_on(),
         "step_us": steps(4 if quick else 200, 50 if quick else 200),
-        **reply(seconds),
+        **reply(seconds, stages),
     }
 
 
 def show(result: dict[str, Any]) -> None:
     """Print the tables."""
     names = ("p50", "p99", "p99.9", "max")
-    print(f"{'us':<24}" + "".join(f"{name:>10}" for name in names) + f"{'n':>9}   goal")
+    print(f"{'us':<28}" + "".join(f"{name:>10}" for name in names) + f"{'n':>9}   goal")
     goals = {"reply": f"p50 < {GOAL_REPLY_P50_US:g}, p99.9 < {GOAL_REPLY_P999_US:g}"}
     rows = {f"step, {name}": times for name, times in result["step_us"].items()}
     rows |= {"reply": result["reply_us"], "do-nothing echo": result["echo_us"], "loop's own part": result["loop_us"]}
+    rows |= result["stages_us"]
     for name, times in rows.items():
         goal = goals.get(name, f"p50 < {GOAL_STEP_US:g}" if name.startswith("step") and "empty" not in name else "")
-        print(f"{name:<24}" + "".join(f"{times[key]:10.1f}" for key in names) + f"{times['n']:9d}   {goal}")
+        print(f"{name:<28}" + "".join(f"{times[key]:10.1f}" for key in names) + f"{times['n']:9d}   {goal}")
     print(
         f"reply over echo {result['ratio_p50']:g}; telegram of {result['telegram_bytes']} bytes; not answered within "
         f"the cycle: {result['unanswered']}; states {result['states']}"
@@ -229,9 +274,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Benchmark of the online loop's reply")
     parser.add_argument("--quick", action="store_true", help="a smoke run of a few seconds")
     parser.add_argument("--seconds", type=float, default=60.0, help="how long the reply is timed")
+    parser.add_argument("--stages", action="store_true", help="time the parts of the reply too")
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     arguments = parser.parse_args()
-    result = run(1.0 if arguments.quick else arguments.seconds, arguments.quick)
+    result = run(1.0 if arguments.quick else arguments.seconds, arguments.quick, arguments.stages)
     show(result)
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")

@@ -175,7 +175,7 @@ class RobotPort:
             return False
         self.data = self._rows[row]
         verdict = read(int(self._lengths[row]))
-        if verdict == _MALFORMED:
+        if verdict is _MALFORMED:
             counters.malformed += 1
             counters.malformed_in_a_row += 1
             return False
@@ -183,7 +183,7 @@ class RobotPort:
             self._sender = sender
             self.name[:] = self._names[row]
         counters.malformed_in_a_row = 0
-        if verdict == _NEW:
+        if verdict is _NEW:
             return True
         counters.old += verdict == _OLD
         counters.astray += verdict == _ASTRAY

@@ -17,6 +17,8 @@ from counterflex.wire.rsi_config import RsiConfig
 from counterflex.wire.rsi_kernel import MISSING, OK
 from counterflex.wire.rsi_telegram import LARGEST_DATAGRAM, answer_writer, robot_reader
 
+_MALFORMED, _NEW = Verdict.MALFORMED, Verdict.NEW
+
 
 class RsiLink:
     """One RSI session from the sensor program's side.
@@ -93,6 +95,7 @@ class RsiLink:
         self.clamped = False
         self.job = 0
         self._held: Float = np.zeros(len(names))
+        self._told = self._held.data  # the same, read faster
         places = [self._place_of("Stop"), self._place_of("FeedHold"), self._override, self._place_of("State")]
         nowhere = np.zeros(0, dtype=np.int64)
         self._table = ArrayTable(
@@ -142,9 +145,9 @@ class RsiLink:
     def _read(self, length: int) -> Verdict:
         status = self._reader.read(self._port.data, length)
         if status not in (OK, MISSING) or (status == MISSING and self._reader.seen.any()):
-            return Verdict.MALFORMED
+            return _MALFORMED
         verdict = self._line.judge(self._reader.counter)
-        if verdict == Verdict.NEW:
+        if verdict is _NEW:
             self._empty = status == MISSING
             self._held[:] = self._reader.values
         return verdict
@@ -155,11 +158,11 @@ class RsiLink:
         counters.lost += self.elapsed - 1
         counters.telegrams += 1
         if self._delay >= 0:
-            counters.late_at_robot = int(self._held[self._delay])
-        enable = 1.0 if self._enable < 0 else self._held[self._enable]
+            counters.late_at_robot = int(self._told[self._delay])
+        enable = 1.0 if self._enable < 0 else self._told[self._enable]
         self.enable = enable > 0.5
         self.job = int(enable + 0.5) if 1.5 < enable < 2**31 else 0
-        self.clamped = self._stat >= 0 and self._held[self._stat] > 1.5
+        self.clamped = self._stat >= 0 and self._told[self._stat] > 1.5
 
     @property
     def address(self) -> tuple[str, int]:

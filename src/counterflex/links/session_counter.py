@@ -12,6 +12,7 @@ _FAR_RUN, _NEAR_RUN = 3, 8
 """Telegrams in a row that follow each other but not the last good one, until they are another session's: beyond a
 second from it, and within (where they may be a batch that was overtaken)."""
 _FOLLOWS: Final = 10
+_NEW, _OLD, _ASTRAY = Verdict.NEW, Verdict.OLD, Verdict.ASTRAY
 
 
 class SessionCounter:
@@ -40,15 +41,15 @@ class SessionCounter:
         step = counter - self.newest if self.newest >= 0 else 1
         if 0 < step <= _SESSION_MS:
             self._run, self.newest = 0, counter
-            return Verdict.NEW
+            return _NEW
         near = -_SESSION_MS < step <= 0
         follows = self._run > 0 and 0 < counter - self._apart <= _FOLLOWS * self._cycle_ms
         self._run = self._run + 1 if follows else 1
         self._apart = counter
         if self._run < (_NEAR_RUN if near else _FAR_RUN):
-            return Verdict.OLD if near else Verdict.ASTRAY
+            return _OLD if near else _ASTRAY
         self._run, self._another, self.newest = 0, True, counter
-        return Verdict.NEW
+        return _NEW
 
     def advance(self) -> tuple[int, bool]:
         """Go on to the newest telegram.
