@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 import re
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from counterflex import __version__
+from counterflex.app.feed_for_tolerance import lowered_plan, shown_feed
 from counterflex.app.inputs import Job, faults_in, read_job, setting_of
 from counterflex.app.prediction import figures, prediction
 from counterflex.core import atomic
@@ -23,6 +24,7 @@ from counterflex.files.plan_file import write_plan
 from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose
 from counterflex.plan.compensate import plan as make_plan
+from counterflex.plan.feed_for_tolerance import FeedTolerance, at_feed
 from counterflex.plan.job_hash import job_hash
 from counterflex.plan.plan import Plan
 from counterflex.plan.tool_frame import tool_orientation
@@ -66,6 +68,7 @@ def compensate(
     tolerance_m: float = 5.0 * UM,
     normal_only: bool = False,
     predict: bool = True,
+    feed: FeedTolerance | None = None,
     progress: Progress = silent,
 ) -> Compensated:
     """Plan and write a compensated program.
@@ -78,6 +81,7 @@ def compensate(
         tolerance_m: Largest distance between the written path and the planned one.
         normal_only: Correct square to the feed only.
         predict: Predict what the uncompensated program does and what remains after compensation.
+        feed: Lower the feed where what remains would be outside a tolerance; None leaves it alone.
         progress: Told the fraction done.
 
     Raises:
@@ -92,6 +96,8 @@ def compensate(
             value=f"{tolerance_m / UM:g}",
             limit=f"{TOLERANCE_M[0] / UM:g} to {TOLERANCE_M[1] / UM:g}",
         )
+    if feed is not None and not predict:
+        raise InputError("without a prediction no feed can be found for a tolerance", where="--no-predict")
     begin = time.perf_counter()
     job = read_job(program, cell, dialect=dialect)
     carried = marks("\n".join(job.program.lines))
@@ -104,7 +110,12 @@ def compensate(
         )
     setting = setting_of(cell, normal_only=normal_only, orientation=language != "gcode")
     with faults_in(job):
-        plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, predict=predict, progress=progress)
+        if feed is None:
+            plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, predict=predict, progress=progress)
+        else:
+            lowered = lowered_plan(job, cell, setting, feed, progress)
+            plan = lowered.plan
+            job = replace(job, path=plan.path, sampled=at_feed(job.sampled, lowered.share))
     files, written = write(job, plan, cell, language, tolerance_m)
     about = {
         "job": "compensate",
@@ -116,6 +127,7 @@ def compensate(
         "job_hash": job_hash(plan),
         "written": written,
         "prediction": figures(plan),
+        **({} if feed is None else {"feed": shown_feed(lowered, feed)}),
         "seconds": round(time.perf_counter() - begin, 3),
         "counterflex": __version__,
     }

@@ -62,6 +62,18 @@ def compensate(
     predict: Annotated[
         bool, typer.Option("--predict/--no-predict", help="Predict the path error before and after.")
     ] = True,
+    feed_for_tolerance_um: Annotated[
+        float | None,
+        typer.Option(
+            "--feed-for-tolerance-um", help="Lower the feed where the predicted error would be above this.", min=0.1
+        ),
+    ] = None,
+    least_feed_percent: Annotated[
+        float, typer.Option("--least-feed-percent", help="With it: lowest share of the programmed feed, 5 to 100.")
+    ] = 30.0,
+    least_chip_um: Annotated[
+        float, typer.Option("--least-chip-um", help="With it: smallest chip that still cuts.", min=0.0)
+    ] = 10.0,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
@@ -70,10 +82,17 @@ def compensate(
     Writes into DIR: the program under its own name (or .src/.dat, .mod), plan.parquet (every point: time, pose,
     joints, force, deflection, correction, engagement), summary.json and report.html. Either all of them or none.
 
+    What compensation cannot follow in time, a lower feed can: with --feed-for-tolerance-um F words ($VEL.CP, speeddata)
+    are lowered there, planned anew up to five times, and what it costs is said.
+
     Example: `counterflex compensate part.ngc --cell cell.toml --out out --as krl`
     """
     from counterflex.app import compensate as job
+    from counterflex.plan.feed_for_tolerance import FeedTolerance
 
+    wish = None
+    if feed_for_tolerance_um is not None:
+        wish = FeedTolerance(feed_for_tolerance_um * UM, least_feed_percent / 100.0, least_chip_um * UM)
     if language not in job.LANGUAGES:
         raise InputError("unknown language", where="--as", value=language, limit=", ".join(job.LANGUAGES))
     keep_inputs(out, program)
@@ -89,11 +108,38 @@ def compensate(
             tolerance_m=tolerance_um * UM,
             normal_only=normal_only,
             predict=predict,
+            feed=wish,
         )
     if as_json:
         print_json(summary)
     else:
         _show(summary, out)
+        if "feed" in summary:
+            _show_feed(summary["feed"])
+
+
+def _show_feed(found: dict[str, Any]) -> None:
+    """What a lower feed brought, what it cost, and where it was not enough."""
+    if found["lines"]:
+        print_table(
+            "Feed for tolerance",
+            ["line", "feed", "before um", "after um", ""],
+            [
+                [
+                    str(line["line"]),
+                    f"{line['feed_percent']:g} %",
+                    f"{line['before_um']:g}",
+                    f"{line['after_um']:g}",
+                    f"not reached: {line['why']}" if line["why"] else "",
+                ]
+                for line in found["lines"]
+            ],
+        )
+    typer.echo(
+        f"predicted error {found['worst_before_um']:g} um at the programmed feed, {found['worst_after_um']:g} um now"
+        f" (asked for {found['tolerance_um']:g}); it costs {found['extra_s']:.1f} s of {found['time_s']:.1f} s,"
+        " accelerations left out"
+    )
 
 
 def _show(summary: dict[str, Any], out: Path) -> None:

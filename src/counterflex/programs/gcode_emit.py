@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import Final
 
@@ -70,7 +71,9 @@ class Emitter(WrittenMachine):
                 self.lines.append(line.render())
                 self.arrive(block.first_motion, motion)
             elif motion.kind == "arc":
-                self.hold_feed(line, block.modal, motion.feed_m_s, 1.0)
+                index = block.first_motion
+                share = self.rows.share_of(int(self.rows.first[index]), int(self.rows.last[index]))
+                self.hold_feed(line, block.modal, motion.feed_m_s, share)
                 emit_arc(self, block, line, block.first_motion, motion)
             else:
                 self._straight(block, line, block.first_motion, motion)
@@ -131,7 +134,8 @@ class Emitter(WrittenMachine):
         if last < 0:
             return 1.0
         nominal = float(self.rows.way[last] - self.rows.way[first - 1])
-        return float(feed_factor(np.array([nominal]), np.array([np.linalg.norm(self.here() - start)]))[0])
+        factor = float(feed_factor(np.array([nominal]), np.array([np.linalg.norm(self.here() - start)]))[0])
+        return factor * self.rows.share_of(first, last)
 
     def _split(self, block: Block, line: WrittenLine, index: int, motion: Motion, inner: list[int]) -> None:
         """One straight motion as several blocks; the first is the source's own line."""
@@ -141,6 +145,7 @@ class Emitter(WrittenMachine):
         steps = [*inner, last]
         travel = np.linalg.norm(np.diff(rows.command[[first - 1, *steps]], axis=0), axis=1)
         factors = feed_factor(np.diff(rows.way[[first - 1, *steps]]), travel)
+        factors = factors * [rows.share_of(a + 1, b) for a, b in itertools.pairwise([first - 1, *steps])]
         feeds = self.feeds(line, modal, self._shares(float(rows.way[first - 1]), rows.way[steps], travel))
         prefix = "G53 G1" if any(w.letter == "G" and w.value == 53.0 for w in line.words) else "G1"
         for step, row in enumerate(steps):
@@ -170,7 +175,9 @@ class Emitter(WrittenMachine):
         """
         indices = range(block.first_motion, block.first_motion + block.motion_count)
         modal, motions = block.modal, self.program.motions
-        self.hold_feed(line, modal, max(motions[i].feed_m_s for i in indices), 1.0)
+        fastest = max(indices, key=lambda i: motions[i].feed_m_s)
+        share = self.rows.share_of(int(self.rows.first[fastest]), int(self.rows.last[fastest]))
+        self.hold_feed(line, modal, motions[fastest].feed_m_s, share)
         homing = any(w.letter == "G" and w.value in (28.0, 30.0) for w in line.words)
         moved = any(bool(self.rows.moved[i]) for i in indices)
         if homing and not moved:

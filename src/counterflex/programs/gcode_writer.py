@@ -108,7 +108,7 @@ def write_gcode(
     units = {block.modal.unit_m for block in program.blocks} or {MM}
     resolution = max(u * 10.0 ** -(decimals + (u == INCH)) for u in units)
     dropped = float(np.max(np.linalg.norm(compensated.rotvec_part_command, axis=1), initial=0.0))
-    if not rows.moved.any():
+    if not rows.moved.any() and np.all(rows.share == 1.0):
         return GcodeText(
             text=program.newline.join(program.lines),
             moved_motions=0,

@@ -10,6 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
+from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.program import Program
 from counterflex.programs.simplify import simplify
@@ -32,6 +33,7 @@ class MotionRows:
         shift: (n, 3) m, command minus nominal, exactly zero where nothing is corrected.
         way: (n,) m, nominal length up to the row.
         vertex: (n,) True where a straight motion needs a vertex.
+        share: (n,) of the programmed feed, of the segment that ends at each row.
     """
 
     first: Int
@@ -43,6 +45,16 @@ class MotionRows:
     way: Float
     vertex: Bool
     dwell_error_m: float
+    share: Float
+
+    def share_of(self, first: int, last: int) -> float:
+        """Share of the programmed feed over the segments that end at rows ``first`` to ``last``: way by time."""
+        if last < first:
+            return 1.0
+        share = self.share[first : last + 1]
+        steps = np.diff(self.way[first - 1 : last + 1]) if first > 0 else np.ones(len(share))
+        total = float(steps.sum())
+        return total / float(np.sum(steps / share)) if total > 0.0 else float(share[-1])
 
 
 def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: float) -> MotionRows:
@@ -100,6 +112,11 @@ def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: flo
     row_moved[joint] = False
     moved = np.zeros(count, dtype=np.bool_)
     np.logical_or.at(moved, motion, row_moved)
+    share = _shares(program, path)
+    slowed = np.zeros(count, dtype=np.bool_)
+    np.logical_or.at(slowed, motion, share != 1.0)
+    straight = np.array([single_straight(program, index) for index in range(count)], dtype=np.bool_)
+    moved |= slowed & straight
     moved[dwells] = False
     steps = np.linalg.norm(np.diff(path.p_part_tcp, axis=0), axis=1)
     way = np.concatenate([[0.0], np.cumsum(steps)])[:n]
@@ -107,5 +124,23 @@ def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: flo
     vertex[last[have]] = True
     vertex[np.maximum(first[have] - 1, 0)] = True
     vertex[:1] = True
+    vertex[:-1] |= share[1:] != share[:-1]
     vertex[simplify(way, command, tolerance_m, fixed=vertex)] = True
-    return MotionRows(first, last, moved, path.p_part_tcp, command, shift, way, vertex, held)
+    return MotionRows(first, last, moved, path.p_part_tcp, command, shift, way, vertex, held, share)
+
+
+def single_straight(program: Program, index: int) -> bool:
+    """Whether a motion is a straight feed that is a block of its own: only such a one may have several feeds."""
+    motion = program.motions[index]
+    block = program.blocks[motion.block]
+    return motion.kind == "feed" and block.motion_count == 1 and not block.cycle
+
+
+def _shares(program: Program, path: ToolPath) -> Float:
+    """(n,) sampled by programmed feed; 1 for rapids, dwells and the first row."""
+    programmed = np.array([motion.feed_m_s for motion in program.motions])[path.motion]
+    feed = (path.kind == FEED) & (programmed > 0.0)
+    feed[:1] = False
+    ratio = np.where(feed, path.feed_m_s / np.where(feed, programmed, 1.0), 1.0)
+    out: Float = np.where(np.abs(ratio - 1.0) < 1e-9, 1.0, ratio)
+    return out
