@@ -10,7 +10,7 @@ import pytest
 
 from counterflex.app import haehn_case
 from counterflex.app.inputs import Job, read_job, setting_of
-from counterflex.app.reproduce_haehn import over_seeds, run
+from counterflex.app.reproduce_haehn import PLANNED, over_seeds, run
 from counterflex.core.arrays import Float
 from counterflex.core.atomic import write_text
 from counterflex.core.errors import InputError
@@ -116,3 +116,8 @@ def test_refusals(tmp_path: Path) -> None:
         run(tmp_path, seeds=0)
     with pytest.raises(InputError, match="truth level"):
         run(tmp_path, level="guessed")
+
+
+def test_every_variant_and_the_plan_have_folders_of_their_own() -> None:
+    """In one folder each would take the other's mark for that of a changed one, and all would be made again."""
+    assert len({PLANNED, *haehn_case.names()}) == 1 + len(haehn_case.names())

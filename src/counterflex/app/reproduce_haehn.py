@@ -37,7 +37,8 @@ GOALS_MM: Final[dict[str, float]] = {"force_pilot": 0.3, "hybrid": 0.15}
 """Largest error that these should leave, at every edge and on every truth."""
 _FIGURES: Final = ("path", "entry", "plateau", "exit")
 _BASE: Final = "cell.toml"
-_PLAN: Final = "plan"
+PLANNED: Final = "compensated"
+"""Folder of an edge's plan; no variant has this name, so that neither takes the other's place."""
 _PLAN_FILE: Final = "plan.parquet"
 _PLANNING: Final = ("counterflex.app.compensate",)
 _MILLING: Final = ("counterflex.app.over_sockets", "counterflex.app.evaluate")
@@ -140,7 +141,7 @@ def _prepare(place: Path, edge: str, cell: Path) -> None:
     """Program, cell files and plan of one edge on one simulated cell."""
     base = tomllib.loads(cell.read_text(encoding="utf-8"))
     haehn_case.write_cells(base, place, edge)
-    cell_file, program, plan = place / haehn_case.OFFLINE, place / haehn_case.PROGRAM, place / _PLAN
+    cell_file, program, plan = place / haehn_case.OFFLINE, place / haehn_case.PROGRAM, place / PLANNED
     mark = _plan_mark(place)
     if finished(plan, mark) is None:
         begin(plan, mark)
@@ -155,7 +156,7 @@ def _plan_mark(place: Path) -> Mark:
 
 def _run_mark(place: Path, truth: Path, seed: int, kind: str, output: str) -> Mark:
     """What a run is made from."""
-    plan = place / _PLAN
+    plan = place / PLANNED
     commanded = (plan / haehn_case.PROGRAM,) if haehn_case.KINDS[kind].compensated else ()
     files = (place / haehn_case.cell_name(kind, output), place / haehn_case.PROGRAM, *commanded)
     return fingerprint(*files, plan / _PLAN_FILE, truth, code=_MILLING, kind=kind, output=output, seed=seed)
@@ -178,8 +179,8 @@ def one(place: Path, truth: Path, seed: int, kind: str, output: str, *, progress
     item = haehn_case.KINDS[kind]
     part = place / haehn_case.variant_name(kind, output)
     cell, original = place / haehn_case.cell_name(kind, output), place / haehn_case.PROGRAM
-    plan = place / _PLAN / _PLAN_FILE
-    program = place / _PLAN / haehn_case.PROGRAM if item.compensated else original
+    plan = place / PLANNED / _PLAN_FILE
+    program = place / PLANNED / haehn_case.PROGRAM if item.compensated else original
     mark = _run_mark(place, truth, seed, kind, output)
     kept = finished(part, mark)
     if kept is not None:
