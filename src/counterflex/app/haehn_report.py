@@ -38,13 +38,15 @@ def acted(name: str, found: Mapping[str, Any]) -> bool:
 
 
 def spread(summary: Mapping[str, Any], name: str, edge: str, part: str) -> str:
-    """Median and worst of a figure over the truths, mm; a dash where no run counts."""
+    """Median and worst of a figure over the truths, mm; one number of one, a dash where no run counts."""
     values = [
         row["variants"][name][part]["max_mm"]
         for row in summary["seeds"]
         if row["edge"] == edge and acted(name, row["variants"][name]) and part in row["variants"][name]
     ]
-    return f"{statistics.median(values):.3f} / {max(values):.3f}" if values else "-"
+    if not values:
+        return "-"
+    return f"{statistics.median(values):.3f} / {max(values):.3f}" if len(values) > 1 else f"{values[0]:.3f}"
 
 
 def page(summary: Mapping[str, Any], folder: Path) -> str:
@@ -162,6 +164,7 @@ def _groove(part: Path, name: str, edge: str, seed: int, job: Job, cell: Cell) -
         axis_m=found.across_axis_m[level],
         force_n=force[level],
         cutting=found.cutting[level] & ~found.broken[level],
+        entering=found.entry[level],
         leaving=found.exit[level],
     )
 

@@ -13,9 +13,9 @@ from counterflex.core.units import MM
 from counterflex.report.arrays_json import numbers, thin
 from counterflex.report.page import render
 
-COLOURS: Final = ("#6b7280", "#c2410c", "#b45309", "#7c3aed", "#0369a1", "#15803d", "#be185d", "#0e7490")
+COLOURS: Final = ("#6b7280", "#c2410c", "#d9a000", "#0369a1", "#7c3aed", "#15803d", "#be185d", "#0e7490")
 _POINTS: Final = 900
-_SHADE: Final = "rgba(217, 169, 58, 0.16)"
+_SHADES: Final = {"entering": "rgba(3, 105, 161, 0.08)", "leaving": "rgba(217, 169, 58, 0.16)"}
 _EDGE: Final = "#1b2530"
 
 
@@ -32,7 +32,8 @@ class GrooveRun:
         axis_m: (k,) error along the tool axis, positive is too little depth; m.
         force_n: (k,) size of the process force.
         cutting: (k,) material is removed.
-        leaving: (k,) where the tool leaves, part of ``cutting``.
+        entering: (k,) from first contact to the plateau, part of ``cutting``.
+        leaving: (k,) where the tool leaves, likewise.
     """
 
     variant: str
@@ -43,6 +44,7 @@ class GrooveRun:
     axis_m: Float
     force_n: Float
     cutting: Bool
+    entering: Bool
     leaving: Bool
 
 
@@ -126,8 +128,8 @@ def _dots(data: GrooveData) -> dict[str, Any]:
     traces: list[dict[str, Any]] = []
     layout: dict[str, Any] = {
         "height": 120 + 40 * len(names),
-        "margin": {"l": 130, "r": 12, "t": 34, "b": 44},
-        "legend": {"orientation": "h", "y": -0.14},
+        "margin": {"l": 130, "r": 12, "t": 58, "b": 44},
+        "legend": {"orientation": "h", "y": 1.09, "yanchor": "bottom", "x": 0.0},
         "yaxis": {"categoryorder": "array", "categoryarray": names[::-1], "automargin": True},
         "annotations": [],
     }
@@ -278,7 +280,7 @@ def _colours(names: Sequence[str], slender: Sequence[str]) -> list[str]:
 
 
 def _edges_and_leaving(runs: Sequence[GrooveRun], end_mm: float) -> list[dict[str, Any]]:
-    """Both edges of the blank as lines, and the stretch in which the tool leaves as a shade."""
+    """Both edges of the blank as lines; where the tool enters and leaves, in the first run, as shades."""
     shapes = [
         {
             "type": "line",
@@ -292,8 +294,10 @@ def _edges_and_leaving(runs: Sequence[GrooveRun], end_mm: float) -> list[dict[st
         }
         for x in (0.0, end_mm)
     ]
-    places = next((run.place_m[run.leaving] / MM for run in runs if np.any(run.leaving)), None)
-    if places is not None:
+    for run, part in ((run, part) for run in runs[:1] for part in _SHADES):
+        places = run.place_m[run.entering if part == "entering" else run.leaving] / MM
+        if len(places) == 0:
+            continue
         shapes.append(
             {
                 "type": "rect",
@@ -303,7 +307,7 @@ def _edges_and_leaving(runs: Sequence[GrooveRun], end_mm: float) -> list[dict[st
                 "x1": round(float(places.max()), 2),
                 "y0": 0.0,
                 "y1": 1.0,
-                "fillcolor": _SHADE,
+                "fillcolor": _SHADES[part],
                 "line": {"width": 0},
                 "layer": "below",
             }
