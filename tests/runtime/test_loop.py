@@ -187,6 +187,28 @@ def test_a_stale_force_holds_and_goes_on_when_it_is_back() -> None:
     assert loop.state == State.ACTIVE
 
 
+def test_after_a_hold_the_correction_goes_on_where_it_stood_and_ramps_to_what_is_wanted() -> None:
+    """The force is gone while the feed is held; no step when it goes on, and all of the correction in the end."""
+    chosen = OnlineSettings(force=ForceMode.MEASURED, **WIDE)
+    loop = armed(straight((0.0, 300.0, 0.0)), chosen)
+    w = six((0.0, 300.0, 0.0))
+    for k in range(400):
+        steady = mill(loop, 0.04 + 1e-4 * k, w)
+    for age in range(1, 20):
+        held = mill(loop, 0.08, np.zeros(6), force_age=age)
+    assert loop.state == State.HOLD
+    fastest, before = 0.0, held
+    for _ in range(150):  # good again, the robot stands still, no force
+        now = mill(loop, 0.08, np.zeros(6))
+        fastest, before = max(fastest, float(np.linalg.norm(now - before))), now
+    assert loop.state == State.ACTIVE
+    assert fastest <= chosen.ramp_m_s * chosen.period_s * 1.01
+    assert np.linalg.norm(now[:3]) < np.linalg.norm(held[:3])
+    for k in range(300):
+        again = mill(loop, 0.08 + 1e-4 * k, w)
+    np.testing.assert_allclose(again[:3], steady[:3], atol=3e-6)
+
+
 def test_lost_telegrams_hold_then_stop() -> None:
     loop = armed(straight(), OnlineSettings(**WIDE))
     states = []

@@ -12,6 +12,9 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.runtime import plausibility_kernel as pk
 
+_SIGN_LEAST = 15
+"""Samples that must at least mirror the correction."""
+
 
 @dataclass(frozen=True)
 class Plausibility:
@@ -26,6 +29,8 @@ class Plausibility:
         growth: Residual by what it was before the correction acted.
         against: Share of the correction's change by which the residual may grow against it where no force is known.
         residual_s: How long that lasts before it is a fault.
+        mirrored: Share of the correction's change by which that of the residual may differ from its mirror image for
+            the sign to be judged wrong.
         frame_m: Largest difference of measured and commanded position before arming.
         frame_rad: Likewise of orientation.
         return_m: Largest difference from the prediction when a tracker is back.
@@ -46,6 +51,7 @@ class Plausibility:
     growth: float = 1.5
     against: float = 0.5
     residual_s: float = 250.0 * MS
+    mirrored: float = 0.2
     frame_m: float = 2.0 * MM
     frame_rad: float = 0.2 * DEG
     return_m: float = 0.2 * MM
@@ -72,8 +78,13 @@ class Plausibility:
                 "plausibility: angle_rad lets every direction pass", value=self.angle_rad / DEG, limit="< 180 deg"
             )
 
-    def packed(self, period_s: float) -> tuple[Float, Int]:
-        """(LIMITS,) and (TIMES,) for the kernels, with times in cycles of ``period_s``, at least one each."""
+    def packed(self, period_s: float, gain: float = 0.0) -> tuple[Float, Int]:
+        """(LIMITS,) and (TIMES,) for the kernels, with times in cycles of ``period_s``, at least one each.
+
+        Args:
+            period_s: Cycle.
+            gain: Of the tracker's integrator, per cycle; 0: none, the mirror image is not judged.
+        """
         limits = np.zeros(pk.LIMITS)
         for place, value in (
             (pk.L_LEAST, self.least_m),
@@ -90,6 +101,7 @@ class Plausibility:
             (pk.L_IDLE_N, self.idle_n),
             (pk.L_IDLE_NM, self.idle_nm),
             (pk.L_PERIOD, period_s),
+            (pk.L_MIRRORED, self.mirrored),
         ):
             limits[place] = value
         times = np.zeros(pk.TIMES, dtype=np.int64)
@@ -103,4 +115,5 @@ class Plausibility:
             (pk.T_WINDOW, min(100.0 * MS, pk.WINDOW_MOST * period_s)),
         ):
             times[place] = max(1, round(seconds / period_s))
+        times[pk.T_SIGN] = max(_SIGN_LEAST, math.ceil(2.0 * self.mirrored / gain)) if gain > 0.0 else 0
         return limits, times

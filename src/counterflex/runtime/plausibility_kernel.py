@@ -37,7 +37,8 @@ L_FORCE_N: Final = 10  # least force that has a direction
 L_IDLE_N: Final = 11
 L_IDLE_NM: Final = 12
 L_PERIOD: Final = 13
-LIMITS: Final = 14
+L_MIRRORED: Final = 14  # share by which the residual's change may differ from the correction's mirrored one
+LIMITS: Final = 15
 
 # Limits in cycles, int64.
 T_ANSWER: Final = 0
@@ -47,7 +48,8 @@ T_RETURN: Final = 3  # samples in a row that must agree
 T_DIRECTION: Final = 4
 T_IDLE: Final = 5
 T_WINDOW: Final = 6  # cycles over which changes of residual and correction are compared
-TIMES: Final = 7
+T_SIGN: Final = 7  # samples in a row that mirror the correction; 0: not judged
+TIMES: Final = 8
 
 # What is remembered, float64.
 M_STANDING: Final = 0  # 3: reported minus commanded while nothing is corrected and the robot stands
@@ -76,7 +78,8 @@ K_KNOWN: Final = 11  # 1: a sample has been believed
 K_SOFT: Final = 12  # causes for the next cycle
 K_HARD: Final = 13
 K_EARLY: Final = 14  # doubts found before the step
-COUNTS: Final = 15
+K_SIGN: Final = 15
+COUNTS: Final = 16
 
 # Bits that say what is doubted.
 DOUBT_ANSWER: Final = 1
@@ -188,6 +191,10 @@ def residual_grows(
     sample counts only where the residual moves against the correction, over T_WINDOW cycles: ``dd . dc < -a |dc|^2``.
     A right correction gives ``dd = dc`` plus what the process adds, a wrong sign ``dd = -dc``.
 
+    That mirror image is judged sooner: ``|d| > 0.1 mm`` and ``|dd + dc| < 0.2 |dc|`` over T_SIGN samples in a row.
+    A process under a right correction would have to grow by ``dp = -2 dc`` to look so. While an integrator of gain K
+    per second follows a ramp or a sine it does for 0.2 / K s at most; T_SIGN is twice that.
+
     Args:
         deviation: (3,) d across the feed, m, part axes: a new sample.
         in_effect: (3,) correction in effect, as the loop reckons it.
@@ -205,14 +212,18 @@ def residual_grows(
     window = times[T_WINDOW]
     place = counts[K_PLACE]
     old = M_RING + 6 * place
-    against = False
+    against = mirrored = False
     if counts[K_FILLED] >= window:
-        both = square = 0.0
+        both = square = apart = 0.0
         for k in range(3):
             change = in_effect[k] - memory[old + 3 + k]
-            both += change * (deviation[k] - memory[old + k])
+            grown = deviation[k] - memory[old + k]
+            both += change * grown
             square += change * change
-        against = math.sqrt(square) > 0.3 * limits[L_LEAST] and both < -limits[L_AGAINST] * square
+            apart += (grown + change) ** 2
+        tells = math.sqrt(square) > 0.3 * limits[L_LEAST]
+        against = tells and both < -limits[L_AGAINST] * square
+        mirrored = tells and apart < limits[L_MIRRORED] ** 2 * square
     for k in range(3):
         memory[old + k], memory[old + 3 + k] = deviation[k], in_effect[k]
     counts[K_PLACE] = (place + 1) % window
@@ -220,12 +231,14 @@ def residual_grows(
     memory[M_EXPECTED] = max(expected_m, _FADE * memory[M_EXPECTED])
     if not active:
         memory[M_START] += _SETTLE * (size - memory[M_START])
-        counts[K_RESIDUAL] = 0
+        counts[K_RESIDUAL] = counts[K_SIGN] = 0
         return False
     start = max(memory[M_START], memory[M_EXPECTED])
     bad = size > limits[L_LEAST] and size > limits[L_GROWTH] * start and against
     counts[K_RESIDUAL] = counts[K_RESIDUAL] + 1 if bad else 0
-    return bool(counts[K_RESIDUAL] >= times[T_RESIDUAL])
+    counts[K_SIGN] = counts[K_SIGN] + 1 if size > limits[L_LEAST] and mirrored else 0
+    wrong_sign = times[T_SIGN] > 0 and counts[K_SIGN] >= times[T_SIGN]
+    return bool(wrong_sign or counts[K_RESIDUAL] >= times[T_RESIDUAL])
 
 
 @kernel("boolean(float64[::1], boolean, float64[::1], int64[::1])")

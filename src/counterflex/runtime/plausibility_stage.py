@@ -6,7 +6,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.runtime import plausibility_kernel as pk
-from counterflex.runtime.settings import OnlineSettings
+from counterflex.runtime.settings import OnlineSettings, TrackerMode
 
 _SETTLED_S = 0.2
 
@@ -23,7 +23,9 @@ class PlausibilityStage:
     """
 
     def __init__(self, settings: OnlineSettings) -> None:
-        self._limits, self._times = settings.plausibility.packed(settings.period_s)
+        integrates = settings.tracker in (TrackerMode.INTEGRATOR, TrackerMode.DESIGNED)
+        gain = settings.tuning.gain if integrates else 0.0
+        self._limits, self._times = settings.plausibility.packed(settings.period_s, gain)
         settled = round((_SETTLED_S + 2.0 * settings.smoothing.delay_s) / settings.period_s)
         self._settled: Int = np.array([settled], dtype=np.int64)
         self.memory: Float = np.zeros(pk.REMEMBERED)

@@ -28,6 +28,7 @@ from counterflex.runtime.plausibility_kernel import (
     K_FRAME,
     K_HARD,
     K_RESIDUAL,
+    K_SIGN,
     K_SOFT,
     K_UNSEEN,
     K_WAITING,
@@ -188,7 +189,7 @@ def not_seen(at_state: int, times: Int, counts: Int) -> int:
 @kernel("void(int64[::1])")
 def forget_doubts(counts: Int) -> None:
     """The operator's reset: what was counted towards a fault begins anew."""
-    counts[K_ANSWER] = counts[K_RESIDUAL] = counts[K_DIRECTION] = 0
+    counts[K_ANSWER] = counts[K_RESIDUAL] = counts[K_SIGN] = counts[K_DIRECTION] = 0
 
 
 @kernel("Tuple((int64, int64))(int64, int64)")
