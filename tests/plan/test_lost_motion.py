@@ -17,6 +17,7 @@ from counterflex.plan.compensate import Setting, plan, solve_joints, touched_poi
 from counterflex.plan.lost_motion import corrected_joints, play_deviation
 from counterflex.robot.chain import forward
 from counterflex.robot.description import Play
+from counterflex.signals.preview import Shaping
 
 PathOf = Callable[..., ToolPath]
 CellOf = Callable[..., Cell]
@@ -93,8 +94,9 @@ def test_corrected_joints_reach_the_corrected_point(path_of: PathOf, setting: Se
 
 
 def test_the_plan_takes_lost_motion_back(path_of: PathOf, cell_of: CellOf, setting: Setting) -> None:
-    """In a steady cut the correction is that of the plan without play, less the lost motion of the corrected path."""
+    """Without shaping in time the correction is that of the plan without play, less what the corrected path loses."""
     cell = cell_of()
+    setting = replace(setting, shaping=Shaping(smoothing_s=0.0, lead_s=0.0))
     path = path_of("G0 Z60\nG0 X-12 Y15\nG0 Z36\nG1 X52 F1500\nG0 Z60", step_mm=0.5)
     with_play = plan(path, lines(path), cell.stock(), setting)
     bare = replace(setting, chain=replace(setting.chain, play=None))

@@ -178,10 +178,9 @@ def test_a_rigid_robot_needs_no_correction_and_shows_no_error(cell: Cell, groove
     assert np.all(found.correction_part == 0.0)
 
 
-def test_normal_only_leaves_the_position_along_the_feed(
-    cell: Cell, groove: ToolPath, setting: Setting, compensated: Plan
-) -> None:
-    found = planned(groove, cell, replace(setting, normal_only=True))
+def test_normal_only_leaves_the_position_along_the_feed(cell: Cell, groove: ToolPath, setting: Setting) -> None:
+    at_once = replace(setting, shaping=AT_ONCE)
+    compensated, found = planned(groove, cell, at_once), planned(groove, cell, replace(at_once, normal_only=True))
     rows = found.cutting
     assert np.abs(found.correction_part[rows, 0]).max() < 1e-15
     assert found.correction_part[rows, 1:] == pytest.approx(compensated.correction_part[rows, 1:], abs=1e-12)

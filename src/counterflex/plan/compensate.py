@@ -22,12 +22,13 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import wrench
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.cut import Cut, cut
+from counterflex.plan.cut import Cut, at_points, cut
 from counterflex.plan.flute_length import check_flutes
-from counterflex.plan.lost_motion import corrected_joints, play_deviation
+from counterflex.plan.lost_motion import corrected_joints
 from counterflex.plan.part_frame import sag_deviation, true_part_frame
 from counterflex.plan.plan import Plan, across, impulse_share
 from counterflex.plan.response import within
+from counterflex.plan.tool_deviation import Robot, can_move, lost_motion, mode_of, run
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
 from counterflex.robot import compliance, gravity
 from counterflex.robot.chain import ElasticChain, forward
@@ -37,12 +38,16 @@ from counterflex.signals.preview import Mode, Shaping, by_group
 EXTRAPOLATED_SHARE = 0.02
 """Share of the force impulse that may come from chips outside the law's range before planning refuses."""
 _CONTACT_M3 = 1e-12
+_ROUNDS = 2
+"""How often the correction is tried on the model of the robot in motion and mended by what that leaves."""
 _PLAY_ROUNDS = 3
+"""The same for what the axes lose at rest, where nothing is shaped in time or nothing is known of masses."""
+_SHARE = 0.7
+"""Of what is left, per round: friction and cutting answer otherwise than the one mode that inverts the command."""
 _APPROACH_S = 0.3
 """So long before and after contact the path is freed of sag and lost motion too: cuts begin in the right place."""
 _FADE_S = 0.2
 """Beyond that, corrections that are left over from shaping are taken for zero."""
-"""A correction moves the axes and so changes what they lose; the change is a few percent of the lost motion."""
 
 
 @dataclass(frozen=True)
@@ -154,58 +159,52 @@ def plan(
     )
     sag = residual_sag(path.p_part_tcp, joints.q, setting)
     touched = touched_points(setting)
-
-    def lost(q: Float, w_part: Float) -> Float:
-        return play_deviation(
-            setting.chain, setting.T_base_part, path.p_part_tcp, q, w_part, path.time_s, touched, setting.mode
-        )
-
+    hardest = joints.q[int(np.argmax(np.linalg.norm(w[:, :3], axis=1)))]
+    mode = mode_of(setting.chain, hardest, setting.mode)
+    robot = Robot(setting, path, joints.q, part_compliance(setting, joints.q), sag, touched, mode)
     static = np.concatenate([deflection[:, :3] + sag, deflection[:, 3:]], axis=1)
     feed_run = feed_runs(path)
     near = within(contact, path.time_s, feed_run, _APPROACH_S)
     reach = within(near, path.time_s, feed_run, _FADE_S)
     swung = _through_arm(setting, joints.q, w, deflection)
-    q_corrected, play = joints.q, np.zeros_like(sag)
-    for _ in range(1 if setting.chain.play is None and setting.chain.servo is None else 1 + _PLAY_ROUNDS):
-        against = np.where(near[:, None], static - swung + np.pad(play, ((0, 0), (0, 3))), 0.0)
-        against = by_group(against, swung, path.time_s, feed_run, (setting.mode,), setting.shaping)
-        against[~reach] = 0.0
+
+    def shaped(wanted: Float, swinging: Float) -> Float:
+        out = by_group(np.where(near[:, None], wanted, 0.0), swinging, path.time_s, feed_run, (mode,), setting.shaping)
+        out[~reach] = 0.0
+        return out
+
+    def at_rest(lost: Float) -> Float:
+        return shaped(static - swung + np.pad(lost, ((0, 0), (0, 3))), swung)
+
+    moving = can_move(setting.chain) and setting.shaping.smoothing_s > 0.0 and bool(np.any(contact))
+    rounds = _ROUNDS if moving else _PLAY_ROUNDS
+    against = at_rest(lost_motion(robot, joints.q, w))
+    for k in range(1 + rounds):
         correction = 0.0 - against[:, :3]
         if setting.normal_only:
             correction = across(correction, path.p_part_tcp)
         turn = 0.0 - against[:, 3:] if setting.orientation else np.zeros_like(correction)
         q_corrected = corrected_joints(setting.controller_chain, setting.T_base_part, joints.q, correction, turn)
-        play = lost(q_corrected, w)
+        if (predict and k == rounds) or (moving and k < rounds):
+            length = 0.4 / (1 + rounds)
+            said = part_of(0.4 + length * k, length, "compensated program")
+            _, off = run(robot, stock, q_corrected, correction, said)
+        if k < rounds and moving:
+            left = off if setting.orientation else np.pad(off[:, :3], ((0, 0), (0, 3)))
+            if setting.normal_only:
+                left = np.concatenate([across(left[:, :3], path.p_part_tcp), left[:, 3:]], axis=1)
+            against += _SHARE * shaped(left, np.zeros_like(left))
+        elif k < rounds:
+            against = at_rest(lost_motion(robot, q_corrected, w))
+    play = lost_motion(robot, q_corrected, w)
     _check_corrections(correction, turn, line, setting.limits)
     nominal = np.full((len(path), 3), np.nan)
     compensated = nominal.copy()
     w_nominal = np.full((len(path), 6), np.nan)
     if predict:
-        C_part = part_compliance(setting, joints.q)
-        bent = cut(
-            path,
-            path.p_part_tcp,
-            stock.copy(),
-            setting.cutter_of,
-            setting.law,
-            compliance_part=C_part,
-            mode=setting.mode,
-            progress=part_of(0.4, 0.3, "uncompensated program"),
-        )
-        w_nominal = bent.w_tcp_part
-        nominal = bent.displacement_part[:, :3] + sag + lost(joints.q, at_points(w_nominal, contact))
-        rest = cut(
-            path,
-            path.p_part_tcp,
-            stock.copy(),
-            setting.cutter_of,
-            setting.law,
-            compliance_part=C_part,
-            mode=setting.mode,
-            correction_part=correction,
-            progress=part_of(0.7, 0.3, "compensated program"),
-        )
-        compensated = rest.displacement_part[:, :3] + sag + play
+        said = part_of(0.8, 0.2, "uncompensated program")
+        bent, off_nominal = run(robot, stock, joints.q, np.zeros_like(correction), said)
+        w_nominal, nominal, compensated = bent.w_tcp_part, off_nominal[:, :3], off[:, :3]
     progress(1.0)
     return Plan(
         path=path,
@@ -319,17 +318,6 @@ def feed_runs(path: ToolPath) -> Int:
     still[:1] = False
     change = (np.diff(path.kind, prepend=path.kind[:1]) != 0) | (np.diff(still.astype(np.int64), prepend=0) != 0)
     out: Int = np.cumsum(change)
-    return out
-
-
-def at_points(w: Float, contact: Bool) -> Float:
-    """Force at the points from force over the segments: the mean of the segments that meet there, while in contact.
-
-    At the last point of a stretch that ends inside the material (the tool then lifts) the last segment's force stands.
-    """
-    out = np.where(contact[:, None], w, 0.0)
-    both = contact[:-1] & contact[1:]
-    out[:-1][both] = 0.5 * (w[:-1][both] + w[1:][both])
     return out
 
 

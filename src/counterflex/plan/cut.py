@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int, as_float
+from counterflex.core.arrays import Bool, Float, Int, as_float
 from counterflex.core.errors import InputError, ModelError, ProgramError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
@@ -19,6 +19,8 @@ from counterflex.cutting.removal import bin_edges_rad, grid_of, stamp_workspace
 from counterflex.cutting.stock import HeightMap, require_vertical
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.cut_kernel import STATE, cut_rows
+from counterflex.plan.elastic_motion import STILL
+from counterflex.plan.elastic_motion_kernel import Motion
 from counterflex.signals.preview import Mode
 
 ROWS_PER_CALL = 2000
@@ -64,6 +66,7 @@ def cut(
     compliance_part: Float | None = None,
     mode: Mode | None = None,
     correction_part: Float | None = None,
+    motion: Motion | None = None,
     progress: Progress = silent,
 ) -> Cut:
     """Cut the stock along a commanded path.
@@ -78,6 +81,8 @@ def cut(
             it is commanded.
         mode: The mode through which it bends; needed with ``compliance_part``.
         correction_part: (n, 3) m added to the command; it reaches the tool through the mode, as the force does.
+        motion: The elastic robot in motion, which then bends the tool instead of the one mode; it contains the
+            commanded angles, corrections included. Compliance and mode still choose the length of steps.
         progress: Told the fraction of rows done; may raise to interrupt.
 
     Returns:
@@ -109,7 +114,7 @@ def cut(
     changes = [1, *(np.flatnonzero(np.diff(tool[1:])) + 2).tolist(), n]
     for begin, end in itertools.pairwise(changes):
         active = np.any(kind[begin:end] == FEED)
-        if not active and _far_above(command[begin - 1 : end], stock):
+        if motion is None and not active and _far_above(command[begin - 1 : end], stock):
             state[12:15] = command[end - 1]
             state[15] = 0.0
             continue
@@ -153,6 +158,7 @@ def cut(
                 exit_,
                 feed_tooth,
                 chip,
+                STILL if motion is None else motion,
             )
             progress(stop / n)
     stopped = (kind == FEED) & (volume > 1e-12) & (path.spindle_rad_s == 0.0)
@@ -176,6 +182,17 @@ def cut(
             motion=int(path.motion[row]),
         )
     return Cut(w, x, volume, axial, entry, exit_, feed_tooth, chip)
+
+
+def at_points(w: Float, contact: Bool) -> Float:
+    """Force at the points from force over the segments: the mean of the segments that meet there, while in contact.
+
+    At the last point of a stretch that ends inside the material (the tool then lifts) the last segment's force stands.
+    """
+    out = np.where(contact[:, None], w, 0.0)
+    both = contact[:-1] & contact[1:]
+    out[:-1][both] = 0.5 * (w[:-1][both] + w[1:][both])
+    return out
 
 
 def _far_above(points: Float, stock: HeightMap) -> bool:

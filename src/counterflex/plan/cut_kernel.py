@@ -18,10 +18,11 @@ from counterflex.cutting.mean_force import mean_wrench
 from counterflex.cutting.stock import BLOCK_COLUMNS, BLOCK_ROWS
 from counterflex.cutting.sweep_kernels import stamp_segment
 from counterflex.path.toolpath import FEED
+from counterflex.plan.elastic_motion_kernel import advance, rest
 
-STATE = 17
+STATE = 23
 """Carried from row to row: displacement (6), its rate (6), last tip (3), whether the last segment was stamped (1), and
-how far the force of the last contact bends the tool (1)."""
+how far the force of the last contact bends the tool (1), the force that has come to act on the robot in motion (6)."""
 
 AIR_STEP = 0.25
 """Longest step of a tool that may meet material, over omega (1/25 of the mode's period)."""
@@ -35,6 +36,9 @@ the tool's own velocity, so a displacement rate u turns the force by u / v; over
 ``(F C / v) u (omega dt)^2 / (2 dt)`` more, and force and displacement chase each other when that gain nears one.
 The thrust on an end face that descends slowly answers harder, ``dF/du = p F / v_z`` with chip exponent p; it is a
 damper, and the step takes it implicitly: that much is added to the mode's damping along the axis."""
+
+MOVING = 0.25
+"""Share of these steps that the whole robot in motion allows: its tool side answers faster than its lowest mode."""
 
 _ANGLES = 24
 _RINGS = 6
@@ -102,12 +106,17 @@ def cut_rows(  # type: ignore[no-untyped-def]
     exit_,
     feed_tooth,
     chip,
+    motion,
 ):
     """Cut rows [first, last) of a path; see :func:`counterflex.plan.cut.cut` for the meaning of every array.
 
     ``omega == 0`` cuts the undisturbed path: the displacement stays zero.
     """
     coupled = omega > 0.0
+    moving = motion.x.shape[0] > 0
+    finer = MOVING if moving else 1.0
+    if moving and motion.clock[1] == 0.0:
+        rest(motion, first - 1)  # type: ignore[no-untyped-call]
     flat = shape[0] - shape[1]
     for i in range(first, last):
         for k in range(6):
@@ -127,7 +136,7 @@ def cut_rows(  # type: ignore[no-untyped-def]
             dt = left
             share = 1.0
             if coupled and cutting and row_time > 0.0:
-                dt = _step(left, row_time, omega, state[16], p_command, i)
+                dt = _step(left, row_time, omega, state[16], p_command, i, finer)
                 left -= dt
                 if dt < left + dt:
                     share = 1.0 - left / row_time
@@ -174,7 +183,15 @@ def cut_rows(  # type: ignore[no-untyped-def]
             if row_time > 0.0:
                 for k in range(6):
                     wrench[i, k] += force[k] * (dt / row_time)
-            if coupled and dt > 0.0:
+            if moving and dt > 0.0:
+                # A chip's thickness takes a tooth to come about, so the force follows the velocity within that time.
+                fresh = 1.0 - math.exp(-dt * rate) if rate > 0.0 else 1.0
+                for k in range(6):
+                    state[17 + k] += fresh * (force[k] - state[17 + k])
+                advance(motion, i, time[i] - left if share < 1.0 else time[i], state[17:], state)  # type: ignore[no-untyped-call]
+                bend = _bend(compliance, i, force)
+                state[16] = max(bend, state[16] * math.exp(-omega * dt))
+            elif coupled and dt > 0.0:
                 bend = 0.0
                 for k in range(6):
                     target = 0.0
@@ -192,6 +209,18 @@ def cut_rows(  # type: ignore[no-untyped-def]
                 state[16] = max(bend, state[16] * math.exp(-omega * dt))
         for k in range(6):
             displacement[i, k] = state[k]
+
+
+@kernel()
+def _bend(compliance, i, force):  # type: ignore[no-untyped-def]
+    """How far a force would bend the tool at rest: the largest component, m."""
+    bend = 0.0
+    for k in range(3):
+        target = 0.0
+        for j in range(6):
+            target += compliance[i, k, j] * force[j]
+        bend = max(bend, abs(target))
+    return bend
 
 
 @kernel()
@@ -245,7 +274,7 @@ def _end_face_lean(grid, x, y, z, drop, radius):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _step(left, row_time, omega, bend, p_command, i):  # type: ignore[no-untyped-def]
+def _step(left, row_time, omega, bend, p_command, i, finer):  # type: ignore[no-untyped-def]
     """Length of the next step within a row of a bending tool, s, see :data:`GAIN`."""
     limit = AIR_STEP / omega
     if bend > 0.0:
@@ -253,8 +282,8 @@ def _step(left, row_time, omega, bend, p_command, i):  # type: ignore[no-untyped
         dy = p_command[i, 1] - p_command[i - 1, 1]
         dz = p_command[i, 2] - p_command[i - 1, 2]
         speed = math.sqrt(dx * dx + dy * dy + dz * dz) / row_time
-        limit = 2.0 * GAIN * speed / (bend * omega * omega)
-        limit = min(max(limit, SHORTEST_STEP / omega), LONGEST_STEP / omega)
+        limit = 2.0 * finer * GAIN * speed / (bend * omega * omega)
+        limit = min(max(limit, finer * SHORTEST_STEP / omega), LONGEST_STEP / omega)
     return left / max(1, math.ceil(left / limit))
 
 

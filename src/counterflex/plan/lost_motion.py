@@ -52,12 +52,30 @@ def play_deviation(
     if chain.servo is not None:
         lost = lost + servo_error(chain.servo, q, swing(load, time_s, mode), time_s)
     off = play.at_tcp(chain, q, lost)[:, :3]
+    return in_touched_frame(chain, T_base_part, p_part, touched, off)
+
+
+def in_touched_frame(
+    chain: ElasticChain, T_base_part: Float, p_part: Float, touched: tuple[Float, Float] | None, deviation_base: Float
+) -> Float:
+    """Deviation from a path in a part frame that was touched with play in the axes.
+
+    Args:
+        chain: Robot and end effector.
+        T_base_part: (4, 4) part frame as the controller knows it.
+        p_part: (n, 3) m, programmed points.
+        touched: See :func:`play_deviation`.
+        deviation_base: (n, 3) m, actual minus commanded tip, base axes.
+
+    Returns:
+        (n, 3) m, part axes.
+    """
     T_base_true = T_base_part
-    if touched is not None:
+    if touched is not None and chain.play is not None:
         datum, q_datum = touched
         there = play.at_tcp(chain, q_datum, play.relaxed(chain, q_datum))[:, :3]
         T_base_true = true_part_frame(T_base_part, datum, there)
-    return sag_deviation(T_base_part, T_base_true, p_part, off)
+    return sag_deviation(T_base_part, T_base_true, p_part, deviation_base)
 
 
 def corrected_joints(chain: ElasticChain, T_base_part: Float, q: Float, correction: Float, turn: Float) -> Float:

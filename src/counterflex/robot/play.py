@@ -232,7 +232,7 @@ def torsion(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) -> t
     if chain.play is None:
         return np.zeros(angles.shape), torque
     soft = np.maximum(chain.compliance[chain.torsion, 5], STIFFEST_RAD_NM)
-    band, limit, slip = _arrays(chain)
+    band, limit, slip = arrays(chain)
     s = torsion_path(angles, torque, soft, band, limit, slip)
     lost: Float = s - soft * torque
     through = (s - np.clip(s, -band, band)) / soft
@@ -272,7 +272,7 @@ def relaxed(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) -> F
     angles = as_float("q", q, (None, 6))
     if chain.play is None:
         return np.zeros(angles.shape)
-    band, _, _ = _arrays(chain)
+    band, _, _ = arrays(chain)
     out: Float = band * np.clip(axis_torque(chain, angles, w_tcp_base) / FLOATING_NM, -1.0, 1.0)
     return out
 
@@ -292,7 +292,7 @@ def at_tcp(chain: ElasticChain, q: Float, angle: Float) -> Float:
     return out
 
 
-def _arrays(chain: ElasticChain) -> tuple[Float, Float, Float]:
+def arrays(chain: ElasticChain) -> tuple[Float, Float, Float]:
     """Half bands (6,), friction (6, m) and slip (6, m) of a chain's play; slip 1 rad where there is no element."""
     play = chain.play or (None,) * 6
     m = max((len(entry.friction_nm) for entry in play if entry is not None), default=0)

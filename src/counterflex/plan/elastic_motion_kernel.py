@@ -1,0 +1,182 @@
+"""Kernel: the elastic robot in motion, advanced in time under a load on the tool.
+
+Coordinates are the six link angles and every other elastic displacement of the chain. With M the inertia, D the damping
+and K the stiffness of the posture,
+
+    M x'' + D (x' - x_m') + K (x - x_m) = J^T w + t_weight + f,
+
+where x_m are the motor angles behind the six gears, f is what play and dry friction add. The linear part is taken by
+the trapezoidal rule (no numerical damping, stable for massless elements), play, friction and drives follow one step
+behind.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.jit import kernel
+from counterflex.robot.play import spring_torque
+
+AXES = 6
+
+
+class Motion(NamedTuple):
+    """Arrays of :func:`advance`; rows are those of the path, n coordinates, m friction elements.
+
+    Attributes:
+        step_s: Length h of a step.
+        time_s: (rows,) s.
+        q_command: (rows, 6) rad, commanded angles, corrections included.
+        q_ref: (rows, 6) rad, angles of the programmed path plus the elastic torsion by weight.
+        weight: (rows, 6) N m, torque of weight and counterbalance on the torsions.
+        posture: (rows,) which of the postures holds at a row.
+        place: (rows,) which of the Jacobians does.
+        answer: (postures, n, n) ``h (M + h/2 D + h^2/4 K)^-1``.
+        keep: (postures, n, n) ``(M + h/2 D + h^2/4 K)^-1 (M - h/2 D - h^2/4 K)``.
+        J_tcp_part: (places, 6, n) motion of the tool per coordinate, part axes.
+        stiffness: (n,) of each coordinate.
+        damping: (6,) N m s, of the gears.
+        half_band: (6,) rad.
+        limit: (6, m) N m.
+        slip: (6, m) rad.
+        speed_gain: (6,) N m s; 0 for a motor that never gives way.
+        position_gain: (6,) 1/s.
+        integral_time: (6,) s.
+        motor_friction: (6,) N m.
+        motor_slip: (6,) rad.
+        x: (n,) coordinates now.
+        rate: (n,) their rates.
+        drives: (6, 6) motor angle, the one before, integral, friction held, load at the start, command before.
+        held: (6, m) N m, friction of the links.
+        clock: (2,) time of the state in s, and 1 once it has been set.
+        load: (n,) working space.
+        fresh: (n,) working space.
+    """
+
+    step_s: float
+    time_s: Float
+    q_command: Float
+    q_ref: Float
+    weight: Float
+    posture: Int
+    place: Int
+    answer: Float
+    keep: Float
+    J_tcp_part: Float
+    stiffness: Float
+    damping: Float
+    half_band: Float
+    limit: Float
+    slip: Float
+    speed_gain: Float
+    position_gain: Float
+    integral_time: Float
+    motor_friction: Float
+    motor_slip: Float
+    x: Float
+    rate: Float
+    drives: Float
+    held: Float
+    clock: Float
+    load: Float
+    fresh: Float
+
+
+@kernel()
+def rest(motion, row):  # type: ignore[no-untyped-def]
+    """Put the state at rest under the weight at a row, gears leaning as their load asks."""
+    for i in range(motion.x.shape[0]):
+        motion.x[i] = 0.0
+        motion.rate[i] = 0.0
+    for a in range(AXES):
+        torque = motion.weight[row, a]
+        lean = min(max(torque, -1.0), 1.0) * motion.half_band[a]
+        motion.x[a] = motion.q_command[row, a] + torque / motion.stiffness[a] + lean
+        motion.drives[0, a] = motion.q_command[row, a]
+        motion.drives[1, a] = motion.q_command[row, a]
+        motion.drives[2, a] = 0.0
+        motion.drives[3, a] = 0.0
+        motion.drives[4, a] = torque
+        motion.drives[5, a] = motion.q_command[row, a]
+        for e in range(motion.limit.shape[1]):
+            motion.held[a, e] = 0.0
+    motion.clock[0] = motion.time_s[row]
+    motion.clock[1] = 1.0
+
+
+@kernel()
+def advance(motion, row, until_s, wrench, out):  # type: ignore[no-untyped-def]
+    """Advance within the row that ends at ``row`` and give the tool's deviation from the programmed path.
+
+    Args:
+        motion: See :class:`Motion`; its state is changed.
+        row: Index, >= 1.
+        until_s: Time to come to; the state stops less than a step before it and is extrapolated by its rate.
+        wrench: (6,) N, N m on the tool, part axes, held meanwhile.
+        out: (6,) m, rad, written.
+    """
+    n = motion.x.shape[0]
+    h = motion.step_s
+    at = motion.posture[row]
+    A, B, J = motion.answer[at], motion.keep[at], motion.J_tcp_part[motion.place[row]]
+    x, v, load, fresh = motion.x, motion.rate, motion.load, motion.fresh
+    start, length = motion.time_s[row - 1], motion.time_s[row] - motion.time_s[row - 1]
+    while motion.clock[0] + h <= until_s:
+        share = min(max((motion.clock[0] + h - start) / length, 0.0), 1.0) if length > 0.0 else 1.0
+        for i in range(n):
+            total = 0.0
+            for k in range(6):
+                total += J[k, i] * wrench[k]
+            load[i] = total
+        for a in range(AXES):
+            q = motion.q_command[row - 1, a] + share * (motion.q_command[row, a] - motion.q_command[row - 1, a])
+            motor, before = motion.drives[0, a], motion.drives[1, a]
+            through = spring_torque(x[a] - motor, 1.0 / motion.stiffness[a], motion.half_band[a])
+            load[a] += motion.weight[row, a] - through
+            for e in range(motion.limit.shape[1]):
+                load[a] += motion.held[a, e]
+            new = q
+            if motion.speed_gain[a] > 0.0:
+                if motion.motor_friction[a] > 0.0:
+                    most = motion.motor_friction[a]
+                    grip = motion.drives[3, a] - most / motion.motor_slip[a] * (motor - before)
+                    motion.drives[3, a] = min(max(grip, -most), most)
+                torque = through - motion.drives[4, a] + motion.drives[3, a]
+                rate = torque / motion.speed_gain[a] - motion.drives[2, a] / motion.integral_time[a]
+                lag = motor - motion.drives[5, a]
+                motion.drives[2, a] += h * rate
+                new = q + lag + h * (rate - motion.position_gain[a] * lag)
+            load[a] += motion.damping[a] * (new - motor) / h
+            motion.drives[1, a] = motor
+            motion.drives[0, a] = new
+            motion.drives[5, a] = q
+        for i in range(AXES, n):
+            load[i] -= motion.stiffness[i] * x[i]
+        for i in range(n):
+            total = 0.0
+            for j in range(n):
+                total += B[i, j] * v[j] + A[i, j] * load[j]
+            fresh[i] = total
+        for i in range(n):
+            moved = 0.5 * h * (v[i] + fresh[i])
+            x[i] += moved
+            v[i] = fresh[i]
+            if i < AXES:
+                for e in range(motion.limit.shape[1]):
+                    most = motion.limit[i, e]
+                    if most > 0.0:
+                        force = motion.held[i, e] - most / motion.slip[i, e] * moved
+                        motion.held[i, e] = min(max(force, -most), most)
+        motion.clock[0] += h
+    ahead = until_s - motion.clock[0]
+    share = min(max((until_s - start) / length, 0.0), 1.0) if length > 0.0 else 1.0
+    for k in range(6):
+        out[k] = 0.0
+    for i in range(n):
+        value = x[i] + ahead * v[i]
+        if i < AXES:
+            before = motion.q_ref[row - 1, i]
+            value -= before + share * (motion.q_ref[row, i] - before)
+        for k in range(6):
+            out[k] += J[k, i] * value

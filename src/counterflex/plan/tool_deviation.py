@@ -1,0 +1,133 @@
+"""What the tool does while a program runs: the cut, and where the tool is beside the programmed path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.progress import Progress
+from counterflex.cutting.stock import HeightMap
+from counterflex.path.toolpath import ToolPath
+from counterflex.plan.cut import Cut, at_points, cut
+from counterflex.plan.elastic_motion import DAMPING_S, lowest_mode, matrices, motion_along
+from counterflex.plan.elastic_motion_kernel import AXES
+from counterflex.plan.lost_motion import in_touched_frame, play_deviation
+from counterflex.robot.chain import ElasticChain
+from counterflex.signals.preview import Mode
+
+if TYPE_CHECKING:
+    from counterflex.plan.compensate import Setting
+
+
+def mode_of(chain: ElasticChain, q: Float, measured: Mode) -> Mode:
+    """Lowest mode in a posture: from masses, compliances and drives, or as measured where a chain cannot be moved.
+
+    Args:
+        chain: The elastic robot.
+        q: (6,) rad.
+        measured: Of a tap test.
+    """
+    if not can_move(chain):
+        return measured
+    M, stiffness, _ = matrices(chain, q)
+    return lowest_mode(M, stiffness, damping_of(chain, measured), chain.servo or (None,) * AXES)
+
+
+def damping_of(chain: ElasticChain, measured: Mode) -> float:
+    """Beta of the damping D = beta K, s: where nothing is known of drives, a tap test's ratio has to stand for them."""
+    return DAMPING_S if chain.servo is not None else 2.0 * measured.damping_ratio / measured.omega_rad_s
+
+
+def can_move(chain: ElasticChain) -> bool:
+    """Whether an elastic chain has a mass behind every drive, before the next: inertia needs no guess then."""
+    driven = np.flatnonzero(chain.joint >= 0)
+    ends = [*driven[1:], chain.n]
+    heavy = all(np.any(chain.mass[a:b] > 0.0) for a, b in zip(driven, ends, strict=True))
+    return heavy and bool(np.any(chain.compliance > 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A robot that is to run a path, for :func:`run`.
+
+    Attributes:
+        setting: What is known of it.
+        path: The programmed path.
+        q: (n, 6) rad along it.
+        compliance_part: (n, 6, 6) compliance at the tip, part axes.
+        sag_part: (n, 3) m, deviation of the unloaded tool.
+        touched: Datum points and the angles at them, or None.
+        mode: Lowest mode.
+    """
+
+    setting: Setting
+    path: ToolPath
+    q: Float
+    compliance_part: Float
+    sag_part: Float
+    touched: tuple[Float, Float] | None
+    mode: Mode
+
+
+def run(robot: Robot, stock: HeightMap, q_command: Float, correction: Float, progress: Progress) -> tuple[Cut, Float]:
+    """Cut with the robot in motion: inertia, drives, play and friction, and the force that follows the tool.
+
+    A chain without masses answers a force and a correction through its one measured mode instead, and what its axes
+    lose is added as if it came at rest.
+
+    Args:
+        robot: See :class:`Robot`.
+        stock: The blank; left as it is.
+        q_command: (n, 6) rad commanded, corrections included.
+        correction: (n, 3) m, part axes: the same as a displacement.
+        progress: Told the fraction done.
+
+    Returns:
+        The cut, and the deviation (n, 6) m, rad of the tool from the programmed path in part axes.
+    """
+    setting, path = robot.setting, robot.path
+    moving = can_move(setting.chain)
+    R = setting.T_base_part[:3, :3]
+    motion = None
+    if moving:
+        damping = damping_of(setting.chain, setting.mode)
+        motion = motion_along(setting.chain, setting.T_base_part, robot.q, q_command, path.time_s, damping)
+    result = cut(
+        path,
+        path.p_part_tcp,
+        stock.copy(),
+        setting.cutter_of,
+        setting.law,
+        compliance_part=robot.compliance_part,
+        mode=robot.mode,
+        correction_part=None if moving else correction,
+        motion=motion,
+        progress=progress,
+    )
+    off = result.displacement_part.copy()
+    if moving:
+        off[:, :3] = in_touched_frame(
+            setting.chain, setting.T_base_part, path.p_part_tcp, robot.touched, off[:, :3] @ R.T
+        )
+    else:
+        off[:, :3] += lost_motion(robot, q_command, at_points(result.w_tcp_part, result.volume_m3 > 0.0))
+    off[:, :3] += robot.sag_part
+    return result, off
+
+
+def lost_motion(robot: Robot, q_command: Float, w_part: Float) -> Float:
+    """(n, 3) m, what play, friction and yielding drives add at rest, see :func:`play_deviation`."""
+    s = robot.setting
+    return play_deviation(
+        s.chain,
+        s.T_base_part,
+        robot.path.p_part_tcp,
+        q_command,
+        w_part,
+        robot.path.time_s,
+        robot.touched,
+        robot.mode,
+    )

@@ -1,0 +1,116 @@
+"""The robot in motion: statics, frequencies and laws against other ways of computing them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from counterflex.app.inputs import setting_of
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ModelError
+from counterflex.core.units import DEG, UM
+from counterflex.files.cell import Cell
+from counterflex.plan.elastic_motion import lowest_mode, matrices, motion_along, postures
+from counterflex.plan.elastic_motion_kernel import advance, rest
+from counterflex.robot import compliance
+from counterflex.robot.chain import ElasticChain, jacobian
+from counterflex.robot.description import Play, Servo
+
+CellOf = Callable[..., Cell]
+Q = np.array([-3.0, -92.0, 123.0, -174.0, 31.0, 175.0]) * DEG
+LOAD = np.array([-200.0, 500.0, -100.0, 0.0, 0.0, 0.0])
+PER_S = 2000
+SERVO = Servo(speed_gain_nm_s=1e5, position_gain_per_s=20.0, integral_time_s=0.06, friction_nm=0.0, slip_rad=1e-5)
+
+
+@pytest.fixture(scope="module")
+def plain(cell_of: CellOf) -> ElasticChain:
+    """The demonstration robot without play, friction and yielding drives."""
+    return replace(setting_of(cell_of()).chain, play=None, servo=None)
+
+
+def answer(chain: ElasticChain, seconds: float, load: Float) -> Float:
+    """Deviation (n, 6) of the tool at every step under a load that sets in at 0.1 s and stays; base axes."""
+    time = np.array([0.0, seconds])
+    q = np.tile(Q, (2, 1))
+    motion = motion_along(chain, np.eye(4), q, q, time)
+    rest(motion, 0)  # type: ignore[no-untyped-call]
+    steps = round(seconds * PER_S)
+    out, one, none = np.zeros((steps, 6)), np.zeros(6), np.zeros(6)
+    for k in range(steps):
+        acting = load if k > 0.1 * PER_S else none
+        advance(motion, 1, (k + 1) / PER_S, acting, one)  # type: ignore[no-untyped-call]
+        out[k] = one
+    return out
+
+
+def test_jacobian_is_that_of_the_rigid_robot(plain: ElasticChain) -> None:
+    assert matrices(plain, Q)[2][:, :6] == pytest.approx(jacobian(plain, Q[None])[0], abs=1e-12)
+
+
+def test_stiffness_is_that_of_the_static_model(plain: ElasticChain) -> None:
+    _, stiffness, J = matrices(plain, Q)
+    assert (J / stiffness) @ J.T == pytest.approx(compliance.cartesian_compliance(plain, Q[None])[0], rel=1e-9)
+
+
+def test_kinetic_energy_of_a_turn_of_axis_one(plain: ElasticChain) -> None:
+    """Inertia about the vertical axis is the sum of masses times squared distances plus the spheres' own."""
+    from counterflex.robot.chain import frames
+
+    T = frames(plain, Q[None])[0]
+    at = np.stack([(T[i] @ np.append(plain.com[i], 1.0))[:2] for i in range(plain.n)])
+    radius = (0.75 * plain.mass / (np.pi * 3000.0)) ** (1.0 / 3.0)
+    wanted = np.sum(plain.mass * np.sum(at**2, axis=1)) + np.sum(0.4 * plain.mass * radius**2)
+    assert matrices(plain, Q)[0][0, 0] == pytest.approx(wanted, rel=1e-9)
+
+
+def test_comes_to_rest_where_statics_say(plain: ElasticChain) -> None:
+    settled = answer(plain, 6.0, LOAD)[-1]
+    assert settled == pytest.approx(compliance.cartesian_compliance(plain, Q[None])[0] @ LOAD, rel=2e-3, abs=1e-7)
+
+
+def test_stays_at_rest_under_its_own_weight(plain: ElasticChain) -> None:
+    """Own weight bends the arm, but the sag of the programmed path is counted elsewhere: nothing moves."""
+    assert np.abs(answer(plain, 0.5, np.zeros(6))).max() < 1e-9
+
+
+def test_swings_with_the_lowest_mode(plain: ElasticChain) -> None:
+    mode = lowest_mode(*matrices(plain, Q)[:2], 1.5e-3, (None,) * 6)
+    y = answer(plain, 3.0, LOAD)[:, 1]
+    swing = y - y[-1]
+    crossings = np.flatnonzero((swing[:-1] < 0.0) & (swing[1:] >= 0.0))
+    late = crossings[crossings > 0.5 * PER_S]
+    found = 2.0 * np.pi * PER_S / np.mean(np.diff(late))
+    assert found == pytest.approx(mode.omega_rad_s * np.sqrt(1.0 - mode.damping_ratio**2), rel=0.02)
+
+
+def test_drives_give_way_and_come_back(plain: ElasticChain) -> None:
+    """Yielding drives let the load push further at first; their integrators leave nothing of it."""
+    yielding = replace(plain, servo=(SERVO,) * 6)
+    stiff, soft = answer(plain, 6.0, LOAD), answer(yielding, 6.0, LOAD)
+    window = slice(round(0.15 * PER_S), round(0.4 * PER_S))
+    assert soft[window, 1].max() > 1.1 * stiff[-1, 1]
+    assert soft[-1] == pytest.approx(stiff[-1], rel=1e-2, abs=1.0 * UM)
+
+
+def test_friction_takes_energy(plain: ElasticChain) -> None:
+    rough = replace(plain, play=(Play(0.0, (300.0,), (10e-6,)),) * 3 + (Play(0.0, (40.0,), (10e-6,)),) * 3)
+    last = slice(round(0.6 * PER_S), round(0.9 * PER_S))
+    free, held = (np.ptp(answer(chain, 1.0, 0.2 * LOAD)[last, 1]) for chain in (plain, rough))
+    assert held < 0.8 * free
+
+
+def test_no_masses_no_modes(plain: ElasticChain) -> None:
+    M, stiffness, _ = matrices(replace(plain, mass=np.zeros(plain.n)), Q)
+    with pytest.raises(ModelError, match="no masses"):
+        lowest_mode(M, stiffness, 1.5e-3, (None,) * 6)
+
+
+def test_postures_are_near_their_rows() -> None:
+    q = np.linspace(0.0, 10.0, 500)[:, None] * np.ones(6) * DEG
+    number, rows = postures(q, 0.5 * DEG)
+    assert np.abs(q - q[np.array(rows)][number]).max() <= 0.5 * DEG + 1e-12
+    assert len(rows) == pytest.approx(20, abs=2)
