@@ -109,7 +109,7 @@ def test_a_reset_does_not_leave_a_fault_while_a_correction_is_in_force(run: Run)
     rig.paused, rig.enable, rig.feed, rig.sense = False, False, False, True
     rig.restart_robot(rig.robot.counter + 60_000)
     rig.run(200)
-    assert rig.state == State.READY
+    assert rig.seen.state[-1] == State.READY
     assert State.ACTIVE not in rig.seen.state[-450:]
 
 

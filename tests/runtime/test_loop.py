@@ -201,7 +201,7 @@ def test_after_a_hold_the_correction_goes_on_where_it_stood_and_ramps_to_what_is
     for _ in range(150):  # good again, the robot stands still, no force
         now = mill(loop, 0.08, np.zeros(6))
         fastest, before = max(fastest, float(np.linalg.norm(now - before))), now
-    assert loop.state == State.ACTIVE
+    assert loop.outcome[at.O_STATE] == State.ACTIVE
     assert fastest <= chosen.ramp_m_s * chosen.period_s * 1.01
     assert np.linalg.norm(now[:3]) < np.linalg.norm(held[:3])
     for k in range(300):
