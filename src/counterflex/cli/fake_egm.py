@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from counterflex.cli.fakes import Fault, FaultsFile, Realtime, Seed, schedule
+from counterflex.cli.fake_options import (
+    Damping,
+    DeadMs,
+    Fault,
+    FaultsFile,
+    NaturalHz,
+    Realtime,
+    RecordFile,
+    Seed,
+    WaitS,
+    schedule,
+    tell_refused,
+    tell_reply,
+)
 from counterflex.cli.online import address
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
 from counterflex.cli.program import CellFile, Program
@@ -33,24 +45,17 @@ def egm(
     timeout_ms: Annotated[
         float | None, typer.Option("--timeout-ms", help="CommTimeout, instead of the cell's; ABB's default is 1000.")
     ] = None,
-    dead_ms: Annotated[float, typer.Option("--dead-ms", help="Dead time of an answer.", min=0.0)] = 12.0,
-    natural_hz: Annotated[
-        float,
-        typer.Option("--natural-hz", help="Path correction: natural frequency; 0: no lag.", min=0.0),
-    ] = 5.0,
-    damping: Annotated[float, typer.Option("--damping", help="Its damping ratio.", min=0.01)] = 0.7,
+    dead_ms: DeadMs = 12.0,
+    natural_hz: NaturalHz = 5.0,
+    damping: Damping = 0.7,
     seconds: Annotated[float | None, typer.Option("--seconds", help="At most so long.", min=0.01)] = None,
     realtime: Realtime = False,
-    wait_s: Annotated[
-        float, typer.Option("--wait-s", help="How long it waits for the sensor program; 0: not at all.", min=0.0)
-    ] = 60.0,
+    wait_s: WaitS = 60.0,
     gate_s: Annotated[float, typer.Option("--gate-s", help="Rest before the movement starts.", min=0.0)] = 3.0,
     faults: FaultsFile = None,
     fault: Fault = None,
     seed: Seed = None,
-    record: Annotated[
-        Path | None, typer.Option("--record", help="Write what was applied in every cycle.", metavar="CSV")
-    ] = None,
+    record: RecordFile = None,
     as_json: AsJson = False,
 ) -> None:
     """A simulated ABB controller alone: sends EGM messages, applies what comes as a real one does, and reports.
@@ -93,8 +98,6 @@ def egm(
         print_json(found)
         return
     typer.echo(f"{found['ended']} after {found['cycles']} messages, {found['late_answers']} cycles without one for us")
-    if found["refused"]:
-        typer.echo("refused: " + ", ".join(f"{why} {count}" for why, count in found["refused"].items()))
+    tell_refused(found)
     typer.echo(f"largest distance of the tool from its program: {found['largest_shift_mm']:g} mm")
-    if found["reply_us"] is not None:
-        typer.echo("reply: " + ", ".join(f"{name} {value:g} us" for name, value in found["reply_us"].items()))
+    tell_reply(found)

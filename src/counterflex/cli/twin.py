@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli.fake_egm import register as register_egm
+from counterflex.cli.fake_rsi import register as register_rsi
 from counterflex.cli.fakes import register as register_fakes
 from counterflex.cli.online import register_twin
 from counterflex.cli.output import keep_inputs, progress_bar
@@ -21,6 +22,7 @@ def register(app: typer.Typer) -> None:
     """Add these commands."""
     _twin.command("measure")(measure)
     register_twin(_twin)
+    register_rsi(_twin)
     register_fakes(_twin)
     register_egm(_twin)
     register_proxy(_twin)

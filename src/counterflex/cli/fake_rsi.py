@@ -1,0 +1,157 @@
+"""Command that starts a simulated KUKA controller by itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli.fake_options import (
+    Damping,
+    DeadMs,
+    Fault,
+    FaultsFile,
+    NaturalHz,
+    Realtime,
+    RecordFile,
+    Seed,
+    WaitS,
+    schedule,
+    tell_refused,
+    tell_reply,
+)
+from counterflex.cli.online import address
+from counterflex.cli.output import keep_inputs, print_json, progress_bar
+from counterflex.cli.question import AsJson, numbers
+from counterflex.core.errors import InputError
+
+
+def register(twin: typer.Typer) -> None:
+    """Add this command."""
+    twin.command("rsi")(rsi)
+
+
+def rsi(
+    rsi: Annotated[Path, typer.Argument(help="ETHERNET configuration file of the RSI context (.xml).", metavar="RSI")],
+    program: Annotated[
+        Path | None, typer.Option("--program", help="G-code that the robot runs, with --cell.", metavar="PROGRAM")
+    ] = None,
+    cell: Annotated[
+        Path | None, typer.Option("--cell", help="Cell file: robot, tool and part as the controller has them.")
+    ] = None,
+    at: Annotated[
+        str, typer.Option("--at", help="Without a program: where the tool stands still, mm and deg.", metavar="X,...,C")
+    ] = "0,0,0,0,0,0",
+    joints_deg: Annotated[
+        str, typer.Option("--joints-deg", help="Without a program: the axis angles there.", metavar="A1,...,A6")
+    ] = "0,-90,90,0,0,0",
+    seconds: Annotated[
+        float | None, typer.Option("--seconds", help="How long; 10 s without a program.", min=0.01)
+    ] = None,
+    peer: Annotated[
+        str | None, typer.Option("--peer", help="Where telegrams go, instead of RSI's own.", metavar="HOST:PORT")
+    ] = None,
+    realtime: Realtime = False,
+    mode: Annotated[str, typer.Option("--mode", help="RSI_ON: absolute or relative corrections.")] = "absolute",
+    cycle_ms: Annotated[int, typer.Option("--cycle-ms", help="4 (#IPO_FAST) or 12 (#IPO).")] = 4,
+    timeout: Annotated[int, typer.Option("--timeout", help="ETHERNET: late answers at which it stops.", min=1)] = 100,
+    precision: Annotated[int, typer.Option("--precision", help="ETHERNET: decimals sent.", min=0, max=9)] = 4,
+    clamp_mm: Annotated[float, typer.Option("--clamp-mm", help="POSCORR: limit per axis, clamped in silence.")] = 5.0,
+    clamp_deg: Annotated[float, typer.Option("--clamp-deg", help="POSCORR: MaxRotAngle.")] = 5.0,
+    axis_clamp_deg: Annotated[float, typer.Option("--axis-clamp-deg", help="AXISCORR: limit per axis.")] = 5.0,
+    monitor_mm: Annotated[float, typer.Option("--monitor-mm", help="POSCORRMON: MaxTrans, it stops beyond.")] = 6.0,
+    monitor_deg: Annotated[float, typer.Option("--monitor-deg", help="POSCORRMON: MaxRotAngle.")] = 6.0,
+    empty_first: Annotated[
+        bool, typer.Option("--empty-first", help="KR C2: the first telegram holds the counter only.")
+    ] = False,
+    answer_ms: Annotated[
+        float | None, typer.Option("--answer-ms", help="Real time: how long an answer may take, if not the cycle.")
+    ] = None,
+    dead_ms: DeadMs = 12.0,
+    natural_hz: NaturalHz = 5.0,
+    damping: Damping = 0.7,
+    wait_s: WaitS = 60.0,
+    gate_s: Annotated[float, typer.Option("--gate-s", help="Rest before the program starts.", min=0.0)] = 0.8,
+    faults: FaultsFile = None,
+    fault: Fault = None,
+    seed: Seed = None,
+    record: RecordFile = None,
+    as_json: AsJson = False,
+) -> None:
+    """A simulated KUKA controller alone: sends RSI telegrams, applies the answers as a real one does, and reports.
+
+    It runs a program or stands still; no physics, no instruments. It shows what a compensator did to the robot: largest
+    correction and step, late and refused answers, the age of the correction in force, and why it ended.
+
+    Example: `counterflex twin rsi rsi.xml --seconds 5 --fault lost=0.05,direction=in --record applied.csv`
+    """
+    from dataclasses import replace
+
+    import numpy as np
+
+    from counterflex.app import lone_rsi as job
+    from counterflex.core.units import DEG, MM, MS
+    from counterflex.geometry import pose
+    from counterflex.twin.fake_rsi import RsiContext
+    from counterflex.twin.path_answer import PathAnswer
+
+    if mode not in ("absolute", "relative"):
+        raise InputError("--mode", value=mode, limit="absolute or relative")
+    if record is not None:
+        keep_inputs(record, *(path for path in (rsi, program, cell, faults) if path is not None), option="--record")
+    place = np.array(numbers(at, "--at", 6))
+    settings = job.LoneRsiSettings(
+        rsi=rsi,
+        program=program,
+        cell=cell,
+        T_part_tcp=pose.from_xyz_zyx(place[:3] * MM, place[3:] * DEG),
+        q=np.array(numbers(joints_deg, "--joints-deg", 6)) * DEG,
+        seconds=10.0 if seconds is None and program is None else seconds,
+        peer=None if peer is None else address(peer, "--peer"),
+        realtime=realtime,
+        wait_s=wait_s,
+        gate_s=gate_s,
+        answer_s=None if answer_ms is None else answer_ms * MS,
+        answer=PathAnswer(dead_ms * MS, natural_hz, damping),
+        faults=schedule(faults, fault, seed),
+    )
+    context = RsiContext(
+        mode="absolute" if mode == "absolute" else "relative",
+        cycle_s=cycle_ms * MS,
+        timeout=timeout,
+        precision=precision,
+        clamp_m=clamp_mm * MM,
+        clamp_rad=clamp_deg * DEG,
+        monitor_m=monitor_mm * MM,
+        monitor_rad=monitor_deg * DEG,
+        axis_clamp_rad=axis_clamp_deg * DEG,
+        empty_first=empty_first,
+    )
+
+    def started(_: tuple[str, int], where: tuple[str, int]) -> None:
+        typer.echo(f"sending to {where[0]}:{where[1]}", err=True)
+
+    with progress_bar(f"RSI {rsi.name}") as progress:
+        found = job.run(
+            replace(settings, context=context), record=record, started=started, priority=realtime, progress=progress
+        )
+    if as_json:
+        print_json(found)
+    else:
+        _tell_rsi(found)
+    if found["ended"] == "no sensor program":
+        raise typer.Exit(1)
+
+
+def _tell_rsi(found: dict[str, Any]) -> None:
+    correction, step = found["largest_correction"], found["largest_step"]
+    typer.echo(f"{found['ended']} after {found['cycles']} telegrams, {found['late_answers']} answers late or refused")
+    tell_refused(found)
+    for name, value in (("largest correction", correction), ("largest step", step)):
+        typer.echo(f"{name}: {value['mm']:g} mm, {value['deg']:g} deg, axes {value['axes_deg']:g} deg")
+    age = found["age_cycles"]
+    typer.echo(f"correction in force at most {age['max']} cycles old; 4 or less in {age['share_at_most_4']:.4%}")
+    tell_reply(found)
+    if found["stalls"]:
+        typer.echo(f"{found['stalls']} telegrams left late: this computer is too slow for real time", err=True)
