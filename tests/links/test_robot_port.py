@@ -10,9 +10,11 @@ from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from counterflex.core.errors import InputError, OutputError
+from counterflex.links import system_calls
 from counterflex.links.instance_lock import InstanceLock, boot_id
 from counterflex.links.robot_port import RobotPort, Verdict
 
@@ -90,6 +92,47 @@ def test_a_line_that_is_gone_does_not_end_the_loop(sender: socket.socket, monkey
         port.close()
         monkeypatch.setattr(port, "_socket", Unplugged())
         assert not port.send(b"answer")
+
+
+@pytest.mark.parametrize("many", [True, False])
+def test_all_that_wait_are_looked_at_in_order_and_one_is_answered(
+    sender: socket.socket, many: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More than one system call takes at once, a stranger in between; the same without such a call."""
+    if not many:
+        monkeypatch.setattr(system_calls, "THERE", False)
+    port = RobotPort("127.0.0.1", 0, 1000)
+    sent = [b"good %d" % k for k in range(20)]
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            for k, data in enumerate(sent):
+                sender.sendto(data, port.address)
+                if k == 12:
+                    stranger.sendto(b"good lies", port.address)
+        assert take(port) == (True, sent)
+        assert (port.counters.drained, port.counters.foreign) == (19, 1)
+        assert take(port) == (False, [])
+        assert port.send(b"answer")
+        assert sender.recv(100) == b"answer"
+        assert (port.target >= 0) == (many and system_calls.THERE)
+        port.forget()
+        assert port.target == -1
+        assert not port.send(b"answer")
+    finally:
+        port.close()
+
+
+def test_a_kernel_sends_to_the_peer_itself(sender: socket.socket) -> None:
+    port = RobotPort("127.0.0.1", 0, 1000)
+    try:
+        sender.sendto(b"good", port.address)
+        assert take(port)[0]
+        data = np.frombuffer(b"answer and more", dtype=np.uint8).copy()
+        assert system_calls.send_to(port.target, data, 6, port.name) == system_calls.THERE
+        assert not system_calls.THERE or sender.recv(100) == b"answer"
+    finally:
+        port.close()
+    assert not system_calls.send_to(-1, data, 6, port.name)
 
 
 def test_a_name_that_is_none_is_refused() -> None:
