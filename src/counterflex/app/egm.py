@@ -8,20 +8,17 @@ from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app.egm_readme import readme
-from counterflex.core import atomic
-from counterflex.core.errors import FileFormatError, InputError, ProgramError
-from counterflex.core.similar import missing_file
+from counterflex.app.robot_folder import read_program, refuse_errors, write_folder
+from counterflex.core.errors import FileFormatError, ProgramError
 from counterflex.core.units import MS
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.cell_egm import EgmTable
 from counterflex.files.cell_online import OnlineTable
-from counterflex.files.summary_file import write_summary
 from counterflex.programs.rapid_egm import EgmSwitching, called_parts, part_with_egm, with_egm
 from counterflex.wire.egm_calls import EgmCalls, parse_egm_calls, read_egm_calls
 from counterflex.wire.egm_rules import EgmWanted, check_egm
 from counterflex.wire.rsi_setup import Finding
 
-_ENCODING: Final = "latin-1"
 _SETTLE_CYCLES: Final = 130
 _SETTLE_S: Final = 2.0
 
@@ -112,9 +109,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
     )
     files = _programs(settings.program, switching)
     findings = check_egm(_together(files), wanted)
-    bad = next((item for item in findings if item.severity == "error"), None)
-    if bad is not None:
-        raise InputError(bad.what, where=bad.where, value=bad.value, limit=bad.safe, hint=bad.hint)
+    refuse_errors(findings)
     summary = {
         "job": "egm make",
         "cell": cell.name,
@@ -126,11 +121,8 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         "warnings": [item.line() for item in findings],
         "counterflex": __version__,
     }
-    files["README.txt"] = readme(cell.name, table, online, switching, settings.host, tuple(files))
-    with atomic.atomic_folder(out) as staging:
-        for name, text in files.items():
-            atomic.write_bytes(staging / name, text.encode(_ENCODING))
-        write_summary(staging / "summary.json", summary)
+    about = readme(cell.name, table, online, switching, settings.host, tuple(files))
+    write_folder(out, files, {"README.txt": about}, summary)
     return summary
 
 
@@ -164,19 +156,4 @@ def _together(files: dict[str, str]) -> EgmCalls:
 
 
 def _rapid(path: Path) -> str:
-    if path.suffix.lower() not in (".mod", ".modx"):
-        raise ProgramError(
-            "not a RAPID module",
-            where=str(path),
-            limit="a .mod file",
-            hint="counterflex compensate PROGRAM --as rapid writes one",
-        )
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(path), hint=missing_file(path)) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
-    if b"\0" in data:
-        raise ProgramError("not a text", where=str(path))
-    return data.decode(_ENCODING)
+    return read_program(path, (".mod", ".modx"), "RAPID module", "rapid")

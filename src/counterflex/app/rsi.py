@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
+from counterflex.app.robot_folder import read_program, refuse_errors, write_folder
 from counterflex.app.rsi_readme import readme
-from counterflex.core import atomic
-from counterflex.core.errors import FileFormatError, InputError, ProgramError
-from counterflex.core.similar import missing_file
+from counterflex.core.errors import FileFormatError
 from counterflex.files.cell import read_cell
 from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_schema import CellTables, ControllerTable
-from counterflex.files.summary_file import write_summary
 from counterflex.programs.job_mark import marks
 from counterflex.programs.krl_rsi import RsiSwitching, called, check_path, link_test, with_correction
 from counterflex.wire.rsi_calls import parse_calls, read_calls
@@ -28,7 +26,6 @@ NAME: Final = "counterflex"
 """Of the context and its files."""
 LINK_TEST: Final = "cf_link_test"
 """Of the program that tries the link."""
-_ENCODING: Final = "latin-1"
 _SETTLE_S: Final = 0.5
 
 
@@ -139,9 +136,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
             files.limits,
         )
     )
-    bad = next((item for item in findings if item.severity == "error"), None)
-    if bad is not None:
-        raise InputError(bad.what, where=bad.where, value=bad.value, limit=bad.safe, hint=bad.hint)
+    refuse_errors(findings)
     texts["README.txt"] = readme(files, cell.name, main, tuple(programs), elsewhere, switching.ramp_s)
     summary = {
         "job": "rsi make",
@@ -160,12 +155,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         "warnings": [item.line() for item in findings],
         "counterflex": __version__,
     }
-    with atomic.atomic_folder(out) as staging:
-        for name, text in texts.items():
-            atomic.write_text(staging / name, text)
-        for name, text in programs.items():
-            atomic.write_bytes(staging / name, text.encode(_ENCODING))
-        write_summary(staging / "summary.json", summary)
+    write_folder(out, programs, texts, summary)
     return summary
 
 
@@ -211,19 +201,4 @@ def _programs(
 
 
 def _krl(path: Path) -> str:
-    if path.suffix.lower() not in (".src", ".dat"):
-        raise ProgramError(
-            "not a KRL program",
-            where=str(path),
-            limit="a .src file",
-            hint="counterflex compensate PROGRAM --as krl writes one",
-        )
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(path), hint=missing_file(path)) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
-    if b"\0" in data:
-        raise ProgramError("not a text", where=str(path))
-    return data.decode(_ENCODING)
+    return read_program(path, (".src", ".dat"), "KRL program", "krl")
