@@ -48,10 +48,10 @@ def chosen(**changes: Any) -> OnlineSettings:
     return OnlineTable(**{**TABLE, **changes}).settings(None, compensated=False, mode=(8.5, 0.1))
 
 
-def line(play: Float | None = None) -> LoopPlan:
+def line(undo_play: Float | None = None) -> LoopPlan:
     x = np.linspace(0.0, 0.4, 1601)
     p = np.stack([x, np.zeros_like(x), np.zeros_like(x)], axis=1)
-    return LoopPlan(p, x / 0.01, np.zeros((len(x), 6)), np.zeros(len(x)), np.zeros((len(x), 6)), play=play)
+    return LoopPlan(p, x / 0.01, np.zeros((len(x), 6)), np.zeros(len(x)), np.zeros((len(x), 6)), undo_play=undo_play)
 
 
 def running(settings: OnlineSettings, plan: LoopPlan | None = None) -> Loop:
@@ -177,14 +177,14 @@ def test_what_was_summed_up_is_gone_when_the_correction_is_armed_anew() -> None:
     np.testing.assert_allclose(correction, 0.0, atol=1e-9)
 
 
-def test_play_of_the_plan_is_sent_ahead_unless_the_program_contains_it() -> None:
-    play = np.tile(np.array([0.0, 40e-6, -10e-6]), (1601, 1))
-    loop = running(chosen(undo_lag=False), line(play))
+def test_what_undoes_play_is_sent_unless_the_program_contains_it() -> None:
+    against = np.tile(np.array([0.0, -40e-6, 10e-6]), (1601, 1))
+    loop = running(chosen(undo_lag=False), line(against))
     for _ in range(60):
         correction = cycle(loop, 0.05)
-    np.testing.assert_allclose(correction[:3], -play[0], atol=1e-12)
+    np.testing.assert_allclose(correction[:3], against[0], atol=1e-12)
     compensated = replace(chosen(undo_lag=False), compensated=True)
-    loop = running(compensated, line(play))
+    loop = running(compensated, line(against))
     for _ in range(60):
         correction = cycle(loop, 0.05)
     np.testing.assert_allclose(correction[:3], 0.0, atol=1e-12)

@@ -39,7 +39,8 @@ DEAD_S: Final = 8.0 * MS
 """Two cycles until a set-point reaches the drives."""
 RUN_IN_DEG: Final = 10.0
 DWELL_S: Final = 4.0
-_FIDUCIAL_ROUNDS: Final = 20
+_ROUNDS: Final = 20
+"""Readings of each fiducial, and of the target on the spindle, of which the mean is taken."""
 _TOUCHED: Final = 0.5
 """Part of the square, at its first corner, where the robot touched the part: its error grows away from there."""
 _FIDUCIALS: Final = 1.2
@@ -65,7 +66,13 @@ _COMMON: Final[dict[str, Any]] = {
 VARIANTS: Final[dict[str, dict[str, Any]]] = {
     "off": {"tracker": "integrator"},
     "published": {"tracker": "integrator", "tracker_gain": 0.01, "tracker_step_um": 50.0},
-    "designed": {"tracker": "designed", "follow_ms": 97.2, "follow_lag_ms": 90.9, "undo_lag_mm": 2.5},
+    "designed": {
+        "tracker": "designed",
+        "tracker_age_ms": 1.5,
+        "follow_ms": 97.2,
+        "follow_lag_ms": 90.9,
+        "undo_lag_mm": 2.5,
+    },
 }
 
 
@@ -91,6 +98,10 @@ class Case:
     def program(self, shape: str) -> Path:
         """G-code of ``square`` or ``circle``."""
         return self.folder / f"{shape}.ngc"
+
+    def plan(self, shape: str) -> Path:
+        """Plan file of a shape, in a folder of its own."""
+        return self.folder / f"{shape}-plan" / "plan.parquet"
 
     def cell(self, variant: str) -> Path:
         """Cell file of a variant."""
@@ -159,18 +170,20 @@ def _cell_table(scale: float) -> dict[str, Any]:
 def _tracker_table(cell: Cell, lab: Laboratory, T_base_part: Float) -> dict[str, Any]:
     """What registering fiducials and calibrating the target gave: the tracker's frame tied to the part's.
 
-    The fiducials stand around the part, their places in it are known; the tracker measures each twenty times.
+    The fiducials stand around the part, their places in it are known; the tracker measures each twenty times, and
+    so it does the target on the standing spindle.
     """
     noise = lab.noise("fiducials of the part")
     h = 0.5 * _FIDUCIALS * SIDE_M
     points = np.array([[-h, -h, 0.0], [h, -h, 0.0], [h, h, 0.0], [-h, h, 0.0], [0.0, 0.0, 0.2]])
     seen = pose.transform(pose.inverse(lab.T_base_tracker) @ T_base_part, points)
-    seen = seen + lab.tracker_m / np.sqrt(_FIDUCIAL_ROUNDS) * noise.standard_normal(seen.shape)
+    seen = seen + lab.tracker_m / np.sqrt(_ROUNDS) * noise.standard_normal(seen.shape)
     T_part_tracker, _ = registration.register(points, seen)
     T = cell.T_base_part @ T_part_tracker
     target = lab.T_tcp_target.copy()
-    target[:3, 3] += lab.tracker_m * noise.standard_normal(3)
-    target[:3, :3] = rotation.exp(lab.tracker_rad * noise.standard_normal(3)) @ target[:3, :3]
+    target[:3, 3] += lab.tracker_m / np.sqrt(_ROUNDS) * noise.standard_normal(3)
+    turned = rotation.exp(lab.tracker_rad / np.sqrt(_ROUNDS) * noise.standard_normal(3))
+    target[:3, :3] = turned @ target[:3, :3]
     return {**_frame(T, ""), **_frame(target, "target_"), "target_on": "tcp", "source": "fiducials around the part"}
 
 

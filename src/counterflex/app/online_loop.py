@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from counterflex.app.inputs import setting_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MS
@@ -16,10 +17,12 @@ from counterflex.files.cell_sensing import flange_sensor
 from counterflex.geometry import pose
 from counterflex.plan.ahead import arm_share
 from counterflex.plan.plan import Plan, across
+from counterflex.plan.undone_play import undone_play
 from counterflex.robot.chain import ElasticChain
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitor_settings import unwatched
+from counterflex.runtime.settings import Delays, TrackerMode
 from counterflex.signals.ahead import Ahead
 from counterflex.signals.preview import Mode, Shaping
 
@@ -39,7 +42,9 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
     if not compensated:
         contained = np.zeros_like(contained)
     dynamics = cell.tables.dynamics
-    delays = (cell.tables.online or OnlineTable()).settings(cell.tables.timing, compensated=compensated).delays
+    settings = (cell.tables.online or OnlineTable()).settings(cell.tables.timing, compensated=compensated)
+    delays = settings.delays
+    designed = settings.tracker == TrackerMode.DESIGNED and settings.tuning.undo_play and not compensated
     modes = (
         Mode(2.0 * np.pi * dynamics.mode_hz, dynamics.damping_ratio),
         Mode(delays.natural_per_s, delays.damping),
@@ -52,7 +57,7 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
         w_tcp_part=plan.w_tcp_part,
         cutting=plan.cutting.astype(np.float64),
         contained=contained,
-        play=plan.play_part,
+        undo_play=_undone_play(plan, cell, delays) if designed else None,
         turn_per_s=np.abs(plan.path.spindle_rad_s) / (2.0 * np.pi),
         tool=plan.path.tool.astype(np.int64),
         chip_m=plan.feed_per_tooth_m * np.sin(0.5 * (plan.entry_rad + plan.exit_rad)),
@@ -63,6 +68,11 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
         w_ahead_part=ahead.command(plan.w_tcp_part, plan.path.time_s),
         ahead=ahead,
     )
+
+
+def _undone_play(plan: Plan, cell: Cell, delays: Delays) -> Float:
+    lag = Mode(delays.natural_per_s, delays.damping)
+    return undone_play(setting_of(cell), plan.path, plan.q, plan.w_tcp_part, lag, delays.dead_s)
 
 
 def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop:

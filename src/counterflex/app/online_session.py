@@ -34,6 +34,9 @@ from counterflex.wire.netft import Scaling
 QUIET_S = 2.0
 """Without a telegram for so long, a run has ended."""
 
+_MEAN_OF = 8
+"""Most poses of a tracker in a cycle of which the mean is taken; more have piled up."""
+
 
 @dataclass(frozen=True)
 class RunSettings:
@@ -151,7 +154,8 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         hz, period = loop.settings.inertia_hz, loop.settings.period_s
         inertia = SpindleInertia(cell.chain, sensor, cell.T_base_part, hz, period)
     if settings.tracker_port is not None and cell.tables.tracker is not None:
-        tracker = TrackerLink(settings.host, settings.tracker_port)
+        most = _MEAN_OF if table.tracker == "designed" else 1  # as published, the newest pose counts
+        tracker = TrackerLink(settings.host, settings.tracker_port, mean_of=most)
         frames = tracker_frames(cell.T_base_part, cell.tables.tracker.T_base_tracker, tcp_target(cell, cell.chain))
     return OnlineSession(
         link,

@@ -5,6 +5,7 @@ Every run is kept on disk when it has ended; an interrupted job goes on where it
 
 from __future__ import annotations
 
+import concurrent.futures
 import shutil
 import time
 from collections.abc import Mapping, Sequence
@@ -19,12 +20,13 @@ from counterflex.app import live, mandiola_case, mandiola_report, online_session
 from counterflex.app.compensate import compensate
 from counterflex.app.kept import begin, fingerprint, finish, finished, made_again
 from counterflex.app.mandiola_case import VARIANTS, Case
+from counterflex.app.workers import count_of, interrupts_held, pool_of
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM
 from counterflex.evaluate import tracking
 from counterflex.files.cell import read_cell
-from counterflex.files.plan_file import write_plan
+from counterflex.files.plan_file import read_plan, write_plan
 from counterflex.files.run_file import read_run
 from counterflex.files.summary_file import write_summary
 from counterflex.report.page import write_page
@@ -56,6 +58,7 @@ def run(
     *,
     seeds: int = 3,
     quick: bool = False,
+    workers: int | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Do the job on files: a folder per truth, ``summary.json`` and ``report.html`` over all of them.
@@ -64,6 +67,7 @@ def run(
         out: Folder; what is there and was made from the same inputs is not done again.
         seeds: Number of truth seeds, from 1 on.
         quick: Paths of 15 % of the size.
+        workers: Runs at a time; None is one per core.
         progress: Told the fraction done.
 
     Returns:
@@ -77,17 +81,8 @@ def run(
         raise InputError("number of truth seeds is out of range", value=seeds, limit=">= 1")
     start, begun = time.perf_counter(), time.time()
     folder, scale = Path(out), QUICK_SCALE if quick else 1.0
-    jobs = [(seed, shape, variant) for seed in range(1, seeds + 1) for shape in SHAPES for variant in VARIANTS]
-    found: dict[tuple[int, str, str], dict[str, Any]] = {}
-    cases: dict[int, Case] = {}
-    for n, (seed, shape, variant) in enumerate(jobs):
-        if seed not in cases:
-            cases[seed] = mandiola_case.write_case(folder / f"seed-{seed}", seed, scale=scale)
-
-        def told(fraction: float, what: str = "", *, n: int = n) -> None:
-            progress((n + fraction) / len(jobs), what)
-
-        found[seed, shape, variant] = one(cases[seed], shape, variant, progress=told)
+    cases = {n: mandiola_case.write_case(folder / f"seed-{n}", n, scale=scale) for n in range(1, seeds + 1)}
+    found = _run_all(cases, workers, progress)
     first = cases[1]
     margins = mandiola_report.margin_table(first.cell("designed"))
     summary = {
@@ -103,6 +98,46 @@ def run(
     write_page(mandiola_report.page(summary, first, read), folder / "report.html")
     progress(1.0, "done")
     return summary
+
+
+def _run_all(
+    cases: Mapping[int, Case], workers: int | None, progress: Progress
+) -> dict[tuple[int, str, str], dict[str, Any]]:
+    """Plan every path on every truth, then run all variants, the longest first; results in the order of the table."""
+    order = [(seed, shape, variant) for seed in cases for shape in SHAPES for variant in VARIANTS]
+    found: dict[tuple[int, str, str], dict[str, Any]] = {}
+    with pool_of(count_of(workers, len(order))) as pool:
+        with interrupts_held():
+            plans = [pool.submit(prepare, case, shape) for case in cases.values() for shape in SHAPES]
+        for plan in plans:
+            plan.result()
+        with interrupts_held():
+            waiting = {
+                pool.submit(one, cases[job[0]], job[1], job[2]): job
+                for job in sorted(order, key=lambda job: SHAPES.index(job[1]))
+            }
+        progress(0.01, f"{len(order)} runs")
+        for done in concurrent.futures.as_completed(waiting):
+            found[waiting[done]] = done.result()
+            progress(0.01 + 0.98 * len(found) / len(order), f"ran {len(found)} of {len(order)}")
+    return {job: found[job] for job in order}
+
+
+def prepare(case: Case, shape: str) -> None:
+    """Write the plan of a shape, unless that was done: what the loop knows of play ahead of time.
+
+    Args:
+        case: Files of the truth.
+        shape: ``square`` or ``circle``.
+    """
+    cell, program, plan = case.cell("designed"), case.program(shape), case.plan(shape)
+    part = plan.parent
+    mark = fingerprint(cell, program)
+    if finished(part, mark) is None:
+        begin(part)
+        planned = compensate(program, read_cell(cell), predict=False)
+        write_plan(plan, planned.plan, {"program": program.name, "counterflex": __version__})
+        finish(part, mark, {})
 
 
 def one(case: Case, shape: str, variant: str, *, progress: Progress = silent) -> dict[str, Any]:
@@ -140,10 +175,9 @@ def _mill(case: Case, shape: str, variant: str, part: Path, progress: Progress) 
             seed=case.seed,
             answer=PathAnswer(dead_s=mandiola_case.DEAD_S, natural_hz=0.0),
         )
-        plan = case.folder / f"{shape}-plan.parquet"
-        planned = compensate(program, read_cell(cell), predict=False)
-        write_plan(plan, planned.plan, {"program": program.name, "counterflex": __version__})
-        cycles = round(float(planned.plan.path.time_s[-1]) / mandiola_case.PERIOD_S) + 250
+        prepare(case, shape)
+        plan = case.plan(shape)
+        cycles = round(float(read_plan(plan)[0].path.time_s[-1]) / mandiola_case.PERIOD_S) + 250
         loop = online_session.RunSettings(cell, rsi, plan, compensated=False, arm=variant != "off")
         log = part.with_name(f"{part.name}-log")
         shutil.rmtree(log, ignore_errors=True)

@@ -87,6 +87,9 @@ def mandiola2023(
     out: Annotated[Path, typer.Option("--out", help="Folder for the results.", metavar="DIR")],
     seeds: Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)] = 3,
     quick: Annotated[bool, typer.Option("--quick", help="Small paths and one seed: does it work at all?")] = False,
+    workers: Annotated[
+        int | None, typer.Option("--workers", help="Runs at a time; by default one per core.", min=1, max=64)
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Square and circle with a laser tracker in the loop: off, the published integrator, the designed controller.
@@ -100,7 +103,7 @@ def mandiola2023(
 
     with progress_bar("mandiola2023") as progress:
         try:
-            summary = job.run(out, seeds=1 if quick else seeds, quick=quick, progress=progress)
+            summary = job.run(out, seeds=1 if quick else seeds, quick=quick, workers=workers, progress=progress)
         except KeyboardInterrupt as stop:
             raise Interrupted(
                 "interrupted; finished runs are kept", where=str(out), hint="The same command goes on where it was"

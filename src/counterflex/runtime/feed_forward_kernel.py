@@ -13,7 +13,7 @@ from typing import Final
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.runtime import layout as at
-from counterflex.runtime.follow_kernel import PLAN_PLAY, PLAN_TIME
+from counterflex.runtime.follow_kernel import PLAN_PLAY
 from counterflex.runtime.frame_kernel import across, pose_deviation
 from counterflex.runtime.past_kernel import row_at
 
@@ -104,25 +104,18 @@ def lag_correction(rate: Float, second: Float, filter_: Float, largest: float, m
     return share
 
 
-@kernel("void(float64[:, ::1], float64[::1], float64, float64[::1])")
-def play_ahead(plan: Float, place: Float, ahead_s: float, out: Float) -> None:
-    """Predicted deviation by play where the robot will be when a correction acts: (3,) m, part axes, written.
+@kernel("void(float64[:, ::1], float64[::1], float64[::1])")
+def play_undone(plan: Float, place: Float, out: Float) -> None:
+    """Correction of the plan that undoes play, (3,) m, part axes, added to ``out``.
 
     Args:
         plan: (n, PLAN_COLUMNS).
         place: (2,) of :func:`counterflex.runtime.follow_kernel.follow`.
-        ahead_s: Dead time and lag of a correction together.
-        out: (3,).
+        out: (3,) at least.
     """
-    n = plan.shape[0]
     i, u = int(place[0]), place[1]
-    time = plan[i, PLAN_TIME] + u * (plan[i + 1, PLAN_TIME] - plan[i, PLAN_TIME]) + ahead_s
-    while i < n - 2 and plan[i + 1, PLAN_TIME] < time:
-        i += 1
-    span = plan[i + 1, PLAN_TIME] - plan[i, PLAN_TIME]
-    u = min(1.0, max(0.0, (time - plan[i, PLAN_TIME]) / span)) if span > 0.0 else 1.0
     for k in range(3):
-        out[k] = (1.0 - u) * plan[i, PLAN_PLAY + k] + u * plan[i + 1, PLAN_PLAY + k]
+        out[k] += (1.0 - u) * plan[i, PLAN_PLAY + k] + u * plan[i + 1, PLAN_PLAY + k]
 
 
 @kernel(
@@ -153,7 +146,7 @@ def known_ahead(
         planned: 1 where the place on the plan is known.
         state: Of the step; rates and what is known ahead are written.
         work: (12,) work space.
-        zero: (12,) zeros; the last six are used up.
+        zero: (12,) zeros.
 
     Returns:
         Share of the lag that could be undone, see :func:`lag_correction`.
@@ -177,10 +170,7 @@ def known_ahead(
             forward,
         )
     if choices[at.W_PLAY] == 1 and planned == 1:
-        ahead_s = constants[at.C_AHEAD] + constants[at.C_AHEAD + 1]
-        play_ahead(plan, state[at.S_PLACE :], ahead_s, zero[6:9])
-        for k in range(3):
-            forward[k] -= zero[6 + k]
+        play_undone(plan, state[at.S_PLACE :], forward)
     if choices[at.W_NORMAL] == 1 and planned == 1:
         across(forward, 0, plan, int(state[at.S_PLACE]))
     return share

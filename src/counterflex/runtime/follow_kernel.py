@@ -17,7 +17,7 @@ PLAN_V: Final = 4  # 3: unit feed direction, part axes; zero where nothing moves
 PLAN_W: Final = 7  # 6: predicted wrench on the tool about the TCP, part axes
 PLAN_CUT: Final = 13  # 1 where material is cut
 PLAN_C: Final = 14  # 6: correction that the program already contains, m and rotation vector, part axes
-PLAN_PLAY: Final = 20  # 3: deviation by play and friction that the plan predicts and the program does not contain
+PLAN_PLAY: Final = 20  # 3: correction to be sent here so that play and friction are undone in time
 PLAN_A: Final = 23  # 6: wrench whose deflection is to be commanded here, so that it is undone in time
 PLAN_COLUMNS: Final = 29
 

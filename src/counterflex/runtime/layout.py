@@ -62,12 +62,11 @@ C_KI: Final = 61  # 3, times period
 C_KD: Final = 64  # 3, by period
 C_PROPORTIONAL: Final = 67  # of the designed tracker controller
 C_NOTCH: Final = 68  # 5: its filter, b0 b1 b2 a1 a2
-C_AHEAD: Final = 73  # 2: dead time and lag of a correction, s
-C_INERTIA: Final = 75  # 5: low-pass that the measured force has passed before
-C_LAG: Final = 80  # 8: filter of lag_correction
-C_LAG_MOST: Final = 88  # its largest translation, m
-C_SWING: Final = 89  # 2: 1 by the square of the lowest mode, s2; what is left of a swing after a cycle
-CONSTANTS: Final = 91
+C_INERTIA: Final = 73  # 5: low-pass that the measured force has passed before
+C_LAG: Final = 78  # 8: filter of lag_correction
+C_LAG_MOST: Final = 86  # its largest translation, m
+C_SWING: Final = 87  # 2: 1 by the square of the lowest mode, s2; what is left of a swing after a cycle
+CONSTANTS: Final = 89
 
 # Choices, int64.
 W_FORCE: Final = 0
@@ -85,7 +84,7 @@ W_WINDOW: Final = 11
 W_TRACKER_STALE: Final = 12
 W_DISBELIEVED: Final = 13
 W_LAG: Final = 14  # 1: undo the lag behind the program
-W_PLAY: Final = 15  # 1: undo the play that the plan predicts
+W_PLAY: Final = 15  # 1: send the correction of the plan that undoes play
 W_BRIDGE: Final = 16  # age of a force up to which the plan alone goes on
 W_REPORTED_BACK: Final = 17  # cycles back to the nominal pose that a reported one belongs to
 W_AHEAD: Final = 18  # column of the plan that is read ahead of time

@@ -80,7 +80,6 @@ def pack_constants(settings: OnlineSettings, T_base_part: Float, plan: LoopPlan 
     out[at.C_PROPORTIONAL] = tuning.proportional
     put(at.C_NOTCH, tuning.notch)
     put(at.C_LAG, [*tuning.lag_filter, tuning.lag_most_m])
-    put(at.C_AHEAD, [settings.delays.dead_s, settings.delays.correction_s - settings.delays.dead_s])
     return out
 
 

@@ -37,7 +37,8 @@ class LoopPlan:
         w_tcp_part: (n, 6) predicted wrench on the tool about its tip.
         cutting: (n,) 1 where material is cut.
         contained: (n, 6) correction that the program already contains, m and rotation vector.
-        play: (n, 3) m, deviation by play and friction that the plan predicts; None is none.
+        undo_play: (n, 3) m, correction to be sent here so that the robot, as slow as it is, undoes play and friction in
+            time, as :func:`counterflex.plan.undone_play.undone_play` gives it; None is none.
         turn_per_s: (n,) spindle speed, turns per second; None is not known.
         tool: (n,) number of the tool; None is one and the same.
         teeth: (n,) of the tool; None is not known.
@@ -55,7 +56,7 @@ class LoopPlan:
     w_tcp_part: Float
     cutting: Float
     contained: Float
-    play: Float | None = None
+    undo_play: Float | None = None
     turn_per_s: Float | None = None
     tool: Int | None = None
     teeth: Int | None = None
@@ -87,8 +88,8 @@ class LoopPlan:
         out[:, PLAN_A : PLAN_A + 6] = as_float("plan: w_ahead_part", ahead, (n, 6))
         out[:, PLAN_CUT] = as_float("plan: cutting", self.cutting, (n,))
         out[:, PLAN_C : PLAN_C + 6] = as_float("plan: contained", self.contained, (n, 6))
-        if self.play is not None:
-            out[:, PLAN_PLAY : PLAN_PLAY + 3] = as_float("plan: play", self.play, (n, 3))
+        if self.undo_play is not None:
+            out[:, PLAN_PLAY : PLAN_PLAY + 3] = as_float("plan: undo_play", self.undo_play, (n, 3))
         step_p = np.diff(p - out[:, PLAN_C : PLAN_C + 3], axis=0)
         length = np.linalg.norm(step_p, axis=1, keepdims=True)
         out[:-1, PLAN_V : PLAN_V + 3] = step_p / np.where(length > 0.0, length, 1.0)

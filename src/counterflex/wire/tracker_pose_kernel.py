@@ -35,6 +35,10 @@ N_FOREIGN: Final = 5
 N_HOST: Final = 6  # who is listened to; -1: whoever comes first
 NUMBERS: Final = 7
 
+SUM: Final = 5  # row of the work space from which the sum of good poses is kept, four rows
+COUNT: Final = 9  # its row behind that: number of poses, sum of their times after the first, time of the first, ns
+SPARE: Final = 10  # rows of the work space
+
 
 @kernel("int64(uint8[:, ::1], int64, int64, int64)")
 def _number(data: ByteRows, row: int, at: int, size: int) -> int:
@@ -113,7 +117,7 @@ def take_poses(
         allowed: (m,) senders that are listened to; empty: the first that comes.
         numbers: (NUMBERS,) of this module; changed.
         T: (4, 4) newest good pose, m; changed.
-        spare: (5, 8) work space.
+        spare: (SPARE, 8) work space; sum and count of the good poses are added to, see :func:`mean_pose`.
         values: (8,) as :func:`read_datagram` writes them, of the newest good one; changed.
 
     Returns:
@@ -146,8 +150,14 @@ def take_poses(
         for i in range(4):
             for j in range(4):
                 T[i, j] = read[i, j]
+                spare[SUM + i, j] += read[i, j]
         for k in range(8):
             values[k] = work[k]
+        total = spare[COUNT]
+        if total[0] == 0.0:
+            total[2] = float(numbers[N_TIME])
+        total[0] += 1.0
+        total[1] += float(numbers[N_TIME]) - total[2]
         fresh = True
     return fresh
 
@@ -173,3 +183,43 @@ def tool_pose(T_part_tracker: Float, T_tracker_target: Float, T_target_tcp: Floa
         for j in range(3):
             out[at + 3 * i + j] = r0 * C[0, j] + r1 * C[1, j] + r2 * C[2, j]
         out[at + 9 + i] = r0 * C[0, 3] + r1 * C[1, 3] + r2 * C[2, 3] + p
+
+
+@kernel("float64(float64[:, ::1], float64, float64[:, ::1])")
+def mean_pose(spare: Float, most: float, T: Float) -> float:
+    """Mean of the poses that :func:`take_poses` has summed up since its sums were set to zero.
+
+    The mean of rotations a few degrees apart: columns of the mean matrix, made square to each other again.
+
+    Args:
+        spare: Work space of :func:`take_poses`.
+        most: With more poses than these, or one, ``T`` is left as it is: they have piled up, and the newest counts.
+        T: (4, 4) newest good pose; written.
+
+    Returns:
+        Mean time of the poses after the first of them, ns; below 0 where ``T`` was left.
+    """
+    count = spare[COUNT, 0]
+    if count < 2.0 or count > most:
+        return -1.0
+    for k in range(3):
+        T[k, 3] = spare[SUM + k, 3] / count
+    size = 0.0
+    for k in range(3):
+        size += spare[SUM + k, 0] ** 2
+    size = math.sqrt(size)
+    along = 0.0
+    for k in range(3):
+        T[k, 0] = spare[SUM + k, 0] / size
+        along += T[k, 0] * spare[SUM + k, 1]
+    size = 0.0
+    for k in range(3):
+        T[k, 1] = spare[SUM + k, 1] - along * T[k, 0]
+        size += T[k, 1] ** 2
+    size = math.sqrt(size)
+    for k in range(3):
+        T[k, 1] /= size
+    T[0, 2] = T[1, 0] * T[2, 1] - T[2, 0] * T[1, 1]
+    T[1, 2] = T[2, 0] * T[0, 1] - T[0, 0] * T[2, 1]
+    T[2, 2] = T[0, 0] * T[1, 1] - T[1, 0] * T[0, 1]
+    return spare[COUNT, 1] / count
