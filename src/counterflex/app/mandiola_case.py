@@ -100,8 +100,13 @@ class Case:
         return self.folder / f"{shape}.ngc"
 
     def plan(self, shape: str) -> Path:
-        """Plan file of a shape, in a folder of its own."""
-        return self.folder / f"{shape}-plan" / "plan.parquet"
+        """Plan file of a shape, in a folder of its own beside the truths: no truth shows in it."""
+        return self.folder.parent / f"{shape}-plan" / "plan.parquet"
+
+    @property
+    def bare_cell(self) -> Path:
+        """Cell file without tracker and loop: the same for every truth."""
+        return self.folder / "cell-bare.toml"
 
     def cell(self, variant: str) -> Path:
         """Cell file of a variant."""
@@ -133,9 +138,8 @@ def write_case(folder: Path, seed: int, *, scale: float = 1.0) -> Case:
     write_text(case.program("square"), _square(case.corners / MM))
     write_text(case.program("circle"), _circle(case.radius_m / MM))
     bare = _cell_table(scale)
-    bare_file = folder / "cell-bare.toml"
-    write_toml(bare_file, bare)
-    cell = read_cell(bare_file)
+    write_toml(case.bare_cell, bare)
+    cell = read_cell(case.bare_cell)
     nominal = truth_of(cell, None)
     drives = tuple(replace(d, following_gain_per_s=KV_PER_S) for d in nominal.drives)
     truth = perturbed(replace(nominal, drives=drives), seed)

@@ -21,6 +21,7 @@ from counterflex.app.compensate import compensate
 from counterflex.app.kept import begin, fingerprint, finish, finished, made_again
 from counterflex.app.mandiola_case import VARIANTS, Case
 from counterflex.app.workers import count_of, interrupts_held, pool_of
+from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM
@@ -34,11 +35,11 @@ from counterflex.twin.path_answer import PathAnswer
 
 SHAPES: Final = ("square", "circle")
 QUICK_SCALE: Final = 0.15
+_PLAN_CODE: Final = ("counterflex.app.compensate",)
 _CODE: Final = (
     "counterflex.app.mandiola_case",
     "counterflex.app.compensate",
     "counterflex.app.over_sockets",
-    "counterflex.evaluate.tracking",
 )
 CORNER_M: Final = 15.0 * MM
 """Path on either side of a corner that counts as corner, at full size: 1.3 s at 700 mm/min."""
@@ -84,15 +85,16 @@ def run(
     cases = {n: mandiola_case.write_case(folder / f"seed-{n}", n, scale=scale) for n in range(1, seeds + 1)}
     found = _run_all(cases, workers, progress)
     first = cases[1]
-    margins = mandiola_report.margin_table(first.cell("designed"))
+    margins = mandiola_report.margin_table(mandiola_report.open_loops(first.cell("designed")))
     summary = {
         **_summary(found, scale, time.perf_counter() - start),
         "margins": margins,
         "made_again": made_again(folder, begun),
     }
 
-    def read(shape: str, variant: str) -> tracking.Tracked:
-        return tracked(first.folder / f"{shape}-{variant}", first.cell(variant))
+    def read(shape: str, variant: str) -> tuple[tracking.Tracked, Float]:
+        run_ = tracked(first.folder / f"{shape}-{variant}", first.cell(variant))
+        return run_, nearest(run_, first, shape)
 
     write_summary(folder / "summary.json", summary)
     write_page(mandiola_report.page(summary, first, read), folder / "report.html")
@@ -103,12 +105,12 @@ def run(
 def _run_all(
     cases: Mapping[int, Case], workers: int | None, progress: Progress
 ) -> dict[tuple[int, str, str], dict[str, Any]]:
-    """Plan every path on every truth, then run all variants, the longest first; results in the order of the table."""
+    """Plan every path, then run all variants, the longest first; results in the order of the table."""
     order = [(seed, shape, variant) for seed in cases for shape in SHAPES for variant in VARIANTS]
     found: dict[tuple[int, str, str], dict[str, Any]] = {}
     with pool_of(count_of(workers, len(order))) as pool:
         with interrupts_held():
-            plans = [pool.submit(prepare, case, shape) for case in cases.values() for shape in SHAPES]
+            plans = [pool.submit(prepare, next(iter(cases.values())), shape) for shape in SHAPES]
         for plan in plans:
             plan.result()
         with interrupts_held():
@@ -130,18 +132,18 @@ def prepare(case: Case, shape: str) -> None:
         case: Files of the truth.
         shape: ``square`` or ``circle``.
     """
-    cell, program, plan = case.cell("designed"), case.program(shape), case.plan(shape)
+    cell, program, plan = case.bare_cell, case.program(shape), case.plan(shape)
     part = plan.parent
-    mark = fingerprint(cell, program)
+    mark = fingerprint(cell, program, code=_PLAN_CODE)
     if finished(part, mark) is None:
-        begin(part)
+        begin(part, mark)
         planned = compensate(program, read_cell(cell), predict=False)
         write_plan(plan, planned.plan, {"program": program.name, "counterflex": __version__})
         finish(part, mark, {})
 
 
 def one(case: Case, shape: str, variant: str, *, progress: Progress = silent) -> dict[str, Any]:
-    """Run one shape with one controller, unless that was done, and judge it.
+    """Run one shape with one controller, unless that was done, and judge what was recorded of it.
 
     Args:
         case: Files of the truth.
@@ -159,9 +161,8 @@ def one(case: Case, shape: str, variant: str, *, progress: Progress = silent) ->
     if kept is None:
         begin(part, mark)
         kept = _mill(case, shape, variant, part, progress)
-        kept["figures"] = figures(tracked(part, cell), case, shape)
         finish(part, mark, kept)
-    return kept
+    return {"loop": kept["loop"], "figures": figures(tracked(part, cell), case, shape)}
 
 
 def _mill(case: Case, shape: str, variant: str, part: Path, progress: Progress) -> dict[str, Any]:
@@ -202,6 +203,14 @@ def tracked(part: Path, cell: Path) -> tracking.Tracked:
     return tracking.Tracked(run_.time_s, run_.p_part_command, run_.p_part_tcp, run_.tilt_part, q)
 
 
+def nearest(run_: tracking.Tracked, case: Case, shape: str) -> Float:
+    """Point of the path (n, 3) m nearest to where the tool was."""
+    if shape == "square":
+        near = tracking.segment_of(run_.p_command, case.corners)
+        return tracking.nearest_on_polyline(run_.p_actual, case.corners, near)
+    return tracking.nearest_on_circle(run_.p_actual, case.radius_m)
+
+
 def figures(run_: tracking.Tracked, case: Case, shape: str) -> dict[str, Any]:
     """Figures of one run.
 
@@ -210,14 +219,13 @@ def figures(run_: tracking.Tracked, case: Case, shape: str) -> dict[str, Any]:
         case: Which paths.
         shape: ``square`` or ``circle``.
     """
+    contour = np.linalg.norm(run_.p_actual - nearest(run_, case, shape), axis=1)
     if shape == "square":
-        contour = tracking.contour_error(run_.p_actual, case.corners, tracking.segment_of(run_.p_command, case.corners))
         straight, corner = tracking.corner_zones(
             run_, case.corners, min(CORNER_M, 0.25 * mandiola_case.SIDE_M * case.scale)
         )
         zones = {"straights": straight, "corners": corner}
     else:
-        contour = tracking.circle_error(run_.p_actual, case.radius_m)
         turn = tracking.turn_zone(run_, mandiola_case.RUN_IN_DEG * DEG)
         zones = {"turn": turn, "reversals": tracking.reversal_zone(run_, turn, AFTER_REVERSAL_S)}
     out = {}

@@ -120,6 +120,8 @@ def _show_mandiola(summary: dict[str, Any]) -> None:
     from counterflex.app import mandiola_report as report
 
     print_table("True error of the tool", list(report.COLUMNS), report.figure_rows(summary))
+    columns, rows = report.beside_paper(summary)
+    print_table("Beside the paper, worst truth", columns, rows)
     print_table(
         "Reduction against off (Mandiola2023: circle 66 %), and corner peak against the published gain's",
         ["seed", "controller", "circle contour %", "circle total %", "straights total %", "corner peak ratio"],

@@ -58,28 +58,45 @@ def spread(size: Float, where: Bool) -> Spread:
     return Spread(float(np.sqrt(np.mean(chosen**2))), float(chosen[at]), float(chosen[-1]), len(chosen))
 
 
-def contour_error(p: Float, corners: Float, near: Int) -> Float:
-    """Distance of each point from the nearest piece of a polyline close to where the point belongs.
+def nearest_on_polyline(p: Float, corners: Float, near: Int) -> Float:
+    """Nearest point of a polyline, close to where each point belongs: (n, 3) m.
 
     Args:
         p: (n, 3) m, actual points.
         corners: (k, 3) m, the polyline, k >= 2.
         near: (n,) segment 0..k-2 that each point is on by the program; it, the one before and the one after count.
 
-    Returns:
-        (n,) m.
+    Raises:
+        InputError: Wrong shapes, or fewer than two corners.
     """
     points, line = as_float("p", p, (None, 3)), as_float("corners", corners, (None, 3))
     segments = len(line) - 1
     if segments < 1:
         raise InputError("a polyline needs two points", value=len(line))
-    best = np.full(len(points), np.inf)
+    best, out = np.full(len(points), np.inf), points.copy()
     for step in (-1, 0, 1):
         i = np.clip(np.asarray(near, dtype=np.int64) + step, 0, segments - 1)
         a, d = line[i], line[i + 1] - line[i]
         u = np.clip(np.sum((points - a) * d, axis=1) / np.maximum(np.sum(d * d, axis=1), 1e-18), 0.0, 1.0)
-        best = np.minimum(best, np.linalg.norm(points - a - u[:, None] * d, axis=1))
-    return best
+        foot = a + u[:, None] * d
+        away = np.linalg.norm(points - foot, axis=1)
+        out[away < best] = foot[away < best]
+        best = np.minimum(best, away)
+    return out
+
+
+def contour_error(p: Float, corners: Float, near: Int) -> Float:
+    """Distance (n,) m of each point from a polyline: from its :func:`nearest_on_polyline`, same arguments."""
+    out: Float = np.linalg.norm(p - nearest_on_polyline(p, corners, near), axis=1)
+    return out
+
+
+def nearest_on_circle(p: Float, radius_m: float) -> Float:
+    """Nearest points (n, 3) m of a circle about the origin in the plane z = 0, of points (n, 3) m off its axis."""
+    points, radius = as_float("p", p, (None, 3)), as_positive("radius_m", radius_m)
+    out = np.zeros_like(points)
+    out[:, :2] = radius * points[:, :2] / np.linalg.norm(points[:, :2], axis=1, keepdims=True)
+    return out
 
 
 def circle_error(p: Float, radius_m: float) -> Float:
@@ -164,29 +181,44 @@ def turn_zone(tracked: Tracked, run_in_rad: float) -> Bool:
     return out
 
 
+def reversals(q: Float, least_rad: float = 100e-6) -> list[tuple[int, int]]:
+    """Where axes turn round: rows and axes (0..5), in the order of the axes.
+
+    Args:
+        q: (n, k) rad.
+        least_rad: An axis must have moved this much before it turns, and as much after: less is noise. The row is that
+            of the turn itself.
+    """
+    found = []
+    for axis, angles in enumerate(as_float("q", q, (None, None)).T):
+        extreme, at, direction = angles[0], 0, 0.0
+        for n, angle in enumerate(angles):
+            if direction == 0.0:
+                direction = float(np.sign(angle - extreme)) if abs(angle - extreme) > least_rad else 0.0
+                if direction != 0.0:
+                    extreme, at = angle, n
+                continue
+            if (angle - extreme) * direction > 0.0:
+                extreme, at = angle, n
+            elif (extreme - angle) * direction > least_rad:
+                found.append((at, axis))
+                extreme, at, direction = angle, n, -direction
+    return found
+
+
 def reversal_zone(tracked: Tracked, where: Bool, after_s: float, least_rad: float = 100e-6) -> Bool:
     """Samples (n,) of ``where`` within a time after an axis turned round.
 
     Args:
         tracked: The run.
         where: Samples that count.
-        after_s: Time after the turn of an axis that is counted.
-        least_rad: An axis must have moved this much before it turns: less is noise.
+        after_s: Time after the turn of an axis that is counted, and half as much before it.
+        least_rad: See :func:`reversals`.
     """
     out = np.zeros(len(tracked.time_s), dtype=bool)
-    for q in tracked.q.T:
-        extreme, direction = q[0], 0.0
-        for n, angle in enumerate(q):
-            if direction == 0.0:
-                direction = float(np.sign(angle - extreme)) if abs(angle - extreme) > least_rad else 0.0
-                continue
-            if (angle - extreme) * direction > 0.0:
-                extreme = angle
-            elif (extreme - angle) * direction > least_rad:
-                out |= (tracked.time_s >= tracked.time_s[n] - 0.5 * after_s) & (
-                    tracked.time_s < tracked.time_s[n] + after_s
-                )
-                extreme, direction = angle, -direction
+    for row, _ in reversals(tracked.q, least_rad):
+        at = tracked.time_s[row]
+        out |= (tracked.time_s >= at - 0.5 * after_s) & (tracked.time_s < at + after_s)
     return out & where
 
 
