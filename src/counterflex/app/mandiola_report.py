@@ -66,13 +66,15 @@ class Controller:
 
     Attributes:
         loop: Its open loop.
-        gains: Ki per cycle and Kp, or None where it has none.
+        integral: Ki per cycle, or None where it has none.
+        proportional: Kp, likewise.
         margins: Of the loop.
         plant: The robot that it was computed on.
     """
 
     loop: OpenLoop
-    gains: tuple[float, float] | None
+    integral: float | None
+    proportional: float | None
     margins: Margins
     plant: TrackerPlant
 
@@ -94,9 +96,9 @@ def open_loops(cell_file: Path) -> list[Controller]:
     for name, robot, gains in (("published", newest, TrackerGains(PUBLISHED_GAIN)), ("designed", plant, designed)):
         response = robot.response(f) * gains.response(f, period)
         loop = OpenLoop(name, f, response)
-        out.append(Controller(loop, (gains.integral, gains.proportional), margins(robot, gains), robot))
+        out.append(Controller(loop, gains.integral, gains.proportional, margins(robot, gains), robot))
     seen = observer_response(newest, usual.drift_m**2 * period, usual.noise_m**2, f) * newest.response(f)
-    out.append(Controller(OpenLoop("observer", f, seen), None, margins_of(seen, f, stable=True), newest))
+    out.append(Controller(OpenLoop("observer", f, seen), None, None, margins_of(seen, f, stable=True), newest))
     return out
 
 
@@ -105,8 +107,8 @@ def margin_table(controllers: Sequence[Controller]) -> list[dict[str, Any]]:
     return [
         {
             "controller": item.loop.name,
-            "integral_per_cycle": None if item.gains is None else item.gains[0],
-            "proportional": None if item.gains is None else item.gains[1],
+            "integral_per_cycle": item.integral,
+            "proportional": item.proportional,
             "crossover_hz": round(item.margins.crossover_hz, 3),
             "phase_margin_deg": round(float(item.margins.phase_deg), 1),
             "gain_margin_db": round(float(item.margins.gain_db), 1),
@@ -254,8 +256,8 @@ def page(summary: Mapping[str, Any], case: Case, read: Any) -> str:
         square=square,
         circle=circle,
         loops=[item.loop for item in open_loops(case.cell("designed"))],
-        corner=case.corners[1],
-        corner_reach_m=CORNER_SHOWN_M,
+        p_part=case.corners[1],
+        reach_m=CORNER_SHOWN_M,
         versions={"counterflex": __version__},
     )
     return tracking_page(data)

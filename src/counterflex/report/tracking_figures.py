@@ -111,22 +111,22 @@ def magnified(runs: Sequence[TrackedRun], factor: float) -> dict[str, Any]:
     return {"data": lines, "layout": _square_layout()}
 
 
-def corner(runs: Sequence[TrackedRun], at: Float, reach_m: float) -> dict[str, Any]:
+def corner(runs: Sequence[TrackedRun], p_part: Float, reach_m: float) -> dict[str, Any]:
     """What controllers make of a corner, seen from above at true scale.
 
     Args:
         runs: Of the path.
-        at: (3,) m, the corner.
+        p_part: (3,) m, the corner.
         reach_m: Half of what is shown.
     """
     lines: list[dict[str, Any]] = []
     for k, run in enumerate(runs):
-        near = np.flatnonzero(np.max(np.abs(run.p_command - at)[:, :2], axis=1) < 2.0 * reach_m)
+        near = np.flatnonzero(np.max(np.abs(run.p_command - p_part)[:, :2], axis=1) < 2.0 * reach_m)
         if len(near) == 0:
             continue
         if not lines:
-            lines.append(_line("nominal", NOMINAL, *_mm(run.p_command[near] - at), 0.8))
-        lines.append(_line(run.name, colour_of(k, runs), *_mm(run.p_actual[near] - at), 1.4))
+            lines.append(_line("nominal", NOMINAL, *_mm(run.p_command[near] - p_part), 0.8))
+        lines.append(_line(run.name, colour_of(k, runs), *_mm(run.p_actual[near] - p_part), 1.4))
     layout = _square_layout()
     span = [-reach_m / MM, reach_m / MM]
     layout["xaxis"] |= {"range": span, "title": {"text": "x from the corner, mm"}}
@@ -208,7 +208,7 @@ def figures(
     circle: Sequence[TrackedRun],
     square: Sequence[TrackedRun],
     loops: Sequence[OpenLoop],
-    at_corner: Float,
+    p_part: Float,
     reach_m: float,
 ) -> Mapping[str, Any]:
     """All figures of the page by name.
@@ -217,7 +217,7 @@ def figures(
         circle: Runs of the circle, the controller of interest last.
         square: Runs of the square, likewise.
         loops: Open loops.
-        at_corner: (3,) m, the corner that is shown.
+        p_part: (3,) m, the corner that is shown.
         reach_m: Half of what is shown of it.
     """
     return {
@@ -226,7 +226,7 @@ def figures(
         "angle": over_angle(circle),
         "turn": over_time(circle),
         "square": magnified(square, MAGNIFIED),
-        "corner": corner(square, at_corner, reach_m),
+        "corner": corner(square, p_part, reach_m),
         "sides": over_time(square),
         "nyquist": nyquist(loops),
         "sensitivity": sensitivity(loops),

@@ -29,8 +29,8 @@ class TrackingData:
         square: Runs of the square, one truth, the controller of interest last.
         circle: Runs of the circle, the same truth.
         loops: Open loops of the controllers.
-        corner: (3,) m, the corner of the square that is shown.
-        corner_reach_m: Half of what is shown of it.
+        p_part: (3,) m, the corner of the square that is shown.
+        reach_m: Half of what is shown of it.
         timing: See :class:`counterflex.report.data.ReportData`.
         versions: See there.
     """
@@ -48,13 +48,13 @@ class TrackingData:
     square: Sequence[TrackedRun]
     circle: Sequence[TrackedRun]
     loops: Sequence[OpenLoop]
-    corner: Float
-    corner_reach_m: float
+    p_part: Float
+    reach_m: float
     timing: tuple[Any, ...] = ()
     versions: Mapping[str, str] = field(default_factory=dict)
 
 
 def tracking_page(data: TrackingData) -> str:
     """The page, as HTML text."""
-    drawn = figures(data.circle, data.square, data.loops, data.corner, data.corner_reach_m)
+    drawn = figures(data.circle, data.square, data.loops, data.p_part, data.reach_m)
     return render("tracking.html.j2", drawn, [], data=data, magnified=f"{MAGNIFIED:g}", finely=f"{FINELY:g}")
