@@ -5,7 +5,9 @@ and K the stiffness of the posture,
 
     M x'' + D (x' - x_m') + K (x - x_m) = J^T w + t_weight + f,
 
-where x_m are the motor angles behind the six gears, f is what play and dry friction add. The linear part is taken by
+where x_m are the motor angles behind the six gears, f is what play and dry friction add. Angles are counted from the
+programmed path, so its own accelerations shake nothing: a controller rounds them, and how is not known; friction feels
+the whole motion. The linear part is taken by
 the trapezoidal rule (no numerical damping, stable for massless elements), play, friction and drives follow one step
 behind.
 """
@@ -28,7 +30,7 @@ class Motion(NamedTuple):
         step_s: Length h of a step.
         time_s: (rows,) s.
         q_command: (rows, 6) rad, commanded angles, corrections included.
-        q_ref: (rows, 6) rad, angles of the programmed path plus the elastic torsion by weight.
+        q_ref: (rows, 6) rad, angles of the programmed path.
         weight: (rows, 6) N m, torque of weight and counterbalance on the torsions.
         posture: (rows,) which of the postures holds at a row.
         place: (rows,) which of the Jacobians does.
@@ -47,9 +49,11 @@ class Motion(NamedTuple):
         motor_slip: (6,) rad.
         x: (n,) coordinates now.
         rate: (n,) their rates.
-        drives: (6, 6) motor angle, the one before, integral, friction held, load at the start, command before.
+        drives: (7, 6) motor angle, the one before, integral, friction held, load at the start,
+            command before, all beside the programmed angle; programmed angle before.
         held: (6, m) N m, friction of the links.
         clock: (2,) time of the state in s, and 1 once it has been set.
+        program: (6,) rad, working space.
         load: (n,) working space.
         fresh: (n,) working space.
     """
@@ -79,6 +83,7 @@ class Motion(NamedTuple):
     drives: Float
     held: Float
     clock: Float
+    program: Float
     load: Float
     fresh: Float
 
@@ -92,13 +97,15 @@ def rest(motion, row):  # type: ignore[no-untyped-def]
     for a in range(AXES):
         torque = motion.weight[row, a]
         lean = min(max(torque, -1.0), 1.0) * motion.half_band[a]
-        motion.x[a] = motion.q_command[row, a] + torque / motion.stiffness[a] + lean
-        motion.drives[0, a] = motion.q_command[row, a]
-        motion.drives[1, a] = motion.q_command[row, a]
+        asked = motion.q_command[row, a] - motion.q_ref[row, a]
+        motion.x[a] = asked + torque / motion.stiffness[a] + lean
+        motion.drives[0, a] = asked
+        motion.drives[1, a] = asked
         motion.drives[2, a] = 0.0
         motion.drives[3, a] = 0.0
         motion.drives[4, a] = torque
-        motion.drives[5, a] = motion.q_command[row, a]
+        motion.drives[5, a] = asked
+        motion.drives[6, a] = motion.q_ref[row, a]
         for e in range(motion.limit.shape[1]):
             motion.held[a, e] = 0.0
     motion.clock[0] = motion.time_s[row]
@@ -130,7 +137,11 @@ def advance(motion, row, until_s, wrench, out):  # type: ignore[no-untyped-def]
                 total += J[k, i] * wrench[k]
             load[i] = total
         for a in range(AXES):
-            q = motion.q_command[row - 1, a] + share * (motion.q_command[row, a] - motion.q_command[row - 1, a])
+            place = motion.q_ref[row - 1, a] + share * (motion.q_ref[row, a] - motion.q_ref[row - 1, a])
+            q = motion.q_command[row - 1, a] + share * (motion.q_command[row, a] - motion.q_command[row - 1, a]) - place
+            along = place - motion.drives[6, a]
+            motion.program[a] = along
+            motion.drives[6, a] = place
             motor, before = motion.drives[0, a], motion.drives[1, a]
             through = spring_torque(x[a] - motor, 1.0 / motion.stiffness[a], motion.half_band[a])
             load[a] += motion.weight[row, a] - through
@@ -140,7 +151,7 @@ def advance(motion, row, until_s, wrench, out):  # type: ignore[no-untyped-def]
             if motion.speed_gain[a] > 0.0:
                 if motion.motor_friction[a] > 0.0:
                     most = motion.motor_friction[a]
-                    grip = motion.drives[3, a] - most / motion.motor_slip[a] * (motor - before)
+                    grip = motion.drives[3, a] - most / motion.motor_slip[a] * (motor - before + along)
                     motion.drives[3, a] = min(max(grip, -most), most)
                 torque = through - motion.drives[4, a] + motion.drives[3, a]
                 rate = torque / motion.speed_gain[a] - motion.drives[2, a] / motion.integral_time[a]
@@ -163,6 +174,7 @@ def advance(motion, row, until_s, wrench, out):  # type: ignore[no-untyped-def]
             x[i] += moved
             v[i] = fresh[i]
             if i < AXES:
+                moved += motion.program[i]
                 for e in range(motion.limit.shape[1]):
                     most = motion.limit[i, e]
                     if most > 0.0:
@@ -176,7 +188,7 @@ def advance(motion, row, until_s, wrench, out):  # type: ignore[no-untyped-def]
     for i in range(n):
         value = x[i] + ahead * v[i]
         if i < AXES:
-            before = motion.q_ref[row - 1, i]
-            value -= before + share * (motion.q_ref[row, i] - before)
+            before = motion.weight[row - 1, i]
+            value -= (before + share * (motion.weight[row, i] - before)) / motion.stiffness[i]
         for k in range(6):
             out[k] += J[k, i] * value
