@@ -41,7 +41,9 @@ _CONTACT_M3 = 1e-12
 _ROUNDS = 2
 """How often the correction is tried on the model of the robot in motion and mended by what that leaves."""
 _PLAY_ROUNDS = 3
-"""The same for what the axes lose at rest, where nothing is shaped in time or nothing is known of masses."""
+"""The same, before that, for what the axes lose at rest: a correction moves them."""
+_BELIEVED = 0.3
+"""Share of the deflection that the first trial may leave: if it leaves more, the model chatters and teaches nothing."""
 _SHARE = 0.7
 """Of what is left, per round: friction and cutting answer otherwise than the one mode that inverts the command."""
 _APPROACH_S = 0.3
@@ -176,26 +178,37 @@ def plan(
     def at_rest(lost: Float) -> Float:
         return shaped(static - swung + np.pad(lost, ((0, 0), (0, 3))), swung)
 
-    moving = can_move(setting.chain) and setting.shaping.smoothing_s > 0.0 and bool(np.any(contact))
-    rounds = _ROUNDS if moving else _PLAY_ROUNDS
-    against = at_rest(lost_motion(robot, joints.q, w))
-    for k in range(1 + rounds):
+    def commanded(against: Float) -> tuple[Float, Float, Float]:
         correction = 0.0 - against[:, :3]
         if setting.normal_only:
             correction = across(correction, path.p_part_tcp)
         turn = 0.0 - against[:, 3:] if setting.orientation else np.zeros_like(correction)
-        q_corrected = corrected_joints(setting.controller_chain, setting.T_base_part, joints.q, correction, turn)
-        if (predict and k == rounds) or (moving and k < rounds):
-            length = 0.4 / (1 + rounds)
-            said = part_of(0.4 + length * k, length, "compensated program")
-            _, off = run(robot, stock, q_corrected, correction, said)
-        if k < rounds and moving:
-            left = off if setting.orientation else np.pad(off[:, :3], ((0, 0), (0, 3)))
-            if setting.normal_only:
-                left = np.concatenate([across(left[:, :3], path.p_part_tcp), left[:, 3:]], axis=1)
-            against += _SHARE * shaped(left, np.zeros_like(left))
-        elif k < rounds:
-            against = at_rest(lost_motion(robot, q_corrected, w))
+        chain, T_base_part = setting.controller_chain, setting.T_base_part
+        return correction, turn, corrected_joints(chain, T_base_part, joints.q, correction, turn)
+
+    def tried(q_command: Float, correction: Float, begin: float, length: float) -> Float:
+        return run(robot, stock, q_command, correction, part_of(begin, length, "compensated program"))[1]
+
+    def size(deviation: Float) -> float:
+        return float(np.sqrt(np.mean(np.sum(across(deviation[:, :3], path.p_part_tcp)[contact] ** 2, axis=1))))
+
+    moving = can_move(setting.chain) and setting.shaping.smoothing_s > 0.0 and bool(np.any(contact))
+    against = at_rest(lost_motion(robot, joints.q, w))
+    correction, turn, q_corrected = commanded(against)
+    for _ in range(_PLAY_ROUNDS):
+        against = at_rest(lost_motion(robot, q_corrected, w))
+        correction, turn, q_corrected = commanded(against)
+    off = tried(q_corrected, correction, 0.4, 0.15) if predict or moving else np.zeros_like(against)
+    for k in range(_ROUNDS if moving and size(off) < _BELIEVED * size(deflection) else 0):
+        left = off if setting.orientation else np.pad(off[:, :3], ((0, 0), (0, 3)))
+        if setting.normal_only:
+            left = np.concatenate([across(left[:, :3], path.p_part_tcp), left[:, 3:]], axis=1)
+        against = against + _SHARE * shaped(left, np.zeros_like(left))
+        trial = commanded(against)
+        found = tried(trial[2], trial[0], 0.55 + 0.25 * k / _ROUNDS, 0.25 / _ROUNDS)
+        if size(found) >= size(off):
+            break
+        (correction, turn, q_corrected), off = trial, found
     play = lost_motion(robot, q_corrected, w)
     _check_corrections(correction, turn, line, setting.limits)
     nominal = np.full((len(path), 3), np.nan)

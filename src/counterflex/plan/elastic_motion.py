@@ -24,8 +24,9 @@ from counterflex.signals.preview import Mode
 STEP_S: Final = 0.5 * MS
 DENSITY_KG_M3: Final = 3000.0
 """Of a robot's link as a whole, hollow castings with drives."""
-DAMPING_S: Final = 1.5 * MS
-"""beta of the damping D = beta K: a ratio of 0.04 at 8 Hz, to which drives and friction add theirs."""
+DAMPING_S: Final = 2.5 * MS
+"""beta of the damping D = beta K: a ratio of 0.07 at 8 Hz, to which drives and friction add theirs; with less, the
+spindle and its holder chatter in the model where a real cell is quiet."""
 _OVERDAMPED: Final = 0.7
 """Poles with a larger damping ratio are no modes."""
 _INERTIA_RAD: Final = 2.0 * DEG
