@@ -1,8 +1,8 @@
 """Run every command printed in the docs and every example, as a reader would, and fail when one fails.
 
 Commands are the lines that begin with ``$ `` in fenced ``console`` blocks of README.md, CONTRIBUTING.md and docs/. The
-commands of one page run in order in one fresh folder that holds a copy of ``examples/``. A command that is meant to
-fail says so: ``$ counterflex pose nowhere  # exit 2``. Examples are the scripts ``examples/*.py``.
+commands of one page run in order in one fresh folder that holds a copy of ``examples/``, several pages at a time. A
+command that is meant to fail says so: ``$ counterflex pose nowhere  # exit 2``. Examples are ``examples/*.py``.
 
     python tools/run_docs.py [PAGE ...]
 """
@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -36,44 +37,50 @@ def commands(page: Path) -> list[tuple[str, int]]:
     return found
 
 
-def run(command: str, wanted: int, folder: Path) -> bool:
-    """Run one command in a folder; print it, its time, and its output when it ends otherwise than wanted."""
+def run(command: str, wanted: int, folder: Path) -> tuple[bool, str]:
+    """Run one command in a folder: whether it ended as wanted, and what to print: time, and else its output."""
     begin = time.perf_counter()
     environment = dict(os.environ, PATH=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     result = subprocess.run(
         shlex.split(command), cwd=folder, env=environment, capture_output=True, text=True, check=False
     )
     ok = result.returncode == wanted
-    print(f"  {'ok' if ok else 'FAILED'} {time.perf_counter() - begin:6.1f} s  {command}", flush=True)
+    said = f"  {'ok' if ok else 'FAILED'} {time.perf_counter() - begin:6.1f} s  {command}"
     if not ok:
-        print(f"exit {result.returncode}, wanted {wanted}\n{result.stdout[-3000:]}\n{result.stderr[-3000:]}")
-    return ok
+        said += f"\nexit {result.returncode}, wanted {wanted}\n{result.stdout[-3000:]}\n{result.stderr[-3000:]}"
+    return ok, said
+
+
+def run_page(page: Path) -> tuple[int, int, str]:
+    """Run the commands of a page, or an example: how many, how many failed, what to print."""
+    named = str(page.relative_to(ROOT)) if page.is_relative_to(ROOT) else str(page)
+    script = f"{shlex.quote(sys.executable)} {shlex.quote(str(page))}"
+    found = [(script, 0)] if page.suffix == ".py" else commands(page)
+    lines, faults = [named], 0
+    with tempfile.TemporaryDirectory() as folder:
+        if found and page.suffix != ".py":
+            shutil.copytree(ROOT / "examples", Path(folder) / "examples")
+        for command, wanted in found:
+            ok, said = run(command, wanted, Path(folder))
+            faults += not ok
+            lines.append(said)
+    return len(found), faults, "\n".join(lines)
 
 
 def main(pages: list[str]) -> int:
-    """Run the given pages, or all pages and all examples."""
+    """Run the given pages, or all pages and all examples, as many at a time as there are cores."""
     chosen = [Path(page).resolve() for page in pages] or [
         ROOT / "README.md",
         ROOT / "CONTRIBUTING.md",
         *sorted((ROOT / "docs").rglob("*.md")),
+        *sorted((ROOT / "examples").glob("*.py")),
     ]
     count, faults = 0, 0
-    for page in chosen:
-        found = commands(page)
-        if not found:
-            continue
-        print(page.relative_to(ROOT))
-        with tempfile.TemporaryDirectory() as folder:
-            shutil.copytree(ROOT / "examples", Path(folder) / "examples")
-            for command, wanted in found:
-                count += 1
-                faults += not run(command, wanted, Path(folder))
-    if not pages:
-        print("examples")
-        for script in sorted((ROOT / "examples").glob("*.py")):
-            with tempfile.TemporaryDirectory() as folder:
-                count += 1
-                faults += not run(f"{shlex.quote(sys.executable)} {shlex.quote(str(script))}", 0, Path(folder))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for many, failed, said in pool.map(run_page, chosen):
+            count, faults = count + many, faults + failed
+            if many:
+                print(said, flush=True)
     print(f"documented commands and examples: {count} run, {faults} failed")
     return 1 if faults else 0
 

@@ -6,8 +6,6 @@ import importlib.util
 from pathlib import Path
 from types import ModuleType
 
-import pytest
-
 PAGE = """
 Text with `$ not this`.
 
@@ -50,8 +48,17 @@ def test_commands_and_their_exit_status(tmp_path: Path) -> None:
     ]
 
 
-def test_a_command_that_ends_otherwise_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_command_that_ends_otherwise_fails(tmp_path: Path) -> None:
     tool = _load()
-    assert tool.run("python -c 'raise SystemExit(2)'", 2, tmp_path)
-    assert not tool.run("python -c 'print(1); raise SystemExit(1)'", 0, tmp_path)
-    assert "exit 1, wanted 0" in capsys.readouterr().out
+    assert tool.run("python -c 'raise SystemExit(2)'", 2, tmp_path)[0]
+    ended, said = tool.run("python -c 'print(1); raise SystemExit(1)'", 0, tmp_path)
+    assert not ended
+    assert "exit 1, wanted 0" in said
+
+
+def test_a_page_counts_its_faults(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("```console\n$ python -c pass\n$ python -c pass  # exit 1\n```\n", encoding="utf-8")
+    count, faults, said = _load().run_page(page)
+    assert (count, faults) == (2, 1)
+    assert said.index("ok") < said.index("FAILED")
