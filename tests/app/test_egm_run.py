@@ -34,7 +34,7 @@ PROGRAM = EXAMPLES / "programs" / "groove.ngc"
 COMPLIANCE_M_N = np.diag([1.5e-6, 2.0e-6, 0.8e-6])
 PEAK_N = np.array([-60.0, 350.0, 120.0])
 """Force on the tool in part axes while it cuts."""
-SENSOR = '\n[sensor]\nsegment = "sensor"\nmass_kg = 0.001\ncom_mm = [0, 0, 1]\n'
+SENSOR = '\n[sensor]\nsegment = "sensor"\nmass_kg = 0.02\ncom_mm = [0, 0, 1]\n'
 ONLINE = """
 [online]
 force = "measured"

@@ -222,4 +222,4 @@ def mean_pose(spare: Float, most: float, T: Float) -> float:
     T[0, 2] = T[1, 0] * T[2, 1] - T[2, 0] * T[1, 1]
     T[1, 2] = T[2, 0] * T[0, 1] - T[0, 0] * T[2, 1]
     T[2, 2] = T[0, 0] * T[1, 1] - T[1, 0] * T[0, 1]
-    return spare[COUNT, 1] / count
+    return float(spare[COUNT, 1] / count)
