@@ -34,9 +34,10 @@ from counterflex.core.arrays import Float
 from counterflex.evaluate.loop_timing import percentiles
 from counterflex.files.cell import read_cell
 from counterflex.links import timing_probe
+from counterflex.links.control_array import Request
 from counterflex.links.machine import processor_times
 from counterflex.links.realtime import prepare
-from counterflex.links.session import OnlineSession, Request
+from counterflex.links.session import OnlineSession
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.record_ring import RecordRing

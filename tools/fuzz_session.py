@@ -22,8 +22,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from counterflex.core.arrays import Float
+from counterflex.links.control_array import Request
 from counterflex.links.rsi_link import RsiLink
-from counterflex.links.session import OnlineSession, Request
+from counterflex.links.session import OnlineSession
 from counterflex.links.telegram_watch import WatchSettings
 from counterflex.robot import catalog, load_cases
 from counterflex.robot.chain import ElasticChain

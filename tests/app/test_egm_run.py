@@ -17,9 +17,10 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.files.cell import read_cell
 from counterflex.files.cell_sensing import flange_sensor
+from counterflex.links.control_array import Request
 from counterflex.links.egm_guidance_link import EgmGuidanceLink
 from counterflex.links.egm_path_link import EgmPathLink
-from counterflex.links.session import OnlineSession, Request
+from counterflex.links.session import OnlineSession
 from counterflex.runtime.sensor_wrench import SensorWrench
 from counterflex.runtime.supervisor import State
 from counterflex.twin.commanded_motion import Report

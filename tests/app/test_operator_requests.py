@@ -13,8 +13,8 @@ from counterflex.app.fault_scenarios.rig import Rig
 from counterflex.app.operator_requests import OperatorRequests, request
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.links.control_array import Request
 from counterflex.links.operator_port import Asked
-from counterflex.links.session import Request
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.supervisor import State
 from counterflex.twin.fake_rsi import RsiContext

@@ -52,7 +52,7 @@ def test_jacobian_is_that_of_the_rigid_robot(plain: ElasticChain) -> None:
 
 
 def test_stiffness_is_that_of_the_static_model(plain: ElasticChain) -> None:
-    _, stiffness, J = matrices(plain, Q)
+    _, stiffness, J, _ = matrices(plain, Q)
     assert (J / stiffness) @ J.T == pytest.approx(compliance.cartesian_compliance(plain, Q[None])[0], rel=1e-9)
 
 
@@ -104,7 +104,7 @@ def test_friction_takes_energy(plain: ElasticChain) -> None:
 
 
 def test_no_masses_no_modes(plain: ElasticChain) -> None:
-    M, stiffness, _ = matrices(replace(plain, mass=np.zeros(plain.n)), Q)
+    M, stiffness, *_ = matrices(replace(plain, mass=np.zeros(plain.n)), Q)
     with pytest.raises(ModelError, match="no masses"):
         lowest_mode(M, stiffness, 1.5e-3, (None,) * 6)
 

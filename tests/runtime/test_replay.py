@@ -16,7 +16,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.files.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.links.session import REQUESTS, OnlineSession, Request, SessionChecks
+from counterflex.links.control_array import REQUESTS, Request
+from counterflex.links.session import OnlineSession, SessionChecks
 from counterflex.links.telegram_watch import WatchSettings
 from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record

@@ -19,8 +19,8 @@ from counterflex.app.recorder import Recorder, Status
 from counterflex.core.errors import OutputError
 from counterflex.files.run_log import RunLog
 from counterflex.files.summary_file import write_summary
+from counterflex.links.control_array import CONTROL, Request
 from counterflex.links.operator_port import OperatorPort
-from counterflex.links.session import CONTROL, Request
 from counterflex.runtime.record_ring import RecordRing
 
 SUMMARY = "summary.json"

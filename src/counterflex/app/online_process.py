@@ -14,9 +14,10 @@ from counterflex.core.errors import CounterflexError
 from counterflex.files.cell import read_cell
 from counterflex.files.machine_file import machine_file
 from counterflex.files.plausible import unusual
+from counterflex.links.control_array import Request
 from counterflex.links.instance_lock import InstanceLock
 from counterflex.links.realtime import prepare
-from counterflex.links.session import OnlineSession, Request
+from counterflex.links.session import OnlineSession
 from counterflex.runtime.layout import O_STOP
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.supervisor import State

@@ -11,8 +11,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
+from counterflex.links.control_array import Request
 from counterflex.links.operator_port import Asked, OperatorPort, ask
-from counterflex.links.session import Request
 from counterflex.runtime.layout import O_CAUSE, O_FEED_HOLD, O_HARD, O_SOFT, O_STATE
 from counterflex.runtime.record_ring import OUTCOME, RESULTS
 from counterflex.runtime.supervisor import Cause, State

@@ -20,8 +20,8 @@ from counterflex.core.arrays import Float
 from counterflex.evaluate.latency import LatencyHistogram
 from counterflex.evaluate.process_record import ProcessEvent, ProcessRecord
 from counterflex.files.run_log import RunLog
+from counterflex.links.control_array import Kept, Request, Tally
 from counterflex.links.operator_port import OperatorPort
-from counterflex.links.session import Kept, Request, Tally
 from counterflex.runtime.fusion import Source
 from counterflex.runtime.layout import O_CAUSE, O_DEGRADED, O_FEED_HOLD, O_SOFT, O_SOURCES, O_STATE
 from counterflex.runtime.monitor_layout import R_SPEED

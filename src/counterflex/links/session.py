@@ -10,13 +10,13 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MS, NS
 from counterflex.geometry import pose
+from counterflex.links.control_array import CONTROL, REQUESTS, Kept, Request, Tally
 from counterflex.links.force_source import ForceSource
 from counterflex.links.robot_link import RobotLink
 from counterflex.links.tare import Tare
@@ -43,56 +43,7 @@ _SATURATED, _OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OFFSET)
 _INTERNAL, _LOG_LOST, _WRONG_JOB = int(Cause.INTERNAL), int(Cause.LOG_LOST), int(Cause.WRONG_JOB)
 _LOG_LATE_ROWS = 125
 """Records that may wait before the loop is armed: half a second."""
-
-
-class Request(IntEnum):
-    """What the operator's side can ask for: places of the control array."""
-
-    ARM = 0
-    STOP = 1
-    RESET = 2
-    END = 3
-
-
-REQUESTS = len(Request)
 _ARM, _STOP, _RESET = int(Request.ARM), int(Request.STOP), int(Request.RESET)
-
-
-class Tally(IntEnum):
-    """What the loop counts for whoever watches it: places of the control array after those of :class:`Request`."""
-
-    FOREIGN = 4
-    """Telegrams from an address that is not the controller's."""
-    MALFORMED = 5
-    OUT_OF_LINE = 6
-    """Repeated, overtaken, or of another session."""
-    DRAINED = 7
-    """Passed over because a newer one was there."""
-    LOST = 8
-    """By the controller's counter."""
-    LATE = 9
-    """Answers that came too late for the controller, by its own count; -1 where it does not say."""
-    CLOCK = 10
-    """How often this computer's clock and the controller's counter parted."""
-    TARES = 11
-    """Zeros of the force sensor refused in a row."""
-    IDLE_MN = 12
-    """What the sensor showed then, mN."""
-    IDLE_MNM = 13
-    """Its moment, mN m."""
-
-
-class Kept(IntEnum):
-    """What the recorder says of the log: places of the control array after those of :class:`Tally`."""
-
-    TAKEN = 14
-    """Records taken over from the loop."""
-    TROUBLE = 15
-    """1: they cannot be written."""
-
-
-CONTROL = REQUESTS + len(Tally) + len(Kept)
-"""Length of an array that holds requests, tallies and what the recorder says."""
 _TALLIES = REQUESTS + len(Tally)
 _TAKEN, _TROUBLE = int(Kept.TAKEN), int(Kept.TROUBLE)
 

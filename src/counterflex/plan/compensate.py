@@ -2,8 +2,8 @@
 
 Where the compensation works, the tool runs along the nominal path; so the force that decides the correction is that of
 the *undisturbed* cut. Commanded = nominal - (deflection under that force + sag that is left + lost motion of the
-drives). What then remains, and what the uncompensated program would have done, are predicted by cutting again with the
-tool free to bend.
+drives), shaped in time. That command is tried on the robot in motion and mended by what it leaves; the last trial, and
+one of the program as it is, are the prediction.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from counterflex.signals.preview import Mode, Shaping, by_group
 EXTRAPOLATED_SHARE = 0.02
 """Share of the force impulse that may come from chips outside the law's range before planning refuses."""
 _CONTACT_M3 = 1e-12
-_ROUNDS = 2
+_ROUNDS = 1
 """How often the correction is tried on the model of the robot in motion and mended by what that leaves."""
 _PLAY_ROUNDS = 3
 """The same, before that, for what the axes lose at rest: a correction moves them."""
@@ -46,6 +46,9 @@ _BELIEVED = 0.3
 """Share of the deflection that the first trial may leave: if it leaves more, the model chatters and teaches nothing."""
 _SHARE = 0.7
 """Of what is left, per round: friction and cutting answer otherwise than the one mode that inverts the command."""
+_SETTLED_S = 0.6
+"""What a trial leaves for that long is left to the correction at rest, which knows it better: in the model the grain of
+the stock shakes the drives free of friction that holds them in the cell."""
 _APPROACH_S = 0.3
 """So long before and after contact the path is freed of sag and lost motion too: cuts begin in the right place."""
 _FADE_S = 0.2
@@ -83,7 +86,7 @@ class Setting:
         rotation_about_tool_rad: Free rotation, see :func:`counterflex.plan.tool_frame.tool_orientation`.
         law: Force law.
         cutter_of: Gives the cutter of a tool number.
-        mode: Lowest structural mode, for the prediction.
+        mode: Lowest structural mode of a tap test, for a chain without masses.
         shaping: How corrections are shaped in time.
         limits: Bounds.
         normal_only: Correct square to the feed only (Haehn2020 eq. 10).
@@ -192,7 +195,8 @@ def plan(
     def size(deviation: Float) -> float:
         return float(np.sqrt(np.mean(np.sum(across(deviation[:, :3], path.p_part_tcp)[contact] ** 2, axis=1))))
 
-    moving = can_move(setting.chain) and setting.shaping.smoothing_s > 0.0 and bool(np.any(contact))
+    known = can_move(setting.chain) and setting.chain.servo is not None
+    moving = known and setting.shaping.smoothing_s > 0.0 and bool(np.any(contact))
     against = at_rest(lost_motion(robot, joints.q, w))
     correction, turn, q_corrected = commanded(against)
     for _ in range(_PLAY_ROUNDS):
@@ -203,6 +207,7 @@ def plan(
         left = off if setting.orientation else np.pad(off[:, :3], ((0, 0), (0, 3)))
         if setting.normal_only:
             left = np.concatenate([across(left[:, :3], path.p_part_tcp), left[:, 3:]], axis=1)
+        left = left - _slow(left, path.time_s)
         against = against + _SHARE * shaped(left, np.zeros_like(left))
         trial = commanded(against)
         found = tried(trial[2], trial[0], 0.55 + 0.25 * k / _ROUNDS, 0.25 / _ROUNDS)
@@ -239,6 +244,17 @@ def plan(
         w_nominal_part=w_nominal,
         extrapolated=extrapolated.astype(np.int64),
     )
+
+
+def _slow(values: Float, time_s: Float) -> Float:
+    """(n, k) mean over :data:`_SETTLED_S` about each row."""
+    step = np.diff(time_s, prepend=time_s[0])[:, None]
+    middle = 0.5 * (values + np.concatenate([values[:1], values[:-1]]))
+    total = np.cumsum(middle * step, axis=0)
+    late, early = time_s + 0.5 * _SETTLED_S, time_s - 0.5 * _SETTLED_S
+    width = np.minimum(late, time_s[-1]) - np.maximum(early, time_s[0])
+    out = [(np.interp(late, time_s, c) - np.interp(early, time_s, c)) / width for c in total.T]
+    return np.stack(out, axis=1)
 
 
 def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:

@@ -25,8 +25,8 @@ STEP_S: Final = 0.5 * MS
 DENSITY_KG_M3: Final = 3000.0
 """Of a robot's link as a whole, hollow castings with drives."""
 DAMPING_S: Final = 2.5 * MS
-"""beta of the damping D = beta K: a ratio of 0.07 at 8 Hz, to which drives and friction add theirs; with less, the
-spindle and its holder chatter in the model where a real cell is quiet."""
+"""beta of the damping D = beta K: a ratio of 0.07 at 8 Hz, to which drives and friction add theirs. Assumed;
+with 1.5 ms the spindle on its holder chattered in the model at a cut that the simulated cell did quietly."""
 _OVERDAMPED: Final = 0.7
 """Poles with a larger damping ratio are no modes."""
 _INERTIA_RAD: Final = 2.0 * DEG
@@ -35,8 +35,8 @@ _JACOBIAN_RAD: Final = 0.1 * DEG
 """Change of an axis after which the Jacobian is: levers change the deflection in proportion."""
 
 
-def matrices(chain: ElasticChain, q: Float) -> tuple[Float, Float, Float]:
-    """Inertia, stiffness and Jacobian of a posture.
+def matrices(chain: ElasticChain, q: Float) -> tuple[Float, Float, Float, Float]:
+    """Inertia, stiffness and Jacobians of a posture.
 
     Coordinates: the six link angles in the controller's direction, then every other elastic displacement of the chain
     in the order of segments and of ``tx ty tz rx ry rz``.
@@ -47,7 +47,8 @@ def matrices(chain: ElasticChain, q: Float) -> tuple[Float, Float, Float]:
 
     Returns:
         M (n, n) kg m2, kg m, kg; stiffness (n,) N m/rad, N/m; J (6, n) motion of the tool's tip per coordinate: m,
-        rad in base axes.
+        rad in base axes; J_drive (6, 6) what a motor angle does beyond its column of J, where a gear gives way about
+        another axis than it turns (a bearing beside it).
     """
     angles = as_float("q", q, (6,))[None]
     T = frames(chain, angles)[0]
@@ -79,7 +80,11 @@ def matrices(chain: ElasticChain, q: Float) -> tuple[Float, Float, Float]:
         radius = (0.75 * mass / (math.pi * DENSITY_KG_M3)) ** (1.0 / 3.0)
         M += mass * (v @ v.T) + 0.4 * mass * radius**2 * (w @ w.T)
     soft = np.array([max(chain.compliance[segment, k], play.STIFFEST_RAD_NM) for segment, k, _ in elements])
-    return M, 1.0 / soft, np.concatenate([at(tip), angular], axis=1).T
+    J: Float = np.concatenate([at(tip), angular], axis=1).T
+    driven = np.flatnonzero(chain.joint >= 0)
+    turn = sign[:, None] * T[driven, :3, 2]
+    J_drive = np.concatenate([np.cross(turn, tip - T[driven, :3, 3]), turn], axis=1).T - J[:, :AXES]
+    return M, 1.0 / soft, J, J_drive
 
 
 def lowest_mode(M: Float, stiffness: Float, beta_s: float, servo: tuple[Servo | None, ...]) -> Mode:
@@ -155,17 +160,19 @@ def motion_along(
     posture, chosen = postures(nominal, _INERTIA_RAD)
     place, places = postures(nominal, _JACOBIAN_RAD)
     servo = chain.servo or (None,) * AXES
-    _, stiffness, _ = matrices(chain, nominal[0])
+    stiffness = matrices(chain, nominal[0])[1]
     n, count = len(stiffness), len(chosen)
-    answer, keep, J = np.empty((count, n, n)), np.empty((count, n, n)), np.empty((len(places), 6, n))
+    answer, keep = np.empty((count, n, n)), np.empty((count, n, n))
+    J, J_drive = np.empty((len(places), 6, n)), np.empty((len(places), 6, AXES))
     R = np.kron(np.eye(2), T_base_part[:3, :3])
     held = np.diag((0.5 * step_s * damping_s + 0.25 * step_s**2) * stiffness)
     for k, row in enumerate(chosen):
-        M, _, _ = matrices(chain, nominal[row])
+        M = matrices(chain, nominal[row])[0]
         inverse = np.linalg.inv(M + held)
         answer[k], keep[k] = step_s * inverse, inverse @ (M - held)
     for k, row in enumerate(places):
-        J[k] = R.T @ matrices(chain, nominal[row])[2]
+        _, _, J_link, J_motor = matrices(chain, nominal[row])
+        J[k], J_drive[k] = R.T @ J_link, R.T @ J_motor
     weight = play.axis_torque(chain, nominal)
     band, limit, slip = play.arrays(chain)
     gains = np.array(
@@ -187,6 +194,7 @@ def motion_along(
         answer=answer,
         keep=keep,
         J_tcp_part=J,
+        J_drive_part=J_drive,
         stiffness=stiffness,
         damping=damping_s * stiffness[:AXES],
         half_band=band,
@@ -245,6 +253,7 @@ def _still() -> Motion:
         answer=np.zeros((0, 0, 0)),
         keep=np.zeros((0, 0, 0)),
         J_tcp_part=np.zeros((0, 6, 0)),
+        J_drive_part=np.zeros((0, 6, AXES)),
         stiffness=none,
         damping=six,
         half_band=six,

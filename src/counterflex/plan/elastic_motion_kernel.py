@@ -37,6 +37,7 @@ class Motion(NamedTuple):
         answer: (postures, n, n) ``h (M + h/2 D + h^2/4 K)^-1``.
         keep: (postures, n, n) ``(M + h/2 D + h^2/4 K)^-1 (M - h/2 D - h^2/4 K)``.
         J_tcp_part: (places, 6, n) motion of the tool per coordinate, part axes.
+        J_drive_part: (places, 6, 6) what is added per motor angle, for gears that give way beside their axis.
         stiffness: (n,) of each coordinate.
         damping: (6,) N m s, of the gears.
         half_band: (6,) rad.
@@ -68,6 +69,7 @@ class Motion(NamedTuple):
     answer: Float
     keep: Float
     J_tcp_part: Float
+    J_drive_part: Float
     stiffness: Float
     damping: Float
     half_band: Float
@@ -192,3 +194,6 @@ def advance(motion, row, until_s, wrench, out):  # type: ignore[no-untyped-def]
             value -= (before + share * (motion.weight[row, i] - before)) / motion.stiffness[i]
         for k in range(6):
             out[k] += J[k, i] * value
+    for a in range(AXES):
+        for k in range(6):
+            out[k] += motion.J_drive_part[motion.place[row], k, a] * motion.drives[0, a]

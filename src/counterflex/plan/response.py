@@ -1,10 +1,4 @@
-"""How a correction has to be shaped so that the robot can follow it.
-
-A cutting force sets in within a few hundredths of a second; a correction that did the same would bend the path so
-sharply that the controller slows down and the arm rings. The correction is therefore averaged over a short time, half
-of it before and half of it after, and may be sent earlier by what the robot answers a command later than a force.
-Planning knows the future, so the average costs no delay; it makes corrections begin shortly before contact.
-"""
+"""Where corrections reach in time, and how a load arrives through the arm."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ def mode_of(chain: ElasticChain, q: Float, measured: Mode) -> Mode:
     """
     if not can_move(chain):
         return measured
-    M, stiffness, _ = matrices(chain, q)
+    M, stiffness = matrices(chain, q)[:2]
     return lowest_mode(M, stiffness, damping_of(chain, measured), chain.servo or (None,) * AXES)
 
 
@@ -94,7 +94,8 @@ def run(robot: Robot, stock: HeightMap, q_command: Float, correction: Float, pro
     motion = None
     if moving:
         damping = damping_of(setting.chain, setting.mode)
-        motion = motion_along(setting.chain, setting.T_base_part, robot.q, q_command, path.time_s, damping)
+        answered = answered_late(path.time_s, robot.q, q_command, setting.shaping.lead_s)
+        motion = motion_along(setting.chain, setting.T_base_part, robot.q, answered, path.time_s, damping)
     result = cut(
         path,
         path.p_part_tcp,
@@ -116,6 +117,23 @@ def run(robot: Robot, stock: HeightMap, q_command: Float, correction: Float, pro
         off[:, :3] += lost_motion(robot, q_command, at_points(result.w_tcp_part, result.volume_m3 > 0.0))
     off[:, :3] += robot.sag_part
     return result, off
+
+
+def answered_late(time_s: Float, q: Float, q_command: Float, lag_s: float) -> Float:
+    """(n, 6) rad, where the motors are told to be once the controller has answered.
+
+    It follows the even feed without error but every change of it, which corrections are, late.
+
+    Args:
+        time_s: (n,) s.
+        q: (n, 6) rad along the programmed path.
+        q_command: (n, 6) rad, corrections included.
+        lag_s: s, how much later a correction is answered than a force.
+    """
+    if lag_s == 0.0:
+        return q_command
+    added = q_command - q
+    return q + np.stack([np.interp(time_s - lag_s, time_s, added[:, a]) for a in range(AXES)], axis=1)
 
 
 def lost_motion(robot: Robot, q_command: Float, w_part: Float) -> Float:

@@ -15,7 +15,8 @@ from counterflex.app.fault_scenarios.sessions import SETTLED, first_cycle
 from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError
 from counterflex.core.units import MM
-from counterflex.links.session import Kept, Request, SessionChecks, Tally
+from counterflex.links.control_array import Kept, Request, Tally
+from counterflex.links.session import SessionChecks
 from counterflex.programs.job_mark import job_number
 from counterflex.runtime.layout import F_SOFT
 from counterflex.runtime.record_ring import MOST, RecordRing

@@ -26,7 +26,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
 from counterflex.files.run_log import RunLog
 from counterflex.geometry import pose, rotation
-from counterflex.links.session import CONTROL, Kept, Request
+from counterflex.links.control_array import CONTROL, Kept, Request
 from counterflex.runtime.record_ring import OUTCOME, RecordRing
 from counterflex.runtime.supervisor import State
 from counterflex.twin.commanded_motion import Report

@@ -18,7 +18,7 @@ from counterflex.app.fault_scenarios.process_rig import ProcessRig
 from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
 from counterflex.core.units import MM
 from counterflex.files.run_log import read_log
-from counterflex.links.session import Request
+from counterflex.links.control_array import Request
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.supervisor import State
 

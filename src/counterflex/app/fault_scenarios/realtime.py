@@ -29,9 +29,9 @@ from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
 from counterflex.app.fault_scenarios.seen import named
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import SimulationError
+from counterflex.links.control_array import CONTROL, Request
 from counterflex.links.realtime import prepare
 from counterflex.links.rsi_link import RsiLink
-from counterflex.links.session import CONTROL, Request
 from counterflex.runtime.supervisor import State
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext
 from counterflex.twin.netft_server import NetftServer

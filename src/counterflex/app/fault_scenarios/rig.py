@@ -29,8 +29,8 @@ from counterflex.app.fault_scenarios.seen import Seen
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
 from counterflex.core.units import MS, NS
+from counterflex.links.control_array import CONTROL, Request
 from counterflex.links.rsi_link import RsiLink
-from counterflex.links.session import CONTROL, Request
 from counterflex.links.telegram_watch import WatchSettings
 from counterflex.runtime.settings import OnlineSettings
 from counterflex.runtime.supervisor import State

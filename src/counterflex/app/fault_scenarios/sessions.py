@@ -12,7 +12,7 @@ from counterflex.app.fault_scenarios.demonstration import PERIOD_S
 from counterflex.app.fault_scenarios.network import LARGEST_STEP_M, described
 from counterflex.app.fault_scenarios.rig import Rig
 from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
-from counterflex.links.session import Request
+from counterflex.links.control_array import Request
 from counterflex.runtime.supervisor import State
 from counterflex.twin.fake_rsi import RsiContext
 
