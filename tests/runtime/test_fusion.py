@@ -216,7 +216,7 @@ class Bench:
         inputs.setdefault("tracker_age", 0 if late is not None else 10_000)
         self.loop.feed(
             T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])),
-            q=Q,
+            q=inputs.pop("q", Q),
             w_tcp_part=w + np.r_[5.0 * self.rng.standard_normal(3), np.zeros(3)] if force else None,
             T_part_actual=T_part_actual,
             tracker_late_s=when,
@@ -368,6 +368,7 @@ def test_motor_currents_find_the_factor_where_there_is_no_sensor() -> None:
                 late=None,
                 has=Source.CURRENTS if currents else Source.NOTHING,
                 torque=torque if currents else None,
+                q=Q + 1e-5 * bench.k,
             )
         found.append((abs(bench.loop.scale[1] - 1.25), plateau(bench), bench.loop.sources))
     assert found[0][2] == Source.PLAN | Source.CURRENTS

@@ -11,6 +11,7 @@ from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
 from counterflex.twin.commanded_motion import Report
 from counterflex.twin.fake_rsi import CLAMPED, CORRECTING, FREE, FakeRsi, RsiContext
+from counterflex.twin.motor_currents import DATA_SHEET_NM_A, RIPPLE_A, SHARE, MotorCurrents
 from counterflex.wire.rsi_config import parse_config
 from counterflex.wire.rsi_kernel import OK
 from counterflex.wire.rsi_telegram import answer_writer, robot_reader
@@ -60,6 +61,45 @@ def test_telegrams_say_where_the_robot_is() -> None:
     first = reader.counter
     assert reader.read_bytes(fake.telegram(REPORT)) == OK
     assert reader.counter == first + 4
+
+
+def test_motor_currents_are_the_drives_torques_by_constants_near_the_data_sheets() -> None:
+    text = (
+        CONFIG.replace('"HOLD"', '"1"')
+        .replace("DEF_Delay", "DEF_MACur")
+        .replace('"LONG" INDX="INTERNAL"', '"DOUBLE" INDX="INTERNAL"')
+    )
+    config = parse_config(text.encode(), "x")
+    fake, reader = FakeRsi(config, RsiContext(), currents=MotorCurrents(3)), robot_reader(config)
+    torque = np.array([900.0, -2500.0, 1800.0, -60.0, 400.0, 120.0])
+    shown = []
+    for _ in range(400):
+        assert reader.read_bytes(fake.telegram(replace(REPORT, drive_torque=torque))) == OK
+        shown.append(reader.values[reader.place(*(f"MACur.A{i}" for i in range(1, 7)))])
+    ratio = np.mean(shown, axis=0) * np.array(DATA_SHEET_NM_A) / torque
+    assert np.all(np.abs(ratio - 1.0) < 4.0 * SHARE)
+    assert np.all(ratio != 1.0)
+    assert np.std(shown, axis=0) == pytest.approx(RIPPLE_A, rel=0.2)
+    silent = FakeRsi(config, RsiContext())
+    reader.read_bytes(silent.telegram(replace(REPORT, drive_torque=torque)))
+    assert reader.values[reader.place("MACur.A2")] == 0.0
+
+
+def test_a_program_says_its_job_where_enable_is_a_number() -> None:
+    told = {}
+    for kind in ("DOUBLE", "LONG", "BOOL"):
+        text = CONFIG.replace('"HOLD"', '"1"').replace('"Enable" TYPE="BOOL"', f'"Enable" TYPE="{kind}"')
+        config = parse_config(text.encode(), "x")
+        fake, reader = FakeRsi(config, RsiContext(), job=4711), robot_reader(config)
+        for on in (False, True):
+            fake.enabled = on
+            assert fake.enabled == on
+            reader.read_bytes(fake.telegram(REPORT))
+            told[kind, on] = reader.values[reader.place("Enable")][0]
+    assert told == {
+        ("DOUBLE", False): 0.0, ("DOUBLE", True): 4711.0, ("LONG", False): 0.0, ("LONG", True): 4711.0,
+        ("BOOL", False): 0.0, ("BOOL", True): 1.0,
+    }  # fmt: skip
 
 
 def test_precision_rounds_what_is_sent() -> None:

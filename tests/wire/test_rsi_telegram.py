@@ -109,6 +109,7 @@ def test_accepts_what_controllers_really_send(variant: bytes) -> None:
         (CANONICAL.replace(b"<Delay", b"<!-- x --><Delay"), "malformed"),
         (CANONICAL.replace(b"<Delay", b"&amp;<Delay"), "malformed"),
         (CANONICAL.replace(b"<Delay", b"<A><B/></A><Delay"), "malformed"),
+        (CANONICAL.replace(b"<Delay", b"<Note>a]]>b</Note><Delay"), "malformed"),
         (CANONICAL.replace(b"1825.0000", b"nan", 1), "not a number"),
         (CANONICAL.replace(b"1825.0000", b"inf", 1), "not a number"),
         (CANONICAL.replace(b"1825.0000", b"-", 1), "not a number"),

@@ -26,13 +26,7 @@ def check_job(program: Path, planned: tuple[Plan, Mapping[str, Any]] | None, *, 
         FileFormatError: The program cannot be read, or the plan carries no hash.
         InputError: The program is of another plan, is not compensated and should be, or is and should not be.
     """
-    try:
-        text = program.read_bytes().decode("latin-1")
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(program), hint=missing_file(program)) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(program)) from fault
-    carried = marks(text)
+    carried = _marks(program)
     if planned is None or not compensated:
         if carried:
             raise InputError(
@@ -63,6 +57,25 @@ def check_job(program: Path, planned: tuple[Plan, Mapping[str, Any]] | None, *, 
         if carried
         else "Give --original where the robot runs the original program",
     )
+
+
+def job_said(program: Path) -> int:
+    """Number by which a robot program says of which job it is; 0 where it carries none, or several.
+
+    Raises:
+        FileFormatError: It cannot be read.
+    """
+    carried = _marks(program)
+    return job_number(carried[0]) if len(carried) == 1 else 0
+
+
+def _marks(program: Path) -> tuple[str, ...]:
+    try:
+        return marks(program.read_bytes().decode("latin-1"))
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(program), hint=missing_file(program)) from fault
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(program)) from fault
 
 
 def job_of(planned: tuple[Plan, Mapping[str, Any]] | None, *, compensated: bool) -> int | None:

@@ -6,6 +6,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from counterflex.app.compliance_window import require_plausible
 from counterflex.app.job_check import check_job, job_of
 from counterflex.app.online_loop import loop_plan, online_loop, tcp_target
@@ -26,6 +28,7 @@ from counterflex.links.telegram_watch import WatchSettings
 from counterflex.links.tracker_link import TrackerLink
 from counterflex.plan.plan import Plan
 from counterflex.runtime.loop import Loop
+from counterflex.runtime.motor_torque import MotorTorque
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.sensor_wrench import SensorWrench
 from counterflex.runtime.spindle_inertia import SpindleInertia
@@ -53,6 +56,7 @@ class RunSettings:
         egm: The robot is an ABB one, as the table ``[egm]`` says.
         force: Host and UDP port of the force sensor, or None; with EGM the robot's own force is then taken.
         force_http_port: Of its scaling document.
+        currents: The motor currents that the robot sends are used by the estimator.
         force_wait_s: How long to wait for the sensor to serve it: parts of a cell may be started in any order.
         tracker_port: Port for tracker datagrams, or None.
         peer: Address and port of the controller, port 0 for any; None takes the first that sends a good telegram.
@@ -70,6 +74,7 @@ class RunSettings:
     egm: bool = False
     force: tuple[str, int] | None = None
     force_http_port: int = 80
+    currents: bool = False
     force_wait_s: float = 10.0
     tracker_port: int | None = None
     peer: tuple[str, int] | None = None
@@ -121,6 +126,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
             value='force = "fused"',
             hint="Give --force HOST:PORT, --tracker PORT, --plan FILE, or several of them",
         )
+    motors = _motors(settings, cell, table, plan is not None)
     without = (settings.force is None and not settings.egm) or sensor is None
     if table.force != "none" and without and not (fused and settings.force is None):
         raise InputError(
@@ -163,6 +169,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         force=force,
         wrench=wrench,
         inertia=inertia,
+        currents=motors,
         tracker=tracker,
         T_part_tracker=frames[0],
         T_target_tcp=frames[1],
@@ -176,6 +183,25 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     )
 
 
+def _motors(settings: RunSettings, cell: Cell, table: OnlineTable, planned: bool) -> MotorTorque | None:
+    """What makes torques of motor currents, where they are to be used."""
+    if not settings.currents:
+        return None
+    constants = table.torque_per_current_nm
+    lacking, hint = "", ""
+    if table.force != "fused":
+        lacking, hint = f'force = "{table.force}" does not take them', 'Set force = "fused", or leave out --currents'
+    elif constants is None:
+        lacking, hint = "the torque of a motor by its current is not known", "Give torque_per_current_nm in [online]"
+    elif not planned:
+        lacking, hint = "they tell how far the force is off from a plan, and there is none", "Give --plan FILE"
+    if lacking or constants is None:
+        raise InputError(
+            f"the motor currents are to be used, but {lacking}", where=str(settings.cell), value="--currents", hint=hint
+        )
+    return MotorTorque(cell.chain, np.array(constants))
+
+
 def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> RobotLink:
     if settings.rsi is not None:
         return rsi_link(
@@ -185,6 +211,11 @@ def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> R
             settings.port,
             settings.peer,
             overriding=loop.monitor.overriding,
+            currents=settings.currents,
+        )
+    if settings.currents:
+        raise InputError(
+            "EGM sends no motor currents", where=str(settings.cell), value="--currents", hint="Leave out --currents"
         )
     return egm_link(
         cell,

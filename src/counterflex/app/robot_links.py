@@ -34,6 +34,7 @@ def rsi_link(
     peer: tuple[str, int] | None = None,
     *,
     overriding: bool = False,
+    currents: bool = False,
 ) -> RsiLink:
     """Open the link of an ETHERNET configuration file.
 
@@ -44,6 +45,7 @@ def rsi_link(
         port: None takes the one of the configuration.
         peer: The controller, or None.
         overriding: The loop changes the speed of the program, and reckons with the changed one.
+        currents: The loop reads motor currents.
 
     Raises:
         FileFormatError: The file cannot be used.
@@ -64,6 +66,13 @@ def rsi_link(
     if missing:
         link.close()
         raise InputError(f"the RSI configuration takes in {missing}", where=str(config), hint=hint)
+    if currents and not link.tells_currents:
+        link.close()
+        raise InputError(
+            "the RSI configuration sends no motor currents",
+            where=str(config),
+            hint="Add DEF_MACur to SEND, or leave out --currents",
+        )
     return link
 
 

@@ -116,7 +116,8 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
     """
     cell = read_cell(settings.cell)
     table = _online_of(cell.tables, settings.cell)
-    files = RsiFiles(NAME, settings.host, settings.port, settings.sentype, limits_of(table))
+    currents = table.torque_per_current_nm is not None
+    files = RsiFiles(NAME, settings.host, settings.port, settings.sentype, limits_of(table), currents=currents)
     check_files(files)
     switching = RsiSwitching(
         context=f"{NAME}.rsi",

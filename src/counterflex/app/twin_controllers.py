@@ -16,6 +16,7 @@ from counterflex.files.cell_online import OnlineTable
 from counterflex.geometry import pose
 from counterflex.twin.fake_egm import EgmContext, FakeEgm
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext
+from counterflex.twin.motor_currents import MotorCurrents
 from counterflex.wire.rsi_config import read_config
 
 Address = tuple[str, int]
@@ -36,10 +37,17 @@ def which(rsi: Path | None, egm: Address | None) -> None:
         )
 
 
-def rsi_controller(config: Path, context: RsiContext) -> tuple[FakeRsi, Address]:
-    """A KUKA controller, and where its telegrams go by its configuration."""
+def rsi_controller(config: Path, context: RsiContext, *, seed: int = 0, job: int = 0) -> tuple[FakeRsi, Address]:
+    """A KUKA controller, and where its telegrams go by its configuration.
+
+    Args:
+        config: ETHERNET configuration file.
+        context: Settings of RSI on the controller.
+        seed: Of its motors' torque constants.
+        job: Number that its program says; 0: none.
+    """
     found = read_config(config)
-    return FakeRsi(found, context), (found.host, found.port)
+    return FakeRsi(found, context, currents=MotorCurrents(seed), job=job), (found.host, found.port)
 
 
 def egm_controller(cell: Cell, robotware: int = 7, **changes: Any) -> FakeEgm:

@@ -67,6 +67,9 @@ def run(
     tracker: Annotated[
         int | None, typer.Option("--tracker", help="UDP port for tracker datagrams.", min=0, max=65535)
     ] = None,
+    currents: Annotated[
+        bool, typer.Option("--currents", help="Use the motor currents that the robot sends, where no force is.")
+    ] = False,
     listen: Annotated[str, typer.Option("--listen", help="Address to listen on; only this computer unless told.")] = (
         "127.0.0.1"
     ),
@@ -123,6 +126,7 @@ def run(
         egm=egm is not None,
         force=None if force is None else address(force, "--force"),
         force_http_port=force_http,
+        currents=currents,
         tracker_port=tracker,
         peer=None if peer is None else address(peer, "--peer"),
         arm=arm,

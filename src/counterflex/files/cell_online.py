@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from counterflex.runtime.tracker_design import TrackerPlant
 
 Above = Annotated[float, Field(gt=0.0, le=1e6)]
+Signed = Annotated[float, Field(ge=-1e5, le=1e5)]
 Level = Annotated[float, Field(ge=0.0, le=1e6)]
 Proportional = Annotated[float, Field(ge=0.0, le=2.0)]
 Integral = Annotated[float, Field(ge=0.0, le=10.0)]
@@ -76,7 +77,8 @@ class OnlineTable(Table):
     offset_mm: Above = 0.5
     offset_drift_um: Above = 100.0
     tracker_stale_ms: Above = 500.0
-    torque_noise_nm: Above = 150.0
+    torque_per_current_nm: tuple[Signed, Signed, Signed, Signed, Signed, Signed] | None = None
+    torque_noise_nm: Above | tuple[Above, Above, Above, Above, Above, Above] = (60.0, 60.0, 60.0, 20.0, 20.0, 20.0)
     correction_mm: Above = 2.0
     correction_deg: Above = 0.3
     speed_mm_s: Above = 20.0
@@ -133,7 +135,7 @@ class OnlineTable(Table):
                 offset_m=self.offset_mm * MM,
                 offset_drift_m=self.offset_drift_um * UM,
                 tracker_stale_s=self.tracker_stale_ms * MS,
-                torque_nm=self.torque_noise_nm,
+                torque_nm=self._torque_nm,
                 mode_hz=8.0 if mode is None else mode[0],
                 mode_damping=0.1 if mode is None else mode[1],
             ),
@@ -143,6 +145,11 @@ class OnlineTable(Table):
             ramp_m_s=self.ramp_mm_s * MM,
             supervisor=_supervisor(self.period_ms),
         )
+
+    @property
+    def _torque_nm(self) -> tuple[float, float, float, float, float, float]:
+        given = self.torque_noise_nm
+        return given if isinstance(given, tuple) else (given, given, given, given, given, given)
 
     def _tuning(self, delays: Delays, period_s: float, mode: tuple[float, float] | None) -> TrackerTuning:
         gain, proportional, notch = self.tracker_gain, 0.0, (1.0, 0.0, 0.0, 0.0, 0.0)

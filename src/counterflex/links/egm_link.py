@@ -183,6 +183,11 @@ class EgmLink:
         del given
         return False
 
+    def fill_currents(self, current: Float) -> bool:
+        """False: EGM sends no motor currents; its reference torques come without its path planning only."""
+        del current
+        return False
+
     def _numbered(self) -> tuple[int, int]:
         """Sequence number and clock of our next message."""
         sequence = self._sequence

@@ -56,6 +56,9 @@ class RobotLink(Protocol):
     def fill_reported(self, given: Float, /) -> bool:
         """Write the pose that the controller itself reports, correction included; False where it reports none."""
 
+    def fill_currents(self, current: Float, /) -> bool:
+        """Write the motor currents (6,), in the controller's unit; False where it sends none."""
+
     def answer(
         self,
         correction: Float,

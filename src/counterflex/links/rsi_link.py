@@ -17,6 +17,7 @@ from counterflex.wire.rsi_config import RsiConfig
 from counterflex.wire.rsi_kernel import MISSING, OK
 from counterflex.wire.rsi_telegram import LARGEST_DATAGRAM, answer_writer, robot_reader
 
+_CURRENTS = tuple(f"MACur.A{i}" for i in range(1, 7))
 _MALFORMED, _NEW = Verdict.MALFORMED, Verdict.NEW
 
 
@@ -68,6 +69,7 @@ class RsiLink:
         self._nominal = self._reader.place(*(f"{pose}.{a}" for a in "XYZABC"))
         self._axes = self._reader.place(*(f"{axes}.A{i}" for i in range(1, 7)))
         self._actual = self._reader.place(*(f"RIst.{a}" for a in "XYZABC")) if "RIst.X" in names else None
+        self._currents = self._reader.place(*_CURRENTS) if set(_CURRENTS) <= set(names) else None
         self._delay = self._reader.place("Delay.D")[0] if "Delay.D" in names else -1
         self._enable = self._reader.place("Enable")[0] if "Enable" in names else -1
         self._stat = next((i for i, name in enumerate(names) if name.endswith(".Stat")), -1)
@@ -121,6 +123,11 @@ class RsiLink:
     def axis_specific(self) -> bool:
         """Whether axis corrections can be sent."""
         return self._axes_out is not None
+
+    @property
+    def tells_currents(self) -> bool:
+        """Whether motor currents come."""
+        return self._currents is not None
 
     @property
     def overriding(self) -> bool:
@@ -195,6 +202,13 @@ class RsiLink:
         if self._actual is None:
             return False
         read_pose(self._held, self._actual, given, at.G_REPORTED)
+        return True
+
+    def fill_currents(self, current: Float) -> bool:
+        """Write the motor currents (6,) MACur as they are sent: A, or % of the largest; False without them."""
+        if self._currents is None:
+            return False
+        np.take(self._held, self._currents, out=current)
         return True
 
     def answer(

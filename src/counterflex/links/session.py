@@ -19,6 +19,7 @@ from counterflex.geometry import pose
 from counterflex.links.control_array import CONTROL, REQUESTS, Kept, Request, Tally
 from counterflex.links.force_source import ForceSource
 from counterflex.links.robot_link import RobotLink
+from counterflex.links.session_record import write_record
 from counterflex.links.tare import Tare
 from counterflex.links.telegram_watch import TelegramWatch, WatchSettings
 from counterflex.links.tracker_link import TrackerLink
@@ -26,6 +27,7 @@ from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.fusion import Source
 from counterflex.runtime.loop import Loop
+from counterflex.runtime.motor_torque import MotorTorque
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.sensor_wrench import SensorWrench
 from counterflex.runtime.settings import ForceMode, Output, TrackerMode
@@ -81,6 +83,7 @@ class OnlineSession:
         force: Force sensor, or None.
         wrench: Its reading as process wrench; needed with ``force``.
         inertia: Takes the inertia of the spindle out of it, or None.
+        currents: Torque of the motor currents that the robot sends, for the estimator; None leaves them.
         tracker: Tracker, or None.
         T_part_tracker: (4, 4) tracker in the part frame; needed with ``tracker``.
         T_target_tcp: (4, 4) tool tip in the tracker's target; needed with ``tracker``.
@@ -106,6 +109,7 @@ class OnlineSession:
         force: ForceSource | None = None,
         wrench: SensorWrench | None = None,
         inertia: SpindleInertia | None = None,
+        currents: MotorTorque | None = None,
         tracker: TrackerLink | None = None,
         T_part_tracker: Float | None = None,
         T_target_tcp: Float | None = None,
@@ -116,7 +120,9 @@ class OnlineSession:
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.link, self.loop, self.force, self.tracker, self.ring = link, loop, force, tracker, ring
-        self._wrench, self._inertia = wrench, inertia
+        self._wrench, self._inertia, self._motors = wrench, inertia, currents
+        self._current_age = _FORGET_CYCLES
+        self._torque: Float = loop.given[at.G_TORQUE : at.G_TORQUE + 6]
         self._q: Float = loop.given[at.G_Q : at.G_Q + 6]
         self._w: Float = loop.given[at.G_W : at.G_W + 6]
         self._flags, self._outcome = loop.flags.data, loop.outcome.data  # read faster than arrays
@@ -132,6 +138,7 @@ class OnlineSession:
         self._needs_force |= self._fused and force is not None
         self._needs_tracker = loop.settings.tracker != TrackerMode.NONE or (self._fused and tracker is not None)
         self._sources = int(Source.FORCE) * (force is not None) | int(Source.TRACKER) * (tracker is not None)
+        self._sources |= int(Source.CURRENTS) * (currents is not None)
         self._arrival = ArrivalClock(loop.settings.delays.tracker_s)
         stale_s = loop.settings.fusion.tracker_stale_s if self._fused else 0.0
         self._tracker_stale = max(loop.settings.stale_cycles, round(stale_s / loop.settings.period_s))
@@ -195,6 +202,7 @@ class OnlineSession:
         try:
             soft, hard = self._read_force(soft, hard)
             new = self._read_tracker(given)
+            self._read_currents(came)
         except Exception as fault:  # whatever it is: the robot is told to stop, not left with what stood last
             self._failed(fault)
         if link.clamped and soft == 0:
@@ -209,7 +217,7 @@ class OnlineSession:
         flags[at.F_RESET] = control[_RESET]
         flags[at.F_ENABLE] = int(link.enable) if came else flags[at.F_ENABLE]
         flags[at.F_SOFT], flags[at.F_HARD] = soft, hard
-        flags[at.F_SOURCES], flags[at.F_CURRENT_AGE] = self._sources, _FORGET_CYCLES
+        flags[at.F_SOURCES], flags[at.F_CURRENT_AGE] = self._sources, self._current_age
         loop.run()
         if outcome[at.O_STATE] == _ARMED:
             control[_ARM] = 0
@@ -235,7 +243,7 @@ class OnlineSession:
         self.compute_ns = sent - received
         self.cycles += int(came)
         if self.ring is not None:
-            self._record(received, sent)
+            write_record(self.ring, link, loop, self.force, received, sent)
         if len(control) >= CONTROL:
             self._tally(control)
         return came
@@ -358,6 +366,12 @@ class OnlineSession:
         given[at.G_TRACKER_SIGMA] = self.tracker.sigma_m
         return 1
 
+    def _read_currents(self, came: bool) -> None:
+        self._current_age += 1
+        if came and self._motors is not None and self.link.fill_currents(self._motors.current):
+            self._motors(self._q, self._torque)
+            self._current_age = 0
+
     def _healthy(self) -> int:
         force = not self._needs_force or (self._tare.accepted and self._force_age == 0)
         tracker = not self._needs_tracker or self._tracker_age < self._tracker_stale
@@ -367,25 +381,6 @@ class OnlineSession:
     def idle_force(self) -> Float:
         """(6,) N, N m: mean reading before the cut that the checks were made on, part axes; zero before it is known."""
         return self._tare.mean
-
-    def _record(self, received: int, sent: int) -> None:
-        ring, loop = self.ring, self.loop
-        if ring is None:
-            return
-        row = ring.row()
-        row[0], row[1], row[2] = self.link.counter, received, sent
-        row[3] = self.link.elapsed
-        row[4] = 0.0 if self.force is None else self.force.good
-        row[record.SENSOR : record.GIVEN] = 0.0 if self.force is None else self.force.w_sensor
-        row[record.GIVEN : record.FLAGS] = loop.given
-        row[record.FLAGS : record.RESULTS] = loop.flags
-        row[record.RESULTS : record.OUTCOME] = loop.results
-        row[record.OUTCOME : record.MONITOR] = loop.outcome
-        row[record.FAST : record.SENSOR] = loop.monitor.fast
-        row[record.MONITOR : record.MONITOR_OUTCOME] = loop.monitor.results
-        row[record.MONITOR_OUTCOME : record.CYCLE] = loop.monitor.outcome
-        row[record.CYCLE] = loop.cycle
-        ring.commit()
 
 
 def tracker_frames(T_base_part: Float, T_base_tracker: Float, T_tcp_target: Float) -> tuple[Float, Float]:

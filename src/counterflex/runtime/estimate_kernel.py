@@ -24,6 +24,7 @@ from counterflex.runtime.fusion_kernel import (
     unexplained,
 )
 from counterflex.runtime.fusion_kernel import D as BENT
+from counterflex.runtime.idle_torque_kernel import follow_idle, less_force
 from counterflex.runtime.lag_kernel import lag
 from counterflex.runtime.past_kernel import row_at
 from counterflex.runtime.supervisor import Cause
@@ -32,10 +33,8 @@ _FORCE_STALE, _FORCE_INVALID = int(Cause.FORCE_STALE), int(Cause.FORCE_INVALID)
 _FORCE_SATURATED, _FORCE_OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OFFSET)
 _TRACKER_LOST = int(Cause.TRACKER_LOST)
 _FROM_PLAN, _FROM_FORCE, _FROM_TRACKER, _FROM_CURRENTS = 1, 2, 4, 8
-_TORQUE_CYCLES = 125
 _SPAN = 4
 """Cycles over which accelerations are taken."""
-_STILL_TORQUE_CYCLES = 25
 
 
 @kernel("int64(int64[::1], int64[::1], int64, int64, int64)")
@@ -63,6 +62,12 @@ def sources_of(flags: Int, choices: Int, soft: int, disbelieved: int, planned: i
     if has & _FROM_CURRENTS and not found & _FROM_FORCE and flags[at.F_CURRENT_AGE] < choices[at.W_STALE]:
         found |= _FROM_CURRENTS
     return found
+
+
+@kernel("boolean(int64[::1])")
+def currents_shown(flags: Int) -> bool:
+    """Whether motor currents came in this cycle, in use or not."""
+    return bool(flags[at.F_SOURCES] & _FROM_CURRENTS) and flags[at.F_CURRENT_AGE] == 0
 
 
 @kernel("int64(int64, int64, int64)")
@@ -98,13 +103,14 @@ def of_a_sensor(soft: int) -> bool:
 
 
 @kernel(
-    "void(float64[::1], int64, float64[::1], float64, float64[::1], float64[::1], float64[::1], float64[::1],"
-    " float64[::1], float64)"
+    "void(float64[::1], int64, float64[::1], float64[::1], float64, float64[::1], float64[::1], float64[::1],"
+    " float64[::1], float64[::1], float64)"
 )
 def _currents(
     given: Float,
     found: int,
     constants: Float,
+    filtered: Float,
     cut: float,
     predicted: Float,
     direction: Float,
@@ -113,27 +119,28 @@ def _currents(
     results: Float,
     gate: float,
 ) -> None:
-    """Motor currents: their torque in air is the zero, what is added in the cut tells the factors a little."""
-    torque = given[at.G_TORQUE : at.G_TORQUE + 6]
-    known = state[at.S_TORQUE_KNOWN]
-    if cut <= 0.0:
-        known = min(known + 1.0, float(_TORQUE_CYCLES))
+    """Motor currents: what they show beside the force is their zero; where no force is measured, the rest tells it."""
+    torque, forced = given[at.G_TORQUE : at.G_TORQUE + 6], found & _FROM_FORCE != 0
+    idle, beside = state[at.S_IDLE : at.S_IDLE + 6], state[at.S_BESIDE : at.S_BESIDE + 6]
+    R = constants[at.C_R_BASE_PART : at.C_R_BASE_PART + 9]
+    motor, link = state[at.S_MOTOR : at.S_MOTOR + 6], state[at.S_MOTOR + 6 : at.S_MOTOR + 12]
+    for k in range(6):
+        beside[k] = torque[k]
+        link[k] = 0.0
+    less_force(filtered if forced else predicted, jac, R, link)
+    if forced:
         for k in range(6):
-            state[at.S_TORQUE + k] += (torque[k] - state[at.S_TORQUE + k]) / known
-        state[at.S_TORQUE_KNOWN] = known
-        return
-    if not (found & _FROM_CURRENTS and found & _FROM_PLAN) or known < _STILL_TORQUE_CYCLES:
+            beside[k] += link[k]
+    for k in range(6):
+        motor[k] = given[at.G_Q + k] + results[at.R_AXES + k]
+        link[k] = motor[k] - constants[at.C_TORSION + k] * link[k]
+    known = follow_idle(motor, link, beside, cut <= 0.0 or forced, state, idle)
+    if known == 0 or cut <= 0.0 or not (found & _FROM_CURRENTS and found & _FROM_PLAN):
         return
     fusion = state[at.S_FUSION : at.S_FUSION + FUSION_SIZE]
     shares(predicted, direction, fusion[BENT : BENT + 18])
     results[at.R_SURPRISE + 2] = take_torque(
-        fusion,
-        torque,
-        state[at.S_TORQUE : at.S_TORQUE + 6],
-        jac,
-        constants[at.C_R_BASE_PART : at.C_R_BASE_PART + 9],
-        constants[at.C_TORQUE],
-        gate,
+        fusion, torque, idle, known, jac, R, constants[at.C_TORQUE : at.C_TORQUE + 6], gate
     )
 
 
@@ -150,12 +157,13 @@ def _swing_share(state: Float) -> float:
 
 
 @kernel(
-    "void(float64[::1], int64, float64[::1], float64[::1], float64, float64[::1], float64[::1], float64[::1],"
-    " float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])"
+    "void(float64[::1], int64, boolean, float64[::1], float64[::1], float64, float64[::1], float64[::1],"
+    " float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])"
 )
 def estimate_loads(
     given: Float,
     found: int,
+    shown: bool,
     constants: Float,
     filtered: Float,
     cut: float,
@@ -173,6 +181,7 @@ def estimate_loads(
     Args:
         given: Inputs of the cycle.
         found: Bits of Source in use.
+        shown: There are motor currents in this cycle, and the robot moves; in use or not, their zero is learnt.
         constants: Of the loop.
         filtered: (6,) measured force.
         cut: Above 0 where the plan cuts.
@@ -208,8 +217,8 @@ def estimate_loads(
             _swing_share(state),
             gate,
         )
-    if found & _FROM_CURRENTS or cut <= 0.0:
-        _currents(given, found, constants, cut, predicted, direction, jac, state, results, gate)
+    if shown:
+        _currents(given, found, constants, filtered, cut, predicted, direction, jac, state, results, gate)
     fused_load(fusion, ahead, direction, constants[at.C_WITHOUT], used)
 
 

@@ -47,7 +47,7 @@ class FusionTuning:
         disbelieved: Samples in a row, farther off than the largest jump, after which it does not either.
         mode_hz: Lowest mode of the arm, about which it swings when it is accelerated or a load comes.
         mode_damping: Its damping ratio.
-        torque_nm: Standard deviation of an axis torque found from motor currents, friction left included.
+        torque_nm: Standard deviation of each axis torque found from motor currents: of what its friction changes by.
     """
 
     factor: float = 0.25
@@ -63,12 +63,13 @@ class FusionTuning:
     disbelieved: int = 5
     mode_hz: float = 8.0
     mode_damping: float = 0.1
-    torque_nm: float = 150.0
+    torque_nm: tuple[float, float, float, float, float, float] = (60.0, 60.0, 60.0, 20.0, 20.0, 20.0)
 
     def __post_init__(self) -> None:
         """Check ranges."""
         for name in self.__dataclass_fields__:
-            as_positive(f"online: fusion {name}", getattr(self, name))
+            for value in np.atleast_1d(getattr(self, name)):
+                as_positive(f"online: fusion {name}", float(value))
 
     def packed(self, period_s: float) -> Float:
         """(9,) for the step: growth of k, a, b per cycle, largest variances, orientation's two, gate."""

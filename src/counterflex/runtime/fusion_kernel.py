@@ -306,9 +306,16 @@ def take_deviation(
     return worst
 
 
-@kernel("float64(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64, float64)")
+@kernel("float64(float64[::1], float64[::1], float64[::1], int64, float64[::1], float64[::1], float64[::1], float64)")
 def take_torque(
-    fusion: Float, torque: Float, zero: Float, jac: Float, R_base_part: Float, variance: float, gate: float
+    fusion: Float,
+    torque: Float,
+    zero: Float,
+    known: int,
+    jac: Float,
+    R_base_part: Float,
+    variance: Float,
+    gate: float,
 ) -> float:
     """Update with the torque that the process puts on the axes: ``tau_j = sum_d (J^T w_d)_j k_d``.
 
@@ -316,9 +323,10 @@ def take_torque(
         fusion: (SIZE,) with the three wrenches of :func:`shares` in D; changed.
         torque: (6,) N m, from motor currents.
         zero: (6,) N m, what they show without a cut.
+        known: Bit per axis whose zero is known; the others are left out.
         jac: (36,) Jacobian of the TCP, base axes, by rows: translation first.
         R_base_part: (9,) by rows.
-        variance: Of a torque, N2 m2.
+        variance: (6,) of the torques, N2 m2.
         gate: See :func:`update`.
 
     Returns:
@@ -326,6 +334,8 @@ def take_torque(
     """
     R, worst = R_base_part, 0.0
     for j in range(6):
+        if not known >> j & 1:
+            continue
         for i in range(N):
             fusion[H + i] = 0.0
         for d in range(3):
@@ -338,7 +348,7 @@ def take_torque(
                     )
                     total += jac[6 * (3 * part + k) + j] * base
             fusion[H + d] = total
-        worst = max(worst, abs(update(fusion, torque[j] - zero[j], variance, gate)))
+        worst = max(worst, abs(update(fusion, torque[j] - zero[j], variance[j], gate)))
     return worst
 
 

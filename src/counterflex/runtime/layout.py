@@ -56,7 +56,6 @@ C_R_BASE_PART: Final = 35  # 9
 C_RAMP_ROTATION: Final = 44  # 3
 C_FUSION: Final = 47  # 9: FusionTuning.packed
 C_TRACKER_LATE: Final = 56  # s, where a sample does not say it
-C_TORQUE: Final = 57  # variance of an axis torque from motor currents
 C_KP: Final = 58  # 3: feed, across, along the tool
 C_KI: Final = 61  # 3, times period
 C_KD: Final = 64  # 3, by period
@@ -66,7 +65,9 @@ C_INERTIA: Final = 73  # 5: low-pass that the measured force has passed before
 C_LAG: Final = 78  # 8: filter of lag_correction
 C_LAG_MOST: Final = 86  # its largest translation, m
 C_SWING: Final = 87  # 2: 1 by the square of the lowest mode, s2; what is left of a swing after a cycle
-CONSTANTS: Final = 89
+C_TORQUE: Final = 89  # 6: variance of each axis torque from motor currents
+C_TORSION: Final = 95  # 6: compliance of each axis about itself, rad/(N m)
+CONSTANTS: Final = 101
 
 # Choices, int64.
 W_FORCE: Final = 0
@@ -109,8 +110,6 @@ S_IN_FORCE: Final = 77  # 6: correction in effect as the observer reckons it
 S_FUSION: Final = 83  # 139: see fusion_kernel
 S_CLOCK: Final = 222  # cycles of the controller since the start, lost ones counted
 S_REFERENCE: Final = 223  # 6: force that stands for the plan's where there is none
-S_TORQUE: Final = 229  # 6: axis torque from the currents without a cut
-S_TORQUE_KNOWN: Final = 235  # cycles it was averaged over
 S_PAST_BENT: Final = 236  # 18: bend of the time of a sample
 S_REST: Final = 254  # 6: deviation less the correction in effect
 S_SWING: Final = 260  # by how much the arm may swing about where it should stand, m
@@ -128,7 +127,13 @@ S_EARLIER: Final = 530  # 68: a second row of the ring
 S_SWEEP: Final = 598  # 4: search for the place on the path while nobody is on the way
 S_AXES: Final = 602  # 6: the correction as axis angles that could be computed last
 S_BUMPLESS: Final = 608  # 6: what is left of the correction held before, above what is wanted; ramps to nothing
-STATE: Final = 614
+S_TORQUE: Final = 614  # 12: axis torque from the currents without a cut, in positive and negative direction
+S_TORQUE_SEEN: Final = 626  # 12: cycles it was averaged over
+S_TORQUE_WAY: Final = 638  # 24: presliding of motors and links, and their last angles
+S_IDLE: Final = 662  # 6: axis torque without a cut, as the axes move now
+S_BESIDE: Final = 668  # 6: axis torque less that of the measured force
+S_MOTOR: Final = 674  # 12: angles of the motors and of the links, corrected and under the predicted force
+STATE: Final = 686
 
 # State, int64: 0..8 of the supervisor, then
 N_RING: Final = 9  # next row of the ring

@@ -88,6 +88,7 @@ class Loop:
         m = compact.stations
         self._real, self._kind = compact.real, compact.kind
         self._constants = pack_constants(settings, as_float("T_base_part", T_base_part, (4, 4)), plan)
+        self._constants[at.C_TORSION : at.C_TORSION + 6] = chain.compliance[chain.torsion, 5]
         self._choices = pack_choices(settings, plan)
         self._supervisor = settings.supervisor.packed()
         self._plan = np.zeros((2, PLAN_COLUMNS)) if plan is None else plan.packed()
@@ -125,6 +126,7 @@ class Loop:
         self.outcome[:] = 0
         self._state[at.S_PLACE] = -1.0
         self._state[at.S_SCALE : at.S_SCALE + 3] = 1.0
+        self._state[at.S_TORQUE_WAY + 12 : at.S_TORQUE_WAY + 24] = np.nan
         self._state[at.S_SPEED] = self._state[at.S_SLOWER] = 1.0
         self._state[at.S_VARIANCE : at.S_VARIANCE + 3] = SCALE_VARIANCE
         self._state[at.S_OFFSET_VARIANCE : at.S_OFFSET_VARIANCE + 2] = _OFFSET_M2, _OFFSET_RAD2

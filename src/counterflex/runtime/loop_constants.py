@@ -60,7 +60,7 @@ def pack_constants(settings: OnlineSettings, T_base_part: Float, plan: LoopPlan 
     out[at.C_FOLLOW] = settings.delays.follow_s if fused else 0.0
     put(at.C_FUSION, settings.fusion.packed(T))
     out[at.C_TRACKER_LATE] = settings.delays.tracker_s
-    out[at.C_TORQUE] = settings.fusion.torque_nm**2 * _TORQUE_MEMORY_S / T
+    put(at.C_TORQUE, np.square(settings.fusion.torque_nm) * _TORQUE_MEMORY_S / T)
     put(at.C_TRANSLATION, settings.translation.packed())
     put(at.C_ROTATION, settings.rotation.packed())
     share = settings.ramp_m_s / settings.translation.speed

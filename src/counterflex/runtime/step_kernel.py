@@ -16,6 +16,7 @@ from counterflex.runtime.act_kernel import FAULT_LOST, as_axes, ask_supervisor, 
 from counterflex.runtime.direction_kernel import control
 from counterflex.runtime.estimate_kernel import (
     answered,
+    currents_shown,
     estimate_deviation,
     estimate_loads,
     missing_cause,
@@ -46,7 +47,7 @@ from counterflex.signals.filters import smooth
 
 MOST_ELAPSED = 4
 """Cycles that are made up for at most after telegrams were lost."""
-_FORCE = int(Source.FORCE)
+_PROCESS = int(Source.FORCE | Source.CURRENTS)
 _MEASURED, _PILOT, _SCALE, _FUSED = 1, 2, 3, 4
 _INTEGRATOR, _OBSERVER, _DESIGNED = 1, 2, 3
 _READY, _ACTIVE = int(State.READY), int(State.ACTIVE)
@@ -214,8 +215,8 @@ def step(
                 used[k] -= ahead[k]
     elif force_mode == _FUSED and hard != _NOT_FINITE:
         estimate_loads(
-            given, sources if tells else sources & ~_FORCE, constants, filtered, cut, predicted[:6], late_prediction,
-            ahead[:6], direction[:9], scratch[1], state, results, used[:6],
+            given, sources if tells else sources & ~_PROCESS, tells and currents_shown(flags), constants, filtered,
+            cut, predicted[:6], late_prediction, ahead[:6], direction[:9], scratch[1], state, results, used[:6],
         )  # fmt: skip
     for k in range(6):
         state[at.S_BEFORE + k] = late_prediction[k]

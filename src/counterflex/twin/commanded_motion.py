@@ -6,7 +6,7 @@ follows them exactly (:mod:`counterflex.twin.exact_robot`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,6 +36,8 @@ class Report:
         q_actual: (6,) rad motor encoders.
         cutting_program: The program runs (not waiting before its start, not at its end).
         finished: The program has come to its end.
+        drive_torque: (6,) N m, mean torque of the drives over the cycle on the link side, positive in the positive
+            direction of each axis; zero where nothing is simulated that has one.
     """
 
     time_s: float
@@ -45,6 +47,7 @@ class Report:
     q_actual: Float
     cutting_program: bool
     finished: bool
+    drive_torque: Float = field(default_factory=lambda: np.zeros(6))
 
 
 class OwnBacklash:

@@ -18,6 +18,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.geometry import rotation
 from counterflex.twin.commanded_motion import Report
+from counterflex.twin.motor_currents import MotorCurrents
 from counterflex.wire.rsi_config import RsiConfig
 from counterflex.wire.rsi_kernel import MISSING, OK
 from counterflex.wire.rsi_telegram import answer_reader, robot_writer
@@ -75,6 +76,8 @@ class FakeRsi:
         config: The ETHERNET configuration that both sides have.
         context: Settings of the controller.
         frees: Values of free tags that the robot program sets, by name (``Enable``); changed from outside at will.
+        currents: Shows the motor currents of the drives, where the configuration sends MACur; None: they are 0.
+        job: Number of the job that the program says by ``Enable`` instead of 1, see ``rsi make``; 0: it says none.
 
     Attributes:
         counter: IPOC of the telegram to be answered.
@@ -88,8 +91,18 @@ class FakeRsi:
         feed_hold: The answer asks for a feed hold (tag ``FeedHold``).
     """
 
-    def __init__(self, config: RsiConfig, context: RsiContext, frees: dict[str, float] | None = None) -> None:
+    def __init__(
+        self,
+        config: RsiConfig,
+        context: RsiContext,
+        frees: dict[str, float] | None = None,
+        currents: MotorCurrents | None = None,
+        job: int = 0,
+    ) -> None:
         self.config, self.context = config, context
+        self._currents = currents
+        self._job = job if any(v.name == "Enable" and v.kind != "BOOL" for v in config.sent()) else 0
+        self._shows_currents = currents is not None and any(value.element == "MACur" for value in config.sent())
         self._reader, self._writer = answer_reader(config), robot_writer(config, decimals=context.precision)
         self.frees: dict[str, float] = dict(frees or {})
         self.counter = context.first_counter - self._increment
@@ -131,7 +144,7 @@ class FakeRsi:
 
     @enabled.setter
     def enabled(self, value: bool) -> None:
-        self.frees["Enable"] = float(value)
+        self.frees["Enable"] = float(max(1, self._job)) if value else 0.0
 
     def telegram(self, report: Report) -> bytes:
         """The telegram of the next cycle."""
@@ -145,8 +158,10 @@ class FakeRsi:
             "AIPos": report.q_actual / DEG,
             "ASPos": report.q_command / DEG,
         }
+        if self._currents is not None and self._shows_currents:
+            values["MACur"] = self._currents(report.drive_torque)
         for i, value in enumerate(self.config.sent()):
-            if value.element in values and value.tag.tag.startswith("DEF_"):
+            if value.element in values and (value.element == "MACur" or value.tag.tag.startswith("DEF_")):
                 place = "XYZABC".index(value.attribute) if value.element[0] == "R" else int(value.attribute[1:]) - 1
                 number = float(values[value.element][place])
             elif value.name == "Delay.D":

@@ -101,6 +101,7 @@ class LiveCell:
         gains = following_gains(truth.drives, controller.following_gain_per_s)
         self._following = FollowingLag(gains, self.period_s, self._q)
         self._qd: Float = np.zeros(6)
+        self._torque: Float = np.zeros(6)
         self.plant.reset(self._q, None, self._qd)
 
     def start(self) -> None:
@@ -165,6 +166,7 @@ class LiveCell:
             q_actual=q_motor,
             cutting_program=self.motion.running and not self.finished,
             finished=self.finished,
+            drive_torque=self._torque / self._substeps,
         )
 
     def record(self) -> Record:
@@ -224,8 +226,10 @@ class LiveCell:
         knots = np.stack([self._q, self._qd, q_next, qd_next])
         q, qd = self._place @ knots, self._speed @ knots
         free = np.zeros(6)
+        self._torque = np.zeros(6)
         for i in range(self._substeps):
             plant.step(q[i], qd[i], process.wrench(plant.p_base_tcp) if near else free)
+            self._torque += plant.drive_torque
             self.on_step(i)
         log.sums.append(process.sums.copy())
         plant.check()

@@ -37,6 +37,7 @@ class RsiFiles:
         limits: Of the loop.
         timeout: Unanswered cycles until the controller stops.
         precision: Decimals that are sent.
+        currents: The controller sends its motor currents (MACur).
     """
 
     name: str
@@ -46,6 +47,7 @@ class RsiFiles:
     limits: OnlineLimits
     timeout: int = 10
     precision: int = 4
+    currents: bool = False
 
     @property
     def ethernet_name(self) -> str:
@@ -90,6 +92,8 @@ class RsiFiles:
         else:
             corrections = [f"RKorr.{axis}" for axis in "XYZABC"]
         send = [(f"DEF_{word}", "DOUBLE", "INTERNAL") for word in ("RIst", "RSol", "AIPos", "ASPos")]
+        if self.currents:
+            send.append(("DEF_MACur", "DOUBLE", "INTERNAL"))
         send += [("DEF_Delay", "LONG", "INTERNAL"), ("Corr.Stat", "LONG", "1"), ("Enable", "DOUBLE", "2")]
         receive = [(tag, "DOUBLE") for tag in corrections]
         receive += [("Stop", "BOOL"), ("FeedHold", "DOUBLE"), ("Override", "DOUBLE")]

@@ -238,6 +238,8 @@ def scan(
             continue
         vb = i
         while i < length and data[i] != 60 and data[i] != 38:
+            if data[i] == 62 and i >= vb + 2 and data[i - 1] == 93 and data[i - 2] == 93:
+                return MALFORMED, counter, i  # ]]> is none in a text
             i += 1
         if i >= length:
             return TRUNCATED, counter, i
