@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from counterflex.core.arrays import Float
 from counterflex.files.cell import read_cell
 from counterflex.geometry import wrench
-from counterflex.plan.ahead import arm_share
+from counterflex.plan.ahead import arm_share, arrival
 from counterflex.robot.compliance import cartesian_compliance
 from counterflex.signals.ahead import Ahead
 from counterflex.signals.preview import Mode, Shaping
@@ -65,3 +67,26 @@ def test_what_is_sent_undoes_the_deflection_pair() -> None:
     assert left(w[:, 1]) > 150.0
     assert left(plain) > 40.0
     assert left(shaped) < 0.35 * left(plain)
+
+
+def test_a_tool_pushed_back_arrives_late_by_its_deflection_over_the_speed() -> None:
+    """Around a corner: only what lies along the feed counts, against it late and with it early."""
+    corner = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0]])
+    time = np.array([0.0, 4.0, 8.0])
+    rows = np.linspace(0.0, 8.0, 161)
+    p = np.stack([np.interp(rows, time, c) for c in corner.T], axis=1)
+    d = np.tile([-0.4e-3, 0.1e-3, 5e-3], (161, 1))
+    late = arrival(p, rows, d) - rows
+    np.testing.assert_allclose(late[1:81], 0.016, rtol=1e-9)
+    # Around the corner it would be early by 4 ms; but no point is reached before the one ahead of it.
+    np.testing.assert_allclose(late[82:], -0.004, rtol=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_no_point_is_reached_before_the_one_ahead_of_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    p = np.cumsum(rng.standard_normal((30, 3)) * (rng.random((30, 1)) > 0.2), axis=0) * 1e-4
+    time = np.cumsum(0.01 * rng.random(30))
+    found = arrival(p, time, 1e-3 * rng.standard_normal((30, 3)))
+    assert np.all(np.diff(found) >= 0.0)
+    assert np.all(np.isfinite(found))

@@ -109,6 +109,35 @@ def test_with_the_plan_the_correction_is_gone_when_the_force_is(mode: ForceMode)
     assert abs(b[1]) < 0.2 * full
 
 
+def test_pilot_control_brings_a_late_force_forward_pair() -> None:
+    """A force that rises over half a second, as planned: the published form lags behind it, the other does not."""
+    plan = straight((0.0, 400.0, 0.0))
+    rise = np.clip((plan.time_s - 1.2) / 0.5, 0.0, 1.0) * np.clip((6.8 - plan.time_s) / 0.5, 0.0, 1.0)
+    w = six((0.0, 400.0, 0.0)) * rise[:, None]
+    plan = replace(plan, w_tcp_part=w)
+    published = armed(plan, OnlineSettings(pilot=Pilot(lead_s=0.0), **WIDE))
+    brought = armed(replace(plan, w_ahead_part=w), OnlineSettings(pilot=Pilot(lead_s=None), **WIDE))
+    late, off = [], []
+    for k in range(1500):
+        x = k * FEED * 4e-3
+        now = np.array([np.interp(x / FEED, plan.time_s, c) for c in w.T])
+        wanted = -part_deflection(now)[1]
+        late.append(mill(published, x, now)[1] - wanted)
+        off.append(mill(brought, x, now)[1] - wanted)
+    assert np.max(np.abs(late)) > 0.05 * abs(part_deflection(six((0.0, 400.0, 0.0)))[1])
+    assert np.max(np.abs(off)) < 0.2 * np.max(np.abs(late))
+
+
+def test_pilot_control_lets_the_force_contradict_the_plan() -> None:
+    """A quarter more force than planned is undone as a whole where it stays."""
+    plan = straight((0.0, 400.0, 0.0))
+    loop = armed(replace(plan, w_ahead_part=plan.w_tcp_part), OnlineSettings(pilot=Pilot(lead_s=None), **WIDE))
+    for k in range(1000):
+        x = k * FEED * 4e-3
+        found = mill(loop, x, six((0.0, 500.0 if x > 0.03 else 0.0, 0.0)))
+    np.testing.assert_allclose(found[1], -part_deflection(six((0.0, 500.0, 0.0)))[1], rtol=1e-3)
+
+
 def test_the_factor_of_the_force_is_learnt_and_applied_ahead() -> None:
     loop = armed(straight((-100.0, 300.0, -50.0)), OnlineSettings(force=ForceMode.SCALE, **WIDE))
     rng = np.random.default_rng(1)

@@ -15,8 +15,10 @@ from counterflex.files.cell_monitor import feed_exponent
 from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_sensing import flange_sensor
 from counterflex.geometry import pose
-from counterflex.plan.ahead import arm_share
+from counterflex.plan.ahead import arm_share, arrival
+from counterflex.plan.compensate import part_compliance
 from counterflex.plan.plan import Plan, across
+from counterflex.plan.tool_deviation import mode_of
 from counterflex.plan.undone_play import undone_play
 from counterflex.robot.chain import ElasticChain
 from counterflex.runtime.loop import Loop
@@ -45,17 +47,24 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
     settings = (cell.tables.online or OnlineTable()).settings(cell.tables.timing, compensated=compensated)
     delays = settings.delays
     designed = settings.tracker == TrackerMode.DESIGNED and settings.tuning.undo_play and not compensated
-    modes = (
-        Mode(2.0 * np.pi * dynamics.mode_hz, dynamics.damping_ratio),
-        Mode(delays.natural_per_s, delays.damping),
-    )
+    measured = Mode(2.0 * np.pi * dynamics.mode_hz, dynamics.damping_ratio)
+    hardest = plan.q[int(np.argmax(np.linalg.norm(plan.w_tcp_part[:, :3], axis=1)))]
+    modes = (mode_of(cell.chain, hardest, measured), Mode(delays.natural_per_s, delays.damping))
     shaping = Shaping(dynamics.correction_smoothing_ms * MS, delays.dead_s + dynamics.correction_lead_ms * MS)
     ahead = Ahead(arm_share(cell.chain, cell.T_base_part, plan.q, plan.w_tcp_part), modes, shaping)
+    w, w_lost, cutting = plan.w_tcp_part, np.zeros_like(plan.w_tcp_part), plan.cutting.astype(np.float64)
+    if not compensated:
+        w_lost = _lost(plan, cell)
+        if settings.normal_only:
+            time = plan.path.time_s
+            late = arrival(plan.path.p_part_tcp, time, plan.deflection_part[:, :3])
+            w, w_lost = (np.stack([np.interp(time, late, c) for c in values.T], axis=1) for values in (w, w_lost))
+            cutting = np.interp(time, late, cutting)
     return LoopPlan(
         p_part=plan.path.p_part_tcp + contained[:, :3],
         time_s=plan.path.time_s,
-        w_tcp_part=plan.w_tcp_part,
-        cutting=plan.cutting.astype(np.float64),
+        w_tcp_part=w,
+        cutting=cutting,
         contained=contained,
         undo_play=_undone_play(plan, cell, delays) if designed else None,
         turn_per_s=np.abs(plan.path.spindle_rad_s) / (2.0 * np.pi),
@@ -65,9 +74,17 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
         left_m=np.linalg.norm(across(plan.deviation_compensated_part, plan.path.p_part_tcp), axis=1)
         if compensated
         else None,
-        w_ahead_part=ahead.command(plan.w_tcp_part, plan.path.time_s),
+        w_ahead_part=ahead.command(w, plan.path.time_s, w_lost),
+        w_lost_part=w_lost,
         ahead=ahead,
     )
+
+
+def _lost(plan: Plan, cell: Cell) -> Float:
+    """(n, 6) N, force that would bend the robot as far as its drives give way and lose motion."""
+    C = part_compliance(setting_of(cell), plan.q)[:, :3, :3]
+    force = np.linalg.solve(C, plan.play_part[:, :, None])[:, :, 0]
+    return np.pad(force, ((0, 0), (0, 3)))
 
 
 def _undone_play(plan: Plan, cell: Cell, delays: Delays) -> Float:

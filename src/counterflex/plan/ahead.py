@@ -1,4 +1,4 @@
-"""What part of the deflection swings with the arm: corrections are commanded ahead of time accordingly."""
+"""When a correction has to be there: what part of the deflection swings with the arm, and when the tool arrives."""
 
 from __future__ import annotations
 
@@ -35,3 +35,27 @@ def arm_share(chain: ElasticChain, T_base_part: Float, q: Float, w_part: Float) 
         return 1.0
     kept = square > 0.0
     return float(np.clip(np.median(np.sum(arm * total, axis=1)[kept] / square[kept]), 0.0, 1.0))
+
+
+def arrival(p_part: Float, time_s: Float, deflection_part: Float) -> Float:
+    """When a tool that the force pushes back along the feed comes to the points of a program.
+
+    ``t - d . u / v`` with u the direction and v the speed of the feed: at 25 mm/s a force that bends the robot by 0.4
+    mm against the feed makes the tool leave 16 ms late, unless the deflection along the feed is corrected too.
+
+    Args:
+        p_part: (n, 3) m, points of the program.
+        time_s: (n,) s, when it commands them, not decreasing.
+        deflection_part: (n, 3) m at the points.
+
+    Returns:
+        (n,) s, not decreasing.
+    """
+    step = np.diff(p_part, axis=0, prepend=p_part[:1])
+    passed = np.diff(time_s, prepend=time_s[:1])
+    square = np.sum(step * step, axis=1)
+    moves = square > 0.0
+    along = np.sum(deflection_part * step, axis=1)
+    late = np.where(moves, -along * passed / np.where(moves, square, 1.0), 0.0)
+    out: Float = np.maximum.accumulate(time_s + late)
+    return out

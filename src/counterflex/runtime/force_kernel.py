@@ -3,7 +3,9 @@
 Forces of a robot's flange sensor come late (filters), predicted ones come when they are wanted. Two ways to join them:
 
 - *pilot control* (Haehn2020 section 2.8): where the two differ by more than a threshold, a change of direction or an
-  exit is assumed, and the signal is blended linearly into the prediction; otherwise the measured force is trusted.
+  exit is assumed, and the signal is blended linearly into the prediction; otherwise the measured force is trusted. A
+  measured force is late; where the plan says what to command ahead of time, it is brought forward by what the plan
+  changes meanwhile: ``measured + ahead - predicted through the same filters``.
 - *scale*: a Kalman filter per direction estimates by which factor the measured force exceeds the predicted one, delayed
   alike, and the prediction ahead of time is multiplied by it. What changes slowly (wear, material, a wrong constant)
   is learnt in the cut; what changes fast (exits) is taken from the plan.
@@ -21,9 +23,9 @@ LEAST_FORCE_N: Final = 20.0
 """Predicted force below which a direction tells nothing about its factor."""
 
 
-@kernel("float64(float64[::1], float64[::1], float64, float64, float64, float64[::1])")
-def blend(measured: Float, predicted: Float, share: float, threshold_n: float, step: float, out: Float) -> float:
-    """Pilot control: blend measured into predicted force.
+@kernel("float64(float64[::1], float64[::1], float64, float64, float64)")
+def blend(measured: Float, predicted: Float, share: float, threshold_n: float, step: float) -> float:
+    """Pilot control: how much of the prediction is blended in.
 
     Args:
         measured: (6,) N, N m, filtered.
@@ -31,21 +33,14 @@ def blend(measured: Float, predicted: Float, share: float, threshold_n: float, s
         share: 0..1 of the prediction in the last cycle.
         threshold_n: Difference of forces above which the prediction is blended in.
         step: Change of the share per cycle: period by blending time.
-        out: (6,) written: ``(1 - share) measured + share predicted``.
 
     Returns:
-        The new share.
+        The new share; the force to correct for is ``(1 - share) measured + share predicted``.
     """
     square = 0.0
     for k in range(3):
         square += (predicted[k] - measured[k]) ** 2
-    if square > threshold_n * threshold_n:
-        share = min(1.0, share + step)
-    else:
-        share = max(0.0, share - step)
-    for k in range(6):
-        out[k] = (1.0 - share) * measured[k] + share * predicted[k]
-    return share
+    return min(1.0, share + step) if square > threshold_n * threshold_n else max(0.0, share - step)
 
 
 @kernel("void(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])")
@@ -55,15 +50,16 @@ def learn_scale(
     """One cycle of the Kalman filter for the factors of the force along three directions.
 
     ``k' = k + K (y - h k)``, ``K = P h / (h^2 P + R)``, ``P' = (1 - K h) P + Q`` per direction with y the measured and
-    h the predicted force through the same filters. ``R = sigma^2 + (tau dh/dt)^2``: while the force changes, an
-    uncertainty of timing makes the measurement worth little.
+    h the predicted force through the same filters. ``R = n (sigma^2 + (tau dh/dt)^2)``: while the force changes, an
+    uncertainty of timing makes the measurement worth little; n cycles in which an error lasts tell as much as one.
+    Taken for independent, they would let the factor follow every swing of the arm, which corrections then feed.
 
     Args:
         measured: (6,) filtered.
         predicted: (6,) through the same filters.
         before: (6,) predicted of the last cycle.
         frame: (9,) rows: unit vectors of the three directions, part axes.
-        tuning: (4,) sigma N, tau / period, Q per cycle, largest variance.
+        tuning: (4,) sqrt(n) sigma N, sqrt(n) tau / period, Q per cycle, largest variance.
         scale: (3,) factors; changed.
         variance: (3,) theirs; changed.
     """

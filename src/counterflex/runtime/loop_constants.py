@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -12,7 +13,6 @@ from counterflex.core.errors import InputError
 from counterflex.runtime import layout as at
 from counterflex.runtime.follow_kernel import PLAN_A, PLAN_W
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.pilot_lead import pilot_lead
 from counterflex.runtime.settings import (
     ForceMode,
     OnlineSettings,
@@ -68,7 +68,8 @@ def pack_constants(settings: OnlineSettings, T_base_part: Float, plan: LoopPlan 
     put(at.C_RAMP_ROTATION, settings.rotation.packed() * [1.0, share, 1.0])
     out[at.C_HARD] = settings.hard_factor
     drift = settings.scale_drift**2 * T
-    put(at.C_SCALE, [settings.force_noise_n, settings.timing_s / T, drift, SCALE_VARIANCE])
+    alike = math.sqrt(max(1.0, settings.correlation_s / T))
+    put(at.C_SCALE, [alike * settings.force_noise_n, alike * settings.timing_s / T, drift, SCALE_VARIANCE])
     put(at.C_GAIN, [tuning.gain, tuning.saturation_m, tuning.saturation_rad])
     put(at.C_DRIFT, [tuning.drift_m**2 * T, tuning.drift_rad**2 * T])
     put(at.C_NOISE, [tuning.noise_m**2, tuning.noise_rad**2])
@@ -137,18 +138,5 @@ def _shaped(settings: OnlineSettings, plan: LoopPlan | None) -> bool:
 
 
 def _lead(settings: OnlineSettings, plan: LoopPlan | None) -> float:
-    """How much ahead the plan is read, s."""
-    if plan is None or plan.w_ahead_part is None or settings.pilot.lead_s is not None:
-        return settings.lead_s
-    if settings.force != ForceMode.PILOT:
-        return 0.0
-    return pilot_lead(
-        plan.time_s,
-        plan.w_tcp_part,
-        plan.w_ahead_part,
-        settings.smoothing,
-        settings.pilot.threshold_n,
-        settings.pilot.blend_s,
-        robot_answer(settings)[1],
-        most_s=2.0 * settings.pilot.blend_s,
-    )
+    """How much ahead the plan is read, s; what says itself what to command ahead of time is read in place."""
+    return 0.0 if _shaped(settings, plan) else settings.lead_s

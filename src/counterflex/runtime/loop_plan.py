@@ -47,6 +47,8 @@ class LoopPlan:
         left_m: (n,) size of the error that the program itself is predicted to leave; None is not known.
         w_ahead_part: (n, 6) wrench whose deflection is to be commanded here so that the robot, as slow as it is, undoes
             the predicted one in time; None reads the predicted wrench ahead by the lead instead.
+        w_lost_part: (n, 6) wrench that would bend the robot as far as its drives give way here; it is in the one to be
+            commanded. None is nothing.
         ahead: How that was made from the predicted wrench; None is not known.
         speed: (n,) share of the programmed speed at which the program is to run; None is 1 everywhere.
     """
@@ -64,6 +66,7 @@ class LoopPlan:
     need_m: Float | None = None
     left_m: Float | None = None
     w_ahead_part: Float | None = None
+    w_lost_part: Float | None = None
     ahead: Ahead | None = None
     speed: Float | None = None
 
@@ -125,5 +128,6 @@ class LoopPlan:
         ahead = self.w_ahead_part
         if self.ahead is not None and ahead is not None and np.any(found.speed < 1.0):
             smaller = found.speed[:, None] ** exponent
-            ahead = self.ahead.command(self.w_tcp_part * smaller, found.time_s) / smaller
+            lost = 0.0 if self.w_lost_part is None else self.w_lost_part * smaller
+            ahead = self.ahead.command(self.w_tcp_part * smaller, found.time_s, lost) / smaller
         return replace(self, speed=found.speed, w_ahead_part=ahead)

@@ -161,6 +161,8 @@ class OnlineSettings:
         fusion: See :class:`counterflex.runtime.fusion.FusionTuning`.
         force_noise_n: Standard deviation of a filtered force, for the scale's filter.
         timing_s: Uncertainty of the timing between plan and force, likewise.
+        correlation_s: How long an error of force or timing lasts: filters, and the arm's swing, which the sensor feels.
+            That many cycles tell as much as one.
         scale_drift: Standard deviation that a factor gains per root second.
         translation: Limits of the correction.
         rotation: Likewise.
@@ -194,7 +196,8 @@ class OnlineSettings:
     fusion: FusionTuning = field(default_factory=FusionTuning)
     force_noise_n: float = 8.0
     timing_s: float = 10.0 * MS
-    scale_drift: float = 0.05
+    correlation_s: float = 120.0 * MS
+    scale_drift: float = 0.02
     translation: MotionLimit = field(default_factory=lambda: MotionLimit(2.0 * MM, 20.0 * MM, 1.25))
     rotation: MotionLimit = field(default_factory=lambda: MotionLimit(0.3 * DEG, 3.0 * DEG, 190.0 * DEG))
     hard_factor: float = 1.5
@@ -225,6 +228,7 @@ class OnlineSettings:
         for name in ("period_s", "hard_factor", "ramp_m_s", "off_path_m", "force_noise_n", "scale_drift"):
             as_positive(f"online: {name}", getattr(self, name))
         as_positive("online: timing_s", self.timing_s, zero=True)
+        as_positive("online: correlation_s", self.correlation_s, zero=True)
         as_positive("online: inertia_hz", self.inertia_hz, zero=True)
         for name in ("proportional", "integral_per_s", "derivative_s"):
             for value in per_direction(name, getattr(self, name)):

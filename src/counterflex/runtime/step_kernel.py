@@ -193,11 +193,14 @@ def step(
                 used[k] -= late_prediction[k]
     elif force_mode == _PILOT:
         threshold = constants[at.C_THRESHOLD] if force_good else 0.0  # without a force the plan is blended in
-        state[at.S_SHARE] = blend(filtered, ahead[:6], state[at.S_SHARE], threshold, constants[at.C_BLEND], used[:6])
-        if choices[at.W_COMPENSATED] == 1:
-            share = state[at.S_SHARE]
-            for k in range(6):
-                used[k] -= (1.0 - share) * late_prediction[k] + share * ahead[k]
+        share = blend(filtered, ahead[:6], state[at.S_SHARE], threshold, constants[at.C_BLEND])
+        state[at.S_SHARE] = share
+        forward = choices[at.W_AHEAD] != PLAN_W
+        for k in range(6):
+            trusted = filtered[k] + (ahead[k] - late_prediction[k] if forward else 0.0)
+            used[k] = (1.0 - share) * trusted + share * ahead[k]
+            if choices[at.W_COMPENSATED] == 1:
+                used[k] -= (1.0 - share) * (ahead[k] if forward else late_prediction[k]) + share * ahead[k]
     elif force_mode == _SCALE:
         if force_good and cut > 0.0 and tells:
             learn_scale(
