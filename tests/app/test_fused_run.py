@@ -60,3 +60,7 @@ def test_fused_over_sockets_and_replayed(tmp_path: Path) -> None:
     again = run_log.replay(tmp_path / "log", cell, plan, compensated=False)
     assert again.proved
     assert again.compared == len(rows)
+    late = run_log.replay(tmp_path / "log", cell, plan, compensated=False, from_s=1e6)
+    assert late.proved
+    assert late.begun == [len(rows) // 1000 * 1000]
+    assert late.compared == len(rows) - late.begun[0]

@@ -46,7 +46,8 @@ def test_cut_at_any_byte_all_but_the_last_chunk_reads_back(tmp_path: Path) -> No
     for size in range(0, len(whole), 997):
         file.write_bytes(whole[:size])
         try:
-            found, _, finished = read_segment(file)
+            segment = read_segment(file)
+            found, finished = segment.rows, segment.whole
         except FileFormatError:
             assert last == 0
             continue

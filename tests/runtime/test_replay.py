@@ -26,6 +26,7 @@ from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.record_ring import COLUMNS, WIDTH, RecordRing
 from counterflex.runtime.replay import Gap, Replay
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
+from counterflex.runtime.state_slots import LoopState
 from counterflex.runtime.supervisor import State
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
@@ -129,9 +130,15 @@ class _Tracker:
 
 
 def recorded(
-    chosen: Loop, *, seed: int = 0, cycles: int = 900, loss: float = 0.02, nan: float = 0.0
+    chosen: Loop,
+    *,
+    seed: int = 0,
+    cycles: int = 900,
+    loss: float = 0.02,
+    nan: float = 0.0,
+    states: list[LoopState] | None = None,
 ) -> tuple[Float, list[Float]]:
-    """Records of a session, prepared as the loop's process prepares it, and what was sent to the robot."""
+    """Records of a session, prepared as the loop's process prepares it, what was sent to the robot, and states."""
     robot = _Robot(seed, loss, nan)
     ring = RecordRing()
     reader = RecordRing(ring.name)
@@ -155,6 +162,8 @@ def recorded(
     try:
         for k in range(cycles):
             session.cycle(0.0)
+            if states is not None and (state := reader.states.take()) is not None:
+                states.append(state)
             control[Request.STOP] = robot.rng.random() < 0.001
             if k % 10 == 0:
                 control[Request.ARM] = 1
@@ -185,6 +194,55 @@ def test_a_session_replays_bit_for_bit(
         replay(piece)
     assert replay.difference is None
     assert (replay.compared, replay.skipped, replay.gaps) == (len(rows), 0, [])
+
+
+@settings(max_examples=12)
+@given(
+    st.integers(0, 2**31),
+    st.sampled_from([ForceMode.MEASURED, ForceMode.PILOT, ForceMode.SCALE, ForceMode.FUSED]),
+    st.sampled_from(list(TrackerMode)),
+    st.sampled_from([0.0, 0.003]),
+    st.data(),
+)
+def test_a_replay_from_any_recorded_state_is_the_same_bit_for_bit(
+    seed: int, mode: ForceMode, tracker: TrackerMode, nan: float, data: st.DataObject
+) -> None:
+    """The beginning of the log is missing, or passed over; the loop that replays has a past of its own."""
+    tracker = TrackerMode.NONE if mode == ForceMode.FUSED else tracker
+    chosen, states = loop(mode, tracker), list[LoopState]()
+    chosen.state_cycles = 37
+    rows, _ = recorded(chosen, seed=seed, nan=nan, cycles=600, states=states)
+    assert len(states) == len(rows) // 37
+    cut = data.draw(st.integers(1, len(rows) - 40))
+    first = next(state.cycle for state in states if state.cycle >= cut)
+    again = loop(mode, tracker)
+    recorded(again, seed=seed + 1, cycles=50)
+    replay = Replay(again)
+    replay(rows[cut:], states)
+    assert replay.difference is None
+    assert (replay.begun, replay.gaps) == ([first], [Gap(0, cut)])
+    assert (replay.compared, replay.skipped) == (len(rows) - first, first - cut)
+    chosen_state = data.draw(st.sampled_from(states))
+    later = Replay(again, after=chosen_state.cycle)
+    later(rows[:300], states)
+    later(rows[300:])
+    assert later.difference is None
+    assert (later.compared, later.skipped, later.gaps) == (len(rows) - chosen_state.cycle, 0, [])
+
+
+def test_a_state_that_is_not_the_loops_is_found_or_refused() -> None:
+    chosen, states = loop(), list[LoopState]()
+    chosen.state_cycles = 100
+    rows, _ = recorded(chosen, cycles=300, states=states)
+    words = states[0].words.copy()
+    assert words.size == sum(array.size for array in chosen.memory())
+    words[at.S_Y] ^= 1 << 51
+    wrong = Replay(loop(), after=100)
+    wrong(rows, [replace(states[0], words=words)])
+    assert wrong.difference is not None
+    assert wrong.difference.cycle == 101
+    with pytest.raises(InputError, match="another loop's"):
+        Replay(loop(), after=100)(rows, [replace(states[0], words=words[:-1])])
 
 
 def test_the_recorded_session_corrects() -> None:

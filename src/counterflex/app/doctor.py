@@ -33,7 +33,7 @@ from counterflex.links.realtime import Granted, prepare
 from counterflex.runtime import layout as at
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.record_ring import ROWS, WIDTH, RecordRing
+from counterflex.runtime.record_ring import RING_BYTES, WIDTH, RecordRing
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 
 _WRITE_S: Final = 0.1
@@ -227,7 +227,7 @@ def _write_meanwhile(pipe: Any, folder: Path, seconds: float, progress: Progress
 
 
 def _ring_fits(machine: Machine) -> bool:
-    if machine.shared_free_bytes is not None and machine.shared_free_bytes < ROWS * WIDTH * 8:
+    if machine.shared_free_bytes is not None and machine.shared_free_bytes < RING_BYTES:
         return False
     try:
         RecordRing().close()

@@ -154,8 +154,10 @@ class Recorder:
     def _take(self) -> Float:
         rows = self._reader.take()
         control = self._control
+        state = self._reader.states.take()
+        if len(rows) or state is not None:
+            self._log.add(rows, state=state)
         if len(rows):
-            self._log.add(rows)
             self._count(rows)
         control[Kept.TAKEN] = self._reader.taken
         control[Kept.TROUBLE] = int(bool(self._log.trouble))

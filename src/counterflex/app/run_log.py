@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars
 
 from counterflex import __version__
@@ -16,7 +17,7 @@ from counterflex.app.online_loop import loop_plan, online_loop
 from counterflex.app.process_events import shown_process
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent
-from counterflex.core.units import UM
+from counterflex.core.units import NS, UM
 from counterflex.evaluate.incidents import IncidentFinder
 from counterflex.evaluate.loop_timing import Percentiles
 from counterflex.evaluate.run_record import RunFigures, RunRecord
@@ -25,7 +26,7 @@ from counterflex.files.plan_file import read_plan
 from counterflex.files.run_log import segments
 from counterflex.files.run_log_repair import Repaired, repair_segment
 from counterflex.runtime.fusion import level
-from counterflex.runtime.record_ring import COLUMNS, is_whole
+from counterflex.runtime.record_ring import COLUMNS, CYCLE, is_whole
 from counterflex.runtime.replay import Difference, Gap, Replay
 
 
@@ -136,6 +137,7 @@ class Replayed:
         gaps: Where records are missing.
         cut: Segments that were cut short.
         notes: What is not as it was when the log was written: files, versions, choices.
+        begun: Cycles from whose recorded state it began.
     """
 
     records: int = 0
@@ -146,6 +148,7 @@ class Replayed:
     gaps: list[Gap] = field(default_factory=list)
     cut: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    begun: list[int] = field(default_factory=list)
 
     @property
     def proved(self) -> bool:
@@ -159,6 +162,7 @@ def replay(
     plan: str | Path | None = None,
     *,
     compensated: bool = True,
+    from_s: float = 0.0,
     progress: Progress = silent,
 ) -> Replayed:
     """Feed the logged inputs through a loop made of these files and compare corrections, states and all else.
@@ -168,38 +172,56 @@ def replay(
         cell: Cell file.
         plan: Plan file, where the run had one.
         compensated: The robot ran the compensated program.
+        from_s: Time of each run, from its first record there is: what is before is passed over, up to the last
+            recorded state before it.
         progress: Told the fraction done.
 
     Raises:
         FileFormatError: A file cannot be used.
-        InputError: The cell's settings need a plan and there is none.
+        InputError: The cell's settings need a plan and there is none, or the log holds another loop's state.
     """
     model = read_cell(cell)
     loaded = None if plan is None else loop_plan(read_plan(Path(plan))[0], model, compensated=compensated)
     loop = online_loop(model, loaded, compensated=compensated and loaded is not None)
     given = {"cell": Path(cell)} | ({} if plan is None else {"plan": Path(plan)})
     answer = Replayed()
+    after = _last_states(folder, from_s) if from_s > 0.0 else {}
     current: Replay | None = None
     number = -1
     total = len(list(Path(folder).glob("run-*.mcap")))
     for k, segment in enumerate(segments(folder)):
         progress(k / max(1, total), segment.name)
-        answer.records += len(segment.rows)
+        passed = after.get(segment.run, 0) if segment.about else 0
+        answer.records += int(np.count_nonzero(segment.rows[:, CYCLE] > passed))
         if not segment.whole:
             answer.cut.append(segment.name)
         if not segment.about or answer.difference is not None:
             continue
         if current is None or segment.run != number:
             _collect(answer, current)
-            current, number = Replay(loop), segment.run
+            current, number = Replay(loop, after=passed), segment.run
             for note in _notes(segment.about, given, loop.sha256(), compensated=compensated):
                 if note not in answer.notes:
                     answer.notes.append(note)
-        current(segment.rows)
+        current(segment.rows, segment.states)
         if current.difference is not None:
             answer.difference, answer.run = current.difference, number
     _collect(answer, current)
     return answer
+
+
+def _last_states(folder: str | Path, from_s: float) -> dict[int, int]:
+    """Cycle of the last state of each run that was recorded before a time; runs without one are not there."""
+    begin: dict[int, int] = {}
+    found: dict[int, int] = {}
+    for segment in segments(folder):
+        if not segment.about or not len(segment.rows):
+            continue
+        zero = begin.setdefault(segment.run, int(segment.rows[0, 1]))
+        for state in segment.states:
+            if state.time_ns <= zero + round(from_s / NS):
+                found[segment.run] = state.cycle
+    return found
 
 
 def _collect(answer: Replayed, done: Replay | None) -> None:
@@ -207,6 +229,7 @@ def _collect(answer: Replayed, done: Replay | None) -> None:
         answer.compared += done.compared
         answer.skipped += done.skipped
         answer.gaps += done.gaps
+        answer.begun += done.begun
 
 
 def _notes(about: dict[str, Any], given: dict[str, Path], sha256: str, *, compensated: bool) -> list[str]:

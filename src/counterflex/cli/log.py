@@ -173,6 +173,9 @@ def replay(
     original: Annotated[
         bool, typer.Option("--original", help="The robot ran the original program, not the compensated one.")
     ] = False,
+    from_s: Annotated[
+        float, typer.Option("--from", help="Begin there, s: at the last recorded state before.", min=0.0)
+    ] = 0.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Feed the logged inputs through the loop again: its corrections and states must be the logged ones bit for bit.
@@ -184,7 +187,7 @@ def replay(
     from counterflex.app import run_log as job
 
     with progress_bar("replaying") as progress:
-        found = job.replay(folder, cell, plan, compensated=not original, progress=progress)
+        found = job.replay(folder, cell, plan, compensated=not original, from_s=from_s, progress=progress)
     first = found.difference
     if as_json:
         print_json(
@@ -204,6 +207,7 @@ def replay(
                     "replayed": repr(first.replayed),
                     "columns": first.columns,
                 },
+                "begun_after": found.begun,
                 "gaps": [{"after": gap.after, "missing": gap.missing} for gap in found.gaps],
                 "cut": found.cut,
                 "notes": found.notes,
@@ -214,7 +218,12 @@ def replay(
             typer.echo(f"note: {note}")
         for gap in found.gaps:
             where = f"after cycle {gap.after}" if gap.after else "at the beginning"
-            typer.echo(f"{gap.missing} records are missing {where}: what follows cannot be computed again")
+            typer.echo(
+                f"{gap.missing} records are missing {where}: what follows cannot be computed again, up to the next"
+                " recorded state"
+            )
+        for cycle in found.begun:
+            typer.echo(f"began from the state recorded after cycle {cycle}")
         if found.cut:
             typer.echo(f"cut short: {', '.join(found.cut)}; what is there was compared")
         if first is not None:

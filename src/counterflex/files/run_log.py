@@ -1,8 +1,9 @@
-"""The run log (``counterflex-run-log``, version 1): MCAP segments that read back after power loss or ``kill -9``.
+"""The run log (``counterflex-run-log``, version 2): MCAP segments that read back after power loss or ``kill -9``.
 
 Each segment begins with what the run was made of (settings, hashes of the inputs); records follow in small chunks,
 flushed every 100 ms. What stands before the last whole chunk can always be read, also from a segment that was never
-finished. A full disk ends a segment; a new one is begun when there is room again.
+finished. A full disk ends a segment; a new one is begun when there is room again. Every few seconds the whole state of
+the loop stands beside the records, so that they can be computed again from there.
 """
 
 from __future__ import annotations
@@ -28,19 +29,22 @@ from zstandard import ZstdError
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, OutputError
 from counterflex.runtime.record_ring import COLUMNS
+from counterflex.runtime.state_slots import LoopState
 
 KIND: Final = "counterflex-run-log"
-VERSION: Final = 1
+VERSION: Final = 2
 FLUSH_S: Final = 0.06
 """With the recorder's own period less than 100 ms of records are lost with it."""
 SYNC_S: Final = 1.0
 SEGMENT_BYTES: Final = 64 << 20
 _CHUNK: Final = 64 << 10
 _TOPIC: Final = "cycle"
+_STATES: Final = "state"
+_STATE_HEAD: Final = struct.Struct("<qq")
 _RETRY_S: Final = 1.0
 
 
-def begin_segment(stream: BinaryIO, about: Mapping[str, Any]) -> tuple[Writer, int]:
+def begin_segment(stream: BinaryIO, about: Mapping[str, Any]) -> tuple[Writer, int, int]:
     """Write the head of a segment: what the run was made of and the columns.
 
     Args:
@@ -48,20 +52,32 @@ def begin_segment(stream: BinaryIO, about: Mapping[str, Any]) -> tuple[Writer, i
         about: With ``format``, ``version``, ``run`` and ``segment``.
 
     Returns:
-        The writer, to be finished, and the channel of the records.
+        The writer, to be finished, the channel of the records, and that of the loop's states.
     """
     writer = Writer(stream, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
     writer.start(profile=KIND, library="counterflex")
     writer.add_metadata("about", {key: json.dumps(value) for key, value in about.items()})
     layout = json.dumps({"columns": COLUMNS, "type": "float64 little-endian"}).encode()
     schema = writer.register_schema(name="counterflex.cycle", encoding="counterflex", data=layout)
-    return writer, writer.register_channel(topic=_TOPIC, message_encoding="float64", schema_id=schema)
+    form = json.dumps({"type": "int64 little-endian: cycle, time ns, then the loop's memory bit for bit"}).encode()
+    states = writer.register_schema(name="counterflex.state", encoding="counterflex", data=form)
+    return (
+        writer,
+        writer.register_channel(topic=_TOPIC, message_encoding="float64", schema_id=schema),
+        writer.register_channel(topic=_STATES, message_encoding="int64", schema_id=states),
+    )
 
 
 def add_record(writer: Writer, channel: int, row: Float) -> None:
     """Add one record (WIDTH,), stamped with the time at which its telegram was received."""
     stamp = int(row[1])
     writer.add_message(channel, log_time=stamp, data=row.astype("<f8").tobytes(), publish_time=stamp)
+
+
+def add_state(writer: Writer, channel: int, state: LoopState) -> None:
+    """Add a state of the loop, stamped as the record of its cycle."""
+    data = _STATE_HEAD.pack(state.cycle, state.time_ns) + state.words.astype("<i8").tobytes()
+    writer.add_message(channel, log_time=state.time_ns, data=data, publish_time=state.time_ns)
 
 
 class RunLog:
@@ -88,7 +104,7 @@ class RunLog:
         self._number = self._first = 0
         self._stream: BufferedWriter | None = None
         self._writer: Writer | None = None
-        self._channel = 0
+        self._channel = self._states = 0
         self._retry = self._flushed = self._synced = 0.0
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -107,7 +123,7 @@ class RunLog:
         stream = path.open("wb")
         try:
             facts = {"format": KIND, "version": VERSION, "run": self._first, "segment": self._number, **self._about}
-            writer, self._channel = begin_segment(stream, facts)
+            writer, self._channel, self._states = begin_segment(stream, facts)
             writer.flush()
         except BaseException:
             with contextlib.suppress(OSError):
@@ -118,12 +134,13 @@ class RunLog:
         self._number += 1
         self.trouble = ""
 
-    def add(self, rows: Float, now_s: float | None = None) -> None:
+    def add(self, rows: Float, now_s: float | None = None, *, state: LoopState | None = None) -> None:
         """Write records, flush when due, rotate when large or when the disk refuses; never raises for a full disk.
 
         Args:
             rows: (n, WIDTH) of :class:`counterflex.runtime.record_ring.RecordRing`.
             now_s: Monotonic time; None is now.
+            state: Of the loop, or None.
         """
         now = time.monotonic() if now_s is None else now_s
         if self._writer is None:
@@ -141,6 +158,8 @@ class RunLog:
         try:
             for row in rows:
                 add_record(writer, self._channel, row)
+            if state is not None:
+                add_state(writer, self._states, state)
             if now - self._flushed >= FLUSH_S:
                 writer.flush()
                 stream.flush()
@@ -180,14 +199,35 @@ class RunLog:
             self._fail(fault, 0, 0.0)
 
 
-def read_segment(path: str | Path) -> tuple[Float, dict[str, Any], bool]:
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One file of a run log.
+
+    Attributes:
+        name: Of the file.
+        rows: (n, WIDTH) records.
+        about: What the run was made of; empty where the file was cut before it.
+        whole: It was finished; else it was cut short, and the records before the cut are there.
+        states: Of the loop, in order.
+    """
+
+    name: str
+    rows: Float
+    about: dict[str, Any]
+    whole: bool
+    states: tuple[LoopState, ...] = ()
+
+    @property
+    def run(self) -> int:
+        """Number of the first segment of the run it belongs to: a folder can hold several runs."""
+        return int(self.about.get("run", 0))
+
+
+def read_segment(path: str | Path) -> Segment:
     """Read a segment, also one that was cut short.
 
     Args:
         path: MCAP file.
-
-    Returns:
-        Records (n, WIDTH), what the run was made of, and whether the segment was finished.
 
     Raises:
         FileFormatError: Missing, not a run log, newer than this program reads, or cut before its first record of facts.
@@ -195,6 +235,8 @@ def read_segment(path: str | Path) -> tuple[Float, dict[str, Any], bool]:
     file = Path(path)
     about: dict[str, Any] = {}
     rows: list[Float] = []
+    states: list[LoopState] = []
+    state_channels: set[int] = set()
     whole = False
     columns: list[str] | None = None
     try:
@@ -206,12 +248,18 @@ def read_segment(path: str | Path) -> tuple[Float, dict[str, Any], bool]:
                 for record in StreamReader(stream, validate_crcs=True, record_size_limit=SEGMENT_BYTES * 2).records:
                     if isinstance(record, Metadata) and record.name == "about":
                         about = {key: json.loads(value) for key, value in record.metadata.items()}
-                    elif isinstance(record, Schema):
+                    elif isinstance(record, Schema) and record.name == "counterflex.cycle":
                         columns = json.loads(record.data)["columns"]
+                    elif isinstance(record, Message) and record.channel_id in state_channels:
+                        words = np.frombuffer(record.data, dtype="<i8", offset=_STATE_HEAD.size)
+                        cycle, time_ns = _STATE_HEAD.unpack_from(record.data)
+                        states.append(LoopState(cycle, time_ns, words))
                     elif isinstance(record, Message):
                         rows.append(np.frombuffer(record.data, dtype="<f8"))
                     elif isinstance(record, Footer):
                         whole = True
+                    elif isinstance(record, Channel) and record.topic == _STATES:
+                        state_channels.add(record.id)
                     elif isinstance(record, Channel) and record.topic != _TOPIC:
                         raise FileFormatError("not a run log", where=str(file), value=record.topic)
             except FileFormatError:
@@ -231,29 +279,7 @@ def read_segment(path: str | Path) -> tuple[Float, dict[str, Any], bool]:
     if columns is not None and tuple(columns) != COLUMNS:
         raise FileFormatError("the run log has other columns", where=str(file), value=len(columns), limit=len(COLUMNS))
     good = [row for row in rows if len(row) == len(COLUMNS)]
-    return np.array(good).reshape(-1, len(COLUMNS)), about, whole
-
-
-@dataclass(frozen=True, eq=False)
-class Segment:
-    """One file of a run log.
-
-    Attributes:
-        name: Of the file.
-        rows: (n, WIDTH) records.
-        about: What the run was made of; empty where the file was cut before it.
-        whole: It was finished; else it was cut short, and the records before the cut are there.
-    """
-
-    name: str
-    rows: Float
-    about: dict[str, Any]
-    whole: bool
-
-    @property
-    def run(self) -> int:
-        """Number of the first segment of the run it belongs to: a folder can hold several runs."""
-        return int(self.about.get("run", 0))
+    return Segment(file.name, np.array(good).reshape(-1, len(COLUMNS)), about, whole, tuple(states))
 
 
 def segments(folder: str | Path) -> Iterator[Segment]:
@@ -269,7 +295,7 @@ def segments(folder: str | Path) -> Iterator[Segment]:
     told = False
     for file in files:
         try:
-            rows, about, whole = read_segment(file)
+            found = read_segment(file)
         except FileFormatError as fault:
             if not fault.data.get("no_beginning"):
                 raise
@@ -277,7 +303,7 @@ def segments(folder: str | Path) -> Iterator[Segment]:
             yield Segment(file.name, np.zeros((0, len(COLUMNS))), {}, False)
             continue
         told = True
-        yield Segment(file.name, rows, about, whole)
+        yield found
     if refused is not None and not told:
         raise refused
 

@@ -12,7 +12,8 @@ from typing import Final
 
 from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError, InputError, OutputError
-from counterflex.files.run_log import add_record, begin_segment, read_segment
+from counterflex.files.run_log import add_record, add_state, begin_segment, read_segment
+from counterflex.runtime.record_ring import CYCLE
 
 STILL_S: Final = 5.0
 """A file written to within this time is taken for one that is being written."""
@@ -55,12 +56,12 @@ def repair_segment(path: str | Path, now_s: float | None = None) -> Repaired | N
     """
     file = Path(path)
     try:
-        rows, about, whole = read_segment(file)
+        found = read_segment(file)
     except FileFormatError as fault:
         if not fault.data.get("no_beginning"):
             raise
         return Repaired(file.name, "", 0, "cut before its first record: nothing to save")
-    if whole:
+    if found.whole:
         return None
     age = (time.time() if now_s is None else now_s) - file.stat().st_mtime
     if age < STILL_S:
@@ -72,12 +73,16 @@ def repair_segment(path: str | Path, now_s: float | None = None) -> Repaired | N
             hint="End the run first",
         )
     kept = _free_name(file)
-    facts = {**about, "repaired": {"records": len(rows), "original": kept.name}}
+    rows, states = found.rows, {state.cycle: state for state in found.states}
+    facts = {**found.about, "repaired": {"records": len(rows), "original": kept.name}}
     with atomic.atomic_path(file) as part:
         with part.open("wb") as stream:
-            writer, channel = begin_segment(stream, facts)
+            writer, channel, state_channel = begin_segment(stream, facts)
             for row in rows:
                 add_record(writer, channel, row)
+                state = states.pop(int(row[CYCLE]), None)
+                if state is not None:
+                    add_state(writer, state_channel, state)
             writer.finish()
             stream.flush()
             os.fsync(stream.fileno())

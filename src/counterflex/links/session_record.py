@@ -1,4 +1,4 @@
-"""One cycle of a session as a row of the record ring."""
+"""One cycle of a session as a row of the record ring, and now and then the loop's whole state beside it."""
 
 from __future__ import annotations
 
@@ -36,3 +36,5 @@ def write_record(
     row[record.MONITOR_OUTCOME : record.CYCLE] = loop.monitor.outcome
     row[record.CYCLE] = loop.cycle
     ring.commit()
+    if loop.cycle % loop.state_cycles == 0:
+        ring.states.put(loop.cycle, received, loop.memory())

@@ -29,6 +29,7 @@ from counterflex.runtime.supervisor import Cause, State
 from counterflex.signals.filters import Smoother
 
 _NO_CURRENTS = 10_000
+_STATE_S = 4.0
 _OFFSET_M2 = (0.5e-3) ** 2
 _OFFSET_RAD2 = (5e-3) ** 2
 
@@ -56,6 +57,7 @@ class Loop:
         axes: (6,) view: the same as change of the axis angles, rad.
         settings: As given.
         monitor: Process monitoring and feed override.
+        state_cycles: Cycles from one snapshot of its memory to the next, for the record.
 
     Raises:
         InputError: The settings need a plan and there is none, or the monitor has another cycle.
@@ -115,6 +117,7 @@ class Loop:
         if settings.axis_play:
             own = np.array(settings.own_play_rad)
             self._axis_play = AxisPlay(chain, settings.period_s, contained=settings.compensated, own_rad=own)
+        self.state_cycles = max(1, round(_STATE_S / settings.period_s))
         self._table = self._arrays()
         self.reset()
 
@@ -158,6 +161,37 @@ class Loop:
                 *self.monitor.arrays(),
             )
         )
+
+    def memory(self) -> tuple[Float | Int, ...]:
+        """All that the loop remembers from one cycle to the next: arrays of its own, in fixed order, not copies."""
+        m, p, play = self.measured_filter, self.predicted_filter, self._axis_play
+        return (
+            *(self._state, self._whole, self._ring, self.results, self.outcome),
+            *(m.memory, m.ring, m.place, p.memory, p.ring, p.place),
+            *(self._elastic, self._frame, self._delta, self._scratch, self._load, self._work),
+            *(self.plausibility.memory, self.plausibility.counts),
+            *(() if play is None else (play.memory, play.begun)),
+            *self.monitor.memory(),
+        )
+
+    def restore(self, words: Int) -> None:
+        """Remember again what :meth:`memory` held.
+
+        Args:
+            words: (n,) its numbers one behind the other, bit for bit as whole numbers of 64 bits.
+
+        Raises:
+            InputError: Another loop's: not as many numbers.
+        """
+        arrays = self.memory()
+        size = sum(array.size for array in arrays)
+        if words.shape != (size,):
+            raise InputError("the state is another loop's", value=f"{words.size} numbers", limit=size)
+        at_word = 0
+        for array in arrays:
+            part = words[at_word : at_word + array.size]
+            array.reshape(-1).view(np.int64)[:] = part
+            at_word += array.size
 
     def take(self, samples: Float, count: int, number: int) -> None:
         """Hand over the force sensor's own samples of the cycle, see :meth:`Monitor.take`; before :meth:`run`."""

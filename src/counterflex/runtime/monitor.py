@@ -171,6 +171,13 @@ class Monitor:
             self._sampling,
         )
 
+    def memory(self) -> tuple[Float | Int, ...]:
+        """What it remembers from one cycle to the next: arrays of its own, in fixed order."""
+        return (
+            *(self.fast, self.results, self.outcome, self._state, self._whole, self._asked, self._work),
+            *(self._memory, self._counts),
+        )
+
     @property
     def speed(self) -> float:
         """Share of the programmed speed that is asked for, 0 .. 1."""

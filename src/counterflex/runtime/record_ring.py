@@ -15,6 +15,8 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.runtime import layout as at
 from counterflex.runtime import monitor_layout as ml
+from counterflex.runtime.state_slots import BYTES as STATE_BYTES
+from counterflex.runtime.state_slots import StateSlots
 
 ROWS: Final = 4096
 """16 s at 250 Hz."""
@@ -96,6 +98,8 @@ MONITOR_OUTCOME: Final = MONITOR + ml.RESULTS
 CYCLE: Final = MONITOR_OUTCOME + ml.OUTCOME
 """Place of the loop's own count of cycles: 1 in its first, one more in each; a step says that records are lost."""
 WIDTH: Final = CYCLE + 1
+RING_BYTES: Final = _HEAD + ROWS * WIDTH * 8 + STATE_BYTES
+"""Shared memory that a ring takes."""
 
 
 class RecordRing:
@@ -107,13 +111,14 @@ class RecordRing:
     Attributes:
         name: To join it.
         dropped: Reader: rows lost because it was too slow.
+        states: Snapshots of the loop's state, beside the records.
 
     Raises:
         InputError: There is no ring of that name.
     """
 
     def __init__(self, name: str | None = None) -> None:
-        size = _HEAD + ROWS * WIDTH * 8
+        size = RING_BYTES
         try:
             self._memory = shared_memory.SharedMemory(name=name, create=name is None, size=size if name is None else 0)
         except FileNotFoundError as fault:
@@ -122,8 +127,14 @@ class RecordRing:
         self.name = self._memory.name
         self._count: Int = np.ndarray((1,), dtype=np.int64, buffer=self._memory.buf)
         self._rows: Float = np.ndarray((ROWS, WIDTH), dtype=np.float64, buffer=self._memory.buf, offset=_HEAD)
+        states: Int = np.ndarray(
+            (STATE_BYTES // 8,), dtype=np.int64, buffer=self._memory.buf, offset=RING_BYTES - STATE_BYTES
+        )
+        self.states = StateSlots(states)
         if self._owner:
             self._count[0] = 0
+        else:
+            self.states.skip()
         self._read = int(self._count[0]) if not self._owner else 0
         self.dropped = 0
 
@@ -159,10 +170,11 @@ class RecordRing:
     def rewind(self) -> None:
         """Reader: take also what was written before it joined."""
         self._read = 0
+        self.states.rewind()
 
     def close(self) -> None:
         """Leave the ring; the maker removes it."""
-        del self._count, self._rows
+        del self._count, self._rows, self.states
         self._memory.close()
         if self._owner:
             self._memory.unlink()

@@ -1,21 +1,24 @@
 """Replay: recorded inputs through a loop of the same files; its answers must be the recorded ones bit for bit.
 
 A record holds everything that a cycle was given. What a loop remembers follows from all cycles before, so a replay
-needs the record from the loop's first cycle on; after a gap it can only begin again where the loop itself did.
+needs the record from the loop's first cycle on, or from one whose state was recorded too; after a gap it begins again
+at the next such state, or where the loop itself did.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, as_float
+from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.record_ring import COLUMNS, WIDTH
+from counterflex.runtime.state_slots import LoopState
 
 _COMPARED: Final = slice(record.RESULTS, record.CYCLE)
 
@@ -59,42 +62,51 @@ class Replay:
 
     Args:
         loop: Of the same cell, plan and settings; it is reset.
+        after: Cycle whose recorded state it begins from; records up to it are passed over. 0: from the beginning.
 
     Attributes:
         compared: Cycles that were computed again and compared.
         skipped: Records after a gap: what the loop then knew is not known.
         difference: The first one, or None; nothing is computed after it.
         gaps: Where records are missing.
+        begun: Cycles from whose recorded state it began.
     """
 
-    def __init__(self, loop: Loop) -> None:
-        self._loop = loop
-        self._cycle = 0
-        self._known = True
+    def __init__(self, loop: Loop, *, after: int = 0) -> None:
+        self._loop, self._after = loop, after
+        self._cycle = after
+        self._known = after == 0
+        self._states: dict[int, Int] = {}
+        self.begun: list[int] = []
         self._answers: Float = np.zeros((0, record.CYCLE - record.RESULTS))
         self.compared = self.skipped = 0
         self.difference: Difference | None = None
         self.gaps: list[Gap] = []
         loop.reset()
 
-    def __call__(self, rows: Float) -> None:
+    def __call__(self, rows: Float, states: Sequence[LoopState] = ()) -> None:
         """Feed records.
 
         Args:
             rows: (n, WIDTH) of :class:`counterflex.runtime.record_ring.RecordRing`, in order.
+            states: Of the loop, recorded with them or before.
 
         Raises:
-            InputError: Rows of another shape, or a loop's count of cycles that is no number.
+            InputError: Rows of another shape, a loop's count of cycles that is no number, or another loop's state.
         """
         if rows.ndim != 2 or rows.shape[1] != WIDTH:
             raise InputError("records have the wrong shape", value=rows.shape, limit=("n", WIDTH))
         cycles = as_float("records: cycle", rows[:, record.CYCLE], (None,)).astype(np.int64)
+        self._states = {cycle: words for cycle, words in self._states.items() if cycle >= self._cycle}
+        self._states |= {state.cycle: state.words for state in states}
         done: list[int] = []
         answers = np.empty((len(rows), record.CYCLE - record.RESULTS))
         loop = self._loop
         for k, cycle in enumerate(cycles.tolist()):
             if self.difference is not None:
                 break
+            if cycle <= self._after:
+                continue
             if not self._follows(cycle):
                 self.skipped += 1
                 continue
@@ -120,6 +132,10 @@ class Replay:
         elif cycle != before + 1:
             self.gaps.append(Gap(before, cycle - before - 1))
             self._known = False
+        if not self._known and cycle - 1 in self._states:
+            self._loop.restore(self._states[cycle - 1])
+            self.begun.append(cycle - 1)
+            self._known = True
         return self._known
 
     def _compare(self, rows: Float, answers: Float, done: list[int]) -> None:
