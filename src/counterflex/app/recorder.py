@@ -7,6 +7,7 @@ loop by the control array, so that a loop whose records nobody takes is not arme
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -14,9 +15,11 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
+from counterflex.app.incidents import numbered
 from counterflex.app.operator_requests import OperatorRequests
 from counterflex.app.process_events import shown_process
 from counterflex.core.arrays import Float
+from counterflex.evaluate.incidents import IncidentFinder
 from counterflex.evaluate.latency import LatencyHistogram
 from counterflex.evaluate.process_record import ProcessEvent, ProcessRecord
 from counterflex.files.run_log import RunLog
@@ -30,6 +33,7 @@ from counterflex.runtime.supervisor import Cause, State
 
 _POLL_S: Final = 0.02
 _SHOWN_S: Final = 0.5
+_INCIDENTS_SHOWN: Final = 250
 
 
 @dataclass(frozen=True)
@@ -106,6 +110,7 @@ class Recorder:
         self._cycles, self._worst = 0, 0.0
         self._recent: list[Float] = []
         self._seen = ProcessRecord()
+        self._incidents = IncidentFinder()
         self._events: list[ProcessEvent] = []
         self.trouble = ""
 
@@ -169,6 +174,7 @@ class Recorder:
         self._times.add(compute[answered])
         self._recent.append(rows)
         self._events += self._seen.add(rows)
+        self._incidents.add(rows)
         self._cycles += int(np.sum(answered))
         self._worst = max(self._worst, float(np.max(np.linalg.norm(rows[:, RESULTS : RESULTS + 3], axis=1))))
         for value, count in zip(*np.unique(rows[:, OUTCOME + O_STATE], return_counts=True), strict=True):
@@ -201,12 +207,22 @@ class Recorder:
             self.trouble,
         )
 
+    def _shown_incidents(self) -> dict[str, Any]:
+        found = [one.shown() for one in numbered({1: self._incidents})]
+        counts = Counter(f"{one['state']} {one['cause']}" for one in found)
+        return {
+            "incidents": found[:_INCIDENTS_SHOWN],
+            "incidents_total": self._incidents.total,
+            "incidents_by_cause": dict(counts.most_common()),
+        }
+
     def summary(self) -> dict[str, Any]:
         """What the run was, plain values."""
         return {
             "cycles": self._cycles,
             "states": self._states,
             "causes": sorted(self._causes),
+            **self._shown_incidents(),
             **shown_process(self._seen.figures()),
             "largest_correction_um": round(self._worst * 1e6, 1),
             "compute_us": {

@@ -1,4 +1,9 @@
-"""The online loop for hours against a simulated cell in real time: does it grow, does it become slow?"""
+"""The online loop for hours against a simulated cell in real time: does it grow, does it become slow?
+
+A machine that stands still for some cycles makes the loop hold, or stop the robot, as it should. The simulated robot
+program obeys, and this job is the operator: it acknowledges and arms again by the requests of ``counterflex operator``,
+so that the rest of the time is measured too. All of it is counted.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,8 @@ import signal
 import socket
 import tempfile
 import time
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +25,10 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app import online, online_session, steady
 from counterflex.app.made_on import made_on
+from counterflex.app.operator_requests import request
+from counterflex.app.steady_operator import SteadyOperator
 from counterflex.core import atomic
+from counterflex.core.arrays import Bool
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
@@ -28,11 +37,12 @@ from counterflex.evaluate.loop_timing import percentiles
 from counterflex.files.summary_file import write_summary
 from counterflex.links import timing_probe
 from counterflex.links.machine import processor_times
-from counterflex.links.realtime import prepare
+from counterflex.links.realtime import Prepared, prepare, prepared
+from counterflex.runtime.supervisor import State
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext
 from counterflex.twin.netft_server import NetftServer
 from counterflex.twin.recorded_pass import RecordedPass
-from counterflex.twin.steady_cell import Block, SteadyCell
+from counterflex.twin.steady_cell import NOT_TOLD, Block, SteadyCell
 from counterflex.wire.rsi_config import read_config
 
 MINUTES: Final = "minutes.csv"
@@ -40,6 +50,13 @@ MEMORY: Final = "memory.csv"
 SUMMARY: Final = "summary.json"
 LOG: Final = "log"
 _SAMPLE_S: Final = 5.0
+_LOOKED_S: Final = 0.5
+"""How often the operator looks."""
+_GONE_S: Final = 60.0
+"""Without a telegram for so long, the loop ends by itself: longer than a robot program needs to be started again."""
+STOOD_S: Final = 1e-3
+"""A cycle in which the simulated cell itself woke up later than this lies in a standstill of the machine."""
+_LAST_CYCLES: Final = 50
 _LATENESS_ALLOWED: Final = 1 << 30
 """Timeout of the simulated controller, cycles: late answers are counted, they do not end the run."""
 
@@ -61,6 +78,27 @@ class SoakSettings:
     keep_log: bool = False
 
 
+@dataclass
+class _Watched:
+    """What a run left.
+
+    Attributes:
+        blocks: What the simulated cell timed, minute by minute.
+        samples: Memory and load, every 5 s.
+        operator: Requests.
+        run: Summary of the recorder.
+        stolen: Share of the processors' time that the host took.
+        realtime: By process.
+    """
+
+    operator: SteadyOperator
+    blocks: list[Block] = field(default_factory=list)
+    samples: list[dict[str, float]] = field(default_factory=list)
+    run: dict[str, Any] = field(default_factory=dict)
+    stolen: float = 0.0
+    realtime: dict[str, Prepared] = field(default_factory=dict)
+
+
 def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent) -> dict[str, Any]:
     """Run it and write ``summary.json``, ``minutes.csv`` and ``memory.csv`` into a folder.
 
@@ -70,7 +108,8 @@ def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent)
         progress: Told the fraction done.
 
     Returns:
-        The summary: times to answer beside those of a do-nothing echo, and growth with its standard error.
+        The summary: times to answer beside those of a do-nothing echo, growth with its standard error, every hold and
+        fault with what the operator did.
 
     Raises:
         InputError: ``minutes`` out of range.
@@ -83,18 +122,21 @@ def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent)
             Path(work), _cycles(settings), force=settings.force, tracker=settings.tracker, progress=progress
         )
         log = staging / LOG if settings.keep_log else Path(work) / LOG
-        blocks, samples, logged, steal = _watched(settings, job, log, progress)
-        minutes = [_minute(k, block) for k, block in enumerate(blocks)]
+        watched = _watched(settings, job, log, progress)
+        minutes = [_minute(k, block) for k, block in enumerate(watched.blocks)]
         _write_table(staging / MINUTES, minutes)
-        _write_table(staging / MEMORY, samples)
+        _write_table(staging / MEMORY, watched.samples)
+        samples = watched.samples
         summary = {
             "job": "soak",
             "minutes": settings.minutes,
             "force": settings.force,
             "tracker": settings.tracker,
-            **_figures(blocks, minutes, samples),
-            "run": logged,
-            "load": {"mean": float(np.mean([s["load"] for s in samples])), "stolen": round(steal, 4)},
+            **figures(watched.blocks, minutes, samples),
+            "operator": {"requests": dict(watched.operator.counts), "events": watched.operator.events},
+            "run": watched.run,
+            "load": {"mean": float(np.mean([s["load"] for s in samples])), "stolen": round(watched.stolen, 4)},
+            "realtime": {name: {"fifo": one.fifo, "locked": one.locked} for name, one in watched.realtime.items()},
             "machine": made_on(),
             "counterflex": __version__,
         }
@@ -106,19 +148,19 @@ def _cycles(settings: SoakSettings) -> int:
     return round(settings.minutes * 60.0 / 4e-3)
 
 
-def _watched(
-    settings: SoakSettings, job: steady.SteadyJob, log: Path, progress: Progress
-) -> tuple[list[Block], list[dict[str, float]], dict[str, Any], float]:
+def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress: Progress) -> _Watched:
     context = multiprocessing.get_context("spawn")
     cycles = _cycles(settings)
     tracker_port = _free_port() if settings.tracker != "none" else None
     cell_end, cell_pipe = context.Pipe()
     run_end, run_pipe = context.Pipe()
+    gone = context.Event()
     own = timing_probe.echo_socket()
     echo_address = own.getsockname()
     echo = context.Process(target=_echo_process, args=(own,), daemon=True)
     cell = context.Process(target=_cell_process, args=(job.rsi, job.played, cycles, cell_pipe), daemon=True)
     started = [echo, cell]
+    out = _Watched(SteadyOperator(lambda action: request(log, action)))
     before = processor_times()
     try:
         cell.start()
@@ -133,8 +175,9 @@ def _watched(
             force_http_port=force[1][1],
             tracker_port=tracker_port,
             arm=True,
+            quiet_s=_GONE_S,
         )
-        loop = context.Process(target=_run_process, args=(run_settings, log, run_pipe))
+        loop = context.Process(target=_run_process, args=(run_settings, log, run_pipe, gone))
         loop.start()
         started.append(loop)
         address, pids = _said(run_end, loop)
@@ -143,9 +186,13 @@ def _watched(
         echo.start()  # it waits for 10 s at most
         timing_probe.await_echo(echo_address)
         cell_end.send((address, tracker, echo_address))
-        blocks, samples = _watch(cell_end, cell, pids, settings.minutes, progress)
-        logged = _said(run_end, loop)
+        _watch(out, cell_end, cell, pids, settings.minutes, progress)
+        out.realtime = {name: prepared(pid) for name, pid in {**pids, "echo": echo.pid}.items() if name != "recorder"}
+        gone.set()
+        out.run = _said(run_end, loop)
+        cell_end.send(None)
     finally:
+        gone.set()
         own.close()
         for process in started:
             if process.pid is not None:
@@ -153,29 +200,35 @@ def _watched(
                 process.terminate()
                 process.join()
     after = processor_times()
-    steal = (after[1] - before[1]) / max(1, after[0] - before[0])
-    return blocks, samples, logged, steal
+    out.stolen = (after[1] - before[1]) / max(1, after[0] - before[0])
+    return out
 
 
 def _watch(
-    pipe: Any, cell: BaseProcess, pids: dict[str, int | None], minutes: float, progress: Progress
-) -> tuple[list[Block], list[dict[str, float]]]:
-    blocks: list[Block] = []
-    samples: list[dict[str, float]] = []
+    out: _Watched, pipe: Any, cell: BaseProcess, pids: dict[str, int | None], minutes: float, progress: Progress
+) -> None:
+    """Sample memory and load, be the operator, and take what the cell tells, until it has finished."""
     begin = time.monotonic()
-    due = begin
+    due = look = begin
+    times = processor_times()
     while True:
-        due += _SAMPLE_S
-        samples.append({"seconds": round(time.monotonic() - begin, 3), **_memory(pids), "load": os.getloadavg()[0]})
-        while (left := due - time.monotonic()) > 0.0:
-            if pipe.poll(left):
-                said = _said(pipe, cell)
-                if isinstance(said, str):
-                    if said != "finished":
-                        raise OutputError("the simulated controller stopped", value=said)
-                    return blocks, samples
-                blocks.append(said)
-            progress(min(0.99, (time.monotonic() - begin) / (60.0 * minutes)), "soaking")
+        now = time.monotonic()
+        if now >= due:
+            due += _SAMPLE_S
+            last, times = times, processor_times()
+            stolen = (times[1] - last[1]) / max(1, times[0] - last[0])
+            out.samples.append(
+                {"seconds": round(now - begin, 3), **_memory(pids), "load": os.getloadavg()[0], "stolen": stolen}
+            )
+            progress(min(0.99, (now - begin) / (60.0 * minutes)), "soaking")
+        if now >= look:
+            out.operator.look(now - begin)
+            look = time.monotonic() + _LOOKED_S
+        if pipe.poll(max(0.0, min(due, look) - time.monotonic())):
+            said = _said(pipe, cell)
+            if said is None:
+                return
+            out.blocks.append(said)
 
 
 def _memory(pids: dict[str, int | None]) -> dict[str, float]:
@@ -193,20 +246,56 @@ def _memory(pids: dict[str, int | None]) -> dict[str, float]:
     return out
 
 
+def in_standstill(block: Block) -> Bool:
+    """(n,) cycles in which the machine stood still, or next to one: no program that has to do with the loop was slow.
+
+    The simulated cell itself woke up more than :data:`STOOD_S` late, or the datagram that is only sent back was not.
+    """
+    stood: Bool = (block.woken_s > STOOD_S) | np.isnan(block.echo_s)
+    around = stood.copy()
+    around[1:] |= stood[:-1]
+    around[:-1] |= stood[1:]
+    return around
+
+
+def active(block: Block) -> Bool:
+    """(n,) cycles in which the loop corrected by its own word; one without an answer counts as the one before it."""
+    states = block.told_state.copy()
+    known = np.flatnonzero(states != NOT_TOLD)
+    if len(known) == 0:
+        return np.zeros(len(states), dtype=np.bool_)
+    last = known[np.maximum(0, np.searchsorted(known, np.arange(len(states)), side="right") - 1)]
+    found: Bool = states[last] == State.ACTIVE
+    return found
+
+
 def _minute(k: int, block: Block) -> dict[str, float]:
-    reply, echo, late = (percentiles(times) for times in (block.reply_s, block.echo_s, block.late_s))
+    n = len(block.reply_s)
+    reply, echo, late = (_micro(times) for times in (block.reply_s, block.echo_s, block.late_s))
+    unanswered, stood = np.isnan(block.reply_s), in_standstill(block)
     return {
         "minute": k + 1,
-        "cycles": reply.n,
-        "unanswered": int(np.sum(np.isnan(block.reply_s))),
-        **{f"reply_{name}_us": value for name, value in _micro(reply).items()},
-        **{f"echo_{name}_us": value for name, value in _micro(echo).items()},
-        "cell_late_p999_us": _micro(late)["p999"],
+        "cycles": n,
+        "active": int(np.sum(active(block))),
+        "held": block.held,
+        "missed": block.missed,
+        "without_session": block.paused,
+        "programs_ended": len(block.ended),
+        "unanswered": int(np.sum(unanswered)),
+        "unanswered_active": int(np.sum(unanswered & active(block))),
+        "in_standstill": int(np.sum(stood)),
+        "unanswered_in_standstill": int(np.sum(unanswered & stood)),
+        **{f"reply_{name}_us": value for name, value in reply.items()},
+        **{f"echo_{name}_us": value for name, value in echo.items()},
+        "cell_late_p999_us": late["p999"],
         "largest_correction_um": round(block.largest_m / MM * 1e3, 1),
     }
 
 
-def _micro(found: Any) -> dict[str, float]:
+def _micro(times: Any) -> dict[str, float]:
+    if len(times) == 0:
+        return dict.fromkeys(("p50", "p99", "p999", "max"), math.nan)
+    found = percentiles(times)
     return {
         "p50": round(found.p50_s * 1e6, 1),
         "p99": round(found.p99_s * 1e6, 1),
@@ -215,8 +304,21 @@ def _micro(found: Any) -> dict[str, float]:
     }
 
 
-def _figures(blocks: list[Block], minutes: list[dict[str, float]], samples: list[dict[str, float]]) -> dict[str, Any]:
-    reply, echo = (percentiles(np.concatenate([getattr(b, name) for b in blocks])) for name in ("reply_s", "echo_s"))
+def figures(blocks: list[Block], minutes: list[dict[str, float]], samples: list[dict[str, float]]) -> dict[str, Any]:
+    """Figures of the whole run.
+
+    Args:
+        blocks: All minutes.
+        minutes: Their rows.
+        samples: Rows of memory and load.
+
+    Returns:
+        Counts of cycles; percentiles of reply and echo over all telegrams, over those while the correction acted, and
+        over those of them outside of standstills of the machine; growth per hour.
+    """
+    reply, echo = (np.concatenate([getattr(b, name) for b in blocks]) for name in ("reply_s", "echo_s"))
+    acting, stood = (np.concatenate([found(b) for b in blocks]) for found in (active, in_standstill))
+    unanswered = np.isnan(reply)
     hours = np.array([s["seconds"] for s in samples]) / 3600.0
     settled = hours >= 0.1 * hours[-1]
     of_minutes = np.arange(len(minutes)) / 60.0
@@ -228,13 +330,35 @@ def _figures(blocks: list[Block], minutes: list[dict[str, float]], samples: list
     def grown_minutes(column: str) -> dict[str, float] | None:
         return _growth(growth(of_minutes, np.array([m[column] for m in minutes])))
 
+    def total(column: str) -> int:
+        return int(sum(m[column] for m in minutes))
+
+    of_all, of_echo = _micro(reply), _micro(echo)
+    cycles = total("cycles") + total("missed") + total("without_session")
     return {
-        "cycles": int(sum(m["cycles"] for m in minutes)),
-        "unanswered": int(sum(m["unanswered"] for m in minutes)),
+        "cycles": cycles,
+        "telegrams": total("cycles"),
+        "active": total("active"),
+        "active_share": round(total("active") / cycles, 4),
+        "held": total("held"),
+        "without_session": total("without_session"),
+        "programs_ended": dict(Counter(why for block in blocks for _, why in block.ended).most_common()),
+        "unanswered": int(np.sum(unanswered)),
+        "unanswered_active": int(np.sum(unanswered & acting)),
         "refused": blocks[-1].refused,
-        "reply_us": _micro(reply),
-        "echo_us": _micro(echo),
-        "ratio_p50": round(reply.p50_s / echo.p50_s, 2),
+        "standstill": {
+            "cycles": int(np.sum(stood)),
+            "missed": total("missed"),
+            "unanswered": int(np.sum(unanswered & stood)),
+            "unanswered_active": int(np.sum(unanswered & stood & acting)),
+            "longest_ms": round(float(max(np.max(b.woken_s, initial=0.0) for b in blocks)) * 1e3, 1),
+        },
+        "reply_us": of_all,
+        "reply_active_us": _micro(reply[acting]),
+        "reply_active_outside_us": _micro(reply[acting & ~stood]),
+        "echo_us": of_echo,
+        "echo_outside_us": _micro(echo[~stood]),
+        "ratio_p50": round(of_all["p50"] / of_echo["p50"], 2),
         "growth_per_hour": {
             name: grown(name) for name in ("loop_mb", "recorder_mb", "loop_files", "recorder_files")
         }
@@ -294,12 +418,15 @@ def _cell_process(rsi: Path, played: RecordedPass, cycles: int, pipe: Any) -> No
             netft.poll()
         peer, tracker, echo = pipe.recv()
         prepare()
-        pipe.send(cell.run(peer, cycles, tracker=tracker, echo=echo, told=pipe.send))
+        cell.run(peer, cycles, tracker=tracker, echo=echo, told=pipe.send)
+        pipe.send(None)
+        while not pipe.poll(0.0):  # a robot does not fall silent before the loop has ended
+            cell.run(peer, _LAST_CYCLES, tracker=tracker)
     except BaseException as fault:
         pipe.send(fault)
 
 
-def _run_process(settings: online_session.RunSettings, log: Path, pipe: Any) -> None:
+def _run_process(settings: online_session.RunSettings, log: Path, pipe: Any, gone: Any) -> None:
     """The recorder, which starts the loop: what the command ``run`` does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -307,6 +434,6 @@ def _run_process(settings: online_session.RunSettings, log: Path, pipe: Any) -> 
         pipe.send((address, [process.pid for process in multiprocessing.active_children()]))
 
     try:
-        pipe.send(online.run(settings, log, started=started))
+        pipe.send(online.run(settings, log, started=started, ended=gone.is_set))
     except BaseException as fault:
         pipe.send(fault)

@@ -55,7 +55,7 @@ class SteadyJob:
 
     Attributes:
         cell: Cell file: its sensor and tracker as an identification without error would have found them.
-        rsi: ETHERNET configuration.
+        rsi: ETHERNET configuration, with the tag ``State``.
         plan: Plan file of the program.
         played: The uncorrected pass.
     """
@@ -92,7 +92,7 @@ def prepare(
     text = (demo / "cell.toml").read_text(encoding="utf-8")
     program, cell_file, rsi = folder / "groove.ngc", folder / "cell.toml", folder / "rsi.xml"
     program.write_text(_PROGRAM, encoding="utf-8")
-    rsi.write_bytes((demo / "rsi.xml").read_bytes())
+    rsi.write_text(_telling((demo / "rsi.xml").read_text(encoding="utf-8")), encoding="utf-8")
     cell_file.write_text(text, encoding="utf-8")
     bare = read_cell(cell_file)
     truth = truth_of(bare, SEED)
@@ -128,6 +128,12 @@ def prepare(
     ends = played.T_part_nominal[[0, -1], :3, 3]
     write_plan(folder / "plan.parquet", there_and_back(plan, ends, math.ceil(cycles / played.cycles) + 1), about)
     return SteadyJob(cell_file, rsi, folder / "plan.parquet", played)
+
+
+def _telling(configuration: str) -> str:
+    """With the tag by which the robot program sees what the loop is doing, so that it can wait until it is armed."""
+    head, mark, tail = configuration.rpartition("</ELEMENTS>")
+    return f'{head}<ELEMENT TAG="State" TYPE="LONG" INDX="16" HOLDON="1"/>{mark}{tail}'
 
 
 def there_and_back(plan: Plan, ends_part: Float, laps: int) -> Plan:

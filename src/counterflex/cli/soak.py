@@ -44,13 +44,17 @@ def soak(
         print_json(summary)
         return
     names = ("p50", "p99", "p999", "max")
+    rows = {
+        "reply, all telegrams": "reply_us",
+        "reply, while the correction acts": "reply_active_us",
+        "the same outside of standstills": "reply_active_outside_us",
+        "do-nothing echo": "echo_us",
+        "echo outside of standstills": "echo_outside_us",
+    }
     print_table(
-        f"{summary['cycles']} cycles; us",
+        f"{summary['telegrams']} telegrams; us",
         ["", "p50", "p99", "p99.9", "max"],
-        [
-            [what, *(f"{summary[key][name]:g}" for name in names)]
-            for what, key in (("reply", "reply_us"), ("do-nothing echo", "echo_us"))
-        ],
+        [[what, *(f"{summary[key][name]:g}" for name in names)] for what, key in rows.items()],
     )
     print_table(
         "Growth per hour",
@@ -60,11 +64,27 @@ def soak(
             for name, g in summary["growth_per_hour"].items()
         ],
     )
-    load = summary["load"]
+    load, stood, run = summary["load"], summary["standstill"], summary["run"]
     typer.echo(
-        f"not answered within the cycle: {summary['unanswered']}; reply over echo {summary['ratio_p50']:g}; "
-        f"load {load['mean']:.1f}, stolen {load['stolen']:.1%}"
+        f"correction acts in {summary['active_share']:.1%} of {summary['cycles']} cycles; feed held in "
+        f"{summary['held']}, program ended {_counted(summary['programs_ended'])}"
     )
-    states = ", ".join(f"{name} {count}" for name, count in summary["run"]["states"].items())
-    typer.echo(f"states: {states}; records lost {summary['run']['records_lost']}")
+    typer.echo(
+        f"not answered within the cycle: {summary['unanswered']}, {summary['unanswered_active']} of them while the "
+        f"correction acts, {stood['unanswered_active']} of these in standstills of the machine"
+    )
+    typer.echo(
+        f"standstills: {stood['cycles']} cycles, {stood['missed']} more without a telegram, the longest "
+        f"{stood['longest_ms']:g} ms"
+    )
+    typer.echo(f"reply over echo {summary['ratio_p50']:g}; load {load['mean']:.1f}, stolen {load['stolen']:.1%}")
+    typer.echo(f"holds and faults: {_counted(run['incidents_by_cause'])}")
+    typer.echo(f"requests of the operator: {_counted(summary['operator']['requests'])}")
+    typer.echo(f"cycles by state: {_counted(run['states'])}; records lost {run['records_lost']}")
+    allowed = (f"{name} {'yes' if one['fifo'] else 'no'}" for name, one in summary["realtime"].items())
+    typer.echo(f"real-time priority: {', '.join(allowed)}")
     typer.echo(f"wrote {out}")
+
+
+def _counted(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items()) or "none"

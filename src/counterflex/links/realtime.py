@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import gc
 import os
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 PRIORITY: Final = 80
@@ -28,6 +30,40 @@ class Granted:
     locked: bool
     collector: bool
     reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What another process runs with, as the operating system says.
+
+    Attributes:
+        fifo: Real-time priority.
+        locked: Memory locked, some of it at least; False where the system does not say.
+    """
+
+    fifo: bool
+    locked: bool
+
+
+def prepared(pid: int | None) -> Prepared:
+    """Whether a process has what :func:`prepare` asks for; nothing where there is no such process."""
+    fifo = locked = False
+    if pid is not None and hasattr(os, "sched_getscheduler"):
+        with contextlib.suppress(OSError):
+            fifo = os.sched_getscheduler(pid) == os.SCHED_FIFO
+    with contextlib.suppress(OSError):
+        locked = locked_kb(Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")) > 0
+    return Prepared(fifo, locked)
+
+
+def locked_kb(status: str) -> int:
+    """Locked memory by the line ``VmLck`` of ``/proc/PID/status`` (proc(5)), kB; 0 where there is none."""
+    for line in status.splitlines():
+        name, _, value = line.partition(":")
+        words = value.split()
+        if name == "VmLck" and words and words[0].isdigit():
+            return int(words[0])
+    return 0
 
 
 def prepare() -> Granted:

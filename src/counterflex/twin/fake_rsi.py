@@ -89,6 +89,7 @@ class FakeRsi:
         stat: POSCORR status: 0, 1 correcting, 2 clamped.
         override: Speed of the program that the answer asks for, 0..1 (tag ``Override``, %).
         feed_hold: The answer asks for a feed hold (tag ``FeedHold``).
+        told_state: What the sensor program says it is doing (tag ``State``); -1 where the configuration has none.
     """
 
     def __init__(
@@ -114,6 +115,7 @@ class FakeRsi:
         self.stat = FREE
         self.override = 1.0
         self.feed_hold = False
+        self.told_state = 0 if any(value.name == "State" for value in config.received()) else -1
         self._sent = 0
         self._hold = np.array([value.tag.hold for value in config.received()])
         self._latched: Float = np.array([100.0 if value.name == "Override" else 0.0 for value in config.received()])
@@ -228,6 +230,7 @@ class FakeRsi:
         ):
             self.stopped = "POSCORRMON"
         self.feed_hold = named.get("FeedHold", 0.0) > 0.5
+        self.told_state = int(named.get("State", -1.0))
         self.override = min(1.0, max(0.0, named.get("Override", 100.0) / 100.0))
         if named.get("Stop", 0.0) > 0.5:
             self.stopped = "Stop"

@@ -2,7 +2,8 @@
 
 Every millisecond a force record and a pose, every 4 ms a telegram; the answers are timed and act on what is reported.
 Halfway between two telegrams a datagram of the same length can go to a program that only sends it back: how long that
-takes says what the machine and its network stack need by themselves, at the same time and under the same load.
+takes says what the machine and its network stack need by themselves, at the same time and under the same load. The
+robot program obeys a feed hold, and is started again when it was stopped (:mod:`counterflex.twin.played_program`).
 """
 
 from __future__ import annotations
@@ -12,17 +13,18 @@ import select
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM, MS
 from counterflex.twin.fake_rsi import FakeRsi
 from counterflex.twin.live_cell import Report
 from counterflex.twin.netft_server import NetftServer
 from counterflex.twin.path_answer import AnswerState, PathAnswer
+from counterflex.twin.played_program import Phase, PlayedProgram
 from counterflex.twin.recorded_pass import SAMPLES, RecordedPass
 from counterflex.wire.tracker_pose import DATAGRAM, MAGIC
 
@@ -30,23 +32,41 @@ _ECHO_AT: Final = 2
 """Millisecond of the cycle at which the echo is asked."""
 GATE: Final = 1500
 """Cycles for which the robot stands at the beginning of the pass; then its program enables the correction."""
+_LATEST: Final = 0.5
+"""Of a cycle: what is due longer ago is not sent any more. A controller keeps its time: nobody has answered it then."""
+_SESSION_MS: Final = 60_000
+"""By how much the counter of another session is ahead."""
+NOT_TOLD: Final = -1
+"""State where no answer came."""
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """What was timed in a number of cycles.
+    """What was timed in a number of cycles; n of them had a telegram.
 
     Attributes:
         reply_s: (n,) from sending a telegram to having its answer; not-a-number where none came within the cycle.
         echo_s: (n,) the same of the datagram that is only sent back.
         late_s: (n,) how late this side sent the telegram.
-        largest_m: Largest correction in force.
+        woken_s: (n,) how late this side woke up at most within the cycle: what nobody here was asked for.
+        told_state: (n,) what the sensor program said it was doing in its answer; :data:`NOT_TOLD` without one.
+        missed: Cycles that were over before this side woke up: their telegrams were not sent, and nobody answered them.
+        paused: Cycles without a telegram, between two sessions.
+        held: Cycles in which the robot stood because the feed was held.
+        ended: Time since the start, s, and why, each time the robot program was ended.
+        largest_m: Largest correction in force, since the start.
         refused: Answers that the controller did not take, since the start.
     """
 
     reply_s: Float
     echo_s: Float
     late_s: Float
+    woken_s: Float
+    told_state: Int
+    missed: int
+    paused: int
+    held: int
+    ended: tuple[tuple[float, str], ...]
     largest_m: float
     refused: int
 
@@ -59,12 +79,19 @@ class SteadyCell:
         rsi: The controller's side of RSI, 4 ms.
         netft: Where force readings go, or None.
         answer: How the controller answers a correction.
+        program: The robot program.
     """
 
     def __init__(
-        self, played: RecordedPass, rsi: FakeRsi, netft: NetftServer | None = None, answer: PathAnswer | None = None
+        self,
+        played: RecordedPass,
+        rsi: FakeRsi,
+        netft: NetftServer | None = None,
+        answer: PathAnswer | None = None,
+        program: PlayedProgram | None = None,
     ) -> None:
         self.played, self.rsi, self.netft = played, rsi, netft
+        self.program = program if program is not None else PlayedProgram(GATE)
         self._answer = AnswerState(answer if answer is not None else PathAnswer(), rsi.context.cycle_s)
         self._sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(3)]
         self._robot, self._echo, self._tracker = self._sockets
@@ -74,6 +101,9 @@ class SteadyCell:
             one.setblocking(False)
         self._sequence = 0
         self._moved: Float = np.zeros(3)
+        self._largest = 0.0
+        self._refused = 0
+        self._due = self._time_s = 0.0
 
     def run(
         self,
@@ -84,8 +114,8 @@ class SteadyCell:
         echo: tuple[str, int] | None = None,
         block: int = 15_000,
         told: Callable[[Block], None] = lambda _: None,
-    ) -> str:
-        """Play in real time.
+    ) -> None:
+        """Play in real time; another call goes on where the last one ended.
 
         Args:
             peer: Where telegrams go.
@@ -94,58 +124,115 @@ class SteadyCell:
             echo: Where the datagram goes that is sent back, or None.
             block: Cycles that are told together.
             told: Told every block, the last one shorter.
-
-        Returns:
-            ``finished``, or why the controller stopped.
         """
         period = self.rsi.context.cycle_s
-        reply, back, late = (np.full(block, np.nan) for _ in range(3))
-        largest = 0.0
-        begin = time.perf_counter() + period
+        reply, back, late, woken = (np.full(block, np.nan) for _ in range(4))
+        states = np.full(block, NOT_TOLD, dtype=np.int64)
+        asked = paused = missed = 0
+        held, ended = self.program.held, list[tuple[float, str]]()
+        begin = due = max(self._due, time.perf_counter())
         for k in range(cycles):
-            i = k % block
-            row = self.played.there_and_back(max(0, k - GATE))
-            self.rsi.frees["Enable"] = float(k >= GATE)
-            telegram = self._telegram(row, k)
-            due = begin + k * period
-            _until(due)
+            running = self.program.phase != Phase.ENDED
+            row, telegram = self._prepared(running=running)
+            late_s = _until(due)
+            gone = int(late_s / period + 1.0 - _LATEST)
+            if gone > 0:
+                self._miss(gone, running=running)
+                missed += gone
+                due += gone * period
+                row, telegram = self._prepared(running=running)
+                _until(due)
             if self.netft is not None and k % 250 == 0:
                 self.netft.poll()
             self._instruments(row, 0, tracker)
             data: bytes | None = None
+            reply_s = echo_s = np.nan
+            most = late_s
             sent = time.perf_counter()
-            late[i] = sent - due
-            _send(self._robot, telegram, peer)
+            if running:
+                _send(self._robot, telegram, peer)
+            mark = f"<IPOC>{self.rsi.counter}</IPOC>"
             for tick in range(SAMPLES):
                 end = due + (tick + 1) * MS
-                if data is None:
-                    data, reply[i] = self._await(self._robot, sent, end - 0.1 * MS, f"<IPOC>{self.rsi.counter}</IPOC>")
+                if data is None and running:
+                    data, reply_s = self._await(self._robot, sent, end - 0.1 * MS, mark)
                 if tick == SAMPLES - 1:
                     break
-                _until(end)
+                most = max(most, _until(end))
                 self._instruments(row, tick + 1, tracker)
-                if echo is not None and tick + 1 == _ECHO_AT:
-                    asked = time.perf_counter()
+                if echo is not None and running and tick + 1 == _ECHO_AT:
+                    sent_echo = time.perf_counter()
                     _send(self._echo, telegram, echo)
-                    _, back[i] = self._await(self._echo, asked, end + 0.9 * MS, f"<IPOC>{self.rsi.counter}</IPOC>")
-            self.rsi.answer(data)
-            in_force = self._answer(self.rsi.pose_correction())
-            self._moved = self.played.R_tracker_part @ in_force[:3]
-            largest = max(largest, float(np.max(np.abs(in_force[:3]))))
-            if i == block - 1 or k == cycles - 1 or self.rsi.stopped:
-                told(Block(reply[: i + 1].copy(), back[: i + 1].copy(), late[: i + 1].copy(), largest, self.rsi.late))
-                for times in (reply, back, late):
-                    times[:] = np.nan
-            if self.rsi.stopped:
-                return self.rsi.stopped
-        return "finished"
+                    _, echo_s = self._await(self._echo, sent_echo, end + 0.9 * MS, mark)
+            if running:
+                reply[asked], back[asked], late[asked], woken[asked] = reply_s, echo_s, late_s, most
+                states[asked] = self._take(data)
+                asked += 1
+                why = self._go_on(answered=data is not None)
+                if why:
+                    ended.append((time.perf_counter() - begin, why))
+                    self._another_session()
+            else:
+                paused += 1
+                self.program.cycle(NOT_TOLD, answered=False, feed_hold=False, stopped="")
+            self._due = due = due + period
+            self._time_s += period
+            if (k + 1) % block == 0 or k == cycles - 1:
+                timed = (times[:asked].copy() for times in (reply, back, late, woken, states))
+                here = self.program.held - held
+                told(Block(*timed, missed, paused, here, tuple(ended), self._largest, self.refused))
+                asked = paused = missed = 0
+                held, ended = self.program.held, []
 
-    def _telegram(self, row: int, k: int) -> bytes:
+    @property
+    def refused(self) -> int:
+        """Answers that the controller did not take, since the start, over all sessions."""
+        return self._refused + self.rsi.late
+
+    def _take(self, data: bytes | None) -> int:
+        """Let the controller have an answer; what the sensor program said in it."""
+        self.rsi.answer(data)
+        in_force = self._answer(self.rsi.pose_correction())
+        self._moved = self.played.R_tracker_part @ in_force[:3]
+        self._largest = max(self._largest, float(np.max(np.abs(in_force[:3]))))
+        return NOT_TOLD if self.rsi.refused else self.rsi.told_state
+
+    def _go_on(self, *, answered: bool) -> str:
+        rsi = self.rsi
+        return self.program.cycle(rsi.told_state, answered=answered, feed_hold=rsi.feed_hold, stopped=rsi.stopped)
+
+    def _another_session(self) -> None:
+        """The program was ended: no correction is in effect any more."""
+        rsi = self.rsi
+        self._refused += rsi.late
+        context = replace(rsi.context, first_counter=rsi.counter + _SESSION_MS)
+        self.rsi = FakeRsi(rsi.config, context, rsi.frees)
+        self._answer.reset()
+        self._moved = np.zeros(3)
+
+    def _miss(self, cycles: int, *, running: bool) -> None:
+        """The robot went on while this machine stood still: its counters too, and no answer came.
+
+        The first of these telegrams has been made already, and the next one counts on by itself.
+        """
+        self._time_s += cycles * self.rsi.context.cycle_s
+        if running:
+            self.rsi.counter += round((cycles - 1) * self.rsi.context.cycle_s / MS)
+            self.rsi.late += cycles
+            self.program.go_on(cycles)
+
+    def _prepared(self, *, running: bool) -> tuple[int, bytes]:
+        """Row of the pass, and the telegram of it."""
+        row = self.played.there_and_back(self.program.place)
+        self.rsi.enabled = self.program.enabled
+        return row, self._telegram(row) if running else b""
+
+    def _telegram(self, row: int) -> bytes:
         played = self.played
         T_part_actual = played.T_part_actual[row].copy()
         T_part_actual[:3, 3] += self._answer.value[:3]
         report = Report(
-            time_s=k * self.rsi.context.cycle_s,
+            time_s=self._time_s,
             T_part_nominal=played.T_part_nominal[row],
             T_part_actual=T_part_actual,
             q_command=played.q_command[row],
@@ -189,10 +276,12 @@ class SteadyCell:
             self.netft.close()
 
 
-def _until(due: float) -> None:
+def _until(due: float) -> float:
+    """Sleep until then; how much later it is, s."""
     left = due - time.perf_counter()
     if left > 0.0:
         time.sleep(left)
+    return time.perf_counter() - due
 
 
 def _send(own: socket.socket, data: bytes, peer: tuple[str, int]) -> None:
