@@ -6,6 +6,11 @@ and tracker at 1 kHz, records into the ring) answers a cell in another process, 
 having its answer; half a cycle later the same telegram goes to a third process that only sends it back. All three are
 prepared as the loop is: real-time priority, locked memory, no garbage collection, as far as the system allows.
 
+A machine that stands still for some cycles makes the loop hold or stop the robot. The robot program obeys a feed hold
+and is started again when it was stopped, and this program is the operator, who acknowledges and arms again; all of it
+is counted. Percentiles are printed over every telegram, over those while the correction acts (where the goals are), and
+over those of them outside of standstills, which the played cell's own clock and the echo tell.
+
 ``--stages`` also times the parts of the reply. Every clock that is read costs time itself, most of it where caches are
 cold, so such a run says what the parts are to each other, and not how long the reply takes.
 """
@@ -20,6 +25,7 @@ import signal
 import socket
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
@@ -30,25 +36,30 @@ import numpy as np
 from counterflex.app import online_session, steady
 from counterflex.app.doctor import feed
 from counterflex.app.made_on import made_on
-from counterflex.core.arrays import Float
-from counterflex.evaluate.loop_timing import percentiles
+from counterflex.app.steady_figures import active, in_standstill, micro
+from counterflex.app.steady_operator import wanted
 from counterflex.files.cell import read_cell
 from counterflex.links import timing_probe
 from counterflex.links.control_array import Request
 from counterflex.links.machine import processor_times
 from counterflex.links.realtime import prepare
 from counterflex.links.session import OnlineSession
+from counterflex.runtime.layout import O_CAUSE, O_FEED_HOLD
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
+from counterflex.runtime.supervisor import Cause, State
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext
 from counterflex.twin.live_cell import Report
 from counterflex.twin.netft_server import NetftServer
 from counterflex.twin.recorded_pass import RecordedPass
-from counterflex.twin.steady_cell import GATE, Block, SteadyCell
+from counterflex.twin.steady_block import Block
+from counterflex.twin.steady_cell import GATE, SteadyCell
 from counterflex.wire.rsi_config import read_config
 
+LOOKED_CYCLES = 125
+"""How often the operator looks."""
 GOAL_STEP_US, GOAL_REPLY_P50_US, GOAL_REPLY_P999_US = 10.0, 80.0, 500.0
 MODES: dict[str, tuple[ForceMode, TrackerMode]] = {
     "measured": (ForceMode.MEASURED, TrackerMode.NONE),
@@ -86,13 +97,7 @@ def steps(blocks: int, calls: int) -> dict[str, dict[str, float]]:
                 start = clock()
                 call()
                 times[name].append(clock() - start)
-    return {name: _micro(1e-9 * np.array(t, dtype=np.float64)) for name, t in times.items()}
-
-
-def _micro(time_s: Float) -> dict[str, float]:
-    found = percentiles(time_s)
-    values = {"p50": found.p50_s, "p99": found.p99_s, "p99.9": found.p999_s, "max": found.max_s}
-    return {name: round(v * 1e6, 2) if np.isfinite(v) else float("inf") for name, v in values.items()} | {"n": found.n}
+    return {name: micro(1e-9 * np.array(t, dtype=np.float64)) for name, t in times.items()}
 
 
 def _echo_process(own: socket.socket) -> None:
@@ -147,6 +152,30 @@ def _timed(session: OnlineSession) -> dict[str, list[int]]:
     return times
 
 
+class _Operator:
+    """Who acknowledges and arms again, by the same requests as ``counterflex operator``, and what there was to do."""
+
+    def __init__(self, session: OnlineSession) -> None:
+        self._session, self._last = session, State.IDLE
+        self.states: Counter[str] = Counter()
+        self.incidents: Counter[str] = Counter()
+        self.requests: Counter[str] = Counter()
+
+    def see(self) -> None:
+        """Once a cycle, behind the answer."""
+        session = self._session
+        state, outcome = session.loop.state, session.loop.outcome
+        self.states[state.name.lower()] += 1
+        if state != self._last and state in (State.HOLD, State.FAULT):
+            self.incidents[f"{state.name.lower()} {Cause(outcome[O_CAUSE]).name.lower()}"] += 1
+        self._last = state
+        if session.loop.cycle % LOOKED_CYCLES == 0:
+            action = wanted(state.name.lower(), feed_hold=bool(outcome[O_FEED_HOLD]))
+            if action:
+                session.control[Request[action.upper()]] = 1
+                self.requests[action] += 1
+
+
 def reply(seconds: float, stages: bool = False) -> dict[str, Any]:
     """Times of the reply and of the echo, of the loop's own part, and the machine's condition."""
     cycles = GATE + round(seconds / 4e-3)
@@ -158,7 +187,6 @@ def reply(seconds: float, stages: bool = False) -> dict[str, Any]:
         _lengthen(job.rsi)
         cell = context.Process(target=_cell_process, args=(job.rsi, job.played, cycles, there), daemon=True)
         echo = context.Process(target=_echo_process, args=(own,), daemon=True)
-        before = processor_times()
         ring = RecordRing()
         try:
             cell.start()
@@ -186,15 +214,16 @@ def reply(seconds: float, stages: bool = False) -> dict[str, Any]:
             tracker = None if session.tracker is None else session.tracker.address
             here.send((session.link.address, tracker, own.getsockname()))
             granted = prepare()
-            compute = np.full(cycles, np.nan)
-            states: dict[str, int] = {}
+            compute = np.full(2 * cycles, np.nan)
+            operator = _Operator(session)
             done = 0
-            while done < cycles and not here.poll(0.0):
-                if session.cycle(0.1) and session.loop.cycle > 0:
+            before = processor_times()
+            while done < len(compute) and not here.poll(0.0):
+                if session.cycle(session.patience_s if session.cycles else 0.1) and session.loop.cycle > 0:
                     compute[done] = session.compute_ns * 1e-9
                     done += 1
-                    name = session.loop.state.name.lower()
-                    states[name] = states.get(name, 0) + 1
+                operator.see()
+            after = processor_times()
             block: Block = here.recv()
         finally:
             for process in (cell, echo):
@@ -203,17 +232,39 @@ def reply(seconds: float, stages: bool = False) -> dict[str, Any]:
                     process.join()
             ring.close()
             own.close()
-    after = processor_times()
-    late = np.isnan(block.reply_s[GATE:])
-    reply_us, echo_us = _micro(block.reply_s[GATE:]), _micro(block.echo_s[GATE:])
+    of_time = slice(GATE, None)
+    acting, stood = active(block)[of_time], in_standstill(block)[of_time]
+    answer_s, echo_s = block.reply_s[of_time], block.echo_s[of_time]
+    reply_us, echo_us = micro(answer_s[acting]), micro(echo_s)
+    late = np.isnan(answer_s)
     return {
+        "reply_all_us": micro(answer_s),
         "reply_us": reply_us,
+        "reply_outside_us": micro(answer_s[acting & ~stood]),
         "echo_us": echo_us,
+        "echo_outside_us": micro(echo_s[~stood]),
         "ratio_p50": round(reply_us["p50"] / echo_us["p50"], 2),
-        "loop_us": _micro(compute[GATE:done]),
-        "stages_us": {part: _micro(1e-9 * np.array(t[GATE:], dtype=np.float64)) for part, t in parts.items()},
-        "unanswered": int(np.sum(late)),
-        "states": states,
+        "ratio_p999": round(reply_us["p999"] / echo_us["p999"], 2),
+        "loop_us": micro(compute[GATE:done]),
+        "stages_us": {part: micro(1e-9 * np.array(t[GATE:], dtype=np.float64)) for part, t in parts.items()},
+        "cycles": {
+            "telegrams": len(answer_s),
+            "active": int(np.sum(acting)),
+            "without_session": block.paused,
+            "feed_held": block.held,
+            "in_standstills": int(np.sum(stood)),
+            "missed_in_standstills": block.missed,
+        },
+        "longest_standstill_ms": round(float(np.max(block.woken_s)) * 1e3, 1),
+        "unanswered": {
+            "all": int(np.sum(late)),
+            "active": int(np.sum(late & acting)),
+            "active_outside_standstills": int(np.sum(late & acting & ~stood)),
+        },
+        "states": dict(operator.states),
+        "incidents": dict(operator.incidents),
+        "requests": dict(operator.requests),
+        "programs_ended": dict(Counter(why for _, why in block.ended)),
         "telegram_bytes": size,
         "fifo": granted.fifo,
         "locked": granted.locked,
@@ -240,7 +291,7 @@ def run(seconds: float, quick: bool, stages: bool = False) -> dict[str, Any]:
     """Measure everything; ``quick`` only shows that it runs, ``stages`` times the parts of the reply too."""
     return {
         "schema": "counterflex-benchmark-online-reply",
-        "version": 2,
+        "version": 3,
         "quick": quick,
         "seconds": seconds,
         "machine": made_on(),
@@ -251,23 +302,38 @@ def run(seconds: float, quick: bool, stages: bool = False) -> dict[str, Any]:
 
 def show(result: dict[str, Any]) -> None:
     """Print the tables."""
-    names = ("p50", "p99", "p99.9", "max")
-    print(f"{'us':<28}" + "".join(f"{name:>10}" for name in names) + f"{'n':>9}   goal")
-    goals = {"reply": f"p50 < {GOAL_REPLY_P50_US:g}, p99.9 < {GOAL_REPLY_P999_US:g}"}
+    names = ("p50", "p99", "p999", "max")
+    print(f"{'us':<34}" + "".join(f"{name:>10}" for name in ("p50", "p99", "p99.9", "max")) + f"{'n':>9}   goal")
+    reply_row = "reply, while the correction acts"
+    goals = {reply_row: f"p50 < {GOAL_REPLY_P50_US:g}, p99.9 < {GOAL_REPLY_P999_US:g}"}
     rows = {f"step, {name}": times for name, times in result["step_us"].items()}
-    rows |= {"reply": result["reply_us"], "do-nothing echo": result["echo_us"], "loop's own part": result["loop_us"]}
+    rows |= {
+        "reply, every telegram": result["reply_all_us"],
+        reply_row: result["reply_us"],
+        "  the same outside of standstills": result["reply_outside_us"],
+        "do-nothing echo": result["echo_us"],
+        "  the same outside of standstills ": result["echo_outside_us"],
+        "loop's own part": result["loop_us"],
+    }
     rows |= result["stages_us"]
     for name, times in rows.items():
         goal = goals.get(name, f"p50 < {GOAL_STEP_US:g}" if name.startswith("step") and "empty" not in name else "")
-        print(f"{name:<28}" + "".join(f"{times[key]:10.1f}" for key in names) + f"{times['n']:9d}   {goal}")
+        print(f"{name:<34}" + "".join(f"{times[key]:10.1f}" for key in names) + f"{times['n']:9d}   {goal}")
     print(
-        f"reply over echo {result['ratio_p50']:g}; telegram of {result['telegram_bytes']} bytes; not answered within "
-        f"the cycle: {result['unanswered']}; states {result['states']}"
+        f"reply over echo: p50 {result['ratio_p50']:g}, p99.9 {result['ratio_p999']:g}; telegram of "
+        f"{result['telegram_bytes']} bytes; cycles: {_counted(result['cycles'])}"
     )
+    print(f"not answered within the cycle: {_counted(result['unanswered'])}")
+    print(f"states: {_counted(result['states'])}; holds and faults: {_counted(result['incidents'])}")
+    print(f"operator: {_counted(result['requests'])}; robot program ended: {_counted(result['programs_ended'])}")
     print(
         f"real-time priority {result['fifo']}, memory locked {result['locked']}, load {result['load']:.1f}, "
-        f"stolen {result['stolen']:.1%}"
+        f"stolen {result['stolen']:.2%}, longest standstill {result['longest_standstill_ms']:g} ms"
     )
+
+
+def _counted(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items()) or "none"
 
 
 def main() -> None:

@@ -13,11 +13,13 @@ import os
 import signal
 import socket
 import tempfile
+import threading
 import time
 from collections import Counter
 from dataclasses import dataclass, field
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, Final
 
 import numpy as np
@@ -26,23 +28,22 @@ from counterflex import __version__
 from counterflex.app import online, online_session, steady
 from counterflex.app.made_on import made_on
 from counterflex.app.operator_requests import request
+from counterflex.app.steady_figures import active, in_standstill, micro
 from counterflex.app.steady_operator import SteadyOperator
 from counterflex.core import atomic
-from counterflex.core.arrays import Bool
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.evaluate.growth import Growth, growth
-from counterflex.evaluate.loop_timing import percentiles
 from counterflex.files.summary_file import write_summary
 from counterflex.links import timing_probe
 from counterflex.links.machine import processor_times
 from counterflex.links.realtime import Prepared, prepare, prepared
-from counterflex.runtime.supervisor import State
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext
 from counterflex.twin.netft_server import NetftServer
 from counterflex.twin.recorded_pass import RecordedPass
-from counterflex.twin.steady_cell import NOT_TOLD, Block, SteadyCell
+from counterflex.twin.steady_block import Block
+from counterflex.twin.steady_cell import SteadyCell
 from counterflex.wire.rsi_config import read_config
 
 MINUTES: Final = "minutes.csv"
@@ -54,8 +55,6 @@ _LOOKED_S: Final = 0.5
 """How often the operator looks."""
 _GONE_S: Final = 60.0
 """Without a telegram for so long, the loop ends by itself: longer than a robot program needs to be started again."""
-STOOD_S: Final = 1e-3
-"""A cycle in which the simulated cell itself woke up later than this lies in a standstill of the machine."""
 _LAST_CYCLES: Final = 50
 _LATENESS_ALLOWED: Final = 1 << 30
 """Timeout of the simulated controller, cycles: late answers are counted, they do not end the run."""
@@ -246,32 +245,9 @@ def _memory(pids: dict[str, int | None]) -> dict[str, float]:
     return out
 
 
-def in_standstill(block: Block) -> Bool:
-    """(n,) cycles in which the machine stood still, or next to one: no program that has to do with the loop was slow.
-
-    The simulated cell itself woke up more than :data:`STOOD_S` late, or the datagram that is only sent back was not.
-    """
-    stood: Bool = (block.woken_s > STOOD_S) | np.isnan(block.echo_s)
-    around = stood.copy()
-    around[1:] |= stood[:-1]
-    around[:-1] |= stood[1:]
-    return around
-
-
-def active(block: Block) -> Bool:
-    """(n,) cycles in which the loop corrected by its own word; one without an answer counts as the one before it."""
-    states = block.told_state.copy()
-    known = np.flatnonzero(states != NOT_TOLD)
-    if len(known) == 0:
-        return np.zeros(len(states), dtype=np.bool_)
-    last = known[np.maximum(0, np.searchsorted(known, np.arange(len(states)), side="right") - 1)]
-    found: Bool = states[last] == State.ACTIVE
-    return found
-
-
 def _minute(k: int, block: Block) -> dict[str, float]:
     n = len(block.reply_s)
-    reply, echo, late = (_micro(times) for times in (block.reply_s, block.echo_s, block.late_s))
+    reply, echo, late = (micro(times) for times in (block.reply_s, block.echo_s, block.late_s))
     unanswered, stood = np.isnan(block.reply_s), in_standstill(block)
     return {
         "minute": k + 1,
@@ -285,22 +261,10 @@ def _minute(k: int, block: Block) -> dict[str, float]:
         "unanswered_active": int(np.sum(unanswered & active(block))),
         "in_standstill": int(np.sum(stood)),
         "unanswered_in_standstill": int(np.sum(unanswered & stood)),
-        **{f"reply_{name}_us": value for name, value in reply.items()},
-        **{f"echo_{name}_us": value for name, value in echo.items()},
+        **{f"reply_{name}_us": value for name, value in reply.items() if name != "n"},
+        **{f"echo_{name}_us": value for name, value in echo.items() if name != "n"},
         "cell_late_p999_us": late["p999"],
         "largest_correction_um": round(block.largest_m / MM * 1e3, 1),
-    }
-
-
-def _micro(times: Any) -> dict[str, float]:
-    if len(times) == 0:
-        return dict.fromkeys(("p50", "p99", "p999", "max"), math.nan)
-    found = percentiles(times)
-    return {
-        "p50": round(found.p50_s * 1e6, 1),
-        "p99": round(found.p99_s * 1e6, 1),
-        "p999": round(found.p999_s * 1e6, 1),
-        "max": round(found.max_s * 1e6, 1),
     }
 
 
@@ -333,7 +297,7 @@ def figures(blocks: list[Block], minutes: list[dict[str, float]], samples: list[
     def total(column: str) -> int:
         return int(sum(m[column] for m in minutes))
 
-    of_all, of_echo = _micro(reply), _micro(echo)
+    of_all, of_echo = micro(reply), micro(echo)
     cycles = total("cycles") + total("missed") + total("without_session")
     return {
         "cycles": cycles,
@@ -354,10 +318,10 @@ def figures(blocks: list[Block], minutes: list[dict[str, float]], samples: list[
             "longest_ms": round(float(max(np.max(b.woken_s, initial=0.0) for b in blocks)) * 1e3, 1),
         },
         "reply_us": of_all,
-        "reply_active_us": _micro(reply[acting]),
-        "reply_active_outside_us": _micro(reply[acting & ~stood]),
+        "reply_active_us": micro(reply[acting]),
+        "reply_active_outside_us": micro(reply[acting & ~stood]),
         "echo_us": of_echo,
-        "echo_outside_us": _micro(echo[~stood]),
+        "echo_outside_us": micro(echo[~stood]),
         "ratio_p50": round(of_all["p50"] / of_echo["p50"], 2),
         "growth_per_hour": {
             name: grown(name) for name in ("loop_mb", "recorder_mb", "loop_files", "recorder_files")
@@ -418,12 +382,25 @@ def _cell_process(rsi: Path, played: RecordedPass, cycles: int, pipe: Any) -> No
             netft.poll()
         peer, tracker, echo = pipe.recv()
         prepare()
-        cell.run(peer, cycles, tracker=tracker, echo=echo, told=pipe.send)
-        pipe.send(None)
+        # A pipe that nobody reads for a while must not hold up the robot; the thread has this process' priority.
+        tell: SimpleQueue[Any] = SimpleQueue()
+        threading.Thread(target=_tell, args=(tell, pipe), daemon=True).start()
+    except BaseException as fault:
+        pipe.send(fault)
+        return
+    try:
+        cell.run(peer, cycles, tracker=tracker, echo=echo, told=tell.put)
+        tell.put(None)
         while not pipe.poll(0.0):  # a robot does not fall silent before the loop has ended
             cell.run(peer, _LAST_CYCLES, tracker=tracker)
     except BaseException as fault:
-        pipe.send(fault)
+        tell.put(fault)
+        time.sleep(_SAMPLE_S)
+
+
+def _tell(queue: SimpleQueue[Any], pipe: Any) -> None:
+    while True:
+        pipe.send(queue.get())
 
 
 def _run_process(settings: online_session.RunSettings, log: Path, pipe: Any, gone: Any) -> None:

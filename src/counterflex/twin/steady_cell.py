@@ -13,12 +13,12 @@ import select
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MS
 from counterflex.twin.fake_rsi import FakeRsi
 from counterflex.twin.live_cell import Report
@@ -26,6 +26,7 @@ from counterflex.twin.netft_server import NetftServer
 from counterflex.twin.path_answer import AnswerState, PathAnswer
 from counterflex.twin.played_program import Phase, PlayedProgram
 from counterflex.twin.recorded_pass import SAMPLES, RecordedPass
+from counterflex.twin.steady_block import NOT_TOLD, Block, Times
 from counterflex.wire.tracker_pose import DATAGRAM, MAGIC
 
 _ECHO_AT: Final = 2
@@ -36,39 +37,6 @@ _LATEST: Final = 0.5
 """Of a cycle: what is due longer ago is not sent any more. A controller keeps its time: nobody has answered it then."""
 _SESSION_MS: Final = 60_000
 """By how much the counter of another session is ahead."""
-NOT_TOLD: Final = -1
-"""State where no answer came."""
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """What was timed in a number of cycles; n of them had a telegram.
-
-    Attributes:
-        reply_s: (n,) from sending a telegram to having its answer; not-a-number where none came within the cycle.
-        echo_s: (n,) the same of the datagram that is only sent back.
-        late_s: (n,) how late this side sent the telegram.
-        woken_s: (n,) how late this side woke up at most within the cycle: what nobody here was asked for.
-        told_state: (n,) what the sensor program said it was doing in its answer; :data:`NOT_TOLD` without one.
-        missed: Cycles that were over before this side woke up: their telegrams were not sent, and nobody answered them.
-        paused: Cycles without a telegram, between two sessions.
-        held: Cycles in which the robot stood because the feed was held.
-        ended: Time since the start, s, and why, each time the robot program was ended.
-        largest_m: Largest correction in force, since the start.
-        refused: Answers that the controller did not take, since the start.
-    """
-
-    reply_s: Float
-    echo_s: Float
-    late_s: Float
-    woken_s: Float
-    told_state: Int
-    missed: int
-    paused: int
-    held: int
-    ended: tuple[tuple[float, str], ...]
-    largest_m: float
-    refused: int
 
 
 class SteadyCell:
@@ -126,19 +94,16 @@ class SteadyCell:
             told: Told every block, the last one shorter.
         """
         period = self.rsi.context.cycle_s
-        reply, back, late, woken = (np.full(block, np.nan) for _ in range(4))
-        states = np.full(block, NOT_TOLD, dtype=np.int64)
-        asked = paused = missed = 0
-        held, ended = self.program.held, list[tuple[float, str]]()
+        times = Times(block)
         begin = due = max(self._due, time.perf_counter())
         for k in range(cycles):
-            running = self.program.phase != Phase.ENDED
+            running, held = self.program.phase != Phase.ENDED, self.program.held
             row, telegram = self._prepared(running=running)
             late_s = _until(due)
             gone = int(late_s / period + 1.0 - _LATEST)
             if gone > 0:
                 self._miss(gone, running=running)
-                missed += gone
+                times.missed += gone
                 due += gone * period
                 row, telegram = self._prepared(running=running)
                 _until(due)
@@ -147,7 +112,7 @@ class SteadyCell:
             self._instruments(row, 0, tracker)
             data: bytes | None = None
             reply_s = echo_s = np.nan
-            most = late_s
+            woken_s = late_s
             sent = time.perf_counter()
             if running:
                 _send(self._robot, telegram, peer)
@@ -158,31 +123,27 @@ class SteadyCell:
                     data, reply_s = self._await(self._robot, sent, end - 0.1 * MS, mark)
                 if tick == SAMPLES - 1:
                     break
-                most = max(most, _until(end))
+                woken_s = max(woken_s, _until(end))
                 self._instruments(row, tick + 1, tracker)
                 if echo is not None and running and tick + 1 == _ECHO_AT:
                     sent_echo = time.perf_counter()
                     _send(self._echo, telegram, echo)
                     _, echo_s = self._await(self._echo, sent_echo, end + 0.9 * MS, mark)
             if running:
-                reply[asked], back[asked], late[asked], woken[asked] = reply_s, echo_s, late_s, most
-                states[asked] = self._take(data)
-                asked += 1
+                times.add(reply_s, echo_s, late_s, woken_s, self._take(data))
                 why = self._go_on(answered=data is not None)
                 if why:
-                    ended.append((time.perf_counter() - begin, why))
+                    times.ended.append((time.perf_counter() - begin, why))
                     self._another_session()
             else:
-                paused += 1
+                times.paused += 1
                 self.program.cycle(NOT_TOLD, answered=False, feed_hold=False, stopped="")
+            times.held += self.program.held - held
             self._due = due = due + period
             self._time_s += period
             if (k + 1) % block == 0 or k == cycles - 1:
-                timed = (times[:asked].copy() for times in (reply, back, late, woken, states))
-                here = self.program.held - held
-                told(Block(*timed, missed, paused, here, tuple(ended), self._largest, self.refused))
-                asked = paused = missed = 0
-                held, ended = self.program.held, []
+                told(times.block(self._largest, self.refused))
+                times = Times(block)
 
     @property
     def refused(self) -> int:
