@@ -149,7 +149,7 @@ def test_a_run_goes_on_only_where_an_operator_sees_to_it(kept: Kept) -> None:
 
 
 def test_events_and_refusals_are_counted() -> None:
-    answers = [
+    answers: list[dict[str, Any]] = [
         {"state": "fault", "feed_hold": True, "cause": "telegrams_late"},
         {"done": False},
         {"state": "fault", "feed_hold": True, "cause": "telegrams_late"},
@@ -211,7 +211,7 @@ def test_cycles_are_told_apart() -> None:
     )
     np.testing.assert_array_equal(active(block), np.array([1, 1, 1, 1, 1, 0, 1, 1], dtype=bool))
     np.testing.assert_array_equal(in_standstill(block), np.array([0, 0, 1, 1, 1, 0, 0, 0], dtype=bool))
-    minutes = [
+    minutes: list[dict[str, float]] = [
         {"cycles": 8, "active": 7, "held": 1, "missed": 5, "without_session": 2, "minute": k + 1} for k in (0, 1)
     ]
     columns = ("reply_p50_us", "reply_p99_us", "echo_p50_us", "echo_p99_us")
