@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 
 from counterflex.app.inputs import setting_of
+from counterflex.app.truth import knowing, truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, UM
 from counterflex.files.cell import Cell
 from counterflex.plan.elastic_motion import lowest_mode, matrices, motion_along, postures
 from counterflex.plan.elastic_motion_kernel import advance, rest
+from counterflex.plan.tool_deviation import answered_late
 from counterflex.robot import compliance
-from counterflex.robot.chain import ElasticChain, jacobian
+from counterflex.robot.chain import ElasticChain, forward, jacobian
 from counterflex.robot.description import Play, Servo
 
 CellOf = Callable[..., Cell]
@@ -49,6 +51,31 @@ def answer(chain: ElasticChain, seconds: float, load: Float) -> Float:
 
 def test_jacobian_is_that_of_the_rigid_robot(plain: ElasticChain) -> None:
     assert matrices(plain, Q)[2][:, :6] == pytest.approx(jacobian(plain, Q[None])[0], abs=1e-12)
+
+
+def test_drives_turn_about_their_axes_where_gears_give_way_beside_them(cell_of: CellOf) -> None:
+    """A truth's bearings lie up to some centimetres beside its axes; a command moves the tool as rigid links would."""
+    cell = cell_of()
+    chain = replace(knowing(cell, truth_of(cell, 2))[0], play=None, servo=None)
+    assert np.max(np.abs(matrices(chain, Q)[3][:3])) > 1e-3
+    asked = np.array([0.3, -0.2, 0.4, -0.5, 0.6, 0.2]) * 1e-3
+    time = np.array([0.0, 4.0])
+    motion = motion_along(chain, np.eye(4), np.tile(Q, (2, 1)), Q + np.outer([1.0, 1.0], asked), time)
+    rest(motion, 0)  # type: ignore[no-untyped-call]
+    out = np.zeros(6)
+    for k in range(8000):
+        advance(motion, 1, (k + 1) / PER_S, np.zeros(6), out)  # type: ignore[no-untyped-call]
+    moved = forward(chain, (Q + asked)[None])[0, :3, 3] - forward(chain, Q[None])[0, :3, 3]
+    np.testing.assert_allclose(out[:3], moved, atol=2.0 * UM)
+
+
+def test_a_correction_is_answered_late_and_the_feed_is_not() -> None:
+    time = np.linspace(0.0, 1.0, 201)
+    q = np.outer(time, np.ones(6))
+    correction = np.outer(np.sin(9.0 * time), np.arange(6.0))
+    found = answered_late(time, q, q + correction, 0.01) - q
+    np.testing.assert_allclose(found[2:], correction[:-2], atol=1e-12)
+    np.testing.assert_array_equal(answered_late(time, q, q + correction, 0.0), q + correction)
 
 
 def test_stiffness_is_that_of_the_static_model(plain: ElasticChain) -> None:

@@ -2,8 +2,8 @@
 
 Where the compensation works, the tool runs along the nominal path; so the force that decides the correction is that of
 the *undisturbed* cut. Commanded = nominal - (deflection under that force + sag that is left + lost motion of the
-drives), shaped in time. That command is tried on the robot in motion and mended by what it leaves; the last trial, and
-one of the program as it is, are the prediction.
+drives), shaped in time. That command is tried on the robot in motion and mended once by what it leaves; the last trial,
+and one of the program as it is, are the prediction.
 """
 
 from __future__ import annotations
@@ -38,14 +38,12 @@ from counterflex.signals.preview import Mode, Shaping, by_group
 EXTRAPOLATED_SHARE = 0.02
 """Share of the force impulse that may come from chips outside the law's range before planning refuses."""
 _CONTACT_M3 = 1e-12
-_ROUNDS = 1
-"""How often the correction is tried on the model of the robot in motion and mended by what that leaves."""
 _PLAY_ROUNDS = 3
-"""The same, before that, for what the axes lose at rest: a correction moves them."""
+"""How often the correction is made again for what the axes lose at rest: a correction moves them."""
 _BELIEVED = 0.3
-"""Share of the deflection that the first trial may leave: if it leaves more, the model chatters and teaches nothing."""
+"""Share of the deflection that the trial may leave: if it leaves more, the model chatters and teaches nothing."""
 _SHARE = 0.7
-"""Of what is left, per round: friction and cutting answer otherwise than the one mode that inverts the command."""
+"""Of what is left: friction and cutting answer otherwise than the one mode that inverts the command."""
 _SETTLED_S = 0.6
 """What a trial leaves for that long is left to the correction at rest, which knows it better: in the model the grain of
 the stock shakes the drives free of friction that holds them in the cell."""
@@ -203,17 +201,15 @@ def plan(
         against = at_rest(lost_motion(robot, q_corrected, w))
         correction, turn, q_corrected = commanded(against)
     off = tried(q_corrected, correction, 0.4, 0.15) if predict or moving else np.zeros_like(against)
-    for k in range(_ROUNDS if moving and size(off) < _BELIEVED * size(deflection) else 0):
+    if moving and size(off) < _BELIEVED * size(deflection):
         left = off if setting.orientation else np.pad(off[:, :3], ((0, 0), (0, 3)))
         if setting.normal_only:
             left = np.concatenate([across(left[:, :3], path.p_part_tcp), left[:, 3:]], axis=1)
         left = left - _slow(left, path.time_s)
-        against = against + _SHARE * shaped(left, np.zeros_like(left))
-        trial = commanded(against)
-        found = tried(trial[2], trial[0], 0.55 + 0.25 * k / _ROUNDS, 0.25 / _ROUNDS)
-        if size(found) >= size(off):
-            break
-        (correction, turn, q_corrected), off = trial, found
+        trial = commanded(against + _SHARE * shaped(left, np.zeros_like(left)))
+        found = tried(trial[2], trial[0], 0.55, 0.25)
+        if size(found) < size(off):
+            (correction, turn, q_corrected), off = trial, found
     play = lost_motion(robot, q_corrected, w)
     _check_corrections(correction, turn, line, setting.limits)
     nominal = np.full((len(path), 3), np.nan)
