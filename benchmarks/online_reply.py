@@ -39,6 +39,7 @@ from counterflex.app.made_on import made_on
 from counterflex.app.steady_figures import active, in_standstill, micro
 from counterflex.app.steady_operator import wanted
 from counterflex.files.cell import read_cell
+from counterflex.links import session as online
 from counterflex.links import timing_probe
 from counterflex.links.control_array import Request
 from counterflex.links.machine import processor_times
@@ -148,7 +149,7 @@ def _timed(session: OnlineSession) -> dict[str, list[int]]:
     watch(session.tracker, "drain", "    poses taken in")
     watch(session.loop, "run", "  step")
     watch(session.link, "answer", "  answer written and sent")
-    watch(session, "_record", "  record, behind the answer")
+    watch(online, "write_record", "  record, behind the answer")
     return times
 
 

@@ -1,0 +1,64 @@
+"""What a recorder says of a run at its end: holds and faults, with their causes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from counterflex.app.recorder import Recorder
+from counterflex.files.run_log import RunLog
+from counterflex.links.control_array import CONTROL
+from counterflex.links.operator_port import OperatorPort
+from counterflex.runtime import record_ring as record
+from counterflex.runtime.layout import O_CAUSE, O_STATE
+from counterflex.runtime.record_ring import RecordRing
+from counterflex.runtime.supervisor import Cause, State
+
+STATES = [State.ACTIVE, State.HOLD, State.HOLD, State.ACTIVE, State.HOLD, State.FAULT, State.FAULT, State.IDLE]
+CAUSES = [
+    Cause.NONE,
+    Cause.CLOCK,
+    Cause.CLOCK,
+    Cause.NONE,
+    Cause.TELEGRAMS_LATE,
+    Cause.TELEGRAMS_STOPPED,
+    Cause.TELEGRAMS_STOPPED,
+    Cause.NONE,
+]
+
+
+def test_holds_and_faults_are_counted_by_cause_and_listed(tmp_path: Path) -> None:
+    ring, control = RecordRing(), np.zeros(CONTROL, dtype=np.int64)
+    log, port = RunLog(tmp_path, {}), OperatorPort(tmp_path)
+    recorder = Recorder(ring.name, log, control, port, lambda _: None, arm=False)
+    try:
+        for lap in range(100):
+            for k, (state, cause) in enumerate(zip(STATES, CAUSES, strict=True)):
+                row = ring.row()
+                row[:] = 0.0
+                row[1] = 4e6 * (lap * len(STATES) + k)
+                row[record.OUTCOME + O_STATE], row[record.OUTCOME + O_CAUSE] = state, cause
+                row[record.CYCLE] = lap * len(STATES) + k + 1
+                ring.commit()
+            recorder.work(end=False)
+        summary = recorder.summary()
+    finally:
+        recorder.close()
+        port.close()
+        log.close()
+        ring.close()
+    assert summary["incidents_total"] == 300
+    assert summary["incidents_by_cause"] == {
+        "hold clock": 100,
+        "hold telegrams_late": 100,
+        "fault telegrams_stopped": 100,
+    }
+    assert len(summary["incidents"]) == 250
+    assert [(one["cycle"], one["state"], one["before"]) for one in summary["incidents"][:4]] == [
+        (2, "hold", "active"),
+        (5, "hold", "active"),
+        (6, "fault", "hold"),
+        (10, "hold", "active"),
+    ]
+    assert summary["incidents"][3]["time_s"] == 0.036
