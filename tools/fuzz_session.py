@@ -36,7 +36,8 @@ from counterflex.sensing.flange_sensor import FlangeSensor
 from counterflex.wire.rsi_config import RsiConfig
 from counterflex.wire.rsi_telegram import Writer, robot_writer
 from fuzz_mutations import Mutator
-from fuzz_targets import Finding, config
+from fuzz_target import Finding
+from fuzz_targets import config
 
 _UP = 260
 """Cycles until the session is active and its correction stands."""

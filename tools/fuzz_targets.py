@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -18,32 +17,9 @@ from counterflex.core.errors import CounterflexError, ProtocolError
 from counterflex.wire import decimal_kernel, egm, netft, netft_kernel, rsi_kernel, tracker_pose, tracker_pose_kernel
 from counterflex.wire.rsi_config import RsiConfig, parse_config
 from counterflex.wire.rsi_telegram import Reader, answer_reader, answer_writer, robot_reader, robot_writer
-from fuzz_coverage import Instrumented, instrument
-
-
-class Finding(Exception):
-    """The reader and its judge do not agree."""
-
-
-@dataclass(eq=False)
-class Target:
-    """One reader.
-
-    Attributes:
-        seeds: Good telegrams.
-        text: They are text.
-        check: Reads one with the reader and the judge; raises where they differ; returns whether it was accepted.
-        read: Reads one with the reader alone, for timing.
-        instrumented: Runs one through the reader with counters, or None: not a kernel of ours.
-        coverage: The counters of that.
-    """
-
-    seeds: Sequence[bytes]
-    text: bool
-    check: Callable[[bytes], bool]
-    read: Callable[[bytes], object]
-    instrumented: Callable[[bytes], object] | None = None
-    coverage: Instrumented | None = field(default=None, repr=False)
+from fuzz_coverage import instrument
+from fuzz_other_targets import OTHERS
+from fuzz_target import Finding, Target
 
 
 def config() -> RsiConfig:
@@ -414,4 +390,5 @@ TARGETS: dict[str, Callable[..., Target]] = {
     "egm-sensor": egm_sensor,
     "scaling": scaling,
     "rsi-config": rsi_config,
+    **OTHERS,
 }

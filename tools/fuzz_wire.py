@@ -24,7 +24,8 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from fuzz_mutations import Mutator
-from fuzz_targets import TARGETS, Finding, Target
+from fuzz_target import Finding, Target
+from fuzz_targets import TARGETS
 
 _MOST_KEPT = 4000
 _SLOW_TRIES = 7

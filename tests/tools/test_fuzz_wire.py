@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import struct
 import sys
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -10,7 +12,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from counterflex.wire import decimal_kernel, netft_kernel, rsi_kernel, tracker_pose_kernel
+from counterflex.core.errors import FileFormatError
+from counterflex.files.tracker_log import measurements
+from counterflex.twin.ads_server import AdsServer, PlcVariable
+from counterflex.wire import ads, decimal_kernel, netft_kernel, rsi_kernel, tracker_pose_kernel
 from counterflex.wire.rsi_telegram import answer_reader, robot_reader
 
 ROOT = Path(__file__).parents[2]
@@ -92,7 +97,12 @@ def test_compiled_and_plain_tracker_read_the_corpus_alike(tools: dict[str, Modul
         np.testing.assert_allclose(found[0][1], found[1][1], rtol=0.0, atol=1e-15)
 
 
-@pytest.mark.parametrize("name", ["rsi", "answer", "netft", "tracker", "egm", "egm-sensor", "scaling", "rsi-config"])
+OTHERS = ["ads", "operator", "netft-request", "tracker-log", "rsi-context", "krl", "rapid"]
+
+
+@pytest.mark.parametrize(
+    "name", ["rsi", "answer", "netft", "tracker", "egm", "egm-sensor", "scaling", "rsi-config", *OTHERS]
+)
 def test_a_few_more_inputs_find_nothing(tools: dict[str, ModuleType], name: str) -> None:
     target = tools["fuzz_targets"].TARGETS[name](compiled=False)
     mutate = tools["fuzz_mutations"].Mutator(7, text=target.text)
@@ -142,3 +152,25 @@ def test_garbage_through_a_whole_session(tools: dict[str, ModuleType]) -> None:
     found = tools["fuzz_session"].run(120, 5)
     assert found["holds"] > 0
     assert found["faults"] > 0
+
+
+def test_numbers_beyond_all_measure_are_refused() -> None:
+    """Found by the fuzzer: a time became infinite in nanoseconds, a quaternion made numpy warn."""
+    with pytest.raises(FileFormatError, match="out of range"):
+        list(measurements(["time_s,x_mm,y_mm,z_mm", "1e308,1,2,3"], "log"))
+    with warnings.catch_warnings(), pytest.raises(FileFormatError, match="unit length"):
+        warnings.simplefilter("error")
+        list(measurements(["time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz", "0,1,2,3,1,0,1e308,0"], "log"))
+
+
+def test_a_plc_does_not_answer_with_more_than_a_frame_holds() -> None:
+    """Found by the fuzzer: a sum request for two gigabytes was answered."""
+    server = AdsServer({"MAIN.x": PlcVariable()}, port=0)
+    try:
+        asked = struct.pack("<III", ads.PLC_MEMORY, 0, 1 << 31)
+        data = struct.pack("<IIII", ads.SUM_READ, 1, 1 << 31, len(asked)) + asked
+        frame = ads.Frame((bytes(6), ads.PLC_PORT), (bytes(6), 40_000), ads.READ_WRITE, ads.REQUEST, 0, 1, data)
+        reply = server._answer(frame, False, False)
+        assert struct.unpack_from("<I", reply.data)[0] == ads.WRONG_SIZE
+    finally:
+        server.close()

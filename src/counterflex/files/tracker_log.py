@@ -94,7 +94,7 @@ class TrackerLines:
         if len(parts) != len(self._names):
             raise FileFormatError("values in a line", where=where, value=len(parts), limit=len(self._names))
         row = dict(zip(self._names, parts, strict=True))
-        time_ns = _whole(row["time_ns"], where) if "time_ns" in row else round(_number(row["time_s"], where) / NS)
+        time_ns = _whole(row["time_ns"], where) if "time_ns" in row else _nanoseconds(row["time_s"], where)
         status = _whole(row["status"], where) if "status" in row else 0
         if not 0 <= time_ns < 1 << 64 or not 0 <= status < 1 << 32:
             raise FileFormatError("time or status out of range", where=where, value=(time_ns, status), limit=">= 0")
@@ -108,7 +108,7 @@ class TrackerLines:
         R = np.eye(3)
         if self._oriented:
             quat = np.array([_number(row[name], where) for name in ORIENTATION])
-            size = float(np.linalg.norm(quat))
+            size = math.hypot(*quat.tolist())
             if abs(size - 1.0) > _UNIT:
                 raise FileFormatError("a quaternion is not of unit length", where=where, value=size, limit=1)
             R = rotation.from_quat_wxyz(quat / size)
@@ -178,6 +178,13 @@ def _number(text: str, where: str) -> float:
     if not math.isfinite(value):
         raise FileFormatError("not a finite number", where=where, value=repr(text.strip()))
     return value
+
+
+def _nanoseconds(text: str, where: str) -> int:
+    value = _number(text, where) / NS
+    if not math.isfinite(value):
+        raise FileFormatError("time or status out of range", where=where, value=text.strip(), limit="< 2^64 ns")
+    return round(value)
 
 
 def _whole(text: str, where: str) -> int:

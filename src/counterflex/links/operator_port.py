@@ -40,6 +40,17 @@ class Asked:
     time_s: float
 
 
+def read_request(data: bytes, token: str) -> str | None:
+    """What a datagram asks for; None where it is no request, or has another token."""
+    try:
+        said = json.loads(data)
+        given, action = said["token"], said["do"]
+        fits = secrets.compare_digest(given.encode(), token.encode())
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+    return action if fits and isinstance(action, str) else None
+
+
 class OperatorPort:
     """The run's side.
 
@@ -73,13 +84,8 @@ class OperatorPort:
                 data, peer = self._socket.recvfrom(_LARGEST)
             except (BlockingIOError, ConnectionError):
                 break
-            try:
-                said = json.loads(data)
-                token, action = said["token"], said["do"]
-                fits = secrets.compare_digest(token.encode(), self._token.encode())
-            except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-                continue
-            if fits and isinstance(action, str):
+            action = read_request(data, self._token)
+            if action is not None:
                 found.append(Asked(action, peer, time.monotonic()))
         return found
 

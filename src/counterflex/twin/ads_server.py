@@ -248,8 +248,10 @@ class AdsServer:
             return struct.pack("<I", place + 1) if group == ads.HANDLE_BY_NAME else self._entry(place)
         if group == ads.SUM_READ:
             codes, found = [], []
-            for k in range(offset):
-                its_group, its_offset, length = struct.unpack_from("<III", data, 12 * k)
+            wanted = [struct.unpack_from("<III", data, 12 * k) for k in range(offset)]
+            if 4 * offset + sum(length for _, _, length in wanted) > ads.LONGEST // 2:
+                raise _AdsFault(ads.WRONG_SIZE)
+            for its_group, its_offset, length in wanted:
                 try:
                     content, code = self._read(its_group, its_offset, length, frozen, not_a_number), 0
                 except _AdsFault as fault:
