@@ -11,7 +11,7 @@ import pytest
 
 from counterflex.app.fault_scenarios.rig import PATIENT, Rig
 from counterflex.app.operator_requests import OperatorRequests
-from counterflex.app.soak import figures
+from counterflex.app.soak_figures import figures
 from counterflex.app.steady_figures import active, in_standstill, micro
 from counterflex.app.steady_operator import PATIENCE, SteadyOperator, wanted
 from counterflex.core.arrays import Float
