@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 
 import pytest
 
@@ -28,6 +31,30 @@ def test_a_fault_ends_the_workers_and_restores_the_settings(monkeypatch: pytest.
         pool.submit(settings).result()
         raise ValueError("stop")
     assert ONE_THREAD[0] not in os.environ
+
+
+_JOB = """
+import os, sys, time
+from counterflex.app.workers import pool_of
+with pool_of(2) as pool:
+    pool.submit(os.getpid).result()
+    for _ in range(4):
+        pool.submit(time.sleep, 1e6)
+    print("works", flush=True)
+    time.sleep(1e6)
+"""
+
+
+@pytest.mark.parametrize("way", [signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_with_the_job_however_it_ends(way: signal.Signals) -> None:
+    """All processes of the job hold its output; it is at its end only when the last of them has gone."""
+    job = subprocess.Popen([sys.executable, "-c", _JOB], stdout=subprocess.PIPE)
+    assert job.stdout is not None
+    assert job.stdout.readline() == b"works\n"
+    job.send_signal(way)
+    rest, _ = job.communicate(timeout=60)
+    assert rest == b""
+    assert job.returncode == -way
 
 
 def test_number_of_workers() -> None:

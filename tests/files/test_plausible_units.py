@@ -74,6 +74,10 @@ def test_a_refusal_names_place_value_limit_and_likely_unit(
         (("part", "datum_points_mm"), [[0, 0, 0.04], [200, 0, 40], [200, 150, 40]], "is it in m?"),
         (("tcp", "b_deg"), round(math.pi / 2.0, 5), "is it in rad?"),
         (("posture", "rotation_about_tool_deg"), 3.14159, "is it in rad?"),
+        (("end_effector", 1, "rx_urad_per_knm"), 92.0, "rx_urad_per_knm = 92 is unusual: 497.5 to 329670"),
+        (("end_effector", 1, "ry_urad_per_knm"), 260.0, "the other rotational compliances of this element are far"),
+        (("end_effector", 0, "rz_urad_per_knm"), 11000.0, "the other rotational compliances of this element are far"),
+        (("end_effector", 1, "rz_urad_per_knm"), 1.5, "is it in"),
     ],
 )
 def test_what_could_be_meant_so_is_told(tmp_path: Path, place: tuple[str | int, ...], value: Any, hint: str) -> None:

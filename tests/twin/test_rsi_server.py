@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from counterflex.core.errors import SimulationError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose
 from counterflex.twin.applied import COLUMNS, Applied
@@ -31,7 +32,8 @@ CONFIG = (
     + "".join(
         f'<ELEMENT TAG="RKorr.{a}" TYPE="DOUBLE" INDX="{i}" HOLDON="HOLD"/>' for i, a in enumerate("XYZABC", start=1)
     )
-    + '<ELEMENT TAG="Stop" TYPE="BOOL" INDX="7" HOLDON="1"/></ELEMENTS></RECEIVE></ROOT>'
+    + '<ELEMENT TAG="Stop" TYPE="BOOL" INDX="7" HOLDON="1"/>'
+    + '<ELEMENT TAG="FeedHold" TYPE="BOOL" INDX="8" HOLDON="1"/></ELEMENTS></RECEIVE></ROOT>'
 )
 PLACE = Standstill(pose.make(p=np.array([0.1, 0.2, 0.3])), np.full(6, 0.1), 4.0)
 
@@ -50,6 +52,7 @@ class Peer(threading.Thread):
         self.counters: list[int] = []
         self.unreadable = 0
         self.ending = False
+        self.holds: range = range(0)
 
     def run(self) -> None:
         reader, first = robot_reader(self.config), None
@@ -63,6 +66,7 @@ class Peer(threading.Thread):
             first = reader.counter if first is None else first
             self.counters.append(reader.counter)
             self._writer.values[self._writer.place("RKorr.X")] = self._step * (reader.counter - first) / 4
+            self._writer.values[self._writer.place("FeedHold")] = len(self.counters) in self.holds
             self._socket.sendto(self._writer.telegram(reader.counter), where)
 
     def finish(self) -> None:
@@ -73,7 +77,13 @@ class Peer(threading.Thread):
 
 
 def run(
-    faults: tuple[Fault, ...] = (), *, cycles: int = 300, seed: int = 1, peer: Peer | None = None, **context: Any
+    faults: tuple[Fault, ...] = (),
+    *,
+    cycles: int = 300,
+    seed: int = 1,
+    peer: Peer | None = None,
+    most_held_s: float = 60.0,
+    **context: Any,
 ) -> tuple[RobotServer, Applied, list[CycleSeen], Peer]:
     peer = Peer() if peer is None else peer
     peer.start()
@@ -92,6 +102,7 @@ def run(
         gate_cycles=0,
         faults=FaultSchedule(faults, seed),
         observe=observe,
+        most_held_s=most_held_s,
     )
     try:
         server.run(after=0, most_cycles=cycles)
@@ -111,6 +122,19 @@ def test_without_faults_every_answer_is_applied_in_its_cycle() -> None:
     shift = seen[-1].report.T_part_actual[:3, 3] - PLACE.T_part_tcp[:3, 3]
     assert shift[0] == pytest.approx(299e-6)  # the answer of a cycle moves the next
     assert len(applied.reply_s) == 300
+
+
+def test_a_feed_that_is_held_for_ever_ends_a_run_that_nobody_watches() -> None:
+    """Half a second is allowed: a shorter hold goes by, each by itself; a longer one is an error that says so."""
+    waits = Peer()
+    waits.holds = range(20, 120)
+    server, _, _, _ = run(peer=waits, most_held_s=0.5)
+    assert server.stop_reason == "cycles"
+    holds = Peer()
+    holds.holds = range(20, 10_000)
+    with pytest.raises(SimulationError, match="held the feed for 0.5 s"):
+        run(peer=holds, most_held_s=0.5)
+    assert 20 + 125 <= len(holds.counters) <= 20 + 128
 
 
 def test_lost_answers_are_late_and_the_correction_gets_old() -> None:

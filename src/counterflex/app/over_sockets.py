@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from counterflex.app import live, online, online_session, recorder
-from counterflex.app.workers import interrupts_held
+from counterflex.app.workers import end_with_parent, interrupts_held
 from counterflex.core.errors import CounterflexError, SimulationError
 from counterflex.core.progress import Progress, silent
 
@@ -117,6 +117,7 @@ def run(
 
 def _cell_process(settings: live.LiveSettings, out: Path, pipe: Any) -> None:
     """Process of the simulated cell: a fault goes to the parent instead of the terminal."""
+    end_with_parent()
     try:
         live.run(settings, out)
     except CounterflexError as fault:

@@ -1,4 +1,4 @@
-"""Worker processes for jobs that machine many parts: deaf to Ctrl-C, ended at once when the job is interrupted."""
+"""Worker processes for jobs that machine many parts: deaf to Ctrl-C, ended when the job is interrupted or dies."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from typing import Final
 
@@ -37,8 +38,27 @@ def interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _ignore_interrupts() -> None:
+def end_with_parent() -> None:
+    """End this process, and those that it started, as soon as the one that started it has ended, however it did.
+
+    A process that is killed cannot end its workers; they see it by themselves.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        parent.join()
+        for child in multiprocessing.active_children():
+            child.terminate()
+        os._exit(1)
+
+    threading.Thread(target=watch, name="parent", daemon=True).start()
+
+
+def _begin_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
 
 
 @contextlib.contextmanager
@@ -60,7 +80,7 @@ def pool_of(count: int) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
 @contextlib.contextmanager
 def _pool_of(count: int) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
     pool = concurrent.futures.ProcessPoolExecutor(
-        count, mp_context=multiprocessing.get_context("spawn"), initializer=_ignore_interrupts
+        count, mp_context=multiprocessing.get_context("spawn"), initializer=_begin_worker
     )
     try:
         yield pool

@@ -35,6 +35,9 @@ from counterflex.files.cell_schema import CellTables
 
 _TURN = 2.0 * math.pi
 _SAME = 4e-3  # of a twelfth of pi, 1e-3 rad
+_TURNS: Final = ("rx_urad_per_knm", "ry_urad_per_knm", "rz_urad_per_knm")
+_APART: Final = 30.0
+"""Ratio of the rotational compliances of one element that is told; published ones are at most 4.3 apart (Haehn2020)."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,7 @@ def _window(low: float, high: float, least: float | None = None, most: float | N
 
 
 _ANY = 0.0
+_AMONG: Final = "the other rotational compliances of this element are far from it; is it in another unit?"
 _PLACE = _window(0.5, 1000.0, _ANY, 5000.0)
 _TURNED = _window(0.5, 360.0, _ANY, 720.0)
 _ELEMENT = _window(1.0, 2e4, _ANY, 1e6)
@@ -213,8 +217,9 @@ def unusual(tables: CellTables) -> list[Unusual]:
         tables: As read.
     """
     identified = {value.value for table in tables.identified for value in table.values}
-    found = []
-    for key, name, value in _numbers(tables.model_dump(exclude_unset=True, exclude={"identified", "calibration"})):
+    given = tables.model_dump(exclude_unset=True, exclude={"identified", "calibration"})
+    found = [one for one in _apart(given) if one.value not in identified]
+    for key, name, value in _numbers(given):
         window = WINDOWS.get(name)
         size = abs(value)
         if size == 0.0 or value in identified:
@@ -227,6 +232,8 @@ def unusual(tables: CellTables) -> list[Unusual]:
         hint = "is it in rad?" if radian else _meant(size, window, unit)
         low, high = (window.least, window.most) if refused else (window.low, window.high)
         found.append(Unusual(key, value, low, high, hint, refused))
+    told = {one.key for one in found if one.hint != _AMONG}
+    found = [one for one in found if one.hint != _AMONG or one.key not in told]
     return sorted(found, key=lambda one: not one.refused)
 
 
@@ -264,6 +271,25 @@ def _numbers(found: Any, path: str = "", name: str = "") -> Iterator[tuple[str, 
             yield from _numbers(value, f"{path}[{k}]", name)
     elif isinstance(found, int | float) and not isinstance(found, bool):
         yield path, name, float(found)
+
+
+def _apart(found: Any, path: str = "") -> Iterator[Unusual]:
+    """Elements of which one rotational compliance is far from the others: the one farthest from their median."""
+    if isinstance(found, list | tuple):
+        for k, value in enumerate(found, start=1):
+            yield from _apart(value, f"{path}[{k}]")
+        return
+    if not isinstance(found, dict):
+        return
+    for key, value in found.items():
+        yield from _apart(value, f"{path}.{key}" if path else key)
+    turns = {key: abs(found[key]) for key in _TURNS if isinstance(found.get(key), int | float) and found[key] != 0.0}
+    if len(turns) < 2 or max(turns.values()) <= _APART * min(turns.values()):
+        return
+    middle = sorted(turns.values())[len(turns) // 2]
+    odd = max(turns, key=lambda key: abs(math.log(turns[key] / middle)))
+    others = [value for key, value in turns.items() if key != odd]
+    yield Unusual(f"{path}.{odd}", found[odd], max(others) / _APART, min(others) * _APART, _AMONG, refused=False)
 
 
 def _unit(name: str) -> str:

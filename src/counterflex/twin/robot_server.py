@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
+from counterflex.core.errors import InputError, SimulationError
 from counterflex.core.progress import Progress, silent
 from counterflex.twin.commanded_motion import Report
 from counterflex.twin.exact_robot import ControlledRobot
@@ -76,6 +76,7 @@ class RobotServer:
         answer_s: Real time: how long an answer may take; None is the whole cycle (a KR C2 leaves 10 of 12 ms).
         faults: Scripted, by the time since the first cycle and the numbers of telegrams and answers.
         observe: Told every cycle.
+        most_held_s: Lockstep: longest time, by the controller's clock, for which the feed may be held in one piece.
 
     Attributes:
         cycles: Telegrams sent.
@@ -97,6 +98,7 @@ class RobotServer:
         answer_s: float | None = None,
         faults: FaultSchedule | None = None,
         observe: Callable[[CycleSeen], None] | None = None,
+        most_held_s: float = 60.0,
     ) -> None:
         self._period_s = controller.cycle_s
         self._per_telegram = round(self._period_s / robot.period_s)
@@ -108,7 +110,8 @@ class RobotServer:
             raise InputError("time for an answer", value=answer_s, limit=f"> 0 and <= {self._period_s:g} s")
         self.robot, self.controller, self.peer = robot, controller, peer
         self.realtime, self.patience_s, self.gate_cycles = realtime, patience_s, gate_cycles
-        self.waiting_s = waiting_s
+        self.waiting_s, self.most_held_s = waiting_s, most_held_s
+        self._held_cycles = 0
         self.cycles = 0
         self.stop_reason = ""
         self.stalls = 0
@@ -138,6 +141,9 @@ class RobotServer:
 
         Returns:
             :attr:`stop_reason`.
+
+        Raises:
+            SimulationError: In lockstep the sensor program holds the feed, and nobody gives it free.
         """
         if not self._wait_for_peer():
             self.stop_reason = "no sensor program"
@@ -155,6 +161,7 @@ class RobotServer:
                 self.stop_reason = "died"
                 return self.stop_reason
             held = (self.controller.feed_hold and self.cycles > self.gate_cycles) or condition.silent
+            self._require_progress(held)
             report = self._advance(held)
             self.controller.counter += condition.step - self._step
             self._step = condition.step
@@ -173,6 +180,17 @@ class RobotServer:
                     return self.stop_reason
         self.stop_reason = "cycles"
         return self.stop_reason
+
+    def _require_progress(self, held: bool) -> None:
+        """A real robot waits for a person; a simulated one that nobody watches must come to an end."""
+        self._held_cycles = self._held_cycles + 1 if held else 0
+        if not self.realtime and self._held_cycles * self._period_s > self.most_held_s:
+            raise SimulationError(
+                f"the sensor program has held the feed for {self.most_held_s:g} s, and nobody gives it free",
+                where=f"telegram {self.cycles}",
+                hint="The run log says why: counterflex log show. A hold by process monitoring waits for counterflex "
+                "operator reset; [monitor] says which events hold",
+            )
 
     def _advance(self, held: bool) -> Report:
         """The cycles of the robot until the next telegram."""

@@ -76,7 +76,7 @@ def keep_log(ring_name: str, folder: str, control: Any, largest_file: int) -> No
     reader.rewind()
     log = RunLog(folder, {})
     while True:
-        log.add(reader.take())
+        log.add(reader.take(), state=reader.states.take())
         control[Kept.TAKEN], control[Kept.TROUBLE] = reader.taken, int(bool(log.trouble))
         time.sleep(_POLL_S)
 

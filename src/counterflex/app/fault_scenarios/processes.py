@@ -96,7 +96,7 @@ def _killed_recorder(effort: Effort) -> Outcome:
                 recorder.join(5.0)
                 last = reader.take()[-1]
                 rows, _, _ = read_log(folder)
-                lost_s.append((last[_RECEIVED] - rows[-1, _RECEIVED]) * 1e-9)
+                lost_s.append(float(last[_RECEIVED] - rows[-1, _RECEIVED]) * 1e-9)
                 refused += rig.state != State.ACTIVE
         finally:
             reader.close()
