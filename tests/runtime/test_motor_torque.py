@@ -42,9 +42,7 @@ def test_constants_that_are_none_are_refused() -> None:
 
 
 def fresh() -> Float:
-    state = np.zeros(at.STATE)
-    state[at.S_TORQUE_WAY + 12 : at.S_TORQUE_WAY + 24] = np.nan
-    return state
+    return np.zeros(at.STATE)
 
 
 def go(state: Float, q: Float, torque: Float, learn: bool) -> tuple[int, Float]:

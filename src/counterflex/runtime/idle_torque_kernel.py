@@ -9,7 +9,6 @@ axis of which this holds, in a direction whose idle torque is known, tells of th
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from counterflex.core.arrays import Float
@@ -29,10 +28,10 @@ def _presliding(q: float, way: Float, k: int) -> float:
 
     Args:
         q: Angle now, rad.
-        way: (24,) z, and behind them the last angles; changed. NaN at first.
+        way: (25,) z, behind them the last angles, and 1 where there are any; changed.
         k: Which.
     """
-    if not math.isnan(way[12 + k]):
+    if way[24] > 0.0:
         way[k] = min(max(way[k] + (q - way[12 + k]) / PRESLIDING_RAD, -1.0), 1.0)
     way[12 + k] = q
     z: float = way[k]
@@ -73,7 +72,7 @@ def follow_idle(motor: Float, link: Float, torque: Float, learn: bool, state: Fl
     Returns:
         Bit per axis whose idle torque is known.
     """
-    way = state[at.S_TORQUE_WAY : at.S_TORQUE_WAY + 24]
+    way = state[at.S_TORQUE_WAY : at.S_TORQUE_WAY + 25]
     known = 0
     for k in range(6):
         on_motor, on_link = _presliding(motor[k], way, k), _presliding(link[k], way, 6 + k)
@@ -87,4 +86,5 @@ def follow_idle(motor: Float, link: Float, torque: Float, learn: bool, state: Fl
         idle[k] = state[at.S_TORQUE + side]
         if turned and seen >= _LEAST:
             known |= 1 << k
+    way[24] = 1.0
     return known

@@ -129,11 +129,11 @@ S_AXES: Final = 602  # 6: the correction as axis angles that could be computed l
 S_BUMPLESS: Final = 608  # 6: what is left of the correction held before, above what is wanted; ramps to nothing
 S_TORQUE: Final = 614  # 12: axis torque from the currents without a cut, in positive and negative direction
 S_TORQUE_SEEN: Final = 626  # 12: cycles it was averaged over
-S_TORQUE_WAY: Final = 638  # 24: presliding of motors and links, and their last angles
-S_IDLE: Final = 662  # 6: axis torque without a cut, as the axes move now
-S_BESIDE: Final = 668  # 6: axis torque less that of the measured force
-S_MOTOR: Final = 674  # 12: angles of the motors and of the links, corrected and under the predicted force
-STATE: Final = 686
+S_TORQUE_WAY: Final = 638  # 25: presliding of motors and links, their last angles, and whether there are any
+S_IDLE: Final = 663  # 6: axis torque without a cut, as the axes move now
+S_BESIDE: Final = 669  # 6: axis torque less that of the measured force
+S_MOTOR: Final = 675  # 12: angles of the motors and of the links, corrected and under the predicted force
+STATE: Final = 687
 
 # State, int64: 0..8 of the supervisor, then
 N_RING: Final = 9  # next row of the ring

@@ -129,7 +129,6 @@ class Loop:
         self.outcome[:] = 0
         self._state[at.S_PLACE] = -1.0
         self._state[at.S_SCALE : at.S_SCALE + 3] = 1.0
-        self._state[at.S_TORQUE_WAY + 12 : at.S_TORQUE_WAY + 24] = np.nan
         self._state[at.S_SPEED] = self._state[at.S_SLOWER] = 1.0
         self._state[at.S_VARIANCE : at.S_VARIANCE + 3] = SCALE_VARIANCE
         self._state[at.S_OFFSET_VARIANCE : at.S_OFFSET_VARIANCE + 2] = _OFFSET_M2, _OFFSET_RAD2
