@@ -27,7 +27,7 @@ from counterflex.plan.flute_length import check_flutes
 from counterflex.plan.lost_motion import corrected_joints
 from counterflex.plan.part_frame import sag_deviation, true_part_frame
 from counterflex.plan.plan import Plan, across, impulse_share
-from counterflex.plan.response import within
+from counterflex.plan.response import lasting, within
 from counterflex.plan.tool_deviation import Robot, can_move, lost_motion, mode_of, run
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
 from counterflex.robot import compliance, gravity
@@ -44,9 +44,6 @@ _BELIEVED = 0.3
 """Share of the deflection that the trial may leave: if it leaves more, the model chatters and teaches nothing."""
 _SHARE = 0.7
 """Of what is left: friction and cutting answer otherwise than the one mode that inverts the command."""
-_SETTLED_S = 0.6
-"""What a trial leaves for that long is left to the correction at rest, which knows it better: in the model the grain of
-the stock shakes the drives free of friction that holds them in the cell."""
 _APPROACH_S = 0.3
 """So long before and after contact the path is freed of sag and lost motion too: cuts begin in the right place."""
 _FADE_S = 0.2
@@ -205,7 +202,7 @@ def plan(
         left = off if setting.orientation else np.pad(off[:, :3], ((0, 0), (0, 3)))
         if setting.normal_only:
             left = np.concatenate([across(left[:, :3], path.p_part_tcp), left[:, 3:]], axis=1)
-        left = left - _slow(left, path.time_s)
+        left = left - lasting(left, path.time_s)
         trial = commanded(against + _SHARE * shaped(left, np.zeros_like(left)))
         found = tried(trial[2], trial[0], 0.55, 0.25)
         if size(found) < size(off):
@@ -240,17 +237,6 @@ def plan(
         w_nominal_part=w_nominal,
         extrapolated=extrapolated.astype(np.int64),
     )
-
-
-def _slow(values: Float, time_s: Float) -> Float:
-    """(n, k) mean over :data:`_SETTLED_S` about each row."""
-    step = np.diff(time_s, prepend=time_s[0])[:, None]
-    middle = 0.5 * (values + np.concatenate([values[:1], values[:-1]]))
-    total = np.cumsum(middle * step, axis=0)
-    late, early = time_s + 0.5 * _SETTLED_S, time_s - 0.5 * _SETTLED_S
-    width = np.minimum(late, time_s[-1]) - np.maximum(early, time_s[0])
-    out = [(np.interp(late, time_s, c) - np.interp(early, time_s, c)) / width for c in total.T]
-    return np.stack(out, axis=1)
 
 
 def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:

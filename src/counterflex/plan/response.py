@@ -1,4 +1,4 @@
-"""Where corrections reach in time, and how a load arrives through the arm."""
+"""Where corrections reach in time, what of an error lasts, and how a load arrives through the arm."""
 
 from __future__ import annotations
 
@@ -8,6 +8,10 @@ from counterflex.core.arrays import Bool, Float, Int, as_float
 from counterflex.core.jit import kernel
 from counterflex.plan.cut_kernel import oscillator
 from counterflex.signals.preview import Mode
+
+_LASTING_S = 0.6
+"""What a trial leaves for that long is left to the correction at rest, which knows it better: in the model the grain of
+the stock shakes the drives free of friction that holds them in the cell."""
 
 
 @kernel("void(float64[:,::1], float64[::1], float64, float64, float64[:,::1])")
@@ -68,6 +72,25 @@ def within(active: Bool, time_s: Float, group: Int, reach_s: float) -> Bool:
             behind = np.abs(t - on[np.minimum(at, len(on) - 1)])
             out[rows] = np.minimum(before, behind) <= reach_s
     return out
+
+
+def lasting(values: Float, time_s: Float) -> Float:
+    """What of a signal lasts: its mean over :data:`_LASTING_S` about each row, less at the ends.
+
+    Args:
+        values: (n, k).
+        time_s: (n,) s, not decreasing, longer than nothing.
+
+    Returns:
+        (n, k).
+    """
+    step = np.diff(time_s, prepend=time_s[0])[:, None]
+    middle = 0.5 * (values + np.concatenate([values[:1], values[:-1]]))
+    total = np.cumsum(middle * step, axis=0)
+    late, early = time_s + 0.5 * _LASTING_S, time_s - 0.5 * _LASTING_S
+    width = np.minimum(late, time_s[-1]) - np.maximum(early, time_s[0])
+    out = [(np.interp(late, time_s, c) - np.interp(early, time_s, c)) / width for c in total.T]
+    return np.stack(out, axis=1)
 
 
 def _slices(group: Int) -> list[slice]:
