@@ -23,6 +23,7 @@ from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
+from counterflex.runtime.monitor_layout import Event
 from counterflex.runtime.record_ring import COLUMNS, WIDTH, RecordRing
 from counterflex.runtime.replay import Gap, Replay
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
@@ -137,6 +138,7 @@ def recorded(
     loss: float = 0.02,
     nan: float = 0.0,
     states: list[LoopState] | None = None,
+    sensor: bool = True,
 ) -> tuple[Float, list[Float]]:
     """Records of a session, prepared as the loop's process prepares it, what was sent to the robot, and states."""
     robot = _Robot(seed, loss, nan)
@@ -146,7 +148,7 @@ def recorded(
     session = OnlineSession(
         robot,  # type: ignore[arg-type]
         chosen,
-        force=_Force(robot),  # type: ignore[arg-type]
+        force=_Force(robot) if sensor else None,  # type: ignore[arg-type]
         wrench=lambda _q, w, _age: w,  # type: ignore[arg-type]
         tracker=_Tracker(robot),  # type: ignore[arg-type]
         T_part_tracker=np.eye(4),
@@ -243,6 +245,17 @@ def test_a_state_that_is_not_the_loops_is_found_or_refused() -> None:
     assert wrong.difference.cycle == 101
     with pytest.raises(InputError, match="another loop's"):
         Replay(loop(), after=100)(rows, [replace(states[0], words=words[:-1])])
+
+
+def test_without_a_force_sensor_nothing_is_said_of_a_missing_cut() -> None:
+    """Whether a cut is missing can be seen with a sensor only: none that shows nothing is taken for one."""
+    for sensor in (True, False):
+        rows, _ = recorded(loop(ForceMode.FUSED, TrackerMode.NONE), loss=0.0, cycles=900, sensor=sensor)
+        cuts = rows[:, COLUMNS.index("cutting")] > 0.0
+        seen = rows[:, COLUMNS.index("event_seen")].astype(int) >> Event.MISSING_CUT & 1 > 0
+        assert np.count_nonzero(cuts) > 300
+        assert np.any(seen & cuts) == sensor
+        assert sensor or not np.any(rows[:, COLUMNS.index("event_new")])
 
 
 def test_the_recorded_session_corrects() -> None:

@@ -210,7 +210,7 @@ class OnlineSession:
         soft, hard = self._watch_program(soft, hard)
         control = self.control
         flags[at.F_ELAPSED] = link.elapsed if came else 0
-        flags[at.F_FORCE_AGE] = self._force_age if self._needs_force else 0
+        flags[at.F_FORCE_AGE] = self._force_age if self._needs_force or self.force is None else 0
         flags[at.F_TRACKER_NEW], flags[at.F_TRACKER_AGE] = new, self._tracker_age
         flags[at.F_HEALTHY] = self._healthy()
         flags[at.F_ARM], flags[at.F_STOP] = control[_ARM], control[_STOP]
