@@ -53,7 +53,7 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
     shaping = Shaping(dynamics.correction_smoothing_ms * MS, delays.dead_s + dynamics.correction_lead_ms * MS)
     ahead = Ahead(arm_share(cell.chain, cell.T_base_part, plan.q, plan.w_tcp_part), modes, shaping)
     w, w_lost, cutting = plan.w_tcp_part, np.zeros_like(plan.w_tcp_part), plan.cutting.astype(np.float64)
-    if not compensated:
+    if not compensated and settings.pilot.lead_s is None:
         w_lost = _lost(plan, cell)
         if settings.normal_only:
             time = plan.path.time_s
