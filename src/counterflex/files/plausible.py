@@ -156,6 +156,8 @@ WINDOWS: Final[dict[str, Window]] = {
     "online.lead_ms": _window(0.5, 500.0, 0.05, 1000.0),
     "online.dead_ms": _window(0.5, 500.0, 0.05, 1000.0),
     "online.tracker_step_um": _window(0.5, 1000.0, 0.05, 5000.0),
+    "online.torque_per_current_nm": _window(2.0, 2000.0, 0.05, 1e5),
+    "online.torque_noise_nm": _window(1.0, 1000.0, 0.02, 1e4),
 }
 """By the table and key, without the numbers of lists."""
 
