@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import multiprocessing
 import os
 import signal
@@ -244,8 +245,8 @@ def reply(seconds: float, stages: bool = False) -> dict[str, Any]:
         "reply_outside_us": micro(answer_s[acting & ~stood]),
         "echo_us": echo_us,
         "echo_outside_us": micro(echo_s[~stood]),
-        "ratio_p50": round(reply_us["p50"] / echo_us["p50"], 2),
-        "ratio_p999": round(reply_us["p999"] / echo_us["p999"], 2),
+        "ratio_p50": _ratio(reply_us["p50"], echo_us["p50"]),
+        "ratio_p999": _ratio(reply_us["p999"], echo_us["p999"]),
         "loop_us": micro(compute[GATE:done]),
         "stages_us": {part: micro(1e-9 * np.array(t[GATE:], dtype=np.float64)) for part, t in parts.items()},
         "cycles": {
@@ -272,6 +273,11 @@ def reply(seconds: float, stages: bool = False) -> dict[str, Any]:
         "load": os.getloadavg()[0],
         "stolen": round((after[1] - before[1]) / max(1, after[0] - before[0]), 4),
     }
+
+
+def _ratio(reply_us: float, echo_us: float) -> float | None:
+    """None where either has no value, or so many never came that it is none."""
+    return round(reply_us / echo_us, 2) if math.isfinite(reply_us) and math.isfinite(echo_us) else None
 
 
 def _lengthen(rsi: Path) -> None:
@@ -321,7 +327,7 @@ def show(result: dict[str, Any]) -> None:
         goal = goals.get(name, f"p50 < {GOAL_STEP_US:g}" if name.startswith("step") and "empty" not in name else "")
         print(f"{name:<34}" + "".join(f"{times[key]:10.1f}" for key in names) + f"{times['n']:9d}   {goal}")
     print(
-        f"reply over echo: p50 {result['ratio_p50']:g}, p99.9 {result['ratio_p999']:g}; telegram of "
+        f"reply over echo: p50 {_shown(result['ratio_p50'])}, p99.9 {_shown(result['ratio_p999'])}; telegram of "
         f"{result['telegram_bytes']} bytes; cycles: {_counted(result['cycles'])}"
     )
     print(f"not answered within the cycle: {_counted(result['unanswered'])}")
@@ -331,6 +337,10 @@ def show(result: dict[str, Any]) -> None:
         f"real-time priority {result['fifo']}, memory locked {result['locked']}, load {result['load']:.1f}, "
         f"stolen {result['stolen']:.2%}, longest standstill {result['longest_standstill_ms']:g} ms"
     )
+
+
+def _shown(value: float | None) -> str:
+    return "-" if value is None else f"{value:g}"
 
 
 def _counted(counts: dict[str, int]) -> str:

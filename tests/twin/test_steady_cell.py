@@ -137,7 +137,9 @@ class Answered(SteadyCell):
             R_tracker_part=np.eye(3),
         )
         config = parse_config(CONFIG.encode(), "x")
-        super().__init__(played, FakeRsi(config, RsiContext(timeout=1 << 30)), answer=PathAnswer(0.0, 0.0), **chosen)
+        super().__init__(
+            played, FakeRsi(config, RsiContext(timeout=1 << 30)), **({"answer": PathAnswer(0.0, 0.0)} | chosen)
+        )
         self.clock, self.writer, self.reader = clock, answer_writer(config), robot_reader(config)
         self.sent: list[tuple[float, int, float, float]] = []
         self.says: dict[str, float] = {"State": ARMED}
@@ -218,6 +220,21 @@ def test_a_controller_keeps_its_time_while_the_machine_stands_still(clock: Clock
     counter = np.array([entry[1] for entry in cell.sent])
     steps = np.diff(counter) / 4
     np.testing.assert_allclose(np.diff(x)[GATE:], 0.1 * steps[GATE:], atol=1e-6)
+
+
+def test_a_correction_goes_on_being_answered_while_the_machine_stands_still(clock: Clock) -> None:
+    """What is in effect at the end depends on the time that has passed, not on how many cycles were missed in it."""
+    reached = []
+    for stall_s, cycles in ((0.0, 60), (20 * PERIOD, 40)):
+        cell = Answered(clock, answer=PathAnswer(12e-3, 5.0, 0.7), program=PlayedProgram(GATE))
+        cell.then = {30: {"RKorr.X": 0.5}}
+        cell.clock.slept = 0
+        cell.clock.stalls[4 * 35 - 1] = stall_s
+        (block,) = played(cell, cycles, block=60)
+        assert block.missed == round(stall_s / PERIOD)
+        reached.append(cell._answer.value[0])
+    assert 0.1e-3 < reached[0] < 0.6e-3
+    assert reached[1] == pytest.approx(reached[0], rel=1e-12)
 
 
 def test_the_robot_stands_while_the_feed_is_held(clock: Clock) -> None:

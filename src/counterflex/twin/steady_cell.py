@@ -153,10 +153,14 @@ class SteadyCell:
     def _take(self, data: bytes | None) -> int:
         """Let the controller have an answer; what the sensor program said in it."""
         self.rsi.answer(data)
+        self._take_in()
+        return NOT_TOLD if self.rsi.refused else self.rsi.told_state
+
+    def _take_in(self) -> None:
+        """What the controller makes of its correction within a cycle."""
         in_force = self._answer(self.rsi.pose_correction())
         self._moved = self.played.R_tracker_part @ in_force[:3]
         self._largest = max(self._largest, float(np.max(np.abs(in_force[:3]))))
-        return NOT_TOLD if self.rsi.refused else self.rsi.told_state
 
     def _go_on(self, *, answered: bool) -> str:
         rsi = self.rsi
@@ -180,6 +184,8 @@ class SteadyCell:
         if running:
             self.rsi.counter += round((cycles - 1) * self.rsi.context.cycle_s / MS)
             self.rsi.late += cycles
+            for _ in range(cycles):  # what was corrected last is held meanwhile, and goes on being answered
+                self._take_in()
             self.program.go_on(cycles)
 
     def _prepared(self, *, running: bool) -> tuple[int, bytes]:
