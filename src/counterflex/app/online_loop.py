@@ -16,18 +16,21 @@ from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_sensing import flange_sensor
 from counterflex.geometry import pose
 from counterflex.plan.ahead import arm_share, arrival
-from counterflex.plan.compensate import part_compliance
+from counterflex.plan.compensate import APPROACH_S, feed_runs, part_compliance
 from counterflex.plan.plan import Plan, across
+from counterflex.plan.response import within
 from counterflex.plan.tool_deviation import mode_of
 from counterflex.plan.undone_play import undone_play
 from counterflex.robot.chain import ElasticChain
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitor_settings import unwatched
-from counterflex.runtime.settings import Delays, TrackerMode
+from counterflex.runtime.settings import Delays, ForceMode, TrackerMode
 from counterflex.signals.ahead import Ahead
 from counterflex.signals.preview import Mode, Shaping
 
+_STIFF = 1e-3
+"""A direction stiffer than the softest by more than that is not bent for lost motion."""
 _EXPONENT = 0.75
 """Of the force in the feed, where there is no plan to take it from."""
 
@@ -54,7 +57,8 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
     ahead = Ahead(arm_share(cell.chain, cell.T_base_part, plan.q, plan.w_tcp_part), modes, shaping)
     w, w_lost, cutting = plan.w_tcp_part, np.zeros_like(plan.w_tcp_part), plan.cutting.astype(np.float64)
     if not compensated and settings.pilot.lead_s is None:
-        w_lost = _lost(plan, cell)
+        if settings.force in (ForceMode.PILOT, ForceMode.SCALE) and not (designed or settings.axis_play):
+            w_lost = _lost(plan, cell)
         if settings.normal_only:
             time = plan.path.time_s
             late = arrival(plan.path.p_part_tcp, time, plan.deflection_part[:, :3])
@@ -81,10 +85,14 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
 
 
 def _lost(plan: Plan, cell: Cell) -> Float:
-    """(n, 6) N, force that would bend the robot as far as its drives give way and lose motion."""
-    C = part_compliance(setting_of(cell), plan.q)[:, :3, :3]
-    force = np.linalg.solve(C, plan.play_part[:, :, None])[:, :, 0]
-    return np.pad(force, ((0, 0), (0, 3)))
+    """(n, 6) N, force that would bend the robot as far as its drives give way and lose motion, near contact."""
+    setting, path = setting_of(cell), plan.path
+    near = np.flatnonzero(within(plan.cutting, path.time_s, feed_runs(path), APPROACH_S))
+    out = np.zeros_like(plan.w_tcp_part)
+    if np.any(plan.play_part[near] != 0.0):
+        C = part_compliance(setting, plan.q[near])[:, :3, :3]
+        out[near, :3] = (np.linalg.pinv(C, rcond=_STIFF, hermitian=True) @ plan.play_part[near, :, None])[:, :, 0]
+    return out
 
 
 def _undone_play(plan: Plan, cell: Cell, delays: Delays) -> Float:

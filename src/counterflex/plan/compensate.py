@@ -44,7 +44,7 @@ _BELIEVED = 0.3
 """Share of the deflection that the trial may leave: if it leaves more, the model chatters and teaches nothing."""
 _SHARE = 0.7
 """Of what is left: friction and cutting answer otherwise than the one mode that inverts the command."""
-_APPROACH_S = 0.3
+APPROACH_S = 0.3
 """So long before and after contact the path is freed of sag and lost motion too: cuts begin in the right place."""
 _FADE_S = 0.2
 """Beyond that, corrections that are left over from shaping are taken for zero."""
@@ -164,7 +164,7 @@ def plan(
     robot = Robot(setting, path, joints.q, part_compliance(setting, joints.q), sag, touched, mode)
     static = np.concatenate([deflection[:, :3] + sag, deflection[:, 3:]], axis=1)
     feed_run = feed_runs(path)
-    near = within(contact, path.time_s, feed_run, _APPROACH_S)
+    near = within(contact, path.time_s, feed_run, APPROACH_S)
     reach = within(near, path.time_s, feed_run, _FADE_S)
     swung = _through_arm(setting, joints.q, w, deflection)
 

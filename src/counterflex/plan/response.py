@@ -84,6 +84,8 @@ def lasting(values: Float, time_s: Float) -> Float:
     Returns:
         (n, k).
     """
+    if len(time_s) < 2 or time_s[-1] <= time_s[0]:
+        return values.copy()
     step = np.diff(time_s, prepend=time_s[0])[:, None]
     middle = 0.5 * (values + np.concatenate([values[:1], values[:-1]]))
     total = np.cumsum(middle * step, axis=0)

@@ -5,7 +5,8 @@ Forces of a robot's flange sensor come late (filters), predicted ones come when 
 - *pilot control* (Haehn2020 section 2.8): where the two differ by more than a threshold, a change of direction or an
   exit is assumed, and the signal is blended linearly into the prediction; otherwise the measured force is trusted. A
   measured force is late; where the plan says what to command ahead of time, it is brought forward by what the plan
-  changes meanwhile: ``measured + ahead - predicted through the same filters``.
+  changes meanwhile: ``measured + m (ahead - predicted through the same filters)``, m the share of the force that is
+  there.
 - *scale*: a Kalman filter per direction estimates by which factor the measured force exceeds the predicted one, delayed
   alike, and the prediction ahead of time is multiplied by it. What changes slowly (wear, material, a wrong constant)
   is learnt in the cut; what changes fast (exits) is taken from the plan.
@@ -41,6 +42,23 @@ def blend(measured: Float, predicted: Float, share: float, threshold_n: float, s
     for k in range(3):
         square += (predicted[k] - measured[k]) ** 2
     return min(1.0, share + step) if square > threshold_n * threshold_n else max(0.0, share - step)
+
+
+@kernel("float64(float64[::1], float64[::1])")
+def met_share(measured: Float, predicted: Float) -> float:
+    """Which share of a predicted force is there: ``F_m . F_p / F_p . F_p``, 0..1; 1 where next to nothing is predicted.
+
+    A program that the operator slows or stops leaves less force than planned, and less of what the plan changes.
+
+    Args:
+        measured: (6,) N, N m.
+        predicted: (6,) through the same filters.
+    """
+    both = square = 0.0
+    for k in range(3):
+        both += measured[k] * predicted[k]
+        square += predicted[k] * predicted[k]
+    return 1.0 if square < LEAST_FORCE_N * LEAST_FORCE_N else min(1.0, max(0.0, both / square))
 
 
 @kernel("void(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])")

@@ -67,7 +67,8 @@ C_LAG_MOST: Final = 86  # its largest translation, m
 C_SWING: Final = 87  # 2: 1 by the square of the lowest mode, s2; what is left of a swing after a cycle
 C_TORQUE: Final = 89  # 6: variance of each axis torque from motor currents
 C_TORSION: Final = 95  # 6: compliance of each axis about itself, rad/(N m)
-CONSTANTS: Final = 101
+C_SOON: Final = 101  # how long before it acts a correction is sent, s
+CONSTANTS: Final = 102
 
 # Choices, int64.
 W_FORCE: Final = 0
@@ -133,7 +134,8 @@ S_TORQUE_WAY: Final = 638  # 25: presliding of motors and links, their last angl
 S_IDLE: Final = 663  # 6: axis torque without a cut, as the axes move now
 S_BESIDE: Final = 669  # 6: axis torque less that of the measured force
 S_MOTOR: Final = 675  # 12: angles of the motors and of the links, corrected and under the predicted force
-STATE: Final = 687
+S_SOON: Final = 687  # 6: force that the plan expects when a correction sent now acts
+STATE: Final = 693
 
 # State, int64: 0..8 of the supervisor, then
 N_RING: Final = 9  # next row of the ring

@@ -48,6 +48,7 @@ def pack_constants(settings: OnlineSettings, T_base_part: Float, plan: LoopPlan 
         out[place : place + len(values)] = values
 
     lead = _lead(settings, plan)
+    out[at.C_SOON] = settings.delays.correction_s if _shaped(settings, plan) else settings.lead_s
     put(at.C_PERIOD, [T, lead, settings.pilot.threshold_n, T / settings.pilot.blend_s])
     fused = settings.force == ForceMode.FUSED
     for place, name, factor in (
@@ -68,7 +69,7 @@ def pack_constants(settings: OnlineSettings, T_base_part: Float, plan: LoopPlan 
     put(at.C_RAMP_ROTATION, settings.rotation.packed() * [1.0, share, 1.0])
     out[at.C_HARD] = settings.hard_factor
     drift = settings.scale_drift**2 * T
-    alike = math.sqrt(max(1.0, settings.correlation_s / T))
+    alike = 1.0 if fused else math.sqrt(max(1.0, settings.correlation_s / T))  # the estimator knows of the swing
     put(at.C_SCALE, [alike * settings.force_noise_n, alike * settings.timing_s / T, drift, SCALE_VARIANCE])
     put(at.C_GAIN, [tuning.gain, tuning.saturation_m, tuning.saturation_rad])
     put(at.C_DRIFT, [tuning.drift_m**2 * T, tuning.drift_rad**2 * T])
@@ -101,6 +102,8 @@ def pack_choices(settings: OnlineSettings, plan: LoopPlan | None) -> Int:
     tracker = round(delays.tracker_s / T)
     dead, _ = robot_answer(settings)
     ahead = settings.lead_s if settings.force == ForceMode.SCALE else -force_delay(settings)
+    if settings.force in (ForceMode.PILOT, ForceMode.SCALE) and _shaped(settings, plan):
+        ahead = delays.correction_s
     back = {
         at.W_NOMINAL_BACK: round((delays.follow_s + delays.tracker_s) / T),
         at.W_CORRECTION_BACK: dead + (0 if settings.force == ForceMode.FUSED else tracker),

@@ -128,6 +128,6 @@ class LoopPlan:
         ahead = self.w_ahead_part
         if self.ahead is not None and ahead is not None and np.any(found.speed < 1.0):
             smaller = found.speed[:, None] ** exponent
-            lost = 0.0 if self.w_lost_part is None else self.w_lost_part * smaller
+            lost = 0.0 if self.w_lost_part is None else self.w_lost_part
             ahead = self.ahead.command(self.w_tcp_part * smaller, found.time_s, lost) / smaller
         return replace(self, speed=found.speed, w_ahead_part=ahead)

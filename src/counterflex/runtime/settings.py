@@ -56,7 +56,7 @@ class Pilot:
     Attributes:
         threshold_n: Difference of forces above which the prediction is blended in.
         blend_s: Time of a whole blend.
-        lead_s: How much ahead of the robot the plan is read; None computes it from the delays.
+        lead_s: How much ahead of the robot the plan is read as it is; None shapes it for the delays instead.
     """
 
     threshold_n: float = 150.0

@@ -25,7 +25,7 @@ from counterflex.runtime.estimate_kernel import (
 )
 from counterflex.runtime.feed_forward_kernel import known_ahead
 from counterflex.runtime.follow_kernel import PLAN_W, contained_at, follow, seek, wrench_at
-from counterflex.runtime.force_kernel import blend, learn_scale, scaled
+from counterflex.runtime.force_kernel import blend, learn_scale, met_share, scaled
 from counterflex.runtime.frame_kernel import across, directions, pose_deviation, size_of, turn, turn_back
 from counterflex.runtime.fusion import Source
 from counterflex.runtime.lag_kernel import lag
@@ -158,7 +158,10 @@ def step(
         lead = speed * (constants[at.C_LEAD] - constants[at.C_FOLLOW])
         wrench_at(plan, state[at.S_PLACE :], lead, choices[at.W_AHEAD], ahead[:6])
         wrench_at(plan, state[at.S_PLACE :], -speed * constants[at.C_FOLLOW], PLAN_W, behind[:6])
+        soon = state[at.S_SOON : at.S_SOON + 6]
+        wrench_at(plan, state[at.S_PLACE :], speed * constants[at.C_SOON], PLAN_W, soon)
         for k in range(6):
+            soon[k] *= state[at.S_SLOWER]
             predicted[k] *= state[at.S_SLOWER]
             ahead[k] *= state[at.S_SLOWER]
             behind[k] *= state[at.S_SLOWER]
@@ -193,11 +196,13 @@ def step(
                 used[k] -= late_prediction[k]
     elif force_mode == _PILOT:
         threshold = constants[at.C_THRESHOLD] if force_good else 0.0  # without a force the plan is blended in
-        share = blend(filtered, ahead[:6], state[at.S_SHARE], threshold, constants[at.C_BLEND])
+        soon = state[at.S_SOON : at.S_SOON + 6]
+        share = blend(filtered, soon, state[at.S_SHARE], threshold, constants[at.C_BLEND])
         state[at.S_SHARE] = share
         forward = choices[at.W_AHEAD] != PLAN_W
+        met = met_share(filtered, late_prediction) if forward else 0.0
         for k in range(6):
-            trusted = filtered[k] + (ahead[k] - late_prediction[k] if forward else 0.0)
+            trusted = filtered[k] + met * (ahead[k] - late_prediction[k])
             used[k] = (1.0 - share) * trusted + share * ahead[k]
             if choices[at.W_COMPENSATED] == 1:
                 used[k] -= (1.0 - share) * (ahead[k] if forward else late_prediction[k]) + share * ahead[k]

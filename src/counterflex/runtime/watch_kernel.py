@@ -350,8 +350,8 @@ def after_step(
     here = whole[at.N_RING]
     if forced and choices[at.W_PLAN] == 1:
         good = flags[at.F_FORCE_AGE] < choices[at.W_STALE]
-        ahead = results[at.R_PREDICTED : at.R_PREDICTED + 6]
-        cuts = results[at.R_CUT] > 0.0 or ahead[0] != 0.0 or ahead[1] != 0.0 or ahead[2] != 0.0
+        soon = state[at.S_SOON : at.S_SOON + 3]
+        cuts = results[at.R_CUT] > 0.0 or soon[0] != 0.0 or soon[1] != 0.0 or soon[2] != 0.0
         measured = results[at.R_MEASURED : at.R_MEASURED + 6]
         predicted = state[at.S_BEFORE : at.S_BEFORE + 6]
         doubt |= watch_force(measured, predicted, good, cuts, settled, limits, times, counts)
