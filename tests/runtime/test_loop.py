@@ -24,6 +24,7 @@ from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Pilot, TrackerMode
 from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.watch_kernel import DOUBT_IDLE
 from counterflex.signals.limiter import MotionLimit
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
@@ -126,6 +127,33 @@ def test_pilot_control_brings_a_late_force_forward_pair() -> None:
         off.append(mill(brought, x, now)[1] - wanted)
     assert np.max(np.abs(late)) > 0.05 * abs(part_deflection(six((0.0, 400.0, 0.0)))[1])
     assert np.max(np.abs(off)) < 0.2 * np.max(np.abs(late))
+
+
+@pytest.mark.parametrize("left", [0.0, 0.3])
+def test_a_program_that_an_operator_slows_before_an_exit_is_not_corrected_the_other_way(left: float) -> None:
+    """The command ahead of time has ended, the measured force falls: nothing is taken off a force that is not there."""
+    plan = straight((0.0, 400.0, 0.0))
+    w_ahead = np.stack([np.interp(plan.time_s + 0.1, plan.time_s, c) for c in plan.w_tcp_part.T], axis=1)
+    loop = armed(replace(plan, w_ahead_part=w_ahead), OnlineSettings(pilot=Pilot(lead_s=None), **WIDE))
+    step = FEED * 4e-3
+    places = np.arange(0.0, 0.169, step)
+    for x in places:
+        mill(loop, x, six((0.0, 400.0 if x > 0.03 else 0.0, 0.0)))
+    for k in range(300):
+        mill(loop, places[-1] + 0.1 * step * min(k, 5), six((0.0, 400.0 * left, 0.0)))
+        assert loop.results[at.R_WRENCH + 1] > min(0.0, loop.results[at.R_MEASURED + 1]) - 1e-6
+
+
+def test_a_drifting_zero_is_seen_in_air_with_a_shaped_plan() -> None:
+    """What is commanded ahead of time never fades to nothing; what tells air from cut is the plan's force."""
+    plan = straight((0.0, 400.0, 0.0), begin=0.15)
+    w_ahead = plan.w_tcp_part + 1e-9
+    loop = armed(replace(plan, w_ahead_part=w_ahead), OnlineSettings(pilot=Pilot(lead_s=None), **WIDE))
+    for k in range(1000):
+        mill(loop, 1e-4 * k, six((0.0, 60.0, 0.0)))
+        if loop.outcome[at.O_DOUBT] & DOUBT_IDLE:
+            return
+    raise AssertionError("60 N in air are not doubted")
 
 
 def test_pilot_control_lets_the_force_contradict_the_plan() -> None:
