@@ -22,9 +22,9 @@ from counterflex.robot.compliance import deflection
 from counterflex.runtime import layout as at
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
+from counterflex.runtime.plausibility_kernel import DOUBT_IDLE
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Pilot, TrackerMode
 from counterflex.runtime.supervisor import Cause, State
-from counterflex.runtime.watch_kernel import DOUBT_IDLE
 from counterflex.signals.limiter import MotionLimit
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
