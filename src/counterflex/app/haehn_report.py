@@ -26,7 +26,7 @@ REFUSED: Final = "Runs left out: the loop refused to act; the causes are in summ
 _CARDS: Final = (
     ("uncompensated", "Without correction"),
     ("force", "Measured force"),
-    ("force_pilot", "Force and pilot control, computed lead"),
+    ("force_pilot", "Force and pilot control, shaped plan"),
     ("hybrid", "Plan, and the rest online"),
 )
 
