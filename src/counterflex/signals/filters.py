@@ -14,6 +14,7 @@ from counterflex.core.arrays import Float, Int, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
 
+_LOWEST = 1e-6  # of the sampling rate
 _HIGHEST = 0.45  # of the sampling rate
 
 
@@ -35,6 +36,12 @@ class Smoothing:
         """Check ranges."""
         as_positive("filter: corner_hz", self.corner_hz, zero=True)
         as_positive("filter: period_s", self.period_s)
+        if self.corner_hz > 0.0 and self.corner_hz * self.period_s < _LOWEST:
+            raise InputError(
+                "the filter's corner is so low that nothing passes",
+                value=f"{self.corner_hz:g} Hz",
+                limit=f">= {_LOWEST / self.period_s:g} Hz, or 0 to leave the filter out",
+            )
         if self.corner_hz * self.period_s > _HIGHEST:
             raise InputError(
                 "the filter's corner is too high for its sampling rate",
