@@ -21,7 +21,7 @@ from counterflex.programs.gcode_reader import read_gcode
 
 ProgramFile = Callable[..., Path]
 FAST = "G21 G17 G90\nM6 T1\nM3 S19500\nG0 Z60\nG0 X-12 Y15\nG0 Z36\nG1 X52 F2250\nG0 Z60\nM5\nM2\n"
-"""At the feed of the small groove what is left is play, which no feed changes; at this one it is the arm."""
+"""At the feed of the small groove what is left hardly depends on it; at this one it does."""
 HEAD = "G21 G17 G90\nM6 T1\nM3 S13000\nG0 Z60\nG0 X-12 Y15\nG0 Z36\n"
 ARC = HEAD + "G1 X20 F1500\nG3 X20 Y15 I0 J5\nG1 X52\nG0 Z60\nM2\n"
 
