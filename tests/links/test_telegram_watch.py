@@ -141,6 +141,31 @@ def test_jitter_within_two_cycles_is_no_clock_that_jumps(jitter: list[int]) -> N
         assert line.come(skew_ns=ns)[0] == 0
 
 
+@pytest.mark.parametrize("late_ms", [(10, 6, 2), (30, 26, 22, 18, 14, 10, 6, 2), (9,), (12, 0, 12, 0, 12)])
+@pytest.mark.parametrize("before", [0, 1, 30, 400])
+def test_late_telegrams_are_told_once_and_are_never_the_reference(late_ms: tuple[int, ...], before: int) -> None:
+    """Telegrams that were held up come one behind the other; the good ones behind them are no clock that jumped."""
+    line = _Line()
+    for _ in range(before):
+        line.come()
+    told = [line.come(skew_ns=1_000_000 * ms)[0] for ms in late_ms]
+    assert sum(cause == Cause.CLOCK for cause in told) <= sum(ms > 8 for ms in late_ms)
+    assert {line.come() for _ in range(600)} == {(0, 0)}
+    assert line.watch.clock_jumps == 0
+
+
+def test_a_clock_that_jumps_or_drifts_is_found_behind_late_telegrams() -> None:
+    line = _Line()
+    for ms in (10, 6, 2, *[0] * 20):
+        line.come(skew_ns=1_000_000 * ms)
+    found = [line.come(skew_ns=9_000_000)[0] for _ in range(100)]
+    assert found[0] == Cause.CLOCK
+    assert line.watch.clock_jumps == 1
+    drifting = [line.come(skew_ns=9_000_000 + 100_000 * k)[0] for k in range(200)]
+    assert drifting.index(Cause.CLOCK) <= 92
+    assert line.watch.clock_jumps == 2
+
+
 def test_the_clock_is_not_looked_at_where_the_controller_waits() -> None:
     line = _Line(clock=False)
     assert {line.come(skew_ns=10**9 * k) for k in range(50)} == {(0, 0)}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -72,6 +74,29 @@ def test_units_of_real_devices(unit: str, factor: float) -> None:
 def test_scaling_faults_are_named(old: bytes, new: bytes, said: str) -> None:
     with pytest.raises(ProtocolError, match=said):
         netft.read_scaling(netft.write_scaling(1000, 1000, 1000, "x").replace(old, new))
+
+
+RATED = b"<cfgmr>330;330;990;30;30;30</cfgmr>"
+
+
+@pytest.mark.parametrize(
+    ("more", "forces", "moments"),
+    [
+        (b"", (math.inf,) * 3, (math.inf,) * 3),
+        (RATED, (330.0, 330.0, 990.0), (30.0,) * 3),
+        (RATED.replace(b";", b", "), (330.0, 330.0, 990.0), (30.0,) * 3),
+        (RATED.replace(b"990", b"0"), (330.0, 330.0, math.inf), (30.0,) * 3),
+        (b"<cfgmr>empty</cfgmr>", (math.inf,) * 3, (math.inf,) * 3),
+        (RATED + b"<scfgtdu>mm</scfgtdu><cfgtfx>0;0;100;0;0;0</cfgtfx>", (330.0, 330.0, 990.0), (139.45,) * 3),
+        (RATED + b"<scfgtdu>mm</scfgtdu><cfgtfx>0;0;0;0;0;45</cfgtfx>", (1094.4861,) * 3, (51.9615,) * 3),
+    ],
+)
+def test_what_a_sensor_is_calibrated_for(more: bytes, forces: tuple[float, ...], moments: tuple[float, ...]) -> None:
+    """As a Net F/T states it, in its own units and about its own origin."""
+    document = netft.write_scaling(1000, 1000, 7000, "Gamma").replace(b"</netft>", more + b"</netft>")
+    scaling = netft.read_scaling(document)
+    assert scaling.range_n == pytest.approx(forces)
+    assert scaling.range_nm == pytest.approx(moments, rel=1e-4)
 
 
 def test_requests_that_do_not_fit_are_refused() -> None:

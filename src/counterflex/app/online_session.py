@@ -147,14 +147,15 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     force: ForceSource | None = None
     tracker = wrench = None
     frames: tuple[Float | None, Float | None] = (None, None)
+    measured = cell.tables.sensor
+    ranges = (None, None) if measured is None else (measured.range_n, measured.range_nm)
     if settings.force is not None and sensor is not None:
-        measured = cell.tables.sensor
-        ranges = (None, None) if measured is None else (measured.range_n, measured.range_nm)
         netft = NetftLink(settings.force, _scaling(settings), range_n=ranges[0], range_nm=ranges[1])
         netft.start()
         force, wrench = netft, SensorWrench(cell.chain, sensor, cell.T_base_part)
     elif isinstance(link, EgmLink) and sensor is not None and table.force != "none":
-        force, wrench = EgmForce(link), SensorWrench(cell.chain, sensor, cell.T_base_part)
+        force = EgmForce(link, range_n=ranges[0], range_nm=ranges[1])
+        wrench = SensorWrench(cell.chain, sensor, cell.T_base_part)
     inertia = None
     if sensor is not None and loop.settings.inertia_hz > 0.0:
         hz, period = loop.settings.inertia_hz, loop.settings.period_s

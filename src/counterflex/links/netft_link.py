@@ -18,6 +18,8 @@ from counterflex.links.drain_kernel import drain_records
 from counterflex.wire import netft
 from counterflex.wire import netft_kernel as reading
 
+SATURATED: Final = 0.95
+"""Share of the range at which a reading is not believed any more."""
 MOST_SAMPLES: Final = 512
 """Samples of one drain that are kept one by one: half a second at 1 kHz; later ones still enter the mean."""
 _LONGEST_DOCUMENT: Final = 1 << 20
@@ -29,7 +31,8 @@ class NetftLink:
     Args:
         peer: UDP address of the sensor.
         scaling: Of its counts, see :func:`fetch_scaling`.
-        range_n: Largest force that the sensor measures; 95 % of it counts as saturated. None: not watched.
+        range_n: Largest force that the sensor measures; 95 % of it counts as saturated. None: what it says itself that
+            it is calibrated for. The end of its counts is saturation in any case.
         range_nm: Largest moment, likewise.
 
     Attributes:
@@ -51,8 +54,11 @@ class NetftLink:
     ) -> None:
         self.peer = peer
         self._scale = np.r_[np.full(3, scaling.force_n), np.full(3, scaling.moment_nm)]
-        limits = (np.inf if range_n is None else range_n, np.inf if range_nm is None else range_nm)
-        self._limit = 0.95 * np.r_[np.full(3, limits[0]), np.full(3, limits[1])]
+        limits = (
+            np.array(scaling.range_n) if range_n is None else np.full(3, range_n),
+            np.array(scaling.range_nm) if range_nm is None else np.full(3, range_nm),
+        )
+        self._limit = SATURATED * np.minimum(np.concatenate(limits), netft.RAIL * self._scale)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.connect(peer)

@@ -17,6 +17,8 @@ WINDOW: Final = 125
 UNKNOWN: Final = -1
 """In place of the controller's count where it sends none."""
 _CLOCK_SPAN: Final = 250
+_SETTLED: Final = 10
+"""Telegrams of which the earliest tells the clocks' offset: a line that is late for longer has lost its controller."""
 _CLOCK: Final = int(Cause.CLOCK)
 _FOREIGN_PEER: Final = int(Cause.FOREIGN_PEER)
 _TELEGRAMS_LATE: Final = int(Cause.TELEGRAMS_LATE)
@@ -79,8 +81,9 @@ class TelegramWatch:
         self._late = [0] * WINDOW
         self._lates = 0
         self._place = 0
-        self._offsets = [0] * _CLOCK_SPAN
-        self._known = 0
+        self._recent = [0] * _SETTLED
+        self._floors = [0] * _CLOCK_SPAN
+        self._known = self._ahead = 0
         self._parted = False
         self._count = UNKNOWN
         self.good = self.late_in_a_row = self.clock_jumps = self.unexplained = 0
@@ -92,7 +95,7 @@ class TelegramWatch:
 
     def restart(self) -> None:
         """The controller began another session: its counts mean something else."""
-        self._known, self._parted, self._count = 0, False, UNKNOWN
+        self._known, self._ahead, self._parted, self._count = 0, 0, False, UNKNOWN
         self.good = self.late_in_a_row = self.unexplained = 0
 
     def silent(self, malformed_in_a_row: int) -> tuple[int, int]:
@@ -169,21 +172,45 @@ class TelegramWatch:
         return soft, hard
 
     def _clocks_part(self, offset_ns: int) -> bool:
-        """Whether clock minus counter moved too far: at once, or against its value up to a second ago."""
+        """Whether the clocks moved apart too far: at once, or against where they stood up to a second ago.
+
+        A telegram can be late and never early. So the clocks' offset is the least ``clock - counter`` of the last ten
+        telegrams, and no late one is ever the reference. One that lies above it is told once; it is the clock and no
+        late telegram when ten in a row do. One that lies below it is the clock at once, after the first ten.
+        """
         most = self.settings.clock_cycles * self._period_ns
-        known = self._known
+        known, recent, floors = self._known, self._recent, self._floors
         if known == 0:
-            self._offsets[0], self._known = offset_ns, 1
+            recent[:] = [offset_ns] * _SETTLED
+            floors[0], self._known = offset_ns, 1
             return False
-        jumped = abs(offset_ns - self._offsets[(known - 1) % _CLOCK_SPAN]) > most
-        if jumped:
-            self._offsets[0], self._known = offset_ns, 1
-            self.clock_jumps += 1
-            return True
-        oldest = self._offsets[known % _CLOCK_SPAN if known >= _CLOCK_SPAN else 0]
-        parted = abs(offset_ns - oldest) > most
+        floor = floors[(known - 1) % _CLOCK_SPAN]
+        recent[known % _SETTLED] = offset_ns
+        if offset_ns > floor + most:
+            self._ahead += 1
+            if self._ahead >= _SETTLED:
+                self._anew(min(recent))
+                self.clock_jumps += 1
+                return False  # told when it began
+        else:
+            self._ahead = 0
+            if offset_ns < floor - most and known >= _SETTLED:
+                self._anew(offset_ns)
+                self.clock_jumps += 1
+                return True
+        now = min(recent)
+        if known < _SETTLED and offset_ns < floors[0] - most / 2.0:  # the first ones were late
+            floors[:known] = [now] * known
+        oldest = floors[known % _CLOCK_SPAN if known >= _CLOCK_SPAN else 0]
+        parted = abs(now - oldest) > most
         self.clock_jumps += int(parted and not self._parted)
         self._parted = parted
-        self._offsets[known % _CLOCK_SPAN] = offset_ns
+        floors[known % _CLOCK_SPAN] = now
         self._known = known + 1
-        return parted
+        return parted or self._ahead == 1
+
+    def _anew(self, offset_ns: int) -> None:
+        """What was known of the clocks is of no use any more."""
+        self._recent[:] = [offset_ns] * _SETTLED
+        self._floors[:_SETTLED] = [offset_ns] * _SETTLED
+        self._known, self._ahead, self._parted = _SETTLED, 0, False

@@ -5,16 +5,19 @@ A record holds what the sensor shows; whether that is the load on the tool or it
 
 from __future__ import annotations
 
+import math
 import struct
 from dataclasses import dataclass
 from typing import Final
-from xml.etree.ElementTree import ParseError
+from xml.etree.ElementTree import Element, ParseError
 
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from counterflex.core.errors import ProtocolError
 from counterflex.core.units import MM
+
+Three = tuple[float, float, float]
 
 PORT: Final = 49152
 HEADER: Final = 0x1234
@@ -23,6 +26,8 @@ START: Final = 0x0002
 """Stream records in real time until told to stop."""
 SET_BIAS: Final = 0x0042
 RECORD: Final = struct.Struct(">III6i")
+RAIL: Final = 2**31 - 1
+"""Largest count of a record: what reaches it is no reading."""
 _REQUEST: Final = struct.Struct(">HHI")
 GOOD: Final = 0
 MONITOR: Final = 0x80010000
@@ -30,6 +35,7 @@ MONITOR: Final = 0x80010000
 
 _NEWTON: Final = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "lb": 4.4482216152605, "klbf": 4448.2216152605}
 _POUND_INCH: Final = 4.4482216152605 * 25.4 * MM
+_METRE: Final = {"m": 1.0, "mm": MM, "cm": 10.0 * MM, "in": 25.4 * MM, "ft": 12.0 * 25.4 * MM}
 _NEWTON_METRE: Final = {
     "Nm": 1.0,
     "Nmm": MM,
@@ -76,12 +82,16 @@ class Scaling:
         moment_nm: N m per count.
         rate_hz: Records per second that the sensor is set to.
         product: Its name.
+        range_n: (3,) N that it is calibrated for, by axis; infinite where it does not say.
+        range_nm: (3,) N m, likewise.
     """
 
     force_n: float
     moment_nm: float
     rate_hz: float
     product: str
+    range_n: Three = (math.inf,) * 3
+    range_nm: Three = (math.inf,) * 3
 
 
 def read_scaling(document: bytes, where: str = "netftapi2.xml") -> Scaling:
@@ -116,12 +126,46 @@ def read_scaling(document: bytes, where: str = "netftapi2.xml") -> Scaling:
             raise ProtocolError("the sensor's unit is not known", where=f"{where}: {name}", value=text(name))
         return known[plain]
 
+    force, moment = unit("scfgfu", _NEWTON), unit("scfgtu", _NEWTON_METRE)
+    range_n, range_nm = _calibrated(root, force, moment)
     return Scaling(
-        force_n=unit("scfgfu", _NEWTON) / number("cfgcpf"),
-        moment_nm=unit("scfgtu", _NEWTON_METRE) / number("cfgcpt"),
+        force_n=force / number("cfgcpf"),
+        moment_nm=moment / number("cfgcpt"),
         rate_hz=number("comrdtrate"),
         product=text("prodname"),
+        range_n=range_n,
+        range_nm=range_nm,
     )
+
+
+def _calibrated(root: Element, force: float, moment: float) -> tuple[Three, Three]:
+    """Largest force and moment that the sensor is calibrated for, SI, about the axes in which it sends.
+
+    Its document gives the ratings (``cfgmr``, 0 where it does not say) about its own origin. Where readings are moved
+    elsewhere (``cfgtfx``) the moment of the rated force over that way comes on top, and where they are turned the
+    rating is that of the whole vector. What does not say it is not watched, beyond what counts can show.
+    """
+
+    def six(name: str) -> list[float]:
+        words = (root.findtext(f".//{name}") or "").replace(";", " ").replace(",", " ").split()
+        try:
+            found = [float(word) for word in words]
+        except ValueError:
+            return []
+        return found if len(found) == 6 and all(math.isfinite(value) for value in found) else []
+
+    rated = six("cfgmr")
+    if not rated:
+        return (math.inf,) * 3, (math.inf,) * 3
+    said = [value if value > 0.0 else math.inf for value in rated]
+    forces, moments = [force * value for value in said[:3]], [moment * value for value in said[3:]]
+    moved = six("cfgtfx")
+    if any(moved[3:]):
+        forces, moments = [math.hypot(*forces)] * 3, [math.hypot(*moments)] * 3
+    if any(moved[:3]):
+        way = math.hypot(*moved[:3]) * _METRE.get((root.findtext(".//scfgtdu") or "").strip(), math.inf)
+        moments = [value + way * math.hypot(*forces) for value in moments]
+    return (forces[0], forces[1], forces[2]), (moments[0], moments[1], moments[2])
 
 
 def write_scaling(counts_per_n: int, counts_per_nm: int, rate_hz: int, product: str) -> bytes:
