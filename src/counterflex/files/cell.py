@@ -20,6 +20,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell_measured import CalibrationTable
 from counterflex.files.cell_schema import CellTables, MaterialTable, OpwTable, StockTable
 from counterflex.files.plausible import require_units
+from counterflex.programs.machine_functions import Dialect, MachineFunctions
 from counterflex.robot import catalog, opw_chain
 from counterflex.robot.calibration import calibrated
 from counterflex.robot.chain import ElasticChain
@@ -113,6 +114,14 @@ class Cell:
             limit=", ".join(f"T{tool.number}" for tool in self.tables.tools),
             hint=f"Add a [[tools]] table with number = {number}" if number else "Select a tool in the program: M6 T...",
         )
+
+    def machine_functions(self, language: Dialect) -> MachineFunctions:
+        """Spindle, coolant and tool change in a robot language, from ``[controller.spindle]`` and ``[[tools]]``."""
+        if language == "krl":
+            data = {tool.number: f"{tool.tool_data}" for tool in self.tables.tools if tool.tool_data is not None}
+        else:
+            data = {tool.number: tool.tooldata for tool in self.tables.tools if tool.tooldata is not None}
+        return self.tables.controller.spindle.functions(language, data, str(self.path))
 
     def stock(self) -> HeightMap:
         """A fresh blank in the part frame.

@@ -16,6 +16,7 @@ from counterflex.files.cell_measured import CalibrationTable, IdentifiedTable
 from counterflex.files.cell_monitor import MonitorTable, OverrideTable
 from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_sensing import HolderTable, SensorTable
+from counterflex.files.cell_spindle import SpindleTable
 from counterflex.files.cell_timing import TimingTable
 from counterflex.files.cell_tracker import TrackerTable
 from counterflex.files.schema import Angle, ComplianceTable, Length, PoseTable, Table, Versioned
@@ -148,6 +149,8 @@ class ToolTable(Table):
     helix_deg: Annotated[float, Field(ge=0.0, lt=80.0)] = 30.0
     flute_length_mm: ToolLength
     runout_um: NonNegative = 0.0
+    tool_data: Annotated[int, Field(ge=1, le=128)] | None = None
+    tooldata: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
 
     @model_validator(mode="after")
     def _shape(self) -> ToolTable:
@@ -295,6 +298,7 @@ class ControllerTable(Table):
     rapid_mm_s: Annotated[float, Field(ge=0.1, le=1e5)] = 250.0
     tool_number: Annotated[int, Field(ge=1, le=32)] = 1
     base_number: Annotated[int, Field(ge=1, le=64)] = 1
+    spindle: SpindleTable = SpindleTable()
 
 
 class DynamicsTable(Table):

@@ -1,0 +1,170 @@
+"""Spindle, coolant and tool change in the robot's language: what a cell's table says for each M-code."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+from counterflex.core.errors import ProgramError
+from counterflex.programs.program import Block
+
+Dialect = Literal["krl", "rapid"]
+KEYS: Final[dict[int, str]] = {
+    3: "clockwise",
+    4: "counter_clockwise",
+    5: "off",
+    6: "tool_change",
+    7: "mist",
+    8: "flood",
+    9: "coolant_off",
+}
+"""Key of the table by M-code."""
+ELSEWHERE: Final = frozenset({0, 1, 2, 30, 60})
+"""M-codes that writers turn into stops and ends themselves."""
+_NO_EFFECT: Final = frozenset({48, 49})
+_ORDER: Final = (6, 3, 4, 5, 7, 8, 9)
+_BY_HAND: Final = frozenset({3, 4, 6})
+TIMER: Final = 20
+"""Number of the KRL timer that waits use."""
+SPEED, TOOL, DATA = "{s}", "{t}", "{d}"
+
+
+@dataclass(frozen=True)
+class MachineFunctions:
+    """Statements of one robot language for what is no motion.
+
+    ``{s}`` stands for the spindle speed in rpm, ``{t}`` for the number of the tool in the program, ``{d}`` for its tool
+    data on the controller (:attr:`tool_data`). Several M-codes of a block act in the order of RS274: tool change,
+    spindle, coolant. Where the statements of the spindle or of a tool change are an empty list, a person does it: the
+    program stops there.
+
+    Attributes:
+        language: ``krl`` or ``rapid``.
+        statements: By M-code; a missing one is not mapped.
+        ready: Condition that holds while the spindle turns at speed; empty where there is no such signal.
+        standing: Condition that holds while the spindle stands; likewise.
+        wait_s: How long such a condition is waited for until the program stops, s.
+        pause_s: Pause behind a start of the spindle, s.
+        tool_data: What the controller calls the tool frame, by number of the tool: a number (``krl``) or a name.
+        where: Place of the table, for messages.
+    """
+
+    language: Dialect
+    statements: Mapping[int, Sequence[str]] = field(default_factory=dict)
+    ready: str = ""
+    standing: str = ""
+    wait_s: float = 20.0
+    pause_s: float = 0.0
+    tool_data: Mapping[int, str] = field(default_factory=dict)
+    where: str = "the cell file"
+
+    def lines(self, block: Block) -> list[str]:
+        """Lines for a block, as the writers call it for every block (``block_lines``).
+
+        Raises:
+            ProgramError: The block has an M-code that is not mapped, or starts the spindle without a speed.
+        """
+        codes = [int(word.value) for word in block.words if word.letter == "M" and word.value == int(word.value)]
+        codes = [code for code in codes if code not in ELSEWHERE | _NO_EFFECT]
+        if not codes and block.modal.spindle_rpm != 0.0 and any(word.letter == "S" for word in block.words):
+            codes = [3 if block.modal.spindle_rpm > 0.0 else 4]
+        out: list[str] = []
+        for code in sorted(codes, key=lambda item: _ORDER.index(item) if item in _ORDER else len(_ORDER)):
+            out += self._function(code, block)
+        return [*self._in_place(), *out] if out else []
+
+    def _function(self, code: int, block: Block) -> list[str]:
+        if code not in self.statements:
+            key = KEYS.get(code, f"m_codes.M{code}")
+            raise ProgramError(
+                f"the cell file does not say what M{code} is on this controller",
+                where=f"line {block.line}",
+                value=" ".join(block.text.split())[:60],
+                limit=f"controller.spindle.{self.language}.{key} in {self.where}",
+                hint="Add the statements of the robot's language, for example " + self._example(key),
+            )
+        rpm = abs(block.modal.spindle_rpm)
+        statements = self.statements[code]
+        if any(SPEED in line for line in statements) and rpm == 0.0:
+            raise ProgramError(
+                "the spindle is started without a speed",
+                where=f"line {block.line}",
+                value=f"M{code}",
+                limit="S above 0",
+            )
+        tool = block.modal.tool
+        data = self.tool_data.get(tool)
+        if data is None and any(DATA in line for line in statements):
+            key = "tool_data" if self.language == "krl" else "tooldata"
+            raise ProgramError(
+                "the cell file does not name the tool data of a tool",
+                where=f"line {block.line}",
+                value=f"T{tool}",
+                limit=f"tools.{key} of T{tool} in {self.where}",
+            )
+        words = {SPEED: f"{rpm:.0f}", TOOL: f"{tool}", DATA: data or ""}
+        out = [_filled(line, words) for line in statements]
+        if not out and code in _BY_HAND:
+            out = self._stop(_by_hand(code, rpm, tool))
+        if code in (3, 4):
+            out += self._pause() + self._until(self.ready, "the spindle is not at speed")
+        elif code == 5:
+            out += self._until(self.standing, "the spindle does not stand")
+        return out
+
+    def _example(self, key: str) -> str:
+        statement = "$OUT[17]=TRUE" if self.language == "krl" else "SetDO doSpindle,1;"
+        return f'{key.rpartition(".")[2]} = ["{statement}"]'
+
+    def _in_place(self) -> list[str]:
+        """KRL runs ahead of the motion; this stops it until the tool is there."""
+        return ["WAIT SEC 0.0"] if self.language == "krl" else []
+
+    def _stop(self, why: str) -> list[str]:
+        return [f"HALT ; {why}"] if self.language == "krl" else [f'TPWrite "{why}";', "Stop;"]
+
+    def _pause(self) -> list[str]:
+        if self.pause_s == 0.0:
+            return []
+        return [f"WAIT SEC {self.pause_s:.1f}"] if self.language == "krl" else [f"WaitTime {self.pause_s:.1f};"]
+
+    def _until(self, condition: str, fault: str) -> list[str]:
+        if not condition:
+            return []
+        if self.language == "rapid":
+            return [f"WaitUntil {condition}\\MaxTime:={self.wait_s:g};"]
+        return krl_wait(condition, self.wait_s, fault)
+
+
+def krl_wait(condition: str, limit_s: float, fault: str) -> list[str]:
+    """KRL that waits for a condition and halts, again and again, where it does not hold in time.
+
+    Args:
+        condition: KRL expression.
+        limit_s: Time until it halts, s.
+        fault: Said in the line that halts.
+    """
+    return [
+        f"$TIMER_STOP[{TIMER}]=TRUE",
+        f"$TIMER[{TIMER}]=0",
+        f"$TIMER_STOP[{TIMER}]=FALSE",
+        f"WHILE NOT ({condition})",
+        f"IF $TIMER[{TIMER}]>{limit_s * 1000.0:.0f} THEN",
+        f"HALT ; {fault}",
+        "ENDIF",
+        "WAIT SEC 0.012",
+        "ENDWHILE",
+    ]
+
+
+def _by_hand(code: int, rpm: float, tool: int) -> str:
+    if code == 6:
+        return f"change to tool T{tool}, then press start"
+    return f"start the spindle{' counter-clockwise' if code == 4 else ''}, {rpm:.0f} rpm, then press start"
+
+
+def _filled(line: str, words: Mapping[str, str]) -> str:
+    for word, text in words.items():
+        line = line.replace(word, text)
+    return line
