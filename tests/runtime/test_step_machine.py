@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
@@ -12,6 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from counterflex.app.fault_scenarios.demonstration import demo_cell, force_only
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
+from counterflex.runtime.act_kernel import SESSION_S
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.step_kernel import MOST_ELAPSED
 from counterflex.runtime.supervisor import Cause, State
@@ -47,6 +49,7 @@ class StepMachine(RuleBasedStateMachine):
         self.armed = False
         self.allowed_m = 0.0
         self.zeroed = False
+        self.silent = 0
         self.before: Float = np.zeros(3)
         self.state_before = self.state = State.IDLE
 
@@ -61,7 +64,10 @@ class StepMachine(RuleBasedStateMachine):
         self.loop.run()
         self.state = self.loop.state
         self.allowed_m = STEP_M * min(given["elapsed"], MOST_ELAPSED)
-        self.zeroed = given.get("hard") == Cause.SESSION_RESTARTED
+        self.silent = 0 if given["elapsed"] else self.silent + 1
+        # Nothing is in effect in another session, nor once the old one cannot go on any more.
+        over = self.silent * SETTINGS.period_s > SESSION_S and self.state_before == State.FAULT
+        self.zeroed = given.get("hard") == Cause.SESSION_RESTARTED or over
         if self.state == State.ARMED:
             self.armed = True
         if self.state in (State.FAULT, State.IDLE, State.READY):
@@ -79,6 +85,31 @@ class StepMachine(RuleBasedStateMachine):
             self.cycle(elapsed=0)
             self.holds()
         self.cycle(elapsed=n)
+
+    @rule(hard=HARD, n=st.integers(2, 14), reset=st.booleans())
+    def lose_in_a_silent_fault(self, hard: Cause, n: int, reset: bool) -> None:
+        """Nobody is answered any more, telegrams get lost and come again: the controller goes on with what it has."""
+        self.cycle(hard=hard)
+        self.holds()
+        self.go_on(SETTINGS.supervisor.stop + 1)
+        kept = self.loop.correction.copy()
+        faulty = self.state == State.FAULT
+        self.lose(n)
+        self.holds()
+        if faulty:
+            assert self.state == State.FAULT
+            assert np.array_equal(self.loop.correction, kept)
+        if reset:
+            self.cycle(reset=True)
+            assert not np.any(kept) or not faulty or self.state == State.FAULT
+
+    @rule(reset=st.booleans())
+    def the_controller_is_gone(self, reset: bool) -> None:
+        """For longer than a session can go on without an answer: what comes then is another one."""
+        for k in range(round(SESSION_S / SETTINGS.period_s) + 140):
+            self.cycle(elapsed=0, reset=reset and k % 100 == 99)
+            self.holds()
+        self.cycle(hard=Cause.SESSION_RESTARTED, elapsed=1)
 
     @rule(fy=st.floats(-2500.0, 2500.0), fz=st.floats(-2500.0, 2500.0))
     def cut(self, fy: float, fz: float) -> None:
@@ -146,6 +177,42 @@ class StepMachine(RuleBasedStateMachine):
         assert self.armed or self.state not in (State.ACTIVE, State.HOLD, State.RAMP_OUT)
         if self.state in (State.IDLE, State.READY, State.ARMED):
             assert np.linalg.norm(correction) < 1e-6
+
+
+def active() -> StepMachine:
+    """A machine that has corrected 74 um and more."""
+    machine = StepMachine()
+    machine.begin()
+    machine.go_on(3)
+    machine.arm_and_enable()
+    machine.cut(600.0, -300.0)
+    machine.go_on(60)
+    machine.go_on(60)
+    assert machine.state == State.ACTIVE
+    assert np.linalg.norm(machine.loop.correction[:3]) > 74e-6
+    return machine
+
+
+@pytest.mark.parametrize("n", range(2, 15))
+@pytest.mark.parametrize("hard", [Cause.FOREIGN_PEER, Cause.INTERNAL])
+def test_telegrams_lost_in_a_fault_leave_the_correction_as_it_is(hard: Cause, n: int) -> None:
+    """Whose telegrams are lost for less than a second goes on with what it has: zero would be a jump for it.
+
+    From the eleventh on the correction fell from 74 um to 0, and a reset then let the loop answer with zero.
+    """
+    active().lose_in_a_silent_fault(hard=hard, n=n, reset=True)
+
+
+def test_a_controller_that_is_gone_is_reset_before_it_comes_again() -> None:
+    """A second without telegrams ends its session: nothing is in effect, and a person's reset is taken."""
+    machine = active()
+    machine.something_must_not_be(hard=Cause.INTERNAL)
+    machine.cycle(reset=True)
+    assert machine.state == State.FAULT
+    machine.the_controller_is_gone(reset=True)
+    machine.holds()
+    assert machine.state == State.IDLE
+    assert not np.any(machine.loop.correction)
 
 
 StepMachine.TestCase.settings = settings(

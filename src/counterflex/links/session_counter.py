@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
+from counterflex.core.units import MS
 from counterflex.links.robot_port import Verdict
+from counterflex.runtime.act_kernel import SESSION_S
 
-_SESSION_MS: Final = 1000
+_SESSION_MS: Final = round(SESSION_S / MS)
 """How far ahead the counter may jump within one session."""
 _FAR_RUN, _NEAR_RUN = 3, 8
 """Telegrams in a row that follow each other but not the last good one, until they are another session's: beyond a

@@ -36,6 +36,8 @@ from counterflex.signals.limiter import limited_step
 
 FAULT_LOST: Final = 10
 """Telegrams lost in a row that are a fault."""
+SESSION_S: Final = 1.0
+"""How long a session of a controller may go on without a telegram, s; what comes later is another one's."""
 _AT_ZERO_M = 1e-7
 _AT_ZERO_RAD = 1e-7
 _FUSED = 4
@@ -100,8 +102,8 @@ def ask_supervisor(
             state[at.S_INTEGRAL + k] = 0.0
     if now != _FAULT:
         whole[at.N_SESSION] = 0
-    elif whole[at.N_LATE] >= FAULT_LOST and outcome[at.O_SILENT] == 1:
-        for k in range(12):  # nobody asked and nobody was answered: nothing is in effect any more
+    elif whole[at.N_LATE] * period > SESSION_S and outcome[at.O_SILENT] == 1:
+        for k in range(12):  # nobody asked and nobody was answered until the session was over: nothing is in effect
             state[at.S_Y + k] = 0.0
     return now
 
