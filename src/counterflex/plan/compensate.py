@@ -24,6 +24,7 @@ from counterflex.geometry import wrench
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, at_points, cut
 from counterflex.plan.flute_length import check_flutes
+from counterflex.plan.holes import held_in_holes
 from counterflex.plan.lost_motion import corrected_joints
 from counterflex.plan.part_frame import sag_deviation, true_part_frame
 from counterflex.plan.plan import Plan, across, impulse_share
@@ -181,6 +182,7 @@ def plan(
         if setting.normal_only:
             correction = across(correction, path.p_part_tcp)
         turn = 0.0 - against[:, 3:] if setting.orientation else np.zeros_like(correction)
+        correction, turn = held_in_holes(path, contact, correction, turn)
         chain, T_base_part = setting.controller_chain, setting.T_base_part
         return correction, turn, corrected_joints(chain, T_base_part, joints.q, correction, turn)
 

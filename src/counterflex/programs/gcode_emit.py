@@ -13,7 +13,7 @@ from counterflex.programs.feed_hold import feed_factor
 from counterflex.programs.gcode_arcs import emit_arc
 from counterflex.programs.gcode_machine import MOTION_CODES, WrittenMachine
 from counterflex.programs.motion_rows import MotionRows
-from counterflex.programs.program import Block, Motion, Program
+from counterflex.programs.program import Block, Modal, Motion, Program
 from counterflex.programs.written_line import AXES, WrittenLine, evaluated, flatten, number
 
 _NO_TARGET: Final = frozenset((4.0, 10.0, 28.0, 30.0, 43.1, 52.0, 92.0, 92.1, 92.2, 92.3))
@@ -68,6 +68,7 @@ class Emitter(WrittenMachine):
             self._expanding = False
             if motion.kind == "dwell":
                 self.hold_feed(line, block.modal, 0.0, 1.0)
+                self._relieve(block.modal, block.first_motion, motion)
                 self.lines.append(line.render())
                 self.arrive(block.first_motion, motion)
             elif motion.kind == "arc":
@@ -165,6 +166,21 @@ class Emitter(WrittenMachine):
         self.split_motions += 1
         self.vertices_added += len(inner)
 
+    def _relieve(self, modal: Modal, index: int, motion: Motion) -> None:
+        """Before a dwell, go to where it is planned; that lies along the tool axis, see :class:`MotionRows`."""
+        last = int(self.rows.last[index])
+        if last < 1 or modal.feed_mode == 93:
+            return
+        planned = self.rows.command[last]
+        if float(np.linalg.norm(planned - self.rows.command[int(self.rows.first[index]) - 1])) == 0.0:
+            return
+        words = self.added(modal, planned)
+        if words:
+            self.lines.append("G1" + words)
+            self.written_motion = "G1"
+            self.vertices_added += 1
+        self.off = [self.current(axis) - float(motion.p_end[axis]) for axis in range(3)]
+
     # ---- canned cycles ---------------------------------------------------------------------------------------
 
     def _cycle(self, block: Block, line: WrittenLine) -> None:
@@ -206,6 +222,7 @@ class Emitter(WrittenMachine):
             turning = self._spindle(block, turning, motion.spindle_rad_s != 0.0)
             first, last = int(self.rows.first[i]), int(self.rows.last[i])
             if motion.kind == "dwell":
+                self._relieve(block.modal, i, motion)
                 self.lines.append(f"G4 P{number(motion.duration_s, 3)}")
             else:
                 code = "G0" if motion.kind == "rapid" else "G1"

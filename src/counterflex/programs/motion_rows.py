@@ -15,6 +15,9 @@ from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.program import Program
 from counterflex.programs.simplify import simplify
 
+_RELIEVED_M: Final = 2e-6
+"""Less than that is not worth a block."""
+_SIDEWAYS_M: Final = 1e-9
 _NOT_THE_PROGRAM: Final = "the compensated path was not sampled from this program"
 
 
@@ -27,8 +30,9 @@ class MotionRows:
         last: (motions,) last row, the motion's end; -1 when the motion has no rows.
         moved: (motions,) True when a row is corrected.
         nominal: (n, 3) m.
-        command: (n, 3) m; a dwell keeps the correction of the row before it, because a dwell cannot move, and so does
-            the start of a motion that begins elsewhere (another tool length).
+        command: (n, 3) m; a dwell keeps the correction of the row before it, because a dwell cannot move, unless what
+            is planned there lies straight up or down the tool axis from it; the start of a motion that begins
+            elsewhere (another tool length) keeps it too.
         dwell_error_m: Largest distance of a commanded row of a dwell from where the dwell is held, m.
         shift: (n, 3) m, command minus nominal, exactly zero where nothing is corrected.
         way: (n,) m, nominal length up to the row.
@@ -102,7 +106,7 @@ def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: flo
     command[:1] = path.p_part_tcp[:1]
     dwells = [index for index, source in enumerate(program.motions) if source.kind == "dwell"]
     for index in dwells:
-        if last[index] >= first[index] >= 1:
+        if last[index] >= first[index] >= 1 and not relieved_along_axis(path, command, int(first[index])):
             command[first[index] : last[index] + 1] = command[first[index] - 1]
     held = float(np.linalg.norm(command[1:] - compensated.p_part_command[1:], axis=1).max(initial=0.0))
     shift = command - path.p_part_tcp
@@ -127,6 +131,22 @@ def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: flo
     vertex[:-1] |= share[1:] != share[:-1]
     vertex[simplify(way, command, tolerance_m, fixed=vertex)] = True
     return MotionRows(first, last, moved, path.p_part_tcp, command, shift, way, vertex, held, share)
+
+
+def relieved_along_axis(path: ToolPath, command: Float, row: int) -> bool:
+    """Whether a dwell is planned straight above or below the place that it is reached at.
+
+    The force of a plunge goes when the tool stops: what was commanded against it along the axis is taken back there,
+    or the hole gets deeper by it. That moves nothing sideways.
+
+    Args:
+        path: Nominal rows.
+        command: (n, 3) m, commanded positions.
+        row: First row of the dwell.
+    """
+    step = command[row] - command[row - 1] - (path.p_part_tcp[row] - path.p_part_tcp[row - 1])
+    along = float(step @ path.axis_part[row])
+    return abs(along) > _RELIEVED_M and float(np.linalg.norm(step - along * path.axis_part[row])) < _SIDEWAYS_M
 
 
 def single_straight(program: Program, index: int) -> bool:

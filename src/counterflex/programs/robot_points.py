@@ -15,6 +15,7 @@ from counterflex.geometry import rotation
 from counterflex.path.sampling import point_spacing
 from counterflex.path.toolpath import RAPID, ToolPath
 from counterflex.programs.feed_hold import feed_factor
+from counterflex.programs.motion_rows import relieved_along_axis
 from counterflex.programs.program import Block, Program
 from counterflex.programs.simplify import simplify
 
@@ -155,6 +156,9 @@ def choose_points(
     keep[simplify(way, p, tolerance_m, rotvec=turned, tolerance_rad=tolerance_rad, fixed=stays)] = True
     dwells = np.array([motion.kind == "dwell" for motion in program.motions], dtype=np.bool_)[path.motion]
     keep &= (moving | stays) & ~dwells
+    for at in np.flatnonzero(dwells & moving).tolist():
+        if at > 0 and relieved_along_axis(path, p, at):
+            keep[at] = exact[at] = stays[at] = True
     keep[0] = n == 1
     travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
     merged, close = _merge(keep, stays, travel, np.where(rapid, 0.0, path.feed_m_s), cycle_s)
