@@ -303,6 +303,29 @@ def test_rapids_through_material_are_reported_and_not_booked() -> None:
     assert result.engagement.dense(2).sum() > 0.0
 
 
+def test_a_rapid_through_material_is_named_by_its_place_on_the_whole_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In any chunk, and whether chunks are joined or taken one by one."""
+    monkeypatch.setattr("counterflex.cutting.removal.CHUNK_BYTES", 1)
+    x = np.linspace(-0.02, 0.02, 701)
+    points = np.column_stack([x, 0.002 * np.sin(40.0 * x), np.full_like(x, 0.01)])
+    points[400:406, 2] = -0.003
+    points[650:652, 2] = -0.003
+    kind = np.full(700, RAPID)
+    kind[402] = FEED
+    sinks = [i for i in range(700) if points[i + 1, 2] < 0.0 or points[i, 2] < 0.0]
+    stock = _box()
+    expected = [i for i in sinks if i != 402]
+    whole = remove_path(stock, points, kind, FLAT)
+    cutting = np.flatnonzero((whole.volume_m3 > 0.0) & (kind == RAPID))
+    assert whole.collisions.tolist() == cutting.tolist()
+    assert set(whole.collisions.tolist()) <= set(expected)
+    assert {400, 650} & set(whole.collisions.tolist())
+    assert max(whole.collisions) >= 649
+    pieces = list(remove_segments(_box(), points, kind, FLAT))
+    assert len(pieces) == 3
+    assert np.concatenate([piece.collisions for _, piece in pieces]).tolist() == cutting.tolist()
+
+
 def _tool(cutter: Cutter, around: int) -> Float:
     """Points on the cutter with cross-sections of the true area, 20 mm tall."""
     angle = np.arange(around) * 2.0 * math.pi / around

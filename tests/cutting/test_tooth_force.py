@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import DEG, MM, N_PER_MM2, UM
 from counterflex.cutting import material
-from counterflex.cutting.coefficients import ForceLaw, KienzleLaw
+from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force import engagement_of_arc, mean_force, zero_normal_force_immersion
 from counterflex.cutting.mean_force import mean_force_weights, mean_wrenches
@@ -127,6 +127,53 @@ def test_runout_conserves_the_work_of_a_constant_specific_force() -> None:
     running = tooth_forces(replace(cutter, runout_m=10 * UM), law, depth, 0.008 * MM, trochoid=False)
     assert running.mean[5] == pytest.approx(still.mean[5], rel=2e-3)
     assert running.peak_n > 1.5 * still.peak_n
+
+
+def test_teeth_of_a_runout_cut_in_the_order_in_which_they_pass() -> None:
+    """Tooth j cuts what the teeth before it left: its pulse is R_j less the highest wall that an earlier one stood for.
+
+    The wall left by the tooth k pitches earlier has moved in by k f_z since. With three teeth the other order gives
+    other chips. Arc near 90 degrees, so that one tooth cuts at a time; force proportional to the chip.
+    """
+    feed, runout = 0.05 * MM, 12 * UM
+    law = LinearEdgeLaw(
+        800 * N_PER_MM2, 0.0, 0.0, 0.0, 0.0, 0.0, h_min_m=1e-6, h_max_m=1e-3, source="test", status="assumed"
+    )
+    for alpha in (0.3, 1.7, 4.0):
+        cutter = Cutter(10 * MM, flutes=3, helix_rad=0.0, runout_m=runout, runout_angle_rad=alpha)
+        radii = 5 * MM + runout * np.cos(alpha + 2.0 * math.pi / 3.0 * np.arange(3))
+        walls = [max(radii[(j - k) % 3] - k * feed for k in (1, 2, 3)) for j in range(3)]
+        chips = radii - np.array(walls)
+        depth = np.zeros((cutter.n_levels, 64))
+        depth[0, 31:33] = 2 * MM  # 87.2 to 92.8 degrees
+        for trochoid in (False, True):
+            forces = tooth_forces(cutter, law, depth, feed, trochoid=trochoid, steps=3600)
+            turned = np.degrees(forces.angle_rad)
+            peaks = []
+            for tooth in range(3):
+                near = np.abs((turned - 90.0 - 120.0 * tooth + 180.0) % 360.0 - 180.0) < 2.0
+                peaks.append(float(np.median(np.linalg.norm(forces.wrench_tcp[near, :3], axis=1))))
+            np.testing.assert_allclose(peaks, 800 * N_PER_MM2 * 2 * MM * chips, rtol=0.02)
+        assert np.ptp(chips) > 0.2 * feed
+
+
+@pytest.mark.parametrize("depth_mm", [1.0, 3.0, 5.0])
+def test_share_of_a_ball_outside_the_range_is_the_share_of_its_cutting_work(depth_mm: float) -> None:
+    """Work of an edge element: F_c(h) ds times the way it goes, rho dphi; h = f_z sin(phi) sin(kappa)."""
+    law = replace(kienzle(), h_min_m=0.012 * MM, h_max_m=0.03 * MM)
+    radius, feed = 5 * MM, 0.04 * MM
+    cutter = Cutter(10 * MM, corner_radius_m=radius, flutes=2)
+    kappa = (np.arange(2000) + 0.5) / 2000 * math.acos(1.0 - depth_mm * MM / radius)
+    phi = (np.arange(2000) + 0.5) / 2000 * math.pi
+    h = feed * np.sin(kappa)[:, None] * np.sin(phi)
+    work = law.edge_force(h)[..., 0] * radius * np.sin(kappa)[:, None]
+    outside = (h < law.h_min_m) | (h > law.h_max_m)
+    expected = work[outside].sum() / work.sum()
+    depth = engagement_of_arc(cutter, depth_mm * MM, 0.0, math.pi)
+    mean = mean_force(cutter, law, depth[None], feed, allow_extrapolation=True).extrapolated_share[0]
+    assert mean == pytest.approx(expected, abs=0.03)
+    teeth = tooth_forces(cutter, law, depth, feed, trochoid=False, steps=1440).extrapolated_share
+    assert teeth == pytest.approx(expected, abs=0.03)
 
 
 def test_extrapolation_is_refused_or_reported() -> None:

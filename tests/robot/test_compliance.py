@@ -360,6 +360,24 @@ def test_large_batches_take_the_lanes_and_agree(haehn: ElasticChain, poses: Floa
     np.testing.assert_allclose(many.deflection[:400], few.deflection, rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("asked", [{"gravity": True}, {"equilibrium": True}, {"gravity": True, "equilibrium": True}])
+def test_large_batches_with_gravity_or_equilibrium_equal_small_ones(
+    asked: dict[str, bool], heavy: ElasticChain, poses: Float, wrenches: Float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The lanes know neither: however many points there are, they must not be taken."""
+    monkeypatch.setattr("counterflex.robot.compliance.LANES_FROM", 300)
+    q, w = np.tile(poses[:40], (8, 1)), np.tile(wrenches[:40], (8, 1))
+    assert len(q) > 300
+    few = deflection(heavy, poses[:40], wrenches[:40], **asked)
+    np.testing.assert_allclose(deflection(heavy, q, w, **asked), np.tile(few, (8, 1)), rtol=0, atol=1e-14)
+    if "gravity" in asked:
+        fix, one = corrections(heavy, q, w, gravity=True), corrections(heavy, poses[:40], wrenches[:40], gravity=True)
+        np.testing.assert_allclose(fix.deflection, np.tile(one.deflection, (8, 1)), rtol=0, atol=1e-14)
+        np.testing.assert_allclose(fix.q_c, np.tile(one.q_c, (8, 1)), rtol=0, atol=1e-14)
+        sagging = one.deflection - corrections(heavy, poses[:40], wrenches[:40]).deflection
+        assert np.abs(sagging).max() > 1e-5  # the weight is not small here
+
+
 def test_correction_undoes_the_deflection(chain: ElasticChain, poses: Float, wrenches: Float) -> None:
     for gravity in (False, True):
         fix: Corrections = corrections(chain, poses, wrenches, gravity=gravity)
