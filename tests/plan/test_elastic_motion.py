@@ -17,7 +17,7 @@ from counterflex.files.cell import Cell
 from counterflex.plan.elastic_motion import lowest_mode, matrices, motion_along, postures
 from counterflex.plan.elastic_motion_kernel import advance, rest
 from counterflex.plan.tool_deviation import answered_late
-from counterflex.robot import compliance
+from counterflex.robot import compliance, play
 from counterflex.robot.chain import ElasticChain, forward, jacobian
 from counterflex.robot.description import Play, Servo
 
@@ -25,6 +25,7 @@ CellOf = Callable[..., Cell]
 Q = np.array([-3.0, -92.0, 123.0, -174.0, 31.0, 175.0]) * DEG
 LOAD = np.array([-200.0, 500.0, -100.0, 0.0, 0.0, 0.0])
 PER_S = 2000
+ENDS = np.array([0.0, 4.0])
 SERVO = Servo(speed_gain_nm_s=1e5, position_gain_per_s=20.0, integral_time_s=0.06, friction_nm=0.0, slip_rad=1e-5)
 
 
@@ -102,6 +103,49 @@ def test_comes_to_rest_where_statics_say(plain: ElasticChain) -> None:
 def test_stays_at_rest_under_its_own_weight(plain: ElasticChain) -> None:
     """Own weight bends the arm, but the sag of the programmed path is counted elsewhere: nothing moves."""
     assert np.abs(answer(plain, 0.5, np.zeros(6))).max() < 1e-9
+
+
+def test_drives_hold_an_unbalanced_arm_where_it_is(plain: ElasticChain) -> None:
+    """Their integrators carry the weight from the start: a drive that gives way does not know it from no load."""
+    assert np.abs(play.axis_torque(plain, Q[None])).max() > 500.0
+    motion = motion_along(replace(plain, servo=(SERVO,) * 6), np.eye(4), np.tile(Q, (2, 1)), np.tile(Q, (2, 1)), ENDS)
+    rest(motion, 0)  # type: ignore[no-untyped-call]
+    out = np.zeros(6)
+    for k in range(PER_S):
+        advance(motion, 1, (k + 1) / PER_S, np.zeros(6), out)  # type: ignore[no-untyped-call]
+        assert np.abs(motion.drives[0]).max() < 1e-12
+    assert np.abs(out).max() < 1e-9
+
+
+def test_the_process_load_reaches_the_motors(plain: ElasticChain) -> None:
+    """Without an integrator a drive gives way by ``J^T w / (speed gain x position gain)`` of its axis, in its sense."""
+    servo = replace(SERVO, integral_time_s=1e9)
+    motion = motion_along(replace(plain, servo=(servo,) * 6), np.eye(4), np.tile(Q, (2, 1)), np.tile(Q, (2, 1)), ENDS)
+    rest(motion, 0)  # type: ignore[no-untyped-call]
+    out = np.zeros(6)
+    for k in range(4 * PER_S):
+        advance(motion, 1, (k + 1) / PER_S, LOAD, out)  # type: ignore[no-untyped-call]
+    given = jacobian(plain, Q[None])[0].T @ LOAD / (servo.speed_gain_nm_s * servo.position_gain_per_s)
+    assert np.abs(given).max() > 1e-4
+    np.testing.assert_allclose(motion.drives[0], given, atol=0.01 * np.abs(given).max())
+
+
+@pytest.mark.parametrize("share", [0.25, 0.5, 0.8])
+def test_weight_that_changes_along_a_row_is_no_deviation_within_it(share: float, plain: ElasticChain) -> None:
+    """Sag of the programmed path is counted elsewhere, between two rows as at them."""
+    time = np.array([0.0, 8.0])
+    motion = motion_along(plain, np.eye(4), np.tile(Q, (2, 1)), np.tile(Q, (2, 1)), time)
+    other = motion.weight.copy()
+    other[1] += np.array([0.0, 900.0, -600.0, 50.0, -40.0, 10.0])
+    motion = motion._replace(weight=other)
+    rest(motion, 0)  # type: ignore[no-untyped-call]
+    out = np.zeros(6)
+    for k in range(round(8.0 * share * PER_S)):
+        advance(motion, 1, (k + 1) / PER_S, np.zeros(6), out)  # type: ignore[no-untyped-call]
+    _, stiffness, J, _ = matrices(plain, Q)
+    sag = J[:, :6] @ ((other[1] - other[0]) / stiffness[:6])
+    assert np.linalg.norm(sag[:3]) > 100 * UM
+    assert np.linalg.norm(out[:3]) < 0.02 * np.linalg.norm(sag[:3])
 
 
 def test_swings_with_the_lowest_mode(plain: ElasticChain) -> None:

@@ -79,3 +79,19 @@ def test_a_cell_without_play_and_servo_sends_exactly_nothing(path_of: PathOf, se
     bare = replace(setting, chain=replace(setting.chain, play=None, servo=None))
     path, q = circle(path_of, bare)
     assert not np.any(undone_play(bare, path, q, np.zeros((len(path), 6)), LAG, DEAD_S))
+
+
+def test_a_dead_time_is_sent_ahead(path_of: PathOf, setting: Setting) -> None:
+    """The same command, earlier by the dead time: sent late or not moved, it takes back far less."""
+    path, q = circle(path_of, setting)
+    w, dead_s = np.zeros((len(path), 6)), 60.0 * MS
+    prompt = undone_play(setting, path, q, w, LAG, 0.0)
+    ahead = undone_play(setting, path, q, w, LAG, dead_s)
+    inside = (path.time_s > path.time_s[0] + 0.3) & (path.time_s < path.time_s[-1] - 0.3)
+
+    def apart(lead_s: float) -> float:
+        moved = np.stack([np.interp(path.time_s + lead_s, path.time_s, column) for column in prompt.T], axis=1)
+        return rms((ahead - moved)[inside])
+
+    assert apart(dead_s) < 0.05 * rms(prompt[inside])
+    assert apart(dead_s) < 0.1 * min(apart(0.0), apart(-dead_s))

@@ -315,6 +315,31 @@ def test_inverse_time_is_divided() -> None:
     assert sum(1.0 / f for f in feeds) == pytest.approx(0.5, rel=1e-5)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_inverse_time_of_a_split_arc_is_divided_by_the_turn(side: float) -> None:
+    """Pieces of an arc take the times of their shares of it: the sum is the block's time, each as long as its way."""
+    program = read_gcode("G21 G90 G93\nG0 X0 Y0 Z0\nG2 X40 Y0 I20 J0 F4\nM2\n")
+    path = tool_path(program, step_m=2e-4)
+    along = path.p_part_tcp[:, 0] / 0.04
+    shift = np.zeros((len(path), 3))
+    shift[:, 1] = side * 3e-4 * np.sin(9.0 * along) * np.clip(2.0 * along, 0.0, 1.0)
+    shift[path.motion == 0] = 0.0
+    result = write_gcode(program, CompensatedPath.from_correction(path, shift), header=False)
+    assert result.vertices_added >= 1
+    again = read_gcode(result.text)
+    feeds = [float(f) for f in re.findall(r"F([\d.]+)", result.text)]
+    assert sum(1.0 / f for f in feeds) == pytest.approx(0.25, rel=1e-4)
+    pieces = [m for m in again.motions if np.linalg.norm(np.subtract(m.p_end, m.p_start)) > 0.0]
+    assert len(pieces) == len(feeds)
+    ways = []
+    for motion in pieces:
+        chord = float(np.linalg.norm(np.subtract(motion.p_end, motion.p_start)))
+        turn = abs(motion.turn_rad)
+        ways.append(chord * (0.5 * turn / np.sin(0.5 * turn)) if turn > 0.0 else chord)
+    times = 1.0 / np.array(feeds)
+    np.testing.assert_allclose(times / times.sum(), np.array(ways) / sum(ways), rtol=0.05)
+
+
 def test_a_stop_in_a_split_block_still_comes_last() -> None:
     program = read_gcode("G21 G90\nG0 X0 Y0 Z0\nN7 G1 X60 F900 M0 (look)\nG0 Z5\nM2\n")
     path = tool_path(program, step_m=1e-3)

@@ -77,6 +77,22 @@ def test_a_target_that_is_not_finite_brings_it_to_rest(target: tuple[float, ...]
         assert norm(y) <= 10e-3**2 / (2 * LIMIT.acceleration) + 10e-3 * T
 
 
+@settings(max_examples=200)
+@given(VECTOR, st.floats(0.0, 1.0), VECTOR, st.integers(0, 6))
+def test_the_first_step_after_a_target_that_is_no_number_keeps_the_acceleration(
+    way: tuple[float, ...], share: float, target: tuple[float, ...], cycles: int
+) -> None:
+    """Braking and setting off again, whatever the speed was: no step of the speed beyond a T, and none is remembered."""
+    size = norm(np.array(way))
+    y, v = np.zeros(3), (np.array(way) / size if size > 0.1 else np.array([1.0, 0.0, 0.0])) * share * LIMIT.speed
+    wanted = [np.full(3, math.nan)] * cycles + [np.array(target) * LIMIT.radius] * 60
+    for goal in wanted:
+        y0, v0 = y.copy(), v.copy()
+        limited_step(y, v, goal, LIMIT.packed(), T)
+        assert norm(v - v0) <= LIMIT.acceleration * T * (1 + 1e-9)
+        np.testing.assert_allclose(y - y0, T * v, atol=1e-18)
+
+
 def test_a_reachable_target_is_reached_in_the_least_time_and_without_overshoot() -> None:
     y, v, goal = np.zeros(3), np.zeros(3), np.array([1e-3, 0.0, 0.0])
     path = []

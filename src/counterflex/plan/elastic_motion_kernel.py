@@ -146,7 +146,7 @@ def advance(motion, row, until_s, wrench, out):  # type: ignore[no-untyped-def]
             motion.drives[6, a] = place
             motor, before = motion.drives[0, a], motion.drives[1, a]
             through = spring_torque(x[a] - motor, 1.0 / motion.stiffness[a], motion.half_band[a])
-            load[a] += motion.weight[row, a] - through
+            load[a] += motion.weight[row - 1, a] + share * (motion.weight[row, a] - motion.weight[row - 1, a]) - through
             for e in range(motion.limit.shape[1]):
                 load[a] += motion.held[a, e]
             new = q
