@@ -247,6 +247,17 @@ def test_entry_and_exit_are_part_of_the_whole_and_at_least_a_radius_long() -> No
     assert total == pytest.approx(figures.path.extent)
 
 
+def test_contact_begins_behind_the_last_sample_without_it_and_ends_at_the_last_with_it() -> None:
+    """Entry i of the engagement holds on the way from sample i - 1 to sample i; samples 1 mm apart."""
+    time, p = travel(LINE, step=1e-3)
+    contact = np.zeros(len(p), dtype=bool)
+    contact[20:61] = True
+    found = path_deviation(tool_path(LINE), time, p, contact, RADIUS)
+    x = found.p_part_actual[found.cutting, 0]
+    assert x.min() == pytest.approx(p[19, 0], abs=1.01 * found.spacing_m)
+    assert x.max() == pytest.approx(p[60, 0], abs=1.01 * found.spacing_m)
+
+
 def test_entry_lasts_until_the_engagement_has_reached_its_plateau() -> None:
     time, p = travel(LINE)
     area = np.interp(p[:, 0], [0.02, 0.036, 0.06, 0.08], [0.0, 1.0, 1.0, 0.0], left=0.0, right=0.0)

@@ -52,3 +52,23 @@ def test_poses_that_have_piled_up_are_left_and_the_newest_counts() -> None:
 def test_a_mean_of_none_is_refused() -> None:
     with pytest.raises(InputError, match="of which the mean is taken"):
         TrackerLink(mean_of=0)
+
+
+def test_a_single_pose_after_a_mean_is_itself() -> None:
+    """Position, rotation and time of the mean before do not reach into the next cycle."""
+    link = TrackerLink(mean_of=8)
+    sender = TrackerSender(link.address)
+    for k, (shift, turn) in enumerate(zip(SHIFTS, TURNS, strict=True)):
+        sender.send(pose.make(rotation.exp(turn), shift), (k + 1) * MS)
+    assert link.drain()
+    assert link.time_ns == pytest.approx(2.5e6, abs=1)
+    for k in range(2):
+        alone = pose.make(rotation.exp(5.0 * TURNS[k]), 7.0 * SHIFTS[k])
+        sender.send(alone, (9 + 4 * k) * MS)
+        assert link.drain()
+        np.testing.assert_allclose(link.T_tracker_target, alone, atol=1e-12)
+        assert link.time_ns == (9 + 4 * k) * 1_000_000
+    assert not link.drain()
+    assert link.time_ns == 13_000_000
+    sender.close()
+    link.close()

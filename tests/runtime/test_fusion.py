@@ -139,6 +139,30 @@ def test_a_wild_value_moves_little_and_a_lasting_change_is_followed() -> None:
     assert gated[fk.X + 1] == pytest.approx(1.5, abs=0.02)
 
 
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0.2, 40.0), st.floats(2.0, 8.0))
+def test_a_gated_value_counts_with_the_variance_that_explains_it(seed: int, apart: float, gate: float) -> None:
+    """State and covariance are those of a plain update whose noise makes the innovation ``gate`` deviations large."""
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((9, 9)) * np.repeat([0.3, 0.1, 1e-4], 3)
+    fusion, P = np.zeros(fk.SIZE), A.T @ A
+    x, h = (
+        rng.standard_normal(9) * np.repeat([1.0, 0.1, 1e-4], 3),
+        rng.standard_normal(9) / np.repeat([0.3, 0.1, 1e-4], 3),
+    )
+    fusion[fk.X : fk.X + 9], fusion[fk.P : fk.P + 81], fusion[fk.H : fk.H + 9] = x, P.reshape(-1), h
+    spread, variance = float(h @ P @ h), 2.0
+    innovation = apart * np.sqrt(spread + variance)
+    assert fk.update(fusion, float(h @ x) + innovation, variance, gate) == pytest.approx(apart)
+    taken = max(variance, innovation**2 / gate**2 - spread)
+    K = P @ h / (spread + taken)
+    joseph = (np.eye(9) - np.outer(K, h)) @ P @ (np.eye(9) - np.outer(K, h)).T + taken * np.outer(K, K)
+    scale = np.sqrt(np.diag(P))
+    np.testing.assert_allclose((fusion[fk.X : fk.X + 9] - x - K * innovation) / scale, 0.0, atol=1e-9 * apart)
+    found = fusion[fk.P : fk.P + 81].reshape(9, 9)
+    np.testing.assert_allclose(found / np.outer(scale, scale), joseph / np.outer(scale, scale), atol=1e-9)
+
+
 # ---- The loop ----------------------------------------------------------------------------------------------------
 
 

@@ -20,6 +20,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.robot.chain import forward, jacobian
 from counterflex.robot.compliance import deflection
 from counterflex.runtime import layout as at
+from counterflex.runtime.act_kernel import limit
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.plausibility_kernel import DOUBT_IDLE
@@ -80,6 +81,44 @@ def test_a_steady_force_is_undone_across_the_feed_and_not_along_it() -> None:
     expected = -part_deflection(w)
     assert found[0] == pytest.approx(0.0, abs=1e-12)
     np.testing.assert_allclose(found[1:3], expected[1:], rtol=1e-9)
+
+
+@pytest.mark.parametrize("turns", [(0.6, -0.4), (-1.1, 0.9), (0.3, 2.5)])
+def test_a_part_that_stands_askew_about_two_axes_is_corrected_in_its_own_frame(turns: tuple[float, float]) -> None:
+    """``c = -R^T C R w`` with a rotation that is not its own transpose, for force, correction and axis angles."""
+    w = six((-150.0, 400.0, -80.0))
+    T_base_part = pose.make(rotation.about_z(turns[0]) @ rotation.about_x(turns[1]), CELL.T_base_part[:3, 3])
+    R_base_part = T_base_part[:3, :3]
+    loop = Loop(CELL.chain, OnlineSettings(force=ForceMode.MEASURED, **WIDE), T_base_part, straight())
+    for arm, enable in ((False, False), (True, False), (False, True)):
+        loop.feed(T_part_tcp=pose.make(R, np.zeros(3)), q=Q, arm=arm, enable=enable)
+        loop.run()
+    for k in range(400):
+        found = mill(loop, 0.05 + 1e-4 * k, w)
+    w_base = np.concatenate([R_base_part @ w[:3], R_base_part @ w[3:]])
+    expected = -R_base_part.T @ deflection(CELL.chain, Q, w_base)[:3]
+    assert np.linalg.norm(expected[1:]) > 50 * UM
+    np.testing.assert_allclose(found[1:3], expected[1:], rtol=1e-9)
+    moved = R_base_part.T @ (jacobian(CELL.chain, Q) @ loop.axes)[:3]
+    np.testing.assert_allclose(moved, found[:3], atol=1e-9)
+
+
+def test_what_was_held_fades_at_the_ramp_of_its_own_kind() -> None:
+    """Translation and rotation have ramps of their own; neither takes that of the other."""
+    constants, state, results = np.zeros(at.CONSTANTS), np.zeros(at.STATE), np.zeros(at.RESULTS)
+    constants[at.C_PERIOD] = 4e-3
+    constants[at.C_TRANSLATION : at.C_TRANSLATION + 3] = constants[at.C_ROTATION : at.C_ROTATION + 3] = [1.0, 1e3, 1e6]
+    constants[at.C_RAMP : at.C_RAMP + 3] = [1.0, 5e-3, 1.0]
+    constants[at.C_RAMP_ROTATION : at.C_RAMP_ROTATION + 3] = [1.0, 40e-3, 1.0]
+    state[at.S_Y : at.S_Y + 6] = [1e-3, 0.0, 0.0, 0.0, 4e-3, 0.0]
+    sizes = []
+    for k in range(10):
+        limit(int(State.ACTIVE), 1 if k == 0 else 0, 1.0, np.zeros(6), 1, constants, state, results)
+        held = state[at.S_BUMPLESS : at.S_BUMPLESS + 6]
+        sizes.append((np.linalg.norm(held[:3]), np.linalg.norm(held[3:])))
+    fall = -np.diff(np.array([(1e-3, 4e-3), *sizes]), axis=0)
+    np.testing.assert_allclose(fall[:, 0], 5e-3 * 4e-3, rtol=1e-9)
+    np.testing.assert_allclose(fall[:, 1], 40e-3 * 4e-3, rtol=1e-9)
 
 
 def test_correction_as_axis_angles_moves_the_tool_alike() -> None:

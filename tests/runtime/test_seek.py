@@ -6,7 +6,19 @@ import numpy as np
 import pytest
 
 from counterflex.core.arrays import Float
-from counterflex.runtime.follow_kernel import PLAN_COLUMNS, SEEK_ROWS, follow, seek
+from counterflex.runtime.feed_forward_kernel import play_undone
+from counterflex.runtime.follow_kernel import (
+    PLAN_C,
+    PLAN_COLUMNS,
+    PLAN_PLAY,
+    PLAN_TIME,
+    PLAN_W,
+    SEEK_ROWS,
+    contained_at,
+    follow,
+    seek,
+    wrench_at,
+)
 
 
 def plan_of(points: Float) -> Float:
@@ -61,3 +73,26 @@ def test_a_robot_that_moved_during_a_sweep_is_not_thrown_back() -> None:
         seek(plan, place, sweep, x, 0.0, 0.0)
         follow(plan, place, x, 0.0, 0.0, 200)
         assert 1e-3 * (place[0] + place[1]) == pytest.approx(x)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.5, 0.9])
+@pytest.mark.parametrize("lead_s", [0.0, 0.7, -0.4])
+def test_force_and_contained_correction_between_two_rows_are_linear(share: float, lead_s: float) -> None:
+    """Rows of unequal length: at the time of the place, and some time ahead or behind."""
+    rng = np.random.default_rng(5)
+    x = np.cumsum(rng.uniform(0.5, 2.0, 12))
+    plan = plan_of(np.stack([x, np.zeros(12), np.zeros(12)], axis=1))
+    plan[:, PLAN_TIME] = np.cumsum(rng.uniform(0.2, 0.6, 12))
+    plan[:, PLAN_W : PLAN_W + 6] = rng.standard_normal((12, 6))
+    plan[:, PLAN_C : PLAN_C + 6] = rng.standard_normal((12, 6))
+    plan[:, PLAN_PLAY : PLAN_PLAY + 3] = rng.standard_normal((12, 3))
+    place, w, c, play = np.array([5.0, share]), np.zeros(6), np.zeros(6), np.zeros(6)
+    wrench_at(plan, place, lead_s, PLAN_W, w)
+    contained_at(plan, place, c)
+    play_undone(plan, place, play)
+    now = np.interp(5.0 + share, np.arange(12), plan[:, PLAN_TIME])
+    for k in range(6):
+        assert w[k] == pytest.approx(np.interp(now + lead_s, plan[:, PLAN_TIME], plan[:, PLAN_W + k]))
+        assert c[k] == pytest.approx(np.interp(now, plan[:, PLAN_TIME], plan[:, PLAN_C + k]))
+    for k in range(3):
+        assert play[k] == pytest.approx(np.interp(now, plan[:, PLAN_TIME], plan[:, PLAN_PLAY + k]))

@@ -18,6 +18,7 @@ from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_timing import ChannelTimingTable, TimingTable
 from counterflex.geometry import pose, rotation
 from counterflex.runtime import layout as at
+from counterflex.runtime.feed_forward_kernel import rates
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import Delays, OnlineSettings
@@ -200,3 +201,50 @@ def test_identified_lags_take_the_place_of_those_stated() -> None:
 def test_a_lag_longer_than_the_whole_delay_is_refused() -> None:
     with pytest.raises(InputError, match="longer than the whole delay"):
         replace(chosen(), delays=Delays(follow_s=0.05, follow_lag_s=0.06))
+
+
+def test_speed_and_acceleration_of_a_uniformly_accelerated_pose_are_exact() -> None:
+    """``rates`` takes differences; the half span by which they are late is made up for by the acceleration."""
+    v, a = np.array([0.02, -0.01, 0.005]), np.array([0.3, 0.2, -0.1])
+    turn, spin = 0.4, 0.9  # rad/s, rad/s2 about z
+
+    def place(k: int) -> Float:
+        t = k * T
+        return pose.make(rotation.about_z(turn * t + 0.5 * spin * t * t) @ R, v * t + 0.5 * a * t * t)
+
+    ring = np.zeros((at.RING_ROWS, at.RING))
+    for k in range(1, 20):
+        ring[k, :9], ring[k, 9:12], ring[k, at.RING_CLOCK] = place(k)[:3, :3].reshape(-1), place(k)[:3, 3], float(k)
+    rate, second, one, two = np.zeros(6), np.zeros(6), np.zeros(at.RING), np.zeros(at.RING)
+    now = ring[19, :12].copy()
+    assert rates(ring, 19, now, 19.0, T, rate, second, np.zeros(6), np.zeros(12), one, two)
+    np.testing.assert_allclose(rate[:3], v + a * 19 * T, rtol=1e-9)
+    np.testing.assert_allclose(second[:3], a, rtol=1e-7)
+    np.testing.assert_allclose(rate[3:], [0.0, 0.0, turn + spin * 19 * T], atol=1e-6)
+    np.testing.assert_allclose(second[3:], [0.0, 0.0, spin], atol=1e-4)
+
+
+@pytest.mark.parametrize("late", [0, 3, 7])
+def test_a_stamped_sample_is_held_against_where_the_tool_was_then(late: int) -> None:
+    """At 30 mm/s seven cycles are 0.8 mm: a tool that is where it should be has no deviation."""
+    loop = running(chosen(undo_lag=False))
+    v = 0.03
+    for k in range(60):
+        seen = pose.make(R, np.array([v * T * max(0, k - late), 0.0, 0.0]))
+        loop.feed(
+            T_part_tcp=pose.make(R, np.array([v * T * k, 0.0, 0.0])),
+            q=Q, T_part_actual=seen, tracker_late_s=late * T, enable=True,
+        )  # fmt: skip
+        loop.run()
+    assert loop.state == State.ACTIVE
+    assert np.abs(loop.correction[:3]).max() < 1.0 * UM
+
+
+def test_an_unstamped_late_sample_is_a_deviation_pair() -> None:
+    loop = running(chosen(undo_lag=False))
+    for k in range(60):
+        seen = pose.make(R, np.array([0.03 * T * max(0, k - 7), 0.0, 0.0]))
+        nominal = pose.make(R, np.array([0.03 * T * k, 0.0, 0.0]))
+        loop.feed(T_part_tcp=nominal, q=Q, T_part_actual=seen, tracker_late_s=0.0, enable=True)
+        loop.run()
+    assert np.abs(loop.correction[:3]).max() > 20.0 * UM

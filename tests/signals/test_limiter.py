@@ -82,7 +82,7 @@ def test_a_target_that_is_not_finite_brings_it_to_rest(target: tuple[float, ...]
 def test_the_first_step_after_a_target_that_is_no_number_keeps_the_acceleration(
     way: tuple[float, ...], share: float, target: tuple[float, ...], cycles: int
 ) -> None:
-    """Braking and setting off again, whatever the speed was: no step of the speed beyond a T, and none is remembered."""
+    """Braking and setting off again, whatever the speed was: no step of the speed beyond a T."""
     size = norm(np.array(way))
     y, v = np.zeros(3), (np.array(way) / size if size > 0.1 else np.array([1.0, 0.0, 0.0])) * share * LIMIT.speed
     wanted = [np.full(3, math.nan)] * cycles + [np.array(target) * LIMIT.radius] * 60
