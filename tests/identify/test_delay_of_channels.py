@@ -94,6 +94,35 @@ def test_jacobian_is_the_derivative(order: Order) -> None:
     assert np.all(order_found > 1.8)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_samples_at_uneven_instants_are_taken_at_their_stamps(seed: int) -> None:
+    """Answers 1 to 7 ms apart, as instruments without a clock send them; by their numbers they are off."""
+    rng = np.random.default_rng(100 + seed)
+    pair = pair_of(rng, delay=0.0113, noise=1e-6)
+    n = len(pair.answer.time_s)
+    at = np.sort(pair.answer.time_s + rng.uniform(-1.5e-3, 1.5e-3, n))
+    at += 0.1 * np.sin(0.7 * at)  # and whole stretches faster or slower
+    keep = (at > 0.05) & (at < pair.answer.time_s[-1] - 0.05)
+    values = chirp(at[keep] - 0.0113) + 1e-6 * rng.standard_normal(np.count_nonzero(keep))
+    answer = replace(
+        pair.answer, time_s=at[keep], values=values[:, None], sigma=np.full((np.count_nonzero(keep), 1), 1e-6)
+    )
+    found = find_delay(replace(pair, answer=answer))
+    assert found.value("delay") == pytest.approx(0.0113, abs=4.0 * found.sigma("delay") + 5e-6)
+    assert found.sigma("delay") < 50e-6
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_jitter_of_the_stamps_widens_the_interval_and_does_not_shift_the_delay(seed: int) -> None:
+    rng = np.random.default_rng(200 + seed)
+    pair = pair_of(rng, delay=0.0113, noise=2e-6)
+    stamps = pair.answer.time_s + 0.4e-3 * rng.standard_normal(len(pair.answer.time_s))
+    found = find_delay(replace(pair, answer=replace(pair.answer, time_s=np.sort(stamps))))
+    plain = find_delay(pair)
+    assert found.value("delay") == pytest.approx(0.0113, abs=4.0 * found.sigma("delay"))
+    assert 2.0 * plain.sigma("delay") < found.sigma("delay") < 0.1e-3
+
+
 @pytest.mark.parametrize("delay", [0.0, 0.00273, 0.0415, -0.0068])
 def test_a_delay_that_is_no_whole_number_of_samples(delay: float) -> None:
     found = find_delay(pair_of(np.random.default_rng(5), delay=delay, noise=2e-5))
