@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.lone_rsi import opened, running_robot, summary_of
+from counterflex.app.lone_rsi import running_robot, summary_of
 from counterflex.app.twin_controllers import egm_controller
 from counterflex.core.arrays import Float
+from counterflex.core.atomic import open_record
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.files.cell import read_cell
@@ -101,7 +102,7 @@ def run(
         shift[0] = max(shift[0], float(np.linalg.norm(step)))
 
     with contextlib.ExitStack() as stack:
-        applied = Applied(None if record is None else stack.enter_context(opened(record)))
+        applied = Applied(None if record is None else stack.enter_context(open_record(record, encoding="ascii")))
         server = RobotServer(
             robot,
             egm,

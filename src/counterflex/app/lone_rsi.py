@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +14,8 @@ from counterflex import __version__
 from counterflex.app import simulate
 from counterflex.app.inputs import read_job
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError, OutputError
+from counterflex.core.atomic import open_record
+from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM, US
 from counterflex.files.cell import Cell, read_cell
@@ -99,7 +100,7 @@ def run(
     if settings.program is not None and settings.seconds is not None:
         most = max(1, round(settings.seconds / period_s))
     with contextlib.ExitStack() as stack:
-        applied = Applied(None if record is None else stack.enter_context(opened(record)))
+        applied = Applied(None if record is None else stack.enter_context(open_record(record, encoding="ascii")))
         server = RobotServer(
             robot,
             rsi,
@@ -126,18 +127,6 @@ def run(
         "seed": settings.faults.seed,
         "counterflex": __version__,
     }
-
-
-def opened(record: Path) -> TextIO:
-    """A record to write to.
-
-    Raises:
-        OutputError: It cannot be written.
-    """
-    try:
-        return record.open("w", encoding="ascii", newline="")
-    except OSError as fault:
-        raise OutputError(f"the record cannot be written: {fault.strerror or fault}", where=str(record)) from fault
 
 
 def summary_of(applied: Applied) -> dict[str, Any]:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from counterflex.core.errors import InputError, OutputError
+from counterflex.core.atomic import open_record
+from counterflex.core.errors import InputError
 from counterflex.twin.impairment import Burst, Impairment, Schedule, Stall
 from counterflex.twin.proxy import BACK, THERE, DecisionLog, UdpProxy, read_decisions
 
@@ -138,12 +139,7 @@ def run(
             for way, name in ((THERE, "there"), (BACK, "back"))
         )
     with ExitStack() as stack:
-        decisions = None
-        if log is not None:
-            try:
-                decisions = DecisionLog(stack.enter_context(log.open("w", encoding="utf-8", newline="")))
-            except OSError as fault:
-                raise OutputError(f"the log cannot be written: {fault.strerror or fault}", where=str(log)) from fault
+        decisions = None if log is None else DecisionLog(stack.enter_context(open_record(log)))
         proxy = UdpProxy(settings.listen, settings.to, *deciders, log=decisions)
         stack.callback(proxy.close)
         started(proxy.address)

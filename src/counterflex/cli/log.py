@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.program import CellFile
 
 _log = typer.Typer(no_args_is_help=True, help="What an online run logged: show it, replay it, export it, repair it.")
@@ -260,7 +260,7 @@ def export(
 
         with progress_bar("exporting") as progress:
             count = job.export(folder, csv, progress)
-        typer.echo(f"wrote {csv}: {count} records")
+        say_written(csv, f"wrote {csv}: {count} records")
         return
     from counterflex.app.incidents import export_incident
 
@@ -268,9 +268,10 @@ def export(
         done = export_incident(folder, incident, csv, before=before, after=after, progress=progress)
     found = done.of.shown()
     lost = f", {done.missing} cycles in between have no record" if done.missing else ""
-    typer.echo(
+    say_written(
+        csv,
         f"wrote {csv}: {done.cycles} cycles around the {found['state']} of cycle {found['cycle']}"
-        f" ({found['cause'].replace('_', ' ')}){lost}"
+        f" ({found['cause'].replace('_', ' ')}){lost}",
     )
 
 

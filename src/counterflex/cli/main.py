@@ -100,6 +100,7 @@ def run() -> None:
     with interruptible():
         try:
             status = app(prog_name="counterflex", standalone_mode=False)
+            sys.stdout.flush()  # a full disk behind it is told here
         except CounterflexError as fault:
             _end(str(fault))
         except _CommandLineFault as fault:
@@ -109,6 +110,10 @@ def run() -> None:
         except BrokenPipeError:
             sys.stderr.close()
             sys.exit(0)
+        except OSError as fault:  # of a disk, a device, a socket: of the computer, not of the program
+            if not fault.strerror:
+                raise
+            _end(f"{fault.filename or 'counterflex'}: {fault.strerror}")
     if status == _INTERRUPTED:
         _end("interrupted; nothing was written")
     sys.exit(status if isinstance(status, int) else 0)

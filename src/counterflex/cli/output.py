@@ -10,12 +10,25 @@ from pathlib import Path
 from typing import Any
 
 from counterflex.core.errors import InputError
+from counterflex.core.output_place import is_printed
 from counterflex.core.progress import Progress
 
 
 def print_json(data: Any) -> None:
     """Print data as JSON on standard output."""
     print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def say_written(out: Path, line: str) -> None:
+    """Say what was written; on standard error where the output itself goes to standard output.
+
+    Args:
+        out: File that was written.
+        line: What to say.
+    """
+    import typer
+
+    typer.echo(line, err=is_printed(out))
 
 
 def keep_inputs(out: Path, *inputs: Path, option: str = "--out") -> None:
@@ -30,7 +43,7 @@ def keep_inputs(out: Path, *inputs: Path, option: str = "--out") -> None:
         InputError: It would.
     """
     for path in inputs:
-        if out.resolve() == path.resolve():
+        if out.resolve() == path.resolve() or (out.is_file() and path.is_file() and out.samefile(path)):
             what = f"the output would replace {path.name}"
         elif out.resolve() == path.resolve().parent:
             what = f"{path.name} lies in this folder and could be replaced"

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.core.errors import InputError
 from counterflex.core.units import UM
 
@@ -43,7 +43,8 @@ def path(
     if csv is None:
         typer.echo(listing(found).write_csv(), nl=False)
     else:
-        typer.echo(f"wrote {csv}: {write_listing(found, csv)} motions")
+        count = write_listing(found, csv)
+        say_written(csv, f"wrote {csv}: {count} motions")
 
 
 def compensate(

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli.output import keep_folders, keep_inputs, print_json, print_table, progress_bar
+from counterflex.cli.output import keep_folders, keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.program import CellFile, Out, Program
 
 Seeds = Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)]
@@ -47,7 +47,7 @@ def truth(
 
     keep_inputs(out, cell)
     made = make_truth(read_cell(cell), seed, out)
-    typer.echo(f"wrote {out}: {len(made.bodies)} bodies, seed {'none' if seed is None else seed}")
+    say_written(out, f"wrote {out}: {len(made.bodies)} bodies, seed {'none' if seed is None else seed}")
 
 
 def simulate(

@@ -1,4 +1,4 @@
-"""Write results whole or not at all: to a temporary file beside the target, then rename."""
+"""Write results whole or not at all: to a temporary file beside the target, then rename; devices are written into."""
 
 from __future__ import annotations
 
@@ -9,10 +9,16 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TextIO
 
 from counterflex.core.errors import OutputError
+from counterflex.core.output_place import Place, place_of
 
 _OTHER = "Choose another --out or make room there"
+_FULL = (
+    {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE} if hasattr(errno, "EDQUOT") else {errno.ENOSPC}
+)
+"""What a disk or a pipe says that takes no more."""
 
 
 def _refuse(path: Path, fault: OSError) -> OutputError:
@@ -40,39 +46,49 @@ def _parents_of(path: Path) -> Iterator[None]:
         raise
 
 
-def _usual_mode(path: Path, mode: int) -> None:
-    """Give a temporary file or folder the rights it would have had if made in the usual way."""
-    umask = os.umask(0)
-    os.umask(umask)
-    path.chmod(mode & ~umask)
-
-
 @contextlib.contextmanager
 def atomic_path(target: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path in the target's folder; rename it onto ``target`` when the block ends well.
+    """Yield a temporary path; what is written there takes the place of ``target`` when the block ends well.
+
+    A regular file is replaced by a rename in its own folder and keeps its mode and owner; a symbolic link stays, the
+    file that it leads to is replaced. A device, a pipe or an open descriptor (``/dev/stdout``) stays what it is: the
+    finished file is written into it.
 
     Raises:
-        OutputError: The folder cannot be made or written. On any exception the temporary file is removed, and so are
-            folders made for it; an existing target is left as it was.
+        OutputError: The folder cannot be made or written, or the target does not take the data. On any exception the
+            temporary file is removed, and so are folders made for it; an existing target is left as it was.
     """
     path = Path(target)
     if path.is_dir():
         raise OutputError("cannot write: a folder has this name", where=str(path), hint="Choose another file name")
     try:
-        with _parents_of(path):
-            handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-            os.close(handle)
-            part = Path(name)
+        place = place_of(path)
+        if place.through:
+            with tempfile.TemporaryDirectory() as folder:
+                part = Path(folder) / path.name
+                part.touch()
+                yield part
+                place.pour(part)
+            return
+        with _parents_of(place.path):
+            part = _part_of(place)
             try:
                 yield part
-                _usual_mode(part, 0o666)
-                part.replace(path)
+                place.keep_rights(part, 0o666)
+                part.replace(place.path)
             finally:
                 part.unlink(missing_ok=True)
     except OutputError:
         raise
     except OSError as fault:
         raise _refuse(path, fault) from fault
+
+
+def _part_of(place: Place) -> Path:
+    """An empty temporary file beside the place that it is made for."""
+    handle, name = tempfile.mkstemp(prefix=f".{place.path.name}.", suffix=".part", dir=place.path.parent)
+    os.close(handle)
+    return Path(name)
 
 
 def write_text(target: str | os.PathLike[str], text: str, *, newline: str = "\n") -> None:
@@ -88,12 +104,36 @@ def write_bytes(target: str | os.PathLike[str], data: bytes) -> None:
 
 
 @contextlib.contextmanager
+def open_record(target: str | os.PathLike[str], *, encoding: str = "utf-8") -> Iterator[TextIO]:
+    """Open a record that grows while a job runs and is kept however the job ends, line ends as written.
+
+    A regular file begins anew, behind links too; devices, pipes and descriptors are written into.
+
+    Raises:
+        OutputError: It cannot be made, or does not take what is written.
+    """
+    path = Path(target)
+    try:
+        stream = place_of(path).opened(encoding)
+    except OSError as fault:
+        raise _refuse(path, fault) from fault
+    try:
+        with stream:
+            yield stream
+    except OSError as fault:
+        if isinstance(fault, OutputError) or fault.errno not in _FULL:  # another's: of a socket, say
+            raise
+        raise _refuse(path, fault) from fault
+
+
+@contextlib.contextmanager
 def atomic_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a staging folder; when the block ends well, move each of its files into ``target``.
 
     Files already in ``target`` under the same names are replaced, others are left alone. On any exception nothing
     in ``target`` changes, and a folder that was not there is not made. That ``target`` can be written is found out
-    before the block begins, so that no long job is done in vain.
+    before the block begins, so that no long job is done in vain. Links and devices in ``target`` are treated as
+    :func:`atomic_path` treats them.
 
     Raises:
         OutputError: The folder cannot be made or written.
@@ -101,6 +141,8 @@ def atomic_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
     path = Path(target)
     if path.exists() and not path.is_dir():
         raise OutputError("cannot write: a file has the name of the folder", where=str(path), hint=_OTHER)
+    if path.is_symlink():
+        path = Path(os.path.realpath(path))
     try:
         with _parents_of(path):
             inside = path if path.exists() else path.parent
@@ -110,7 +152,7 @@ def atomic_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
                 if path.exists():
                     _move_into(path, staging)
                 else:
-                    _usual_mode(staging, 0o777)
+                    Place(path).keep_rights(staging, 0o777)
                     staging.replace(path)
             finally:
                 shutil.rmtree(staging, ignore_errors=True)
@@ -120,29 +162,55 @@ def atomic_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
         raise _refuse(path, fault) from fault
 
 
+def _second_name(file: Path, kept: Path) -> None:
+    """Keep a file under a second name; a copy where the file system has no links."""
+    kept.unlink()
+    try:
+        kept.hardlink_to(file)
+    except OSError:
+        shutil.copy2(file, kept)
+
+
 def _move_into(path: Path, staging: Path) -> None:
-    """Move every file of a staging folder to its place; on any exception everything is put back as it was."""
+    """Move every file of a staging folder to its place; on any exception everything is put back as it was.
+
+    What is written into a device or a pipe cannot be taken back: it comes last.
+    """
     files = [item.relative_to(staging) for item in sorted(staging.rglob("*")) if item.is_file()]
     done: list[tuple[Path, Path | None]] = []
+    poured: list[tuple[Place, Path]] = []
     with contextlib.ExitStack() as parents:
-        kept = Path(tempfile.mkdtemp(dir=staging))
         try:
-            for number, name in enumerate(files):
-                destination, before = path / name, None
+            for name in files:
+                destination = path / name
                 parents.enter_context(_parents_of(destination))
                 if destination.is_dir():
                     raise IsADirectoryError(errno.EISDIR, f"{name} is a folder there")
-                if destination.exists():
-                    before = kept / str(number)
-                    done.append((destination, before))
-                    destination.replace(before)
-                else:
-                    done.append((destination, None))
-                (staging / name).replace(destination)
+                place = place_of(destination)
+                if place.through:
+                    poured.append((place, staging / name))
+                    continue
+                made, elsewhere = staging / name, destination.is_symlink()
+                if elsewhere:  # perhaps in another file system
+                    parents.enter_context(_parents_of(place.path))
+                    made = _part_of(place)
+                    parents.callback(made.unlink, missing_ok=True)
+                    shutil.copyfile(staging / name, made)
+                before = None
+                if place.before is not None:
+                    before = _part_of(place)
+                    parents.callback(before.unlink, missing_ok=True)
+                    _second_name(place.path, before)
+                if elsewhere or before is not None:
+                    place.keep_rights(made, 0o666)
+                done.append((place.path, before))
+                made.replace(place.path)
+            for place, made in poured:
+                place.pour(made)
         except BaseException:
             for destination, before in reversed(done):
                 if before is None:
                     destination.unlink(missing_ok=True)
-                elif before.exists():
+                else:
                     before.replace(destination)
             raise

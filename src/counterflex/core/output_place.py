@@ -1,0 +1,117 @@
+"""Where an output really goes: to the file behind all links, or into a device, pipe or open descriptor."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import shutil
+import stat
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TextIO
+
+_DESCRIPTOR: Final = re.compile(r"(?:/proc/(?P<process>\d+)|/dev)/fd/(?P<number>\d+)")
+_MOST_LINKS: Final = 40
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an output really goes.
+
+    Attributes:
+        path: The file itself, behind all symbolic links; need not be there.
+        through: Something that is not a regular file (device, pipe, socket, open descriptor): it is written into and
+            never replaced.
+        descriptor: Of this process, where ``path`` names one (``/dev/stdout``, ``/dev/fd/3``); else None.
+        before: State of the regular file that is there already; None where there is none.
+    """
+
+    path: Path
+    through: bool = False
+    descriptor: int | None = None
+    before: os.stat_result | None = None
+
+    def keep_rights(self, made: Path, mode: int) -> None:
+        """Give a file that takes this place the mode and owner of the one before, else the usual rights.
+
+        Args:
+            made: File that was made for this place.
+            mode: Rights of a file made in the usual way, before the umask.
+        """
+        if self.before is None:
+            umask = os.umask(0)
+            os.umask(umask)
+            made.chmod(mode & ~umask)
+            return
+        if hasattr(os, "chown"):
+            with contextlib.suppress(OSError):  # only root may give files away
+                os.chown(made, self.before.st_uid, self.before.st_gid)
+        made.chmod(stat.S_IMODE(self.before.st_mode))
+
+    def pour(self, made: Path) -> None:
+        """Write a finished file into what cannot be replaced.
+
+        Raises:
+            OSError: It does not take it (full, closed by the reader, no permission).
+        """
+        with made.open("rb") as source, os.fdopen(self._descriptor(), "wb") as sink:
+            shutil.copyfileobj(source, sink)
+
+    def opened(self, encoding: str) -> TextIO:
+        """A stream of text that begins anew here, line ends as written.
+
+        Raises:
+            OSError: It cannot be opened.
+        """
+        return os.fdopen(self._descriptor(), "w", encoding=encoding, newline="")
+
+    def _descriptor(self) -> int:
+        if self.descriptor is not None:
+            for stream in (sys.stdout, sys.stderr):
+                stream.flush()
+            return os.dup(self.descriptor)  # shares its position: what is printed afterwards follows
+        flags = os.O_WRONLY | os.O_TRUNC | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
+        return os.open(self.path, flags if self.through else flags | os.O_CREAT, 0o666)
+
+
+def place_of(target: str | os.PathLike[str]) -> Place:
+    """Find where an output really goes.
+
+    Raises:
+        OSError: The name leads in circles, is a folder, or the file there may not be written.
+    """
+    path = Path(target)
+    for _ in range(_MOST_LINKS):
+        path = Path(os.path.realpath(path.parent)) / path.name
+        known = _DESCRIPTOR.fullmatch(path.as_posix())
+        if known and known["process"] in (None, str(os.getpid())):
+            return Place(path, through=True, descriptor=int(known["number"]))
+        if path.parent.as_posix().startswith("/proc/") or not path.is_symlink():
+            break
+        path = path.parent / path.readlink()
+    else:
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        return Place(path)
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "a folder has this name")
+    if not os.access(path, os.W_OK, effective_ids=os.access in os.supports_effective_ids):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    regular = stat.S_ISREG(found.st_mode) and not path.parent.as_posix().startswith("/proc/")
+    return Place(path, through=not regular, before=found if regular else None)
+
+
+def is_printed(target: str | os.PathLike[str]) -> bool:
+    """Whether an output goes where this program prints: then nothing else should be printed there."""
+    try:
+        place = place_of(target)
+        found = place.path.stat() if place.descriptor is None else os.fstat(place.descriptor)
+        printed = os.fstat(sys.stdout.fileno())
+    except (OSError, ValueError):
+        return False
+    return place.through and os.path.samestat(found, printed)

@@ -1,0 +1,91 @@
+"""Every option that names a file to write, on links, pipes, devices and folders: what is there stays what it is."""
+
+from __future__ import annotations
+
+import os
+import stat
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from counterflex.app import examples
+
+WRITERS = {
+    "path": ("path", "part.ngc", "--csv"),
+    "truth": ("truth", "cell.toml", "--seed", "1", "--out"),
+    "record": ("twin", "rsi", "rsi.xml", "--wait-s", "0.01", "--peer", "127.0.0.1:9", "--record"),
+    "log": ("twin", "proxy", "--listen", "127.0.0.1:0", "--to", "127.0.0.1:9", "--seconds", "0.01", "--log"),
+}
+
+
+@pytest.fixture
+def shop(folder: Path) -> Path:
+    (folder / "rsi.xml").write_text(examples.text("rsi.xml"), encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize("words", WRITERS.values(), ids=WRITERS.keys())
+def test_links_and_pipes_stay(shop: Path, counterflex: Any, words: tuple[str, ...]) -> None:
+    (shop / "target").write_text("old")
+    (shop / "link").symlink_to("target")
+    counterflex(*words, "link")
+    assert (shop / "link").is_symlink()
+    written = (shop / "target").read_bytes()
+    assert written != b"old"
+    os.mkfifo(shop / "pipe")
+    came: list[bytes] = []
+    reader = threading.Thread(target=lambda: came.append((shop / "pipe").read_bytes()), daemon=True)
+    reader.start()
+    counterflex(*words, "pipe")
+    reader.join(30.0)
+    assert (shop / "pipe").is_fifo()
+    assert len(came) == 1
+    assert came[0].splitlines()[0] == written.splitlines()[0]
+
+
+@pytest.mark.parametrize("words", WRITERS.values(), ids=WRITERS.keys())
+def test_a_folder_and_a_full_device_are_one_line(
+    shop: Path, refused: Any, counterflex: Any, words: tuple[str, ...]
+) -> None:
+    (shop / "sub").mkdir()
+    assert "sub" in refused(*words, "sub")
+    full = os.open("/dev/full", os.O_WRONLY)  # by its descriptor: nothing here can replace the device itself
+    try:
+        ended = counterflex(*words, f"/dev/fd/{full}")
+        assert ended.status == 2
+        assert "No space left on device" in ended.err.splitlines()[-1]
+        assert stat.S_ISCHR(os.fstat(full).st_mode)
+    finally:
+        os.close(full)
+
+
+def _command(folder: Path, *words: str, stdout: Any) -> subprocess.CompletedProcess[bytes]:
+    program = [sys.executable, "-c", "from counterflex.cli.main import run; run()", *words]
+    return subprocess.run(program, cwd=folder, stdout=stdout, stderr=subprocess.PIPE, check=False)
+
+
+def test_standard_output_holds_the_table_and_nothing_else(folder: Path) -> None:
+    _command(folder, "path", "part.ngc", "--csv", "table.csv", stdout=subprocess.DEVNULL)
+    printed = _command(folder, "path", "part.ngc", "--csv", "/dev/stdout", stdout=subprocess.PIPE)
+    assert printed.returncode == 0
+    assert printed.stdout == (folder / "table.csv").read_bytes()
+    assert b"wrote /dev/stdout: 6 motions" in printed.stderr
+    with (folder / "shell.csv").open("wb") as stream:
+        _command(folder, "path", "part.ngc", "--csv", "/dev/stdout", stdout=stream)
+    assert (folder / "shell.csv").read_bytes() == printed.stdout
+
+
+def test_a_full_disk_behind_the_shell_is_one_line(folder: Path) -> None:
+    full = os.open("/dev/full", os.O_WRONLY)
+    try:
+        ended = _command(folder, "robots", "--json", stdout=full)
+    finally:
+        os.close(full)
+    assert ended.returncode == 2
+    assert ended.stderr.decode().startswith("error: ")
+    assert ended.stderr.count(b"\n") == 1
+    assert b"No space left on device" in ended.stderr
