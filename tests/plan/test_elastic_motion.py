@@ -14,11 +14,12 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, UM
 from counterflex.files.cell import Cell
-from counterflex.plan.elastic_motion import lowest_mode, matrices, motion_along, postures
+from counterflex.plan import elastic_motion
+from counterflex.plan.elastic_motion import inertia, jacobians, lowest_mode, matrices, motion_along, postures
 from counterflex.plan.elastic_motion_kernel import advance, rest
 from counterflex.plan.tool_deviation import answered_late
 from counterflex.robot import compliance, play
-from counterflex.robot.chain import ElasticChain, forward, jacobian
+from counterflex.robot.chain import ElasticChain, forward, frames, jacobian
 from counterflex.robot.description import Play, Servo
 
 CellOf = Callable[..., Cell]
@@ -86,8 +87,6 @@ def test_stiffness_is_that_of_the_static_model(plain: ElasticChain) -> None:
 
 def test_kinetic_energy_of_a_turn_of_axis_one(plain: ElasticChain) -> None:
     """Inertia about the vertical axis is the sum of masses times squared distances plus the spheres' own."""
-    from counterflex.robot.chain import frames
-
     T = frames(plain, Q[None])[0]
     at = np.stack([(T[i] @ np.append(plain.com[i], 1.0))[:2] for i in range(plain.n)])
     radius = (0.75 * plain.mass / (np.pi * 3000.0)) ** (1.0 / 3.0)
@@ -183,5 +182,58 @@ def test_no_masses_no_modes(plain: ElasticChain) -> None:
 def test_postures_are_near_their_rows() -> None:
     q = np.linspace(0.0, 10.0, 500)[:, None] * np.ones(6) * DEG
     number, rows = postures(q, 0.5 * DEG)
-    assert np.abs(q - q[np.array(rows)][number]).max() <= 0.5 * DEG + 1e-12
+    assert np.abs(q - q[rows][number]).max() <= 0.5 * DEG + 1e-12
     assert len(rows) == pytest.approx(20, abs=2)
+
+
+def plain_postures(q: Float, apart_rad: float) -> tuple[list[int], list[int]]:
+    """The definition, as slow as it reads: whoever is further from the one that stands becomes the next to stand."""
+    stands: list[int] = []
+    number = []
+    for i, row in enumerate(q):
+        if not stands or np.max(np.abs(row - q[stands[-1]])) > apart_rad:
+            stands.append(i)
+        number.append(len(stands) - 1)
+    return number, stands
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_postures_are_those_of_the_definition(seed: int) -> None:
+    """Also where a path comes back, stands still, or changes by exactly the limit."""
+    rng = np.random.default_rng(seed)
+    q = np.asarray(
+        np.cumsum(rng.integers(-3, 4, (400, 6)) * (rng.random((400, 1)) < 0.7), axis=0) * 0.25, dtype=np.float64
+    )
+    number, rows = postures(q, 2.0)
+    assert (number.tolist(), rows.tolist()) == plain_postures(q, 2.0)
+
+
+def test_postures_of_no_rows_and_of_one() -> None:
+    assert [part.tolist() for part in postures(np.zeros((0, 6)), 0.1)] == [[], []]
+    assert [part.tolist() for part in postures(np.zeros((1, 6)), 0.1)] == [[0], [0]]
+
+
+def test_many_postures_at_once_are_those_one_by_one(plain: ElasticChain) -> None:
+    q = Q + np.random.default_rng(3).uniform(-0.4, 0.4, (7, 6))
+    J, J_drive = jacobians(plain, q)
+    for row, M in enumerate(inertia(plain, q)):
+        one = matrices(plain, q[row])
+        for found, wanted in ((M, one[0]), (J[row], one[2]), (J_drive[row], one[3])):
+            np.testing.assert_array_equal(found, wanted)
+
+
+def test_postures_are_worked_out_together(plain: ElasticChain, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A path of many postures asks for frames a thousand postures at a time: not one by one, not all in one array."""
+    asked: list[int] = []
+
+    def counted(chain: ElasticChain, q: Float) -> Float:
+        asked.append(len(q))
+        return frames(chain, q)
+
+    monkeypatch.setattr(elastic_motion, "frames", counted)
+    count = 5000
+    q = Q + np.linspace(0.0, 0.2 * count * DEG, count)[:, None] * np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    motion = motion_along(plain, np.eye(4), q, q, np.linspace(0.0, 5.0, count))
+    assert len(motion.J_tcp_part) == count
+    assert len(asked) < count / 500
+    assert max(asked) <= 1024

@@ -8,6 +8,7 @@ frequencies below the bandwidth of the speed loops.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, MS
-from counterflex.plan.elastic_motion_kernel import AXES, Motion
+from counterflex.plan.elastic_motion_kernel import AXES, Motion, number_postures
 from counterflex.robot import play
 from counterflex.robot.chain import ElasticChain, forward, frames
 from counterflex.robot.description import Servo
@@ -29,6 +30,8 @@ DAMPING_S: Final = 2.5 * MS
 with 1.5 ms the spindle on its holder chattered in the model at a cut that the simulated cell did quietly."""
 _OVERDAMPED: Final = 0.7
 """Poles with a larger damping ratio are no modes."""
+_BATCH: Final = 1024
+"""Postures worked out at a time."""
 _INERTIA_RAD: Final = 2.0 * DEG
 """Change of an axis after which inertia is taken anew."""
 _JACOBIAN_RAD: Final = 0.1 * DEG
@@ -51,40 +54,94 @@ def matrices(chain: ElasticChain, q: Float) -> tuple[Float, Float, Float, Float]
         another axis than it turns (a bearing beside it).
     """
     angles = as_float("q", q, (6,))[None]
-    T = frames(chain, angles)[0]
-    tip = forward(chain, angles)[0, :3, 3]
-    sign = chain.sign[chain.joint >= 0]
-    elements = [(int(chain.torsion[a]), 5, float(sign[a])) for a in range(AXES)]
-    turning = {segment for segment, _, _ in elements}
-    soft_ones = np.argwhere(chain.compliance > 0.0).tolist()
-    elements += [(segment, k, 1.0) for segment, k in soft_ones if k != 5 or segment not in turning]
-    n = len(elements)
-    origin = np.stack([T[segment, :3, 3] for segment, _, _ in elements])
-    axis = np.stack([s * T[segment, :3, k % 3] for segment, k, s in elements])
-    turns = np.array([k >= 3 for _, k, _ in elements])
-    place = np.array([segment for segment, _, _ in elements])
-    angular = np.where(turns[:, None], axis, 0.0)
+    J, J_drive = jacobians(chain, angles)
+    return inertia(chain, angles)[0], stiffness_of(chain), J[0], J_drive[0]
 
-    def at(point: Float) -> Float:
-        out: Float = np.where(turns[:, None], np.cross(axis, point - origin), axis)
-        return out
 
-    M = np.zeros((n, n))
-    for body in range(chain.n):
-        mass = float(chain.mass[body])
-        if mass <= 0.0:
-            continue
-        carried = (place <= body)[:, None]
-        v = np.where(carried, at((T[body] @ np.append(chain.com[body], 1.0))[:3]), 0.0)
-        w = np.where(carried, angular, 0.0)
-        radius = (0.75 * mass / (math.pi * DENSITY_KG_M3)) ** (1.0 / 3.0)
-        M += mass * (v @ v.T) + 0.4 * mass * radius**2 * (w @ w.T)
-    soft = np.array([max(chain.compliance[segment, k], play.STIFFEST_RAD_NM) for segment, k, _ in elements])
-    J: Float = np.concatenate([at(tip), angular], axis=1).T
+def stiffness_of(chain: ElasticChain) -> Float:
+    """(n,) N m/rad, N/m, stiffness of each coordinate of :func:`matrices`."""
+    segment, direction, _ = _coordinates(chain)
+    return 1.0 / np.maximum(chain.compliance[segment, direction], play.STIFFEST_RAD_NM)
+
+
+def inertia(chain: ElasticChain, q: Float) -> Float:
+    """Inertia of many postures.
+
+    Args:
+        chain: Masses and compliances.
+        q: (rows, 6) rad.
+
+    Returns:
+        (rows, n, n) kg m2, kg m, kg, in the coordinates of :func:`matrices`.
+    """
+    angles = as_float("q", q, (None, 6))
+    segment, direction, sign = _coordinates(chain)
+    turns = (direction >= 3)[:, None]
+    out = np.zeros((len(angles), len(segment), len(segment)))
+    for rows in _batches(len(angles)):
+        T, M = frames(chain, angles[rows]), out[rows]
+        origin, axis = _screws(T, segment, direction, sign)
+        angular = np.where(turns, axis, 0.0)
+        for body in np.flatnonzero(chain.mass > 0.0):
+            mass = float(chain.mass[body])
+            carried = (segment <= body)[:, None]
+            centre = (T[:, body] @ np.append(chain.com[body], 1.0))[:, None, :3]
+            v = np.where(carried, np.where(turns, np.cross(axis, centre - origin), axis), 0.0)
+            w = np.where(carried, angular, 0.0)
+            radius = (0.75 * mass / (math.pi * DENSITY_KG_M3)) ** (1.0 / 3.0)
+            M += mass * (v @ np.swapaxes(v, 1, 2)) + 0.4 * mass * radius**2 * (w @ np.swapaxes(w, 1, 2))
+    return out
+
+
+def jacobians(chain: ElasticChain, q: Float) -> tuple[Float, Float]:
+    """Motion of the tool's tip per coordinate and per motor angle in many postures.
+
+    Args:
+        chain: The chain.
+        q: (rows, 6) rad.
+
+    Returns:
+        J (rows, 6, n) and J_drive (rows, 6, 6) of :func:`matrices`, base axes.
+    """
+    angles = as_float("q", q, (None, 6))
+    segment, direction, sign = _coordinates(chain)
+    turns = (direction >= 3)[:, None]
     driven = np.flatnonzero(chain.joint >= 0)
-    turn = sign[:, None] * T[driven, :3, 2]
-    J_drive = np.concatenate([np.cross(turn, tip - T[driven, :3, 3]), turn], axis=1).T - J[:, :AXES]
-    return M, 1.0 / soft, J, J_drive
+    J, J_drive = np.empty((len(angles), 6, len(segment))), np.empty((len(angles), 6, AXES))
+    for rows in _batches(len(angles)):
+        T = frames(chain, angles[rows])
+        tip = forward(chain, angles[rows])[:, None, :3, 3]
+        origin, axis = _screws(T, segment, direction, sign)
+        linear = np.where(turns, np.cross(axis, tip - origin), axis)
+        J[rows] = np.swapaxes(np.concatenate([linear, np.where(turns, axis, 0.0)], axis=2), 1, 2)
+        drives = T[:, driven, :3]
+        turn = sign[:AXES, None] * drives[..., 2]
+        moved = np.concatenate([np.cross(turn, tip - drives[..., 3]), turn], axis=2)
+        J_drive[rows] = np.swapaxes(moved, 1, 2) - J[rows, :, :AXES]
+    return J, J_drive
+
+
+def _coordinates(chain: ElasticChain) -> tuple[Int, Int, Float]:
+    """Segment, direction (0..5 of ``tx ty tz rx ry rz``) and sign of each coordinate; the axes come first."""
+    sign = chain.sign[chain.joint >= 0]
+    found = [(int(chain.torsion[a]), 5, float(sign[a])) for a in range(AXES)]
+    turning = {segment for segment, _, _ in found}
+    soft = np.argwhere(chain.compliance > 0.0).tolist()
+    found += [(segment, k, 1.0) for segment, k in soft if k != 5 or segment not in turning]
+    segment, direction, signs = zip(*found, strict=True)
+    return np.array(segment, dtype=np.int64), np.array(direction, dtype=np.int64), np.array(signs)
+
+
+def _screws(T: Float, segment: Int, direction: Int, sign: Float) -> tuple[Float, Float]:
+    """Origin and signed axis (rows, n, 3) of each coordinate from the poses (rows, segments, 4, 4) of the segments."""
+    own = T[:, segment, :3]
+    axis = np.take_along_axis(own, (direction % 3)[None, :, None, None], axis=3)[..., 0]
+    return own[..., 3], sign[:, None] * axis
+
+
+def _batches(count: int) -> Iterator[slice]:
+    """Rows a few at a time, so that what is needed between input and result stays small."""
+    return (slice(first, min(first + _BATCH, count)) for first in range(0, count, _BATCH))
 
 
 def lowest_mode(M: Float, stiffness: Float, beta_s: float, servo: tuple[Servo | None, ...]) -> Mode:
@@ -160,19 +217,15 @@ def motion_along(
     posture, chosen = postures(nominal, _INERTIA_RAD)
     place, places = postures(nominal, _JACOBIAN_RAD)
     servo = chain.servo or (None,) * AXES
-    stiffness = matrices(chain, nominal[0])[1]
-    n, count = len(stiffness), len(chosen)
-    answer, keep = np.empty((count, n, n)), np.empty((count, n, n))
-    J, J_drive = np.empty((len(places), 6, n)), np.empty((len(places), 6, AXES))
+    stiffness = stiffness_of(chain)
+    n = len(stiffness)
     R = np.kron(np.eye(2), T_base_part[:3, :3])
     held = np.diag((0.5 * step_s * damping_s + 0.25 * step_s**2) * stiffness)
-    for k, row in enumerate(chosen):
-        M = matrices(chain, nominal[row])[0]
-        inverse = np.linalg.inv(M + held)
-        answer[k], keep[k] = step_s * inverse, inverse @ (M - held)
-    for k, row in enumerate(places):
-        _, _, J_link, J_motor = matrices(chain, nominal[row])
-        J[k], J_drive[k] = R.T @ J_link, R.T @ J_motor
+    M = inertia(chain, nominal[chosen])
+    inverse = as_float("inverse", np.linalg.inv(M + held), M.shape)
+    answer: Float = step_s * inverse
+    keep: Float = inverse @ (M - held)
+    J, J_drive = (R.T @ found for found in jacobians(chain, nominal[places]))
     weight = play.axis_torque(chain, nominal)
     band, limit, slip = play.arrays(chain)
     gains = np.array(
@@ -216,8 +269,8 @@ def motion_along(
     )
 
 
-def postures(q: Float, apart_rad: float) -> tuple[Int, list[int]]:
-    """Rows of a path that stand for those near them.
+def postures(q: Float, apart_rad: float) -> tuple[Int, Int]:
+    """Rows of a path that stand for those behind them: one pass, each row is compared with the last that stands.
 
     Args:
         q: (rows, 6) rad.
@@ -226,16 +279,10 @@ def postures(q: Float, apart_rad: float) -> tuple[Int, list[int]]:
     Returns:
         (rows,) number of the posture of each row, and the rows that are the postures.
     """
-    chosen: list[int] = []
-    out = np.zeros(len(q), dtype=np.int64)
-    start = 0
-    while start < len(q):
-        near = np.max(np.abs(q[start:] - q[start]), axis=1) <= apart_rad
-        end = start + (len(near) if np.all(near) else int(np.argmin(near)))
-        out[start:end] = len(chosen)
-        chosen.append(start)
-        start = end
-    return out, chosen
+    angles = np.ascontiguousarray(as_float("q", q, (None, None)))
+    out = np.zeros(len(angles), dtype=np.int64)
+    number_postures(angles, apart_rad, out)
+    return out, np.flatnonzero(np.diff(out, prepend=-1))
 
 
 def _still() -> Motion:

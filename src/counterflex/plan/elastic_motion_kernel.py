@@ -90,6 +90,25 @@ class Motion(NamedTuple):
     fresh: Float
 
 
+@kernel("void(float64[:,::1], float64, int64[::1])")
+def number_postures(q: Float, apart_rad: float, out: Int) -> None:
+    """Number the postures of a path: a row more than ``apart_rad`` from the last that stands begins a new one.
+
+    Args:
+        q: (rows, axes) rad.
+        apart_rad: Largest change of an axis within a posture.
+        out: (rows,), written.
+    """
+    stands, number = 0, 0
+    for i in range(1, q.shape[0]):
+        for a in range(q.shape[1]):
+            if not abs(q[i, a] - q[stands, a]) <= apart_rad:
+                stands = i
+                number += 1
+                break
+        out[i] = number
+
+
 @kernel()
 def rest(motion, row):  # type: ignore[no-untyped-def]
     """Put the state at rest under the weight at a row, gears leaning as their load asks."""
