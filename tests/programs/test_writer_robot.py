@@ -21,13 +21,18 @@ from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode_reader import read_gcode
 from counterflex.programs.krl_writer import KrlSettings, write_krl
 from counterflex.programs.limits import KRL
+from counterflex.programs.machine_functions import MachineFunctions
 from counterflex.programs.program import Program
 from counterflex.programs.rapid_writer import RapidSettings, write_rapid
-from counterflex.programs.robot_points import RobotText, m_code_lines
+from counterflex.programs.robot_points import RobotText
 from counterflex.programs.to_path import tool_path
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "writer"
 START = (0.0, -1.5, 1.6, 0.1, 0.5, -0.2)
+SPINDLE = {
+    "krl": MachineFunctions("krl", {3: ("$ANOUT[1]={s}/24000.0", "$OUT[17]=TRUE"), 5: ("$OUT[17]=FALSE",)}),
+    "rapid": MachineFunctions("rapid", {3: ("SetAO aoSpeed,{s};", "SetDO doSpindle,1;"), 5: ("SetDO doSpindle,0;",)}),
+}
 DOWN = np.diag([1.0, -1.0, -1.0])
 NUMBER = r"-?\d+\.\d+"
 TEXT = """G21 G90
@@ -71,7 +76,7 @@ def krl_points(text: str) -> tuple[Float, list[bool]]:
             poses.append(T)
             blends.append(match[3] is not None)
         else:
-            known = r"|&ACCESS RVP|&REL 1|DEF \w+\( \)|END|;.*|\$[A-Z_.0-9]+(\[\d\])?=.+|PTP XSTART|\w+\( \)"
+            known = r"|&ACCESS RVP|&REL 1|DEF \w+\( \)|END|;.*|\$[A-Z_.0-9]+(\[\d+\])?=.+|PTP XSTART|\w+\( \)"
             assert re.fullmatch(known + r"|WAIT SEC \d+\.\d+|HALT", line), line
     return np.array(poses), blends
 
@@ -120,8 +125,8 @@ def rapid(**changes: Any) -> RapidSettings:
 def write(language: str, text: str = TEXT, step_m: float = 1e-3, **changes: Any) -> RobotText:
     program, path, Ts_part_tcp = job(text, step_m)
     if language == "krl":
-        return write_krl(program, path, Ts_part_tcp, krl(**changes))
-    return write_rapid(program, path, Ts_part_tcp, rapid(**changes))
+        return write_krl(program, path, Ts_part_tcp, krl(**changes), block_lines=SPINDLE["krl"].lines)
+    return write_rapid(program, path, Ts_part_tcp, rapid(**changes), block_lines=SPINDLE["rapid"].lines)
 
 
 @pytest.mark.parametrize("language", ["krl", "rapid"])
@@ -201,18 +206,6 @@ def test_rapid_speed_stops_dwells_and_comments_are_in_their_place() -> None:
     assert zones.count("z1") > 0.5 * len(zones)
     assert lines[0] == "MODULE pocket_m"
     assert lines[-2] == "ENDMODULE"
-
-
-@pytest.mark.parametrize("language", ["krl", "rapid"])
-def test_m_codes_become_lines_of_the_language(language: str) -> None:
-    program, path, Ts_part_tcp = job()
-    hook = m_code_lines({3: ("SPINDLE({s})",), 5: ("SPINDLE(0)",)})
-    if language == "krl":
-        text = write_krl(program, path, Ts_part_tcp, krl(), block_lines=hook).files["pocket.src"]
-    else:
-        text = write_rapid(program, path, Ts_part_tcp, rapid(), block_lines=hook).files["pocket.mod"]
-    lines = [line.strip() for line in text.split("\n")]
-    assert lines.index("SPINDLE(13000)") < lines.index("SPINDLE(0)")
 
 
 @pytest.mark.parametrize("language", ["krl", "rapid"])

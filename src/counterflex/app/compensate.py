@@ -16,7 +16,7 @@ from counterflex.app.feed_for_tolerance import lowered_plan, shown_feed
 from counterflex.app.inputs import Job, faults_in, read_job, setting_of
 from counterflex.app.prediction import figures, prediction
 from counterflex.core import atomic
-from counterflex.core.errors import InputError
+from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM, MS, UM
 from counterflex.files.cell import Cell, read_cell
@@ -30,8 +30,10 @@ from counterflex.plan.plan import Plan
 from counterflex.plan.tool_frame import tool_orientation
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode_writer import write_gcode
+from counterflex.programs.implied_stops import implied_stops
 from counterflex.programs.job_mark import marks
 from counterflex.programs.krl_writer import KrlSettings, write_krl
+from counterflex.programs.machine_functions import Dialect
 from counterflex.programs.rapid_writer import RapidSettings, write_rapid
 
 Language = Literal["gcode", "krl", "rapid"]
@@ -108,6 +110,8 @@ def compensate(
             value=f"job {', '.join(carried)}",
             hint="Give the original program",
         )
+    if language != "gcode":
+        check_machine(job, cell, language)
     setting = setting_of(cell, normal_only=normal_only, orientation=language != "gcode")
     with faults_in(job):
         if feed is None:
@@ -191,6 +195,8 @@ def write(
     Ts_part_tcp = commanded.poses(Rs_part_nominal)
     controller = cell.tables.controller
     name = _routine_name(Path(job.program.name).stem)
+    lines = cell.machine_functions(language).lines
+    data = tool_data(job, cell, language)
     if language == "krl":
         robot_text = write_krl(
             job.program,
@@ -207,8 +213,10 @@ def write(
                 cycle_s=controller.cycle_ms * MS,
                 cell=cell.name,
                 job=job_hash(plan),
+                tool_data={tool: int(value) for tool, value in data.items()},
             ),
             tolerance_m=tolerance_m,
+            block_lines=lines,
         )
     else:
         mass, com = _payload(cell)
@@ -227,11 +235,53 @@ def write(
                 cycle_s=controller.cycle_ms * MS,
                 cell=cell.name,
                 job=job_hash(plan),
+                tool_data=data,
             ),
             tolerance_m=tolerance_m,
+            block_lines=lines,
         )
     said = {key: value for key, value in dataclasses.asdict(robot_text).items() if key != "files"}
     return robot_text.files, _shop(said)
+
+
+def check_machine(job: Job, cell: Cell, language: Dialect) -> None:
+    """Refuse, before anything is planned, a program whose spindle, coolant or tools the robot cannot be told.
+
+    Raises:
+        ProgramError: An M-code or a tool frame that the cell file does not map; names line and key.
+    """
+    functions = cell.machine_functions(language)
+    with faults_in(job):
+        for block in (*job.program.blocks, *implied_stops(job.program).all()):
+            functions.lines(block)
+    tool_data(job, cell, language)
+
+
+def tool_data(job: Job, cell: Cell, language: Dialect) -> dict[int, str]:
+    """What the controller calls the tool frame, for each tool that the program uses.
+
+    Empty where it uses one tool that has no name of its own: that one is ``controller.tool_number`` (KRL), or the
+    program brings its tooldata (RAPID).
+
+    Raises:
+        ProgramError: The program changes tools, and one of them is not named: it would run with another one's length.
+    """
+    named = cell.machine_functions(language).tool_data
+    used: dict[int, int] = {}
+    for motion in job.program.motions:
+        if motion.tool:
+            used.setdefault(motion.tool, motion.block)
+    for tool, block in used.items():
+        if tool not in named and len(used) > 1:
+            key = "tool_data" if language == "krl" else "tooldata"
+            raise ProgramError(
+                "the program changes tools, and the cell file does not say which frame one of them has",
+                where=f"{Path(job.program.name).name}:{job.program.blocks[block].line}",
+                value=f"T{tool}",
+                limit=f"tools.{key} of T{tool} in {cell.path}",
+                hint="Give every tool of the program its own: the controller compensates its length",
+            )
+    return {tool: named[tool] for tool in used if tool in named}
 
 
 def _routine_name(stem: str) -> str:

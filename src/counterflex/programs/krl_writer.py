@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,7 +15,9 @@ from counterflex.geometry import rotation
 from counterflex.path.toolpath import ToolPath
 from counterflex.programs.job_mark import mark
 from counterflex.programs.limits import KRL, check_name
+from counterflex.programs.machine_functions import MachineFunctions
 from counterflex.programs.program import Block, Program
+from counterflex.programs.robot_parts import first_tool, robot_parts
 from counterflex.programs.robot_points import (
     BlockLines,
     RobotPoints,
@@ -23,8 +25,6 @@ from counterflex.programs.robot_points import (
     carried_text,
     choose_points,
     event_motions,
-    m_code_lines,
-    steps,
 )
 from counterflex.programs.written_line import number
 
@@ -36,7 +36,7 @@ class KrlSettings:
     Attributes:
         name: Program name, up to 24 characters (20 where the program is split).
         start_axes_rad: (6,) A1..A6 of the posture the program starts from (PTP), rad.
-        tool: Number of TOOL_DATA, or T_flange_tcp (4, 4) in m.
+        tool: Number of TOOL_DATA, or T_flange_tcp (4, 4) in m, of tools that ``tool_data`` does not name.
         base: Number of BASE_DATA, or T_base_part (4, 4) in m: KUKA's BASE is the frame of the workpiece.
         status: S of the first Cartesian point; with ``turn`` it is approached by PTP, else by LIN.
         turn: T of the first Cartesian point.
@@ -49,6 +49,7 @@ class KrlSettings:
         points_per_file: Motion instructions in one .src; longer programs are split and called by a master.
         cell: Name of the cell, for the header.
         job: Hash of the plan, for the header.
+        tool_data: Number of TOOL_DATA by number of the tool in the program.
     """
 
     name: str
@@ -66,6 +67,11 @@ class KrlSettings:
     points_per_file: int = KRL.points_per_file
     cell: str = ""
     job: str = ""
+    tool_data: Mapping[int, int] = field(default_factory=dict)
+
+    def tool_frame(self, tool: int) -> int | Float:
+        """TOOL_DATA or frame of a tool of the program."""
+        return self.tool_data.get(tool, self.tool)
 
 
 def krl_pose(T_a_b: Float) -> str:
@@ -97,7 +103,9 @@ def write_krl(
     """Write a commanded path as a KRL program.
 
     Every point is ``LIN {X,Y,Z,A,B,C} C_DIS`` in the part frame (KUKA BASE); $VEL.CP follows the programmed feed.
-    Blocks of the source that are not motion are carried as comments, M0 and M1 as HALT, dwells as WAIT SEC.
+    Spindle, coolant and tool change are what ``block_lines`` says, M0 and M1 HALT, dwells WAIT SEC; the text of such
+    blocks is carried beside them as a comment. The first change of tool comes before the move to the start; every
+    other one begins a part (a file) with $TOOL of its own, which first goes back to where the tool was changed.
 
     Args:
         program: The program the path was sampled from (its comments and M-codes are carried along).
@@ -106,17 +114,18 @@ def write_krl(
         settings: Names, frames, speeds.
         tolerance_m: Largest distance of a commanded row from the written polyline before merging, m.
         tolerance_rad: The same for the orientation, rad.
-        block_lines: KRL lines for a block (spindle, coolant, tool change), see
-            :func:`counterflex.programs.robot_points.m_code_lines`; none when left out.
+        block_lines: KRL lines for a block (spindle, coolant, tool change):
+            :meth:`counterflex.programs.machine_functions.MachineFunctions.lines`. When left out, none is known.
 
     Returns:
         Files and figures.
 
     Raises:
         InputError: A setting is out of range or the poses do not fit the path.
+        ProgramError: A block needs lines that are not known.
     """
     _check(settings)
-    lines = block_lines or m_code_lines({})
+    lines = block_lines or MachineFunctions("krl").lines
     points = choose_points(
         program,
         path,
@@ -127,22 +136,20 @@ def write_krl(
         rapid_m_s=settings.rapid_m_s,
         events=event_motions(program, lines),
     )
-    body = _Body(program, points, settings, lines)
-    parts = body.parts()
+    parts = robot_parts(program, points, _Lines(points, settings, lines), settings.points_per_file)
     name = settings.name
     files: dict[str, str] = {}
-    warnings = points.warnings(tolerance_m)
-    if len(parts) == 1:
-        files[f"{name}.src"] = _source(name, [*_head(program, settings), *parts[0]])
+    head = _head(program, settings, parts.lead)
+    if len(parts.parts) == 1:
+        files[f"{name}.src"] = _source(name, [*head, *parts.parts[0]])
     else:
-        names = [f"{name}_{i:03d}" for i in range(1, len(parts) + 1)]
+        names = [f"{name}_{i:03d}" for i in range(1, len(parts.parts) + 1)]
         for part in names:
             check_name(part, KRL, "KRL")
-        files[f"{name}.src"] = _source(name, [*_head(program, settings), *(f"{part}( )" for part in names)])
-        for part, content in zip(names, parts, strict=True):
+        files[f"{name}.src"] = _source(name, [*head, *(f"{part}( )" for part in names)])
+        for part, content in zip(names, parts.parts, strict=True):
             files[f"{part}.src"] = _source(part, content)
             files[f"{part}.dat"] = _data(part, [])
-        warnings = (*warnings, f"split into {len(parts)} parts of at most {settings.points_per_file} points")
     files[f"{name}.dat"] = _data(name, [f"DECL E6AXIS XSTART={{{_axes(settings.start_axes_rad)}}}"])
     return RobotText(
         files=files,
@@ -151,7 +158,7 @@ def write_krl(
         too_close=points.too_close,
         largest_position_error_m=points.largest_position_error_m,
         largest_angle_error_rad=points.largest_angle_error_rad,
-        warnings=warnings,
+        warnings=(*points.warnings(tolerance_m), *parts.warnings(settings.points_per_file)),
     )
 
 
@@ -187,16 +194,24 @@ def _frame(word: str, value: int | Float) -> str:
     return f"${word}={{{krl_pose(as_float(word, value, (4, 4)))}}}"
 
 
-def _head(program: Program, settings: KrlSettings) -> list[str]:
+def _head(program: Program, settings: KrlSettings, lead: Sequence[str]) -> list[str]:
     def plain(text: str) -> str:
         return "".join(c if 32 <= ord(c) < 127 else "?" for c in text)[:120]
 
-    percent = settings.axis_percent
     return [
         f"; made by counterflex {__version__} from {plain(program.name)}",
         *([f"; cell {plain(settings.cell)}"] if settings.cell else []),
         *([f"; {mark(settings.job)}"] if settings.job else []),
-        _frame("TOOL", settings.tool),
+        *lead,
+        *_frames_and_speeds(settings, first_tool(program)),
+        "PTP XSTART",
+    ]
+
+
+def _frames_and_speeds(settings: KrlSettings, tool: int) -> list[str]:
+    percent = settings.axis_percent
+    return [
+        _frame("TOOL", settings.tool_frame(tool)),
         _frame("BASE", settings.base),
         "$IPO_MODE=#BASE",
         "$ORI_TYPE=#VAR",
@@ -207,53 +222,40 @@ def _head(program: Program, settings: KrlSettings) -> list[str]:
         f"$VEL.ORI1={settings.orientation_deg_s:.3f}",
         f"$VEL.ORI2={settings.orientation_deg_s:.3f}",
         f"$APO.CDIS={number(settings.blend_m / MM, 4)}",
-        "PTP XSTART",
     ]
 
 
-class _Body:
-    """Instructions in order, cut into parts by the number of points."""
+class _Lines:
+    """Instructions of KRL; remembers the speed that is set."""
 
-    def __init__(self, program: Program, points: RobotPoints, settings: KrlSettings, lines: BlockLines) -> None:
-        self._program = program
+    def __init__(self, points: RobotPoints, settings: KrlSettings, lines: BlockLines) -> None:
         self._points = points
         self._settings = settings
         self._lines = lines
-        self._poses = points.Ts_part_tcp
+        self._speed: float | None = None
 
-    def parts(self) -> list[list[str]]:
-        """Lines of each part."""
-        out: list[list[str]] = [[]]
-        speed: float | None = None
-        count = 0
-        for step in steps(self._program, self._points):
-            if isinstance(step, Block):
-                out[-1] += self._block(step)
-            elif isinstance(step, float):
-                out[-1].append(f"WAIT SEC {step:.3f}")
-            else:
-                if count == self._settings.points_per_file:
-                    out.append([])
-                    count = 0
-                count += 1
-                now = float(self._points.speed_m_s[step])
-                if now > 0.0 and now != speed:
-                    out[-1].append(f"$VEL.CP={now:.6f}")
-                    speed = now
-                elif speed is None:
-                    speed = self._settings.rapid_m_s
-                    out[-1].append(f"$VEL.CP={speed:.6f}")
-                out[-1].append(self._point(step))
-        return out
-
-    def _block(self, block: Block) -> list[str]:
+    def block(self, block: Block) -> list[str]:
         text = carried_text(block)
         stops = any(w.letter == "M" and w.value in (0.0, 1.0, 60.0) for w in block.words)
         return [*([f"; {text}"] if text else []), *self._lines(block), *(["HALT"] if stops else [])]
 
-    def _point(self, index: int) -> str:
-        pose = krl_pose(self._poses[index])
-        settings = self._settings
+    def dwell(self, time_s: float) -> str:
+        return f"WAIT SEC {time_s:.3f}"
+
+    def point(self, index: int) -> list[str]:
+        now, rapid = float(self._points.speed_m_s[index]), self._settings.rapid_m_s
+        wanted = now if now > 0.0 else self._speed or rapid
+        out = [] if wanted == self._speed else [f"$VEL.CP={wanted:.6f}"]
+        self._speed = wanted
+        pose, settings = krl_pose(self._points.Ts_part_tcp[index]), self._settings
         if index == 0 and settings.status is not None:
-            return f"PTP {{{pose},S {settings.status},T {settings.turn}}}"
-        return f"LIN {{{pose}}}" + ("" if self._points.exact[index] or index == 0 else " C_DIS")
+            return [*out, f"PTP {{{pose},S {settings.status},T {settings.turn}}}"]
+        return [*out, f"LIN {{{pose}}}" + ("" if self._points.exact[index] or index == 0 else " C_DIS")]
+
+    def enter(self, tool: int, place: int) -> list[str]:
+        self._speed = self._settings.rapid_m_s
+        return [
+            *_frames_and_speeds(self._settings, tool),
+            f"$VEL.CP={self._speed:.6f}",
+            f"LIN {{{krl_pose(self._points.Ts_part_tcp[place])}}}",
+        ]

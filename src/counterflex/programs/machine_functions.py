@@ -20,11 +20,11 @@ KEYS: Final[dict[int, str]] = {
     9: "coolant_off",
 }
 """Key of the table by M-code."""
-ELSEWHERE: Final = frozenset({0, 1, 2, 30, 60})
-"""M-codes that writers turn into stops and ends themselves."""
+ELSEWHERE: Final = frozenset({0, 1, 2, 30, 60, 98, 99})
+"""M-codes that writers turn into stops and ends themselves, and calls, which are written out."""
 _NO_EFFECT: Final = frozenset({48, 49})
 _ORDER: Final = (6, 3, 4, 5, 7, 8, 9)
-_BY_HAND: Final = frozenset({3, 4, 6})
+_BY_HAND: Final = frozenset({3, 4, 5, 6})
 TIMER: Final = 20
 """Number of the KRL timer that waits use."""
 SPEED, TOOL, DATA = "{s}", "{t}", "{d}"
@@ -161,6 +161,8 @@ def krl_wait(condition: str, limit_s: float, fault: str) -> list[str]:
 def _by_hand(code: int, rpm: float, tool: int) -> str:
     if code == 6:
         return f"change to tool T{tool}, then press start"
+    if code == 5:
+        return "stop the spindle, then press start"
     return f"start the spindle{' counter-clockwise' if code == 4 else ''}, {rpm:.0f} rpm, then press start"
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,7 +16,9 @@ from counterflex.geometry import rotation
 from counterflex.path.toolpath import ToolPath
 from counterflex.programs.job_mark import mark
 from counterflex.programs.limits import RAPID, check_name
+from counterflex.programs.machine_functions import MachineFunctions
 from counterflex.programs.program import Block, Program
+from counterflex.programs.robot_parts import first_tool, robot_parts
 from counterflex.programs.robot_points import (
     BlockLines,
     RobotPoints,
@@ -24,8 +26,6 @@ from counterflex.programs.robot_points import (
     carried_text,
     choose_points,
     event_motions,
-    m_code_lines,
-    steps,
 )
 from counterflex.programs.written_line import number
 
@@ -39,7 +39,7 @@ class RapidSettings:
     Attributes:
         name: Module and procedure name, up to 32 characters (28 where the program is split).
         start_axes_rad: (6,) axis angles of the posture the program starts from (MoveAbsJ), rad.
-        T_flange_tcp: (4, 4) m, tool frame.
+        T_flange_tcp: (4, 4) m, tool frame of tools that ``tool_data`` does not name.
         T_base_part: (4, 4) m, work object frame in the robot's base (world) frame.
         tool_mass_kg: Mass of the tool in tooldata, > 0.
         p_flange_cog: (3,) m, its centre of gravity.
@@ -52,6 +52,7 @@ class RapidSettings:
         points_per_file: Motion instructions in one module; longer programs are split and called by a master.
         cell: Name of the cell, for the header.
         job: Hash of the plan, for the header.
+        tool_data: Name of the tooldata on the controller by number of the tool in the program.
     """
 
     name: str
@@ -69,6 +70,11 @@ class RapidSettings:
     points_per_file: int = RAPID.points_per_file
     cell: str = ""
     job: str = ""
+    tool_data: Mapping[int, str] = field(default_factory=dict)
+
+    def tool_frame(self, tool: int) -> str:
+        """Name of the tooldata of a tool of the program."""
+        return self.tool_data.get(tool, f"t_{self.name[:30]}")
 
 
 def rapid_pose(T_a_b: Float) -> str:
@@ -97,8 +103,10 @@ def write_rapid(
 ) -> RobotText:
     """Write a commanded path as RAPID modules.
 
-    Every point is a ``MoveL`` in the work object (the part frame); speeddata follows the programmed feed. Blocks of
-    the source that are not motion are carried as comments, M0 and M1 as Stop, dwells as WaitTime.
+    Every point is a ``MoveL`` in the work object (the part frame); speeddata follows the programmed feed. Spindle,
+    coolant and tool change are what ``block_lines`` says, M0 and M1 Stop, dwells WaitTime; the text of such blocks is
+    carried beside them as a comment. The first change of tool comes before the move to the start; every other one
+    begins a part (a module) with tooldata of its own, which first goes back to where the tool was changed.
 
     Args:
         program: The program the path was sampled from (its comments and M-codes are carried along).
@@ -107,17 +115,18 @@ def write_rapid(
         settings: Names, frames, speeds.
         tolerance_m: Largest distance of a commanded row from the written polyline before merging, m.
         tolerance_rad: The same for the orientation, rad.
-        block_lines: RAPID lines for a block (spindle, coolant, tool change), see
-            :func:`counterflex.programs.robot_points.m_code_lines`; none when left out.
+        block_lines: RAPID lines for a block (spindle, coolant, tool change):
+            :meth:`counterflex.programs.machine_functions.MachineFunctions.lines`. When left out, none is known.
 
     Returns:
         Files and figures.
 
     Raises:
         InputError: A setting is out of range or the poses do not fit the path.
+        ProgramError: A block needs lines that are not known.
     """
     _check(settings)
-    lines = block_lines or m_code_lines({})
+    lines = block_lines or MachineFunctions("rapid").lines
     points = choose_points(
         program,
         path,
@@ -128,24 +137,24 @@ def write_rapid(
         rapid_m_s=settings.rapid_m_s,
         events=event_motions(program, lines),
     )
-    positive = points.speed_m_s[points.speed_m_s > 0.0]
-    speeds = {float(s): f"v_{settings.name[:24]}_{i}" for i, s in enumerate(np.unique(positive), start=1)}
-    parts = _parts(program, points, settings, lines, speeds)
-    name = settings.name
+    used = {float(speed) for speed in points.speed_m_s if speed > 0.0} | {settings.rapid_m_s}
+    speeds = {speed: f"v_{settings.name[:24]}_{i}" for i, speed in enumerate(sorted(used), start=1)}
+    first = first_tool(program)
+    language = _Lines(points, settings, lines, speeds, first)
+    parts = robot_parts(program, points, language, settings.points_per_file)
+    name, tool = settings.name, settings.tool_frame(first)
     start = f"    MoveAbsJ [[{_axes(settings.start_axes_rad)}],{_NO_EXTERNAL}],{_speed(settings, settings.start_m_s)},"
-    head = ["    ConfJ \\Off;", "    ConfL \\Off;", f"{start}fine,{_tool(name)}\\WObj:={_wobj(name)};"]
+    head = [*parts.lead, "    ConfJ \\Off;", "    ConfL \\Off;", f"{start}fine,{tool}\\WObj:={_wobj(name)};"]
     files: dict[str, str] = {}
-    warnings = points.warnings(tolerance_m)
     declarations = _declarations(program, settings, speeds)
-    if len(parts) == 1:
-        files[f"{name}.mod"] = _module(f"{name}_m", declarations, name, [*head, *parts[0]])
+    if len(parts.parts) == 1:
+        files[f"{name}.mod"] = _module(f"{name}_m", declarations, name, [*head, *parts.parts[0]])
     else:
-        names = [f"{name}_{i:03d}" for i in range(1, len(parts) + 1)]
+        names = [f"{name}_{i:03d}" for i in range(1, len(parts.parts) + 1)]
         files[f"{name}.mod"] = _module(f"{name}_m", declarations, name, [*head, *(f"    {part};" for part in names)])
-        for part, content in zip(names, parts, strict=True):
+        for part, content in zip(names, parts.parts, strict=True):
             check_name(f"{part}_m", RAPID, "RAPID")
             files[f"{part}.mod"] = _module(f"{part}_m", [], part, content)
-        warnings = (*warnings, f"split into {len(parts)} modules of at most {settings.points_per_file} points")
     return RobotText(
         files=files,
         points=len(points.row),
@@ -153,7 +162,7 @@ def write_rapid(
         too_close=points.too_close,
         largest_position_error_m=points.largest_position_error_m,
         largest_angle_error_rad=points.largest_angle_error_rad,
-        warnings=warnings,
+        warnings=(*points.warnings(tolerance_m), *parts.warnings(settings.points_per_file)),
     )
 
 
@@ -169,10 +178,6 @@ def _check(settings: RapidSettings) -> None:
         raise InputError("the zone is not a predefined one", value=settings.zone, limit="fine, z0, z1, z5, z10 .. z200")
     if settings.points_per_file < 1:
         raise InputError("points_per_file is out of range", value=settings.points_per_file, limit=">= 1")
-
-
-def _tool(name: str) -> str:
-    return f"t_{name[:30]}"
 
 
 def _wobj(name: str) -> str:
@@ -199,7 +204,7 @@ def _declarations(program: Program, settings: RapidSettings, speeds: dict[float,
         f"  ! made by counterflex {__version__} from {plain(program.name)}",
         *([f"  ! cell {plain(settings.cell)}"] if settings.cell else []),
         *([f"  ! {mark(settings.job)}"] if settings.job else []),
-        f"  PERS tooldata {_tool(settings.name)}:=[TRUE,[{tool}],{load}];",
+        *([] if settings.tool_data else [f"  PERS tooldata {settings.tool_frame(0)}:=[TRUE,[{tool}],{load}];"]),
         f'  PERS wobjdata {_wobj(settings.name)}:=[FALSE,TRUE,"",[{part}],[[0,0,0],[1,0,0,0]]];',
         *(f"  CONST speeddata {name}:={_speed(settings, speed)};" for speed, name in speeds.items()),
     ]
@@ -210,31 +215,40 @@ def _module(module: str, declarations: Sequence[str], procedure: str, body: Sequ
     return "\n".join([*head, *body, "  ENDPROC", "ENDMODULE", ""])
 
 
-def _parts(
-    program: Program, points: RobotPoints, settings: RapidSettings, lines: BlockLines, speeds: dict[float, str]
-) -> list[list[str]]:
-    """Instructions in order, cut into parts by the number of points."""
-    out: list[list[str]] = [[]]
-    count = 0
-    speed = speeds.get(settings.rapid_m_s) or next(iter(speeds.values()), "v100")
-    end = f"{_tool(settings.name)}\\WObj:={_wobj(settings.name)};"
-    conf = "[" + ",".join(str(int(c)) for c in settings.configuration) + "]"
-    for step in steps(program, points):
-        if isinstance(step, Block):
-            text = carried_text(step)
-            stops = any(w.letter == "M" and w.value in (0.0, 1.0, 60.0) for w in step.words)
-            out[-1] += [f"    ! {text}"] if text else []
-            out[-1] += [f"    {line}" for line in lines(step)]
-            out[-1] += ["    Stop;"] if stops else []
-        elif isinstance(step, float):
-            out[-1].append(f"    WaitTime {step:.3f};")
-        else:
-            if count == settings.points_per_file:
-                out.append([])
-                count = 0
-            count += 1
-            speed = speeds.get(float(points.speed_m_s[step]), speed)
-            zone = "fine" if points.exact[step] or step == 0 else settings.zone
-            target = f"[{rapid_pose(points.Ts_part_tcp[step])},{conf},{_NO_EXTERNAL}]"
-            out[-1].append(f"    MoveL {target},{speed},{zone},{end}")
-    return out
+class _Lines:
+    """Instructions of RAPID; remembers the last speed."""
+
+    def __init__(
+        self, points: RobotPoints, settings: RapidSettings, lines: BlockLines, speeds: Mapping[float, str], tool: int
+    ) -> None:
+        self._points = points
+        self._settings = settings
+        self._lines = lines
+        self._speeds = speeds
+        self._speed = speeds[settings.rapid_m_s]
+        self._tool = tool
+
+    def block(self, block: Block) -> list[str]:
+        text = carried_text(block)
+        stops = any(w.letter == "M" and w.value in (0.0, 1.0, 60.0) for w in block.words)
+        own = [f"    {line}" for line in self._lines(block)]
+        return [*([f"    ! {text}"] if text else []), *own, *(["    Stop;"] if stops else [])]
+
+    def dwell(self, time_s: float) -> str:
+        return f"    WaitTime {time_s:.3f};"
+
+    def point(self, index: int) -> list[str]:
+        self._speed = self._speeds.get(float(self._points.speed_m_s[index]), self._speed)
+        zone = "fine" if self._points.exact[index] or index == 0 else self._settings.zone
+        return [self._move(index, zone)]
+
+    def enter(self, tool: int, place: int) -> list[str]:
+        self._speed, self._tool = self._speeds[self._settings.rapid_m_s], tool
+        return ["    ConfJ \\Off;", "    ConfL \\Off;", self._move(place, "fine")]
+
+    def _move(self, index: int, zone: str) -> str:
+        settings = self._settings
+        conf = "[" + ",".join(str(int(c)) for c in settings.configuration) + "]"
+        target = f"[{rapid_pose(self._points.Ts_part_tcp[index])},{conf},{_NO_EXTERNAL}]"
+        tool = settings.tool_frame(self._tool)
+        return f"    MoveL {target},{self._speed},{zone},{tool}\\WObj:={_wobj(settings.name)};"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,6 +15,7 @@ from counterflex.geometry import rotation
 from counterflex.path.sampling import point_spacing
 from counterflex.path.toolpath import RAPID, ToolPath
 from counterflex.programs.feed_hold import feed_factor
+from counterflex.programs.implied_stops import implied_stops
 from counterflex.programs.motion_rows import relieved_along_axis
 from counterflex.programs.program import Block, Program
 from counterflex.programs.simplify import simplify
@@ -217,9 +218,15 @@ def event_motions(program: Program, lines: BlockLines) -> frozenset[int]:
         if acts(block) or lines(block):
             out.add(block.first_motion)
             if any(word.letter == "M" and word.value in (0.0, 1.0, 60.0) for word in block.words):
-                out.add(block.first_motion + block.motion_count)
+                out.add(motions_end(block))
     out |= {index for index, motion in enumerate(motions) if motion.kind == "dwell"}
+    out |= set(implied_stops(program).within)
     return frozenset(out)
+
+
+def motions_end(block: Block) -> int:
+    """Index behind the last motion of a block."""
+    return block.first_motion + block.motion_count
 
 
 def acts(block: Block) -> bool:
@@ -240,36 +247,19 @@ def steps(program: Program, points: RobotPoints) -> Iterator[Block | float | int
     at = 0
     m = len(points.row)
     motion = points.motion
-    for block in program.blocks:
+    implied = implied_stops(program)
+    for number, block in enumerate(program.blocks):
+        yield from implied.before.get(number, ())
         yield block
-        for index in range(block.first_motion, block.first_motion + block.motion_count):
+        for index in range(block.first_motion, motions_end(block)):
+            if index in implied.within:
+                yield implied.within[index]
             while at < m and motion[at] <= index:
                 yield at
                 at += 1
             if program.motions[index].kind == "dwell":
                 yield float(program.motions[index].duration_s)
-
-
-def m_code_lines(table: Mapping[int, Sequence[str]]) -> BlockLines:
-    """Lines for M-codes from a table.
-
-    Args:
-        table: M-code to lines of the robot's language. ``{s}`` stands for the spindle speed in rpm, ``{t}`` for the
-            tool number.
-
-    Returns:
-        The function that the writers call for every block.
-    """
-
-    def lines(block: Block) -> list[str]:
-        out: list[str] = []
-        for word in block.words:
-            if word.letter == "M":
-                rpm = f"{abs(block.modal.spindle_rpm):.0f}"
-                out.extend(line.format(s=rpm, t=block.modal.tool) for line in table.get(int(word.value), ()))
-        return out
-
-    return lines
+        yield from implied.behind.get(number, ())
 
 
 def carried_text(block: Block) -> str:

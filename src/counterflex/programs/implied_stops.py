@@ -1,0 +1,80 @@
+"""Starts and stops of spindle and coolant that a program does not write: at a tool change, at its end, inside a cycle.
+
+RS274/NGC stops the spindle when a tool is changed (M6) and spindle and coolant when the program ends; G86 stops the
+spindle for the way out of a hole. A robot controller does none of that by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+from counterflex.programs.program import Block, Program, Word
+
+
+@dataclass(frozen=True)
+class ImpliedStops:
+    """Blocks that stand for what is implied, each with the one M-code that does it.
+
+    Attributes:
+        before: By number of a block, before its own.
+        within: By number of a motion, before it.
+        behind: By number of a block, behind its motions.
+    """
+
+    before: dict[int, list[Block]] = field(default_factory=dict)
+    within: dict[int, Block] = field(default_factory=dict)
+    behind: dict[int, list[Block]] = field(default_factory=dict)
+
+    def all(self) -> Iterator[Block]:
+        """Every one of them."""
+        for found in (*self.before.values(), self.within.values(), *self.behind.values()):
+            yield from found
+
+
+def implied_stops(program: Program) -> ImpliedStops:
+    """Find them.
+
+    Args:
+        program: As read: what was executed, in order.
+    """
+    out = ImpliedStops()
+    rpm, cooled = 0.0, False
+    for number, block in enumerate(program.blocks):
+        codes = {word.value for word in block.words if word.letter == "M"}
+        if 6.0 in codes and rpm != 0.0:
+            out.before[number] = [_saying(5, block)]
+        within = _within(program, block)
+        if (restart := within.pop(block.first_motion + block.motion_count, None)) is not None:
+            out.behind[number] = [restart]
+        out.within.update(within)
+        rpm = block.modal.spindle_rpm
+        cooled = 9.0 not in codes and (cooled or bool(codes & {7.0, 8.0}))
+    if rpm != 0.0 or cooled:
+        last = len(program.blocks) - 1
+        codes_left = [*([5] if rpm != 0.0 else []), *([9] if cooled else [])]
+        out.behind[last] = out.behind.get(last, []) + [_saying(code, program.blocks[last]) for code in codes_left]
+    return out
+
+
+def _within(program: Program, block: Block) -> dict[int, Block]:
+    """Stops and starts of the spindle inside a cycle, by motion; behind its last by the number after that."""
+    found: dict[int, Block] = {}
+    turning = block.modal.spindle_rpm != 0.0
+    if block.motion_count < 2 or not turning:
+        return found
+    start = 3 if block.modal.spindle_rpm > 0.0 else 4
+    end = block.first_motion + block.motion_count
+    for index in range(block.first_motion, end + 1):
+        now = index == end or program.motions[index].spindle_rad_s != 0.0
+        if now != turning:
+            turning = now
+            found[index] = _saying(start if now else 5, block)
+    return found
+
+
+def _saying(code: int, block: Block) -> Block:
+    """A block that says one M-code where another one stands."""
+    modal = replace(block.modal, spindle_rpm=0.0) if code == 5 else block.modal
+    word = Word("M", float(code), 0, 0)
+    return replace(block, text="", words=(word,), modal=modal, motion_count=0)

@@ -1,0 +1,98 @@
+"""A robot program cut into parts: a new one for every tool, and where a file would get too long."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+from counterflex.programs.program import Block, Program
+from counterflex.programs.robot_points import RobotPoints, steps
+
+_CHANGES: Final = (6.0, 61.0)
+
+
+class RobotLanguage(Protocol):
+    """What a part needs to know of a language."""
+
+    def block(self, block: Block) -> list[str]:
+        """Lines for what a block does beside moving, its comment included."""
+
+    def dwell(self, time_s: float) -> str:
+        """Line that waits."""
+
+    def point(self, index: int) -> list[str]:
+        """Lines that lead to a point."""
+
+    def enter(self, tool: int, place: int) -> list[str]:
+        """Lines behind a change of tool: its frame, and the way back to the point at which it was changed."""
+
+
+@dataclass
+class RobotParts:
+    """Lines of a robot program.
+
+    Attributes:
+        lead: Lines before the move to the start posture: they end with the first change of tool, so that the robot
+            goes there with the tool that it works with.
+        parts: Lines of each part, in order; a change of tool begins one.
+        changes: Number of parts that begin with a change of tool.
+    """
+
+    lead: list[str] = field(default_factory=list)
+    parts: list[list[str]] = field(default_factory=lambda: [[]])
+    changes: int = 0
+
+    def warnings(self, points_per_file: int) -> tuple[str, ...]:
+        """What cutting it into parts did, in words."""
+        if len(self.parts) == 1:
+            return ()
+        tools = f", {self.changes} of them for a change of tool" if self.changes else ""
+        return (f"split into {len(self.parts)} parts of at most {points_per_file} points{tools}",)
+
+
+def first_tool(program: Program) -> int:
+    """Number of the tool that the first motion with a tool is made with; 0 where there is none."""
+    return next((motion.tool for motion in program.motions if motion.tool), 0)
+
+
+def changes_tool(block: Block) -> bool:
+    """Whether a block puts a tool into the spindle."""
+    return block.modal.tool != 0 and any(word.letter == "M" and word.value in _CHANGES for word in block.words)
+
+
+def robot_parts(program: Program, points: RobotPoints, language: RobotLanguage, points_per_file: int) -> RobotParts:
+    """Cut a program into parts.
+
+    Args:
+        program: The program.
+        points: Its points.
+        language: How a block, a dwell, a point and a change of tool are said.
+        points_per_file: Largest number of points of a part.
+
+    Returns:
+        The lines.
+    """
+    out = RobotParts()
+    count, place = 0, -1
+    for step in steps(program, points):
+        if isinstance(step, Block):
+            lines = language.block(step)
+            if not changes_tool(step):
+                out.parts[-1] += lines
+            elif place < 0:
+                out.lead += [*out.parts[-1], *lines]
+                out.parts[-1] = []
+            else:
+                out.parts.append([*lines, *language.enter(step.modal.tool, place)])
+                out.changes += 1
+                count = 0
+        elif isinstance(step, float):
+            out.parts[-1].append(language.dwell(step))
+        else:
+            if count == points_per_file:
+                out.parts.append([])
+                count = 0
+            count += 1
+            place = step
+            out.parts[-1] += language.point(step)
+    return out

@@ -1,0 +1,84 @@
+"""Several tools in a robot program, from the cell file: found before anything is planned, written part by part."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from counterflex.app.compensate import check_machine, compensate, tool_data
+from counterflex.app.inputs import read_job
+from counterflex.core.errors import ProgramError
+from counterflex.files.cell import Cell, resolve
+from counterflex.files.cell_schema import CellTables
+from counterflex.files.schema import parse
+from counterflex.programs.machine_functions import Dialect
+
+CELL = Path(__file__).resolve().parents[1] / "data" / "cells" / "small.toml"
+MAPPED: dict[str, list[str]] = {"clockwise": [], "off": [], "tool_change": [], "flood": [], "coolant_off": []}
+TWO = (
+    "G21 G90\nT1 M6\nM3 S9000 M8\nG0 X-12 Y15 Z50\nG0 Z38\nG1 X2 F1500\nG0 Z50\n"
+    "T2 M6\nM3 S9000\nG0 Z38\nG1 X6\nG0 Z50\nM30\n"
+)
+
+
+def cell(*tools: dict[str, Any], **spindle: Any) -> Cell:
+    data = tomllib.loads(CELL.read_text(encoding="utf-8"))
+    data["tools"] = [{**data["tools"][0], "number": number, **keys} for number, keys in enumerate(tools, start=1)]
+    data["controller"] = {**data.get("controller", {}), "spindle": spindle}
+    return resolve(parse(CellTables, data, where="test"), CELL)
+
+
+def program(folder: Path, text: str = TWO) -> Path:
+    file = folder / "two.ngc"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize(("language", "key"), [("krl", "tool_data"), ("rapid", "tooldata")])
+def test_a_tool_without_a_frame_is_refused_before_planning(tmp_path: Path, language: Dialect, key: str) -> None:
+    """It would run with the other one's length."""
+    job_cell = cell({"tool_data": 3, "tooldata": "tOne"}, {}, krl=MAPPED, rapid=MAPPED)
+    with pytest.raises(ProgramError, match=rf"T2; expected tools\.{key} of T2") as caught:
+        check_machine(read_job(program(tmp_path), job_cell), job_cell, language)
+    assert caught.value.where == "two.ngc:10"
+
+
+def test_one_tool_needs_no_frame_of_its_own(tmp_path: Path) -> None:
+    job_cell = cell({}, {"tool_data": 9}, krl=MAPPED)
+    job = read_job(program(tmp_path, TWO.replace("T2 M6\n", "")), job_cell)
+    check_machine(job, job_cell, "krl")
+    assert tool_data(job, job_cell, "krl") == {}
+
+
+@pytest.mark.parametrize("language", ["krl", "rapid"])
+def test_what_is_not_mapped_names_file_line_and_key(tmp_path: Path, language: Dialect) -> None:
+    job_cell = cell({"tool_data": 3, "tooldata": "tOne"}, {"tool_data": 4, "tooldata": "tTwo"})
+    with pytest.raises(ProgramError, match=rf"controller\.spindle\.{language}\.tool_change") as caught:
+        check_machine(read_job(program(tmp_path), job_cell), job_cell, language)
+    assert caught.value.where == "two.ngc:2"
+
+
+def test_the_stop_at_the_end_must_be_mapped_too(tmp_path: Path) -> None:
+    """M30 stops spindle and coolant; the program does not write M9."""
+    job_cell = cell({}, krl={key: MAPPED[key] for key in MAPPED if key != "coolant_off"})
+    job = read_job(program(tmp_path, TWO.replace("T2 M6\n", "")), job_cell)
+    with pytest.raises(ProgramError, match=r"controller\.spindle\.krl\.coolant_off"):
+        check_machine(job, job_cell, "krl")
+
+
+def test_gcode_keeps_its_words_without_any_table(tmp_path: Path) -> None:
+    found = compensate(program(tmp_path), cell({}, {}), predict=False)
+    assert "T2 M6" in found.files["two.ngc"]
+
+
+def test_a_part_per_tool(tmp_path: Path) -> None:
+    job_cell = cell({"tool_data": 3}, {"tool_data": 4}, krl=MAPPED)
+    found = compensate(program(tmp_path), job_cell, language="krl", predict=False)
+    assert sorted(found.files) == sorted(f"two{part}.{end}" for part in ("", "_001", "_002") for end in ("dat", "src"))
+    second = found.files["two_002.src"].splitlines()
+    assert "$TOOL=TOOL_DATA[4]" in second
+    assert "HALT ; change to tool T2, then press start" in second[: second.index("$TOOL=TOOL_DATA[4]")]
+    assert "HALT ; stop the spindle, then press start" in found.files["two_001.src"]  # M6 stops it on a machine
