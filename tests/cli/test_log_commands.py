@@ -17,19 +17,24 @@ from counterflex.app.made_on import made_on
 from counterflex.app.online_loop import online_loop
 from counterflex.core.arrays import Float
 from counterflex.files.cell import read_cell
-from counterflex.files.run_log import RunLog, read_log
+from counterflex.files.mcap_salvage import salvage
+from counterflex.files.run_log import RunLog, read_log, read_segment
 from counterflex.geometry import pose, rotation
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.record_ring import COLUMNS, WIDTH
+from counterflex.runtime.state_slots import LoopState
 from counterflex.runtime.supervisor import Cause
 
 ONLINE = '\n[online]\nforce = "measured"\nalong_feed = true\n'
 CYCLES = 200
 
 
-def cycles(loop: Loop) -> Float:
-    """Records of a loop that is armed, corrects a noisy force, and holds when the force is stale."""
+def cycles(loop: Loop, states: dict[int, LoopState] | None = None) -> Float:
+    """Records of a loop that is armed, corrects a noisy force, and holds when the force is stale.
+
+    Into ``states`` goes what it remembers after every 50 cycles.
+    """
     rng = np.random.default_rng(4)
     out = np.zeros((CYCLES, WIDTH))
     for k in range(CYCLES):
@@ -51,6 +56,9 @@ def cycles(loop: Loop) -> Float:
         out[k, record.MONITOR : record.MONITOR_OUTCOME] = loop.monitor.results
         out[k, record.MONITOR_OUTCOME : record.CYCLE] = loop.monitor.outcome
         out[k, record.CYCLE] = loop.cycle
+        if states is not None and loop.cycle % 50 == 0:
+            words = np.concatenate([array.reshape(-1).view(np.int64) for array in loop.memory()])
+            states[loop.cycle] = LoopState(loop.cycle, int(out[k, 1]), words)
     return out
 
 
@@ -65,7 +73,7 @@ def logged(folder: Path) -> Float:
     return rows
 
 
-def write(folder: Path, rows: Float, loop: Loop, name: str = "log") -> None:
+def write(folder: Path, rows: Float, loop: Loop, name: str = "log", states: dict[int, LoopState] | None = None) -> None:
     import hashlib
 
     sha = {"cell": hashlib.sha256((folder / "cell.toml").read_bytes()).hexdigest()}
@@ -79,7 +87,8 @@ def write(folder: Path, rows: Float, loop: Loop, name: str = "log") -> None:
     }
     log = RunLog(folder / name, about)
     for k in range(0, len(rows), 20):
-        log.add(rows[k : k + 20], 0.2 * (k + 1))
+        found = [(states or {}).get(int(row[record.CYCLE])) for row in rows[k : k + 20]]
+        log.add(rows[k : k + 20], 0.2 * (k + 1), state=next((one for one in found if one is not None), None))
     log.close()
 
 
@@ -131,9 +140,48 @@ def test_replay_of_a_log_with_missing_records_is_no_proof(folder: Path, logged: 
     loop = online_loop(read_cell(folder / "cell.toml"), None, compensated=False)
     write(folder, np.delete(logged, np.arange(50, 60), axis=0), loop, "gap")
     ended = counterflex("log", "replay", "gap", "--cell", "cell.toml")
-    assert ended.status == 1
-    assert "10 records are missing after cycle 50" in ended.out
-    assert f"50 of {CYCLES - 10} cycles" in ended.out
+    assert ended.status == 3
+    assert "10 cycles missing after cycle 50" in ended.out
+    assert f"50 of {CYCLES} cycles bit for bit the same, 10 cycles missing, {CYCLES - 60} not computed" in ended.out
+
+
+@pytest.mark.parametrize("repaired", [False, True])
+def test_a_damaged_chunk_is_told_by_every_command_and_what_is_behind_it_is_used(
+    folder: Path, logged: Float, counterflex: Any, repaired: bool
+) -> None:
+    """Cycles 61 to 80 cannot be read: replay goes on behind the state of cycle 100, nothing else is lost."""
+    states: dict[int, LoopState] = {}
+    loop = online_loop(read_cell(folder / "cell.toml"), None, compensated=False)
+    write(folder, cycles(loop, states), loop, "bad", states)
+    file = folder / "bad" / "run-000.mcap"
+    content = bytearray(file.read_bytes())
+    content[salvage(bytes(content)).chunks[3].begin + 1000] ^= 1
+    file.write_bytes(content)
+    if repaired:
+        ended = counterflex("log", "repair", "bad")
+        assert ended.status == 3
+        assert f"{CYCLES - 20} records" in ended.out
+        assert "20 cycles missing after cycle 60" in ended.out
+        assert read_segment(file).whole
+    ended = counterflex("log", "replay", "bad", "--cell", "cell.toml")
+    assert ended.status == 3
+    assert "began from the state recorded after cycle 100" in ended.out
+    assert f"160 of {CYCLES} cycles bit for bit the same, 20 cycles missing, 20 not computed" in ended.out
+    assert repaired or "cannot be read" in ended.out
+    found = counterflex("log", "replay", "bad", "--cell", "cell.toml", "--json")
+    assert (found.status, json.loads(found.out)["missing"], json.loads(found.out)["same"]) == (3, 20, False)
+    ended = counterflex("log", "show", "bad")
+    assert (ended.status, ended.err) == (3, "")
+    assert "20 cycles missing after cycle 60" in ended.out
+    shown = counterflex("log", "show", "bad", "--json")
+    assert (shown.status, json.loads(shown.out)["missing_cycles"]) == (3, 20)
+    ended = counterflex("log", "export", "bad", "--csv", "bad.csv")
+    assert ended.status == 3
+    assert "20 cycles missing after cycle 60" in ended.out
+    np.testing.assert_array_equal(
+        polars.read_csv(folder / "bad.csv").drop("run").cast(polars.Float64).to_numpy(),
+        np.delete(logged, np.arange(60, 80), axis=0),
+    )
 
 
 def test_two_runs_in_one_folder(folder: Path, logged: Float, counterflex: Any) -> None:
@@ -182,7 +230,7 @@ def test_a_cut_log_is_shown_repaired_and_replayed(folder: Path, logged: Float, c
     ended = counterflex("log", "replay", "log", "--cell", "cell.toml")
     assert ended.status == 0
     assert f"{len(before)} of {len(before)}" in ended.out
-    assert "no segment is cut short" in counterflex("log", "repair", "log").out
+    assert "no segment is cut short or damaged" in counterflex("log", "repair", "log").out
 
 
 def test_bad_input_in_one_line(folder: Path, logged: Float, refused: Any) -> None:

@@ -15,6 +15,7 @@ from counterflex.app.incidents import numbered
 from counterflex.app.made_on import made_on
 from counterflex.app.online_loop import loop_plan, online_loop
 from counterflex.app.process_events import shown_process
+from counterflex.app.run_log_missing import LogMissing
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import NS, UM
@@ -23,7 +24,7 @@ from counterflex.evaluate.loop_timing import Percentiles
 from counterflex.evaluate.run_record import RunFigures, RunRecord
 from counterflex.files.cell import read_cell
 from counterflex.files.plan_file import read_plan
-from counterflex.files.run_log import segments
+from counterflex.files.run_log import UNKNOWN, segments
 from counterflex.files.run_log_repair import Repaired, repair_segment
 from counterflex.runtime.fusion import level
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, is_whole
@@ -39,22 +40,23 @@ def show(folder: str | Path) -> dict[str, Any]:
     runs: dict[int, RunRecord] = {}
     finders: dict[int, IncidentFinder] = {}
     about: dict[int, dict[str, Any]] = {}
-    cut: list[str] = []
+    missing = LogMissing()
     names: list[str] = []
-    number = 0
     for segment in segments(folder):
         names.append(segment.name)
-        if not segment.whole:
-            cut.append(segment.name)
-        number = segment.run if segment.about else number
+        missing.add(segment)
         if segment.about:
-            about.setdefault(number, segment.about)
-            runs.setdefault(number, RunRecord()).add(segment.rows)
-            finders.setdefault(number, IncidentFinder()).add(segment.rows)
+            about.setdefault(segment.run, segment.about)
+            runs.setdefault(segment.run, RunRecord()).add(segment.rows)
+            finders.setdefault(segment.run, IncidentFinder()).add(segment.rows)
+    for number, lost in missing.end().at_end.items():
+        runs[number].end(lost)
     incidents = numbered(finders)
     return {
         "segments": names,
-        "cut": cut,
+        **missing.shown(),
+        "incomplete": missing.incomplete,
+        "lines": missing.lines(),
         "runs": [
             {
                 "run": k,
@@ -132,10 +134,11 @@ class Replayed:
         records: In the log.
         compared: Cycles computed again and compared.
         skipped: Records after a gap.
+        missing: Cycles without a record: in the gaps, and at the end as far as it is known.
         difference: The first one, or None.
         run: Number of the run with the difference.
         gaps: Where records are missing.
-        cut: Segments that were cut short.
+        lost: What is missing of the log.
         notes: What is not as it was when the log was written: files, versions, choices.
         begun: Cycles from whose recorded state it began.
     """
@@ -143,17 +146,18 @@ class Replayed:
     records: int = 0
     compared: int = 0
     skipped: int = 0
+    missing: int = 0
     difference: Difference | None = None
     run: int = 0
     gaps: list[Gap] = field(default_factory=list)
-    cut: list[str] = field(default_factory=list)
+    lost: LogMissing = field(default_factory=LogMissing)
     notes: list[str] = field(default_factory=list)
     begun: list[int] = field(default_factory=list)
 
     @property
     def proved(self) -> bool:
-        """Every record was computed again and is the same."""
-        return self.difference is None and self.skipped == 0 and self.compared == self.records
+        """Every cycle was computed again and is the same; none is missing."""
+        return self.difference is None and self.compared == self.records and self.missing == 0
 
 
 def replay(
@@ -193,8 +197,7 @@ def replay(
         progress(k / max(1, total), segment.name)
         passed = after.get(segment.run, 0) if segment.about else 0
         answer.records += int(np.count_nonzero(segment.rows[:, CYCLE] > passed))
-        if not segment.whole:
-            answer.cut.append(segment.name)
+        answer.lost.add(segment)
         if not segment.about or answer.difference is not None:
             continue
         if current is None or segment.run != number:
@@ -207,6 +210,7 @@ def replay(
         if current.difference is not None:
             answer.difference, answer.run = current.difference, number
     _collect(answer, current)
+    answer.missing += sum(answer.lost.end().at_end.values())
     return answer
 
 
@@ -229,11 +233,14 @@ def _collect(answer: Replayed, done: Replay | None) -> None:
         answer.compared += done.compared
         answer.skipped += done.skipped
         answer.gaps += done.gaps
+        answer.missing += sum(gap.missing for gap in done.gaps)
         answer.begun += done.begun
 
 
 def _notes(about: dict[str, Any], given: dict[str, Path], sha256: str, *, compensated: bool) -> list[str]:
     """What differs from when the log was written."""
+    if about.get(UNKNOWN):
+        return ["what the run was made of can no longer be read in the log"]
     notes = []
     logged = about.get("sha256", {})
     for name in ("cell", "plan"):
@@ -256,42 +263,47 @@ def _notes(about: dict[str, Any], given: dict[str, Path], sha256: str, *, compen
     return notes
 
 
-def export(folder: str | Path, csv: str | Path, progress: Progress = silent) -> int:
+def export(folder: str | Path, csv: str | Path, progress: Progress = silent) -> tuple[int, LogMissing]:
     """Write all records as CSV: run, then the record's columns (SI, part axes); numbers read back bit for bit.
 
     Returns:
-        Number of records.
+        Number of records, and what is missing.
 
     Raises:
         FileFormatError: There is no run log, or it cannot be read.
         OutputError: The file cannot be written.
     """
-    count = 0
+    count, missing = 0, LogMissing()
     total = len(list(Path(folder).glob("run-*.mcap")))
     whole = [c for c in COLUMNS if is_whole(c)]
     with atomic.atomic_path(csv) as part, part.open("wb") as stream:
         for k, segment in enumerate(segments(folder)):
             progress(k / max(1, total), segment.name)
+            missing.add(segment)
             table = polars.DataFrame(segment.rows, schema=list(COLUMNS), orient="row")
             table = table.with_columns(polars.col(whole).cast(polars.Int64))
             table = table.select(polars.lit(segment.run, dtype=polars.Int64).alias("run"), polars.all())
             table.write_csv(stream, include_header=k == 0)
             count += len(segment.rows)
-    return count
+    return count, missing.end()
 
 
-def repair(folder: str | Path) -> list[Repaired]:
-    """Repair every cut segment of a folder.
+def repair(folder: str | Path) -> tuple[list[Repaired], LogMissing]:
+    """Repair every segment of a folder that was cut short or is damaged.
+
+    Returns:
+        What was done, and what is missing of the log all the same.
 
     Raises:
         FileFormatError: There is no run log, or one is of a newer version.
         InputError: One is being written.
         OutputError: The folder cannot be written.
     """
-    done = []
+    done, missing = [], LogMissing()
     for segment in segments(folder):
+        missing.add(segment)
         if not segment.whole:
-            found = repair_segment(Path(folder) / segment.name)
+            found = repair_segment(Path(folder) / segment.name, about=segment.about)
             if found is not None:
                 done.append(found)
-    return done
+    return done, missing.end()

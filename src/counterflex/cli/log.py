@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.program import CellFile
 
+if TYPE_CHECKING:
+    from counterflex.app.run_log import Replayed
+
 _log = typer.Typer(no_args_is_help=True, help="What an online run logged: show it, replay it, export it, repair it.")
 _SHOWN = 20
+INCOMPLETE: Final = 3
+"""Exit status: what there is was read, but cycles are missing or something cannot be read."""
 
 Folder = Annotated[Path, typer.Argument(help="Folder of the run log.", metavar="DIR")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
@@ -29,19 +34,32 @@ def register(app: typer.Typer) -> None:
 def show(folder: Folder, as_json: AsJson = False) -> None:
     """Say what happened in a run: cycles, states, holds and faults with their causes, answering times, losses.
 
+    Ends with status 3 when cycles are missing or something cannot be read.
+
     Example: `counterflex log show log`
     """
     from counterflex.app import run_log as job
 
     answer = job.show(folder)
     if as_json:
-        print_json(answer)
+        print_json({key: value for key, value in answer.items() if key != "lines"})
+        _end(incomplete=answer["incomplete"])
         return
     for run in answer["runs"]:
         _show_run(run, several=len(answer["runs"]) > 1)
     typer.echo(f"segments: {len(answer['segments'])}")
+    for line in answer["lines"]:
+        typer.echo(line)
     if answer["cut"]:
         typer.echo(f"cut short: {', '.join(answer['cut'])}. counterflex log repair {folder} writes them anew")
+    elif answer["damage"]:
+        typer.echo(f"counterflex log repair {folder} writes damaged segments anew")
+    _end(incomplete=answer["incomplete"])
+
+
+def _end(*, incomplete: bool) -> None:
+    if incomplete:
+        raise typer.Exit(INCOMPLETE)
 
 
 def _show_run(run: dict[str, Any], *, several: bool) -> None:
@@ -180,7 +198,7 @@ def replay(
 ) -> None:
     """Feed the logged inputs through the loop again: its corrections and states must be the logged ones bit for bit.
 
-    Ends with status 1 when they are not, or when records are missing so that not every cycle can be compared.
+    Ends with status 1 when they are not, with 3 when cycles are missing, so that not every one could be compared.
 
     Example: `counterflex log replay log --cell cell.toml`
     """
@@ -195,6 +213,7 @@ def replay(
                 "records": found.records,
                 "compared": found.compared,
                 "skipped": found.skipped,
+                "missing": found.missing,
                 "same": found.proved,
                 "difference": None
                 if first is None
@@ -208,8 +227,8 @@ def replay(
                     "columns": first.columns,
                 },
                 "begun_after": found.begun,
+                **found.lost.shown(),
                 "gaps": [{"after": gap.after, "missing": gap.missing} for gap in found.gaps],
-                "cut": found.cut,
                 "notes": found.notes,
             }
         )
@@ -219,13 +238,17 @@ def replay(
         for gap in found.gaps:
             where = f"after cycle {gap.after}" if gap.after else "at the beginning"
             typer.echo(
-                f"{gap.missing} records are missing {where}: what follows cannot be computed again, up to the next"
+                f"{gap.missing} cycles missing {where}: what follows cannot be computed again, up to the next"
                 " recorded state"
             )
+        for one in found.lost.damage:
+            typer.echo(f"damaged: {one.segment}, bytes {one.begin} to {one.end - 1} cannot be read")
+        for name in found.lost.empty:
+            typer.echo(f"nothing of {name} can be read")
         for cycle in found.begun:
             typer.echo(f"began from the state recorded after cycle {cycle}")
-        if found.cut:
-            typer.echo(f"cut short: {', '.join(found.cut)}; what is there was compared")
+        if found.lost.cut:
+            typer.echo(f"cut short: {', '.join(found.lost.cut)}; what is there was compared")
         if first is not None:
             more = f", and {first.columns - 1} more columns of that cycle" if first.columns > 1 else ""
             typer.echo(
@@ -233,9 +256,16 @@ def replay(
                 f" logged {first.logged!r}, replayed {first.replayed!r}{more}"
             )
         same = "bit for bit the same" if first is None else "the same until there"
-        typer.echo(f"{found.compared} of {found.records} cycles {same}")
-    if not found.proved:
+        typer.echo(f"{found.compared} of {found.records + found.missing} cycles {same}" + _left_out(found))
+    if first is not None:
         raise typer.Exit(1)
+    _end(incomplete=not found.proved or found.lost.incomplete)
+
+
+def _left_out(found: Replayed) -> str:
+    parts = [f"{found.missing} cycles missing"] if found.missing else []
+    parts += [f"{found.skipped} not computed: behind a gap"] if found.skipped else []
+    return "".join(f", {part}" for part in parts)
 
 
 def export(
@@ -251,6 +281,7 @@ def export(
     """Write every record as a line of CSV, in SI units and part axes; numbers read back bit for bit.
 
     With --incident only the cycles around one hold or fault, with units in the headings, and state and cause in words.
+    Ends with status 3 when cycles are missing in what was written.
 
     Example: `counterflex log export log --csv run.csv`
     """
@@ -259,8 +290,10 @@ def export(
         from counterflex.app import run_log as job
 
         with progress_bar("exporting") as progress:
-            count = job.export(folder, csv, progress)
-        say_written(csv, f"wrote {csv}: {count} records")
+            count, missing = job.export(folder, csv, progress)
+        for line in (*missing.lines(), f"wrote {csv}: {count} records"):
+            say_written(csv, line)
+        _end(incomplete=missing.incomplete)
         return
     from counterflex.app.incidents import export_incident
 
@@ -273,20 +306,26 @@ def export(
         f"wrote {csv}: {done.cycles} cycles around the {found['state']} of cycle {found['cycle']}"
         f" ({found['cause'].replace('_', ' ')}){lost}",
     )
+    _end(incomplete=done.missing > 0)
 
 
 def repair(folder: Folder) -> None:
-    """Write segments that were cut short anew, so that any MCAP reader takes them; the originals are kept.
+    """Write segments that were cut short or are damaged anew, so that any MCAP reader takes them; originals are kept.
+
+    Ends with status 3 when cycles are missing all the same.
 
     Example: `counterflex log repair log`
     """
     from counterflex.app import run_log as job
 
-    done = job.repair(folder)
+    done, missing = job.repair(folder)
     for item in done:
         if item.note:
             typer.echo(f"{item.name}: {item.note}")
         else:
             typer.echo(f"{item.name}: {item.records} records; the original is kept as {item.kept}")
     if not done:
-        typer.echo("no segment is cut short")
+        typer.echo("no segment is cut short or damaged")
+    for line in missing.lines():
+        typer.echo(line)
+    _end(incomplete=missing.incomplete)

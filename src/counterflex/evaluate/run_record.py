@@ -10,6 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.evaluate.loop_timing import Percentiles, percentiles
+from counterflex.evaluate.missing_cycles import MissingFinder
 from counterflex.evaluate.process_record import ProcessFigures, ProcessRecord
 from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record
@@ -102,7 +103,8 @@ class RunRecord:
     """Takes the records of one run piece by piece, in order."""
 
     def __init__(self) -> None:
-        self._records = self._answered = self._waited = self._telegrams_lost = self._records_lost = 0
+        self._records = self._answered = self._waited = self._telegrams_lost = 0
+        self._missing = MissingFinder()
         self._largest = self._largest_step = 0.0
         self._cycles: Int = np.zeros(len(State), dtype=np.int64)
         self._times: Float = np.zeros(len(State))
@@ -131,16 +133,20 @@ class RunRecord:
         states = _numbers(rows[:, record.OUTCOME + at.O_STATE], len(State), "state")
         if self._last is None:
             self._begin = float(rows[0, _RECEIVED])
-            self._records_lost += max(0, int(rows[0, record.CYCLE]) - 1)
             joined, known = rows, states
         else:
             joined = np.concatenate([self._last[None], rows])
             known = np.concatenate([[int(self._last[record.OUTCOME + at.O_STATE])], states])
+        self._missing.add(rows)
         self._count(rows, states)
         self._process.add(rows)
         self._follow(joined, known)
         self._last = rows[-1].copy()
         self._end = float(rows[-1, _RECEIVED])
+
+    def end(self, lost: int) -> None:
+        """Say that so many records are known to be missing behind the last one."""
+        self._missing.end(lost)
 
     def _count(self, rows: Float, states: Int) -> None:
         came = rows[:, _ELAPSED] > 0
@@ -162,8 +168,6 @@ class RunRecord:
     def _follow(self, rows: Float, states: Int) -> None:
         """What happens from each record to the next."""
         step = np.diff(rows[:, record.CYCLE]).astype(np.int64)
-        lost = np.where(step > 1, step - 1, 0)
-        self._records_lost += int(lost.sum())
         next_to = step == 1
         time = np.diff(rows[:, _RECEIVED]) * 1e-9
         np.add.at(self._times, states[:-1][step > 0], time[step > 0])
@@ -213,7 +217,7 @@ class RunRecord:
             answered=self._answered,
             waited=self._waited,
             telegrams_lost=self._telegrams_lost,
-            records_lost=self._records_lost,
+            records_lost=self._missing.total,
             time_s=(self._end - self._begin) * 1e-9,
             states={s: (int(self._cycles[s]), float(self._times[s])) for s in State if self._cycles[s]},
             causes={Cause(int(c)): int(self._causes[c]) for c in order},

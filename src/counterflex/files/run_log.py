@@ -1,83 +1,57 @@
 """The run log (``counterflex-run-log``, version 2): MCAP segments that read back after power loss or ``kill -9``.
 
 Each segment begins with what the run was made of (settings, hashes of the inputs); records follow in small chunks,
-flushed every 100 ms. What stands before the last whole chunk can always be read, also from a segment that was never
-finished. A full disk ends a segment; a new one is begun when there is room again. Every few seconds the whole state of
-the loop stands beside the records, so that they can be computed again from there.
+flushed every 100 ms. Every chunk that is whole can be read, also from a segment that was never finished, and behind a
+stretch that is damaged. A full disk ends a segment; a new one is begun when there is room again. Every few seconds the
+whole state of the loop stands beside the records, so that they can be computed again from there.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
+import mmap
 import os
-import struct
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BufferedWriter
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, Final
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.records import Channel, Footer, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
-from mcap.writer import CompressionType, Writer
-from zstandard import ZstdError
+from mcap.opcode import Opcode
+from mcap.records import Channel, MessageIndex, Schema
+from mcap.writer import Writer
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, OutputError
-from counterflex.runtime.record_ring import COLUMNS
+from counterflex.files.mcap_salvage import Salvaged, message, parsed, salvage
+from counterflex.files.run_log_segment import (
+    CYCLE_CHANNEL,
+    CYCLES,
+    KIND,
+    STATE_CHANNEL,
+    STATE_HEAD,
+    STATES,
+    TOPIC,
+    VERSION,
+    add_about,
+    add_record,
+    add_state,
+    begin_segment,
+    read_about,
+)
+from counterflex.runtime.record_ring import COLUMNS, CYCLE
 from counterflex.runtime.state_slots import LoopState
 
-KIND: Final = "counterflex-run-log"
-VERSION: Final = 2
 FLUSH_S: Final = 0.06
 """With the recorder's own period less than 100 ms of records are lost with it."""
 SYNC_S: Final = 1.0
 SEGMENT_BYTES: Final = 64 << 20
-_CHUNK: Final = 64 << 10
-_TOPIC: Final = "cycle"
-_STATES: Final = "state"
-_STATE_HEAD: Final = struct.Struct("<qq")
+UNKNOWN: Final = "unknown"
+"""Key of what a segment is made of where nothing of that can be read."""
 _RETRY_S: Final = 1.0
-
-
-def begin_segment(stream: BinaryIO, about: Mapping[str, Any]) -> tuple[Writer, int, int]:
-    """Write the head of a segment: what the run was made of and the columns.
-
-    Args:
-        stream: Buffered.
-        about: With ``format``, ``version``, ``run`` and ``segment``.
-
-    Returns:
-        The writer, to be finished, the channel of the records, and that of the loop's states.
-    """
-    writer = Writer(stream, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
-    writer.start(profile=KIND, library="counterflex")
-    writer.add_metadata("about", {key: json.dumps(value) for key, value in about.items()})
-    layout = json.dumps({"columns": COLUMNS, "type": "float64 little-endian"}).encode()
-    schema = writer.register_schema(name="counterflex.cycle", encoding="counterflex", data=layout)
-    form = json.dumps({"type": "int64 little-endian: cycle, time ns, then the loop's memory bit for bit"}).encode()
-    states = writer.register_schema(name="counterflex.state", encoding="counterflex", data=form)
-    return (
-        writer,
-        writer.register_channel(topic=_TOPIC, message_encoding="float64", schema_id=schema),
-        writer.register_channel(topic=_STATES, message_encoding="int64", schema_id=states),
-    )
-
-
-def add_record(writer: Writer, channel: int, row: Float) -> None:
-    """Add one record (WIDTH,), stamped with the time at which its telegram was received."""
-    stamp = int(row[1])
-    writer.add_message(channel, log_time=stamp, data=row.astype("<f8").tobytes(), publish_time=stamp)
-
-
-def add_state(writer: Writer, channel: int, state: LoopState) -> None:
-    """Add a state of the loop, stamped as the record of its cycle."""
-    data = _STATE_HEAD.pack(state.cycle, state.time_ns) + state.words.astype("<i8").tobytes()
-    writer.add_message(channel, log_time=state.time_ns, data=data, publish_time=state.time_ns)
 
 
 class RunLog:
@@ -99,6 +73,7 @@ class RunLog:
     def __init__(self, folder: str | Path, about: Mapping[str, Any]) -> None:
         self.folder = Path(folder)
         self._about = dict(about)
+        self._facts: dict[str, Any] = {}
         self.written = self.lost = 0
         self.trouble = ""
         self._number = self._first = 0
@@ -122,8 +97,9 @@ class RunLog:
         path = self.folder / f"run-{self._number:03d}.mcap"
         stream = path.open("wb")
         try:
-            facts = {"format": KIND, "version": VERSION, "run": self._first, "segment": self._number, **self._about}
-            writer, self._channel, self._states = begin_segment(stream, facts)
+            self._facts = {"format": KIND, "version": VERSION, "run": self._first, "segment": self._number}
+            self._facts.update(self._about)
+            writer, self._channel, self._states = begin_segment(stream, self._facts)
             writer.flush()
         except BaseException:
             with contextlib.suppress(OSError):
@@ -160,6 +136,7 @@ class RunLog:
                 add_record(writer, self._channel, row)
             if state is not None:
                 add_state(writer, self._states, state)
+                add_about(writer, self._facts)  # again, so that a damaged beginning is not the only one
             if now - self._flushed >= FLUSH_S:
                 writer.flush()
                 stream.flush()
@@ -185,6 +162,7 @@ class RunLog:
 
     def _finish(self) -> None:
         if self._writer is not None and self._stream is not None:
+            add_about(self._writer, self._facts)
             self._writer.finish()
             self._stream.flush()
             os.fsync(self._stream.fileno())
@@ -199,23 +177,47 @@ class RunLog:
             self._fail(fault, 0, 0.0)
 
 
+@dataclass(frozen=True)
+class Unreadable:
+    """A stretch of a segment that cannot be read; what is behind it can.
+
+    Attributes:
+        begin: First byte.
+        end: First byte behind it.
+        after: Records of the segment before it.
+    """
+
+    begin: int
+    end: int
+    after: int
+
+
 @dataclass(frozen=True, eq=False)
 class Segment:
     """One file of a run log.
 
     Attributes:
         name: Of the file.
-        rows: (n, WIDTH) records.
-        about: What the run was made of; empty where the file was cut before it.
-        whole: It was finished; else it was cut short, and the records before the cut are there.
+        rows: (n, WIDTH) records: all that stand in sound chunks.
+        about: What the run was made of; empty where nothing of it can be read.
+        finished: It ends as a finished file does; else it was cut short, or is being written.
         states: Of the loop, in order.
+        damage: Stretches that cannot be read.
+        lost_at_end: Records behind the last one that can be read, as far as the file's own index still names them.
     """
 
     name: str
     rows: Float
     about: dict[str, Any]
-    whole: bool
+    finished: bool
     states: tuple[LoopState, ...] = ()
+    damage: tuple[Unreadable, ...] = ()
+    lost_at_end: int = 0
+
+    @property
+    def whole(self) -> bool:
+        """It was finished and all of it can be read."""
+        return self.finished and not self.damage
 
     @property
     def run(self) -> int:
@@ -224,98 +226,134 @@ class Segment:
 
 
 def read_segment(path: str | Path) -> Segment:
-    """Read a segment, also one that was cut short.
+    """Read a segment, also one that was cut short or is damaged: every record that stands in a sound chunk.
 
     Args:
         path: MCAP file.
 
     Raises:
-        FileFormatError: Missing, not a run log, newer than this program reads, or cut before its first record of facts.
+        FileFormatError: Missing, not a run log, newer than this program reads, or without a single sound record.
     """
     file = Path(path)
-    about: dict[str, Any] = {}
-    rows: list[Float] = []
-    states: list[LoopState] = []
-    state_channels: set[int] = set()
-    whole = False
-    columns: list[str] | None = None
     try:
-        with file.open("rb") as stream:
-            if stream.read(8) != b"\x89MCAP0\r\n":
-                raise FileFormatError("not an MCAP file", where=str(file), no_beginning=file.stat().st_size < 8)
-            stream.seek(0)
-            try:
-                for record in StreamReader(stream, validate_crcs=True, record_size_limit=SEGMENT_BYTES * 2).records:
-                    if isinstance(record, Metadata) and record.name == "about":
-                        about = {key: json.loads(value) for key, value in record.metadata.items()}
-                    elif isinstance(record, Schema) and record.name == "counterflex.cycle":
-                        columns = json.loads(record.data)["columns"]
-                    elif isinstance(record, Message) and record.channel_id in state_channels:
-                        words = np.frombuffer(record.data, dtype="<i8", offset=_STATE_HEAD.size)
-                        cycle, time_ns = _STATE_HEAD.unpack_from(record.data)
-                        states.append(LoopState(cycle, time_ns, words))
-                    elif isinstance(record, Message):
-                        rows.append(np.frombuffer(record.data, dtype="<f8"))
-                    elif isinstance(record, Footer):
-                        whole = True
-                    elif isinstance(record, Channel) and record.topic == _STATES:
-                        state_channels.add(record.id)
-                    elif isinstance(record, Channel) and record.topic != _TOPIC:
-                        raise FileFormatError("not a run log", where=str(file), value=record.topic)
-            except FileFormatError:
-                raise
-            except (McapError, EOFError, ValueError, KeyError, struct.error, ZstdError, MemoryError, OverflowError):
-                whole = False  # cut short, or damaged: what came before stands
+        found = _salvaged(file)
     except FileNotFoundError as fault:
         raise FileFormatError("no such file", where=str(file)) from fault
     except OSError as fault:
         raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
-    if about.get("format") != KIND:
-        raise FileFormatError("not a run log, or cut before its beginning", where=str(file), no_beginning=True)
+    about = read_about(found)
+    if about.get("format", KIND) != KIND:
+        raise FileFormatError("not a run log", where=str(file), value=about["format"])
     if about.get("version", 0) > VERSION:
         raise FileFormatError(
             "the run log is newer than this program reads", where=str(file), value=about["version"], limit=VERSION
         )
-    if columns is not None and tuple(columns) != COLUMNS:
+    rows: list[Float] = []
+    states: list[LoopState] = []
+    before = [0]  # records before each chunk
+    for chunk in found.chunks:
+        for opcode, content in chunk.records():
+            if opcode == Opcode.MESSAGE:
+                channel, _, data = message(content)
+                if channel == STATE_CHANNEL and len(data) >= STATE_HEAD.size:
+                    words = np.frombuffer(data, dtype="<i8", offset=STATE_HEAD.size)
+                    cycle, time_ns = STATE_HEAD.unpack_from(data)
+                    states.append(LoopState(cycle, time_ns, words))
+                elif channel == CYCLE_CHANNEL and len(data) == 8 * len(COLUMNS):
+                    rows.append(np.frombuffer(data, dtype="<f8"))
+            elif opcode == Opcode.CHANNEL:
+                _require_ours(parsed(Channel, content), file)
+            elif opcode == Opcode.SCHEMA:
+                _require_columns(parsed(Schema, content), file)
+        before.append(len(rows))
+    if not about and not rows:
+        said = "not a run log, or cut before its beginning" if found.magic else "not an MCAP file"
+        raise FileFormatError(said, where=str(file), nothing=True)
+    damage = tuple(Unreadable(d.begin, d.end, before[d.chunks]) for d in found.damage)
+    table = np.array(rows).reshape(-1, len(COLUMNS))
+    lost = _lost_at_end(found, table) + int(about.get("repaired", {}).get("missing_at_end", 0))
+    return Segment(file.name, table, about, found.finished, tuple(states), damage, lost)
+
+
+def _salvaged(file: Path) -> Salvaged:
+    with file.open("rb") as stream:
+        if os.fstat(stream.fileno()).st_size == 0:
+            return Salvaged()
+        with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            return salvage(data)
+
+
+def _require_ours(channel: Channel | None, file: Path) -> None:
+    if channel is not None and (channel.id, channel.topic) not in ((CYCLE_CHANNEL, TOPIC), (STATE_CHANNEL, STATES)):
+        raise FileFormatError("not a run log", where=str(file), value=channel.topic)
+
+
+def _require_columns(schema: Schema | None, file: Path) -> None:
+    if schema is None or schema.name != CYCLES:
+        return
+    columns = json.loads(schema.data)["columns"]
+    if tuple(columns) != COLUMNS:
         raise FileFormatError("the run log has other columns", where=str(file), value=len(columns), limit=len(COLUMNS))
-    good = [row for row in rows if len(row) == len(COLUMNS)]
-    return Segment(file.name, np.array(good).reshape(-1, len(COLUMNS)), about, whole, tuple(states))
+
+
+def _lost_at_end(found: Salvaged, rows: Float) -> int:
+    """Cycles that the indexes beside the chunks name behind the last record: the index of a chunk stands outside it."""
+    last = int(rows[-1, 1]) if len(rows) else -1
+    stamps = {
+        time_ns
+        for record in found.records
+        if isinstance(record, MessageIndex) and record.channel_id == CYCLE_CHANNEL
+        for time_ns, _ in record.records
+    }
+    return sum(time_ns > last for time_ns in stamps)
 
 
 def segments(folder: str | Path) -> Iterator[Segment]:
-    """Segments of a folder in order, one at a time; a file cut before its beginning is a segment without records.
+    """Segments of a folder in order, one at a time; a file of which nothing can be read is a segment without records.
+
+    A segment that has lost what it was made of belongs to the run whose cycles it continues, else to one of its own.
 
     Raises:
-        FileFormatError: There is none, or one is no run log.
+        FileFormatError: There is none, none can be read, or one is no run log.
     """
     files = sorted(Path(folder).glob("run-*.mcap"))
     if not files:
         raise FileFormatError("there is no run log in this folder", where=str(folder), hint="Expected run-000.mcap")
     refused = None
-    told = False
+    before: Segment | None = None
     for file in files:
         try:
             found = read_segment(file)
         except FileFormatError as fault:
-            if not fault.data.get("no_beginning"):
+            if not fault.data.get("nothing"):
                 raise
-            refused = fault
+            refused = refused or fault
             yield Segment(file.name, np.zeros((0, len(COLUMNS))), {}, False)
             continue
-        told = True
-        yield found
-    if refused is not None and not told:
+        before = found if found.about else replace(found, about=_likely(found, before))
+        yield before
+    if refused is not None and before is None:
         raise refused
+
+
+def _likely(segment: Segment, before: Segment | None) -> dict[str, Any]:
+    """What a segment that does not say it belongs to."""
+    number = segment.name[4:].partition(".")[0]
+    own = int(number) if number.isdigit() else 0
+    rows = segment.rows
+    if before is not None and len(before.rows) and len(rows) and rows[0, CYCLE] > before.rows[-1, CYCLE]:
+        return {**before.about, "segment": own}
+    return {"run": own, "segment": own, UNKNOWN: True}
 
 
 def read_log(folder: str | Path) -> tuple[Float, dict[str, Any], list[str]]:
     """Read all segments of a folder in order.
 
     Returns:
-        Records, facts of the first segment, and the names of segments that were cut short.
+        Records, facts of the first segment, and the names of segments that were cut short or are damaged.
 
     Raises:
-        FileFormatError: There is none, or one is no run log.
+        FileFormatError: There is none, none can be read, or one is no run log.
     """
     parts, cut = [], []
     about: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""Segments of a run log that were cut short, written anew so that any MCAP reader takes them."""
+"""Segments of a run log that were cut short or are damaged, written anew so that any MCAP reader takes them."""
 
 from __future__ import annotations
 
@@ -6,38 +6,49 @@ import contextlib
 import os
 import shutil
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+import numpy as np
 
 from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError, InputError, OutputError
-from counterflex.files.run_log import add_record, add_state, begin_segment, read_segment
+from counterflex.files.run_log import read_segment
+from counterflex.files.run_log_segment import KIND, VERSION, add_about, add_record, add_state, begin_segment
 from counterflex.runtime.record_ring import CYCLE
 
 STILL_S: Final = 5.0
 """A file written to within this time is taken for one that is being written."""
+_BARE: Final = {"format": KIND, "version": VERSION}
 
 
 @dataclass(frozen=True)
 class Repaired:
-    """What was done with a cut segment.
+    """What was done with a segment.
 
     Attributes:
         name: Of the segment.
         kept: Name under which the original is kept; empty where nothing was done.
         records: Records it now holds.
         note: Why nothing was done, or empty.
+        missing: Cycles between its records, and behind the last one by its own index, that it does not hold.
+        damage: Stretches that could not be read.
     """
 
     name: str
     kept: str
     records: int
     note: str
+    missing: int = 0
+    damage: int = 0
 
 
-def repair_segment(path: str | Path, now_s: float | None = None) -> Repaired | None:
-    """Write a cut segment anew, finished, with all records that can be read; the original keeps another name.
+def repair_segment(
+    path: str | Path, now_s: float | None = None, about: Mapping[str, Any] | None = None
+) -> Repaired | None:
+    """Write a segment anew, finished, with all records that can be read; the original keeps another name.
 
     At every moment there is a file of the segment's name: first the original gets its second name, then the new file
     takes the place of the first.
@@ -45,6 +56,7 @@ def repair_segment(path: str | Path, now_s: float | None = None) -> Repaired | N
     Args:
         path: ``run-NNN.mcap``.
         now_s: Time by the wall clock; None is now.
+        about: What the run was made of, where the segment itself no longer says it.
 
     Returns:
         What was done; None where the segment is whole.
@@ -58,13 +70,13 @@ def repair_segment(path: str | Path, now_s: float | None = None) -> Repaired | N
     try:
         found = read_segment(file)
     except FileFormatError as fault:
-        if not fault.data.get("no_beginning"):
+        if not fault.data.get("nothing"):
             raise
-        return Repaired(file.name, "", 0, "cut before its first record: nothing to save")
+        return Repaired(file.name, "", 0, "not one record can be read: nothing to save")
     if found.whole:
         return None
     age = (time.time() if now_s is None else now_s) - file.stat().st_mtime
-    if age < STILL_S:
+    if age < STILL_S and not found.finished:
         raise InputError(
             "this segment is being written",
             where=str(file),
@@ -73,21 +85,35 @@ def repair_segment(path: str | Path, now_s: float | None = None) -> Repaired | N
             hint="End the run first",
         )
     kept = _free_name(file)
-    rows, states = found.rows, {state.cycle: state for state in found.states}
-    facts = {**found.about, "repaired": {"records": len(rows), "original": kept.name}}
+    rows, states = found.rows, sorted(found.states, key=lambda state: state.cycle)
+    step = np.diff(rows[:, CYCLE])
+    missing = int(np.sum(step[step > 1] - 1)) + found.lost_at_end
+    facts = {
+        **_BARE,
+        **(found.about or about or {}),
+        "repaired": {
+            "records": len(rows),
+            "original": kept.name,
+            "missing": missing,
+            "missing_at_end": found.lost_at_end,
+            "damage": [[d.begin, d.end] for d in found.damage],
+        },
+    }
     with atomic.atomic_path(file) as part:
         with part.open("wb") as stream:
             writer, channel, state_channel = begin_segment(stream, facts)
             for row in rows:
+                while states and states[0].cycle < row[CYCLE]:  # also one whose own record is lost
+                    add_state(writer, state_channel, states.pop(0))
                 add_record(writer, channel, row)
-                state = states.pop(int(row[CYCLE]), None)
-                if state is not None:
-                    add_state(writer, state_channel, state)
+            for state in states:
+                add_state(writer, state_channel, state)
+            add_about(writer, facts)
             writer.finish()
             stream.flush()
             os.fsync(stream.fileno())
         _keep(file, kept)
-    return Repaired(file.name, kept.name, len(rows), "")
+    return Repaired(file.name, kept.name, len(rows), "", missing, len(found.damage))
 
 
 def _free_name(file: Path) -> Path:

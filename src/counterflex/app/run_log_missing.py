@@ -1,0 +1,139 @@
+"""What is missing of a run log: segments cut short, stretches that cannot be read, cycles without a record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from counterflex.evaluate.missing_cycles import MissingCycles, MissingFinder
+from counterflex.files.run_log import Segment
+from counterflex.runtime.record_ring import CYCLE
+
+
+@dataclass(frozen=True)
+class Damaged:
+    """A stretch of a segment that cannot be read.
+
+    Attributes:
+        segment: Name of the file.
+        begin: First byte.
+        end: First byte behind it.
+        after: Last cycle before it; 0 where it is the beginning of the run.
+        missing: Cycles between the records around it.
+    """
+
+    segment: str
+    begin: int
+    end: int
+    after: int
+    missing: int
+
+
+@dataclass(eq=False)
+class LogMissing:
+    """Takes the segments of a folder in order; then call :meth:`end`.
+
+    Attributes:
+        cut: Segments that were cut short or are being written.
+        empty: Segments of which nothing can be read.
+        damage: Stretches that cannot be read.
+        gaps: Cycles without a record, by run.
+        at_end: Cycles that are known to be missing behind the last record of each run.
+    """
+
+    cut: list[str] = field(default_factory=list)
+    empty: list[str] = field(default_factory=list)
+    damage: list[Damaged] = field(default_factory=list)
+    gaps: dict[int, list[MissingCycles]] = field(default_factory=dict)
+    at_end: dict[int, int] = field(default_factory=dict)
+    _finder: MissingFinder = field(default_factory=MissingFinder)
+    _last: Segment | None = None
+    _cycle: int = 0
+    _total: int = 0
+
+    def add(self, segment: Segment) -> None:
+        """Take the next segment."""
+        if not segment.about:
+            self.empty.append(segment.name)
+            return
+        if not segment.finished:
+            self.cut.append(segment.name)
+        if self._last is None or segment.run != self._last.run:
+            self._end_run()
+            self._finder, self._cycle = MissingFinder(), 0
+        cycles = segment.rows[:, CYCLE]
+        for stretch in segment.damage:
+            at = stretch.after
+            before = int(cycles[at - 1]) if at else self._cycle
+            missing = segment.lost_at_end if at == len(cycles) else max(0, int(cycles[at]) - before - 1)
+            self.damage.append(Damaged(segment.name, stretch.begin, stretch.end, before, missing))
+        self._finder.add(segment.rows)
+        self._last = segment
+        self._cycle = int(cycles[-1]) if len(cycles) else self._cycle
+
+    def end(self) -> LogMissing:
+        """All segments were taken."""
+        self._end_run()
+        self._last = None
+        return self
+
+    def _end_run(self) -> None:
+        if self._last is None:
+            return
+        self._finder.end(self._last.lost_at_end)
+        self.gaps[self._last.run] = self._finder.found
+        self.at_end[self._last.run] = self._last.lost_at_end
+        self._total += self._finder.total
+
+    @property
+    def missing(self) -> int:
+        """Cycles without a record, of all runs; a cut end is not known and not counted."""
+        return self._total
+
+    @property
+    def incomplete(self) -> bool:
+        """Something within the log is missing or cannot be read; a cut end alone is what every killed run leaves."""
+        return bool(self._total or self.damage or self.empty)
+
+    def shown(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "cut": self.cut,
+            "unreadable": self.empty,
+            "damage": [
+                {
+                    "segment": one.segment,
+                    "bytes": [one.begin, one.end],
+                    "after_cycle": one.after,
+                    "missing_cycles": one.missing,
+                }
+                for one in self.damage
+            ],
+            "missing_cycles": self.missing,
+            "gaps": [
+                {"run": run, "after_cycle": gap.after, "missing_cycles": gap.count, "time_s": round(gap.time_s, 3)}
+                for run, gaps in self.gaps.items()
+                for gap in gaps
+            ],
+        }
+
+    def lines(self) -> list[str]:
+        """What is missing, a sentence each; nothing where nothing is."""
+        out = [
+            f"damaged: {one.segment}, bytes {one.begin} to {one.end - 1} cannot be read: "
+            + (f"{one.missing} cycles missing after cycle {one.after}" if one.missing else "no cycle is missing there")
+            for one in self.damage
+        ]
+        out += [f"nothing of {name} can be read" for name in self.empty]
+        known = {(one.after, one.missing) for one in self.damage}
+        for run, gaps in self.gaps.items():
+            where = f" of run {run}" if len(self.gaps) > 1 else ""
+            out += [
+                f"{gap.count} cycles missing after cycle {gap.after}{where}"
+                + (f": {gap.time_s:.3f} s without a record" if gap.time_s else "")
+                for gap in gaps
+                if (gap.after, gap.count) not in known
+            ]
+        if self.missing:
+            out.append(f"{self.missing} cycles missing in all")
+        return out

@@ -1,0 +1,66 @@
+"""Which cycles of a run have no record: by the loop's own count, and by the time between the records around them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import NS
+from counterflex.runtime.record_ring import CYCLE
+
+MOST_GAPS: Final = 10_000
+_RECEIVED = 1
+
+
+@dataclass(frozen=True)
+class MissingCycles:
+    """Cycles in a row without a record.
+
+    Attributes:
+        after: Last cycle before them that has one; 0 where the beginning of the run is missing.
+        count: How many.
+        time_s: From the record before them to the one behind; 0 at the beginning and the end of a run.
+    """
+
+    after: int
+    count: int
+    time_s: float
+
+
+class MissingFinder:
+    """Takes the records of one run piece by piece, in order.
+
+    Attributes:
+        found: The first :data:`MOST_GAPS`.
+        total: Cycles without a record, all of them.
+    """
+
+    def __init__(self) -> None:
+        self.found: list[MissingCycles] = []
+        self.total = 0
+        self._cycle = 0
+        self._time_ns: float | None = None
+
+    def add(self, rows: Float) -> None:
+        """Take records, (n, WIDTH) of :class:`counterflex.runtime.record_ring.RecordRing`."""
+        if len(rows) == 0:
+            return
+        cycles = np.r_[self._cycle, rows[:, CYCLE]].astype(np.int64)
+        for k in np.flatnonzero(np.diff(cycles) > 1):
+            before = self._time_ns if k == 0 else float(rows[k - 1, _RECEIVED])
+            time_s = 0.0 if before is None else (float(rows[k, _RECEIVED]) - before) * NS
+            self._found(int(cycles[k]), int(cycles[k + 1] - cycles[k] - 1), time_s)
+        self._cycle, self._time_ns = int(cycles[-1]), float(rows[-1, _RECEIVED])
+
+    def end(self, lost: int) -> None:
+        """Say that so many records are known to be missing behind the last one."""
+        if lost:
+            self._found(self._cycle, lost, 0.0)
+
+    def _found(self, after: int, count: int, time_s: float) -> None:
+        self.total += count
+        if len(self.found) < MOST_GAPS:
+            self.found.append(MissingCycles(after, count, time_s))

@@ -1,0 +1,220 @@
+"""What can be read of an MCAP file that was cut, overwritten or otherwise damaged: every sound record of it.
+
+MCAP is a row of records: opcode (1 byte), length (8 bytes), content; messages stand in chunks that carry a CRC-32 of
+their content. Where a record is not sound, the next one is looked for: first where this one says that it ends, then at
+every place that looks like the beginning of a record. So a damaged record costs itself and nothing behind it.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from mmap import mmap
+from typing import Any, Final
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    MessageIndex,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+MOST_BYTES: Final = 128 << 20
+"""Largest chunk, and largest content of a chunk, that is believed."""
+_MOST_ELSE: Final = 16 << 20  # of any other record
+_HEAD: Final = struct.Struct("<BQ")
+_CHUNK: Final = struct.Struct("<QQQII")  # first time, last time, size, CRC-32, length of the name of the compression
+_MESSAGE: Final = struct.Struct("<HIQQ")  # channel, sequence, time, time of publishing
+_BEGINNING: Final = re.compile(rb"(?=[\x01-\x0f].{4}\x00{4})", re.DOTALL)
+_READ: Final[dict[int, Any]] = {
+    Opcode.HEADER: Header,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.METADATA: Metadata,
+    Opcode.METADATA_INDEX: MetadataIndex,
+    Opcode.MESSAGE_INDEX: MessageIndex,
+    Opcode.CHUNK_INDEX: ChunkIndex,
+    Opcode.STATISTICS: Statistics,
+    Opcode.SUMMARY_OFFSET: SummaryOffset,
+    Opcode.DATA_END: DataEnd,
+    Opcode.FOOTER: Footer,
+}
+_BAD: Final = (McapError, EOFError, ValueError, struct.error, OverflowError, MemoryError, zstandard.ZstdError)
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """A sound chunk.
+
+    Attributes:
+        begin: Byte of the file at which it begins.
+        content: Its records, as written; their CRC-32 was right.
+    """
+
+    begin: int
+    content: bytes
+
+    def records(self) -> Iterator[tuple[int, bytes]]:
+        """Opcode and content of each of its records."""
+        at, content = 0, self.content
+        while at + _HEAD.size <= len(content):
+            opcode, length = _HEAD.unpack_from(content, at)
+            at += _HEAD.size
+            yield opcode, content[at : at + length]
+            at += length
+
+
+@dataclass(frozen=True)
+class Damage:
+    """A stretch of the file without a sound record, with sound ones behind it.
+
+    Attributes:
+        begin: First byte.
+        end: First byte behind it.
+        chunks: Sound chunks before it.
+    """
+
+    begin: int
+    end: int
+    chunks: int
+
+
+@dataclass(eq=False)
+class Salvaged:
+    """What was found.
+
+    Attributes:
+        chunks: In the order of the file.
+        records: All other sound records, likewise.
+        damage: Stretches that could not be read, with sound records behind them.
+        finished: The file ends as a finished one does.
+        magic: It begins as MCAP does.
+    """
+
+    chunks: list[Chunk] = field(default_factory=list)
+    records: list[Any] = field(default_factory=list)
+    damage: list[Damage] = field(default_factory=list)
+    finished: bool = False
+    magic: bool = False
+
+
+def salvage(data: bytes | mmap) -> Salvaged:
+    """Read every sound record of an MCAP file.
+
+    A chunk is sound when lengths and CRC-32 of its content are right; another record when it can be read and is exactly
+    as long as it says. A bit that is wrong within a name or a time of such a record is not seen.
+
+    Args:
+        data: The whole file.
+    """
+    out = Salvaged(magic=data[: len(MAGIC)] == MAGIC)
+    size = len(data)
+    at = len(MAGIC) if out.magic else 0
+    while at < size:
+        if size - at == len(MAGIC) and data[at:] == MAGIC:
+            out.finished = bool(out.records) and isinstance(out.records[-1], Footer)
+            break
+        found = _sound(data, at)
+        if found is None:
+            behind = _next(data, at)
+            if behind is None:
+                break
+            begin = at
+            if out.damage and out.damage[-1].chunks == len(out.chunks):  # one stretch with what was sound within it
+                begin = out.damage.pop().begin
+            out.damage.append(Damage(begin, behind, len(out.chunks)))
+            at = behind
+            continue
+        record, at = found
+        if isinstance(record, Chunk):
+            out.chunks.append(record)
+        else:
+            out.records.append(record)
+    return out
+
+
+def message(content: bytes) -> tuple[int, int, bytes]:
+    """Channel, time in ns and data of a message record.
+
+    Raises:
+        struct.error: It is too short.
+    """
+    channel, _, time_ns, _ = _MESSAGE.unpack_from(content)
+    return channel, time_ns, content[_MESSAGE.size :]
+
+
+def parsed(kind: Any, content: bytes) -> Any:
+    """A record of a kind of :mod:`mcap.records`, or None where the content is none."""
+    try:
+        stream = ReadDataStream(BytesIO(content))
+        record = kind.read(stream)
+    except _BAD:
+        return None
+    return record if stream.count == len(content) else None
+
+
+def _extent(data: bytes | mmap, at: int) -> tuple[int, int] | None:
+    """Opcode and end of the record that begins here, where it can be one."""
+    if at + _HEAD.size > len(data):
+        return None
+    opcode, length = _HEAD.unpack_from(data, at)
+    end = at + _HEAD.size + length
+    most = MOST_BYTES if opcode == Opcode.CHUNK else _MOST_ELSE if opcode in _READ else -1
+    return None if length > most or end > len(data) else (opcode, end)
+
+
+def _sound(data: bytes | mmap, at: int) -> tuple[Any, int] | None:
+    """The record that begins here and its end; None where there is no sound one."""
+    extent = _extent(data, at)
+    if extent is None:
+        return None
+    opcode, end = extent
+    content = data[at + _HEAD.size : end]
+    record = _chunk(at, content) if opcode == Opcode.CHUNK else parsed(_READ[opcode], content)
+    return None if record is None else (record, end)
+
+
+def _chunk(begin: int, content: bytes) -> Chunk | None:
+    try:
+        _, _, size, crc, named = _CHUNK.unpack_from(content)
+        at = _CHUNK.size + named
+        compression, (length,) = content[_CHUNK.size : at], struct.unpack_from("<Q", content, at)
+        body = content[at + 8 :]
+        if length != len(body) or size > MOST_BYTES:
+            return None
+        if compression == b"zstd":
+            if zstandard.frame_content_size(body) != size:
+                return None
+            body = zstandard.decompress(body, max_output_size=size)
+        elif compression:
+            return None
+    except _BAD:
+        return None
+    return Chunk(begin, body) if len(body) == size and zlib.crc32(body) == crc else None
+
+
+def _next(data: bytes | mmap, at: int) -> int | None:
+    """Where the next sound record begins behind a place at which there is none."""
+    extent = _extent(data, at)
+    if extent is not None and (_sound(data, extent[1]) is not None or data[extent[1] :] == MAGIC):
+        return extent[1]
+    for place in _BEGINNING.finditer(data, at + 1):
+        if _sound(data, place.start()) is not None:
+            return place.start()
+    return None
