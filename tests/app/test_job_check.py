@@ -46,7 +46,7 @@ def test_program_and_plan_of_a_job_carry_one_hash(small: Path, program: ProgramF
         main = next(text for name, text in found.files.items() if name.endswith((".src", ".mod")))
         assert marks(main) == (job_hash(found.plan),)
         if language == "krl":
-            switching = RsiSwitching("counterflex.rsi", (), 4, 1, 2, 1.0)
+            switching = RsiSwitching("counterflex.rsi", (), 4, 2, 1, 3, 4, 60.0, 3.0)
             assert marks(with_correction(main, switching, "main.src")) == marks(main)
         assert job_hash(found.plan) == found.summary["job_hash"]
 

@@ -56,10 +56,16 @@ def made(shop: Path, **settings: Any) -> Path:
     return shop / "robot"
 
 
+def with_rsi(shop: Path, version: str, more: str = "") -> None:
+    """The cell of a shop with another RSI, and more tables."""
+    text = (shop / "cell.toml").read_text(encoding="utf-8")
+    assert 'rsi_version = "4.1"' in text
+    (shop / "cell.toml").write_text(text.replace('rsi_version = "4.1"', version) + more, encoding="utf-8")
+
+
 def judged(robot: Path, main: str, cell: Path) -> list[str]:
-    files = CheckSettings(
-        robot / "counterflex_ethernet.xml", cell, robot / "counterflex.rsi.xml", robot / main, {"the tracker": 4000}
-    )
+    context = next(path for path in robot.iterdir() if path.name in ("counterflex.rsi.xml", "counterflex.rsix"))
+    files = CheckSettings(robot / "counterflex_ethernet.xml", cell, context, robot / main, {"the tracker": 4000})
     return [item.line() for item in check(files)]
 
 
@@ -84,18 +90,72 @@ def test_check_ends_with_one_where_there_is_an_error(shop: Path, counterflex: Ca
 
 @pytest.mark.parametrize("program", [None, "krl/part.src"])
 @pytest.mark.parametrize("more", ["", 'output = "axes"\nperiod_ms = 12\n'])
-def test_what_is_made_is_clean(shop: Path, program: str | None, more: str) -> None:
-    with (shop / "cell.toml").open("a", encoding="utf-8") as stream:
-        stream.write(more)
+@pytest.mark.parametrize("version", ['rsi_version = "3.3"', 'rsi_version = "5.0"'])
+def test_what_is_made_is_clean(shop: Path, program: str | None, more: str, version: str) -> None:
+    with_rsi(shop, version, more)
     robot = made(shop, program=None if program is None else shop / program)
     main = "cf_link_test.src" if program is None else "part.src"
     assert judged(robot, main, shop / "cell.toml") == []
     calls = read_calls(robot / main)
     assert (calls.mode, calls.cycle_ms) == ("absolute", 12 if more else 4)
+    three = ("counterflex.rsi.xml", "counterflex.rsi", "counterflex.rsi.diagram")
     assert {path.name for path in robot.iterdir()} == {
-        *("counterflex_ethernet.xml", "counterflex.rsi.xml", "README.txt", "summary.json"),
+        *("counterflex_ethernet.xml", "README.txt", "summary.json"),
+        *(three if "3.3" in version else ("counterflex.rsix",)),
         *(("part.src", "part.dat", "part_001.src") if program else ("cf_link_test.src",)),
     }
+
+
+@pytest.mark.parametrize(
+    ("version", "context", "created"),
+    [
+        ('rsi_version = "3"', "counterflex.rsi.xml", "counterflex.rsi"),
+        ('rsi_version = "4.0"', "counterflex.rsix", "counterflex"),
+        ('rsi_version = "5.0.4.485"', "counterflex.rsix", "counterflex"),
+        ('kss_version = "8.3"', "counterflex.rsi.xml", "counterflex.rsi"),
+        ('kss_version = "8.6.5"', "counterflex.rsix", "counterflex"),
+        ('rsi_version = "4.0"\nkss_version = "8.4"', "counterflex.rsi.xml", "counterflex.rsi"),
+    ],
+)
+def test_the_version_of_the_controller_chooses_the_files(shop: Path, version: str, context: str, created: str) -> None:
+    with_rsi(shop, version)
+    robot = made(shop)
+    assert (robot / context).is_file()
+    assert len(list(robot.glob("counterflex.rsi*"))) == (3 if context.endswith(".xml") else 1)
+    first = read_calls(robot / "cf_link_test.src").first("RSI_CREATE")
+    assert first is not None
+    assert first.arguments[0] == f'"{created}"'
+
+
+@pytest.mark.parametrize(
+    ("version", "words"),
+    [
+        ("", ["which RSI the controller has", "rsi_version", "3.3", "4.1"]),
+        ('rsi_version = "2.3"', ["rsi_version = 2.3", "KR C2"]),
+        ('rsi_version = "6.2"', ["rsi_version = 6.2", "iiQKA"]),
+        ('rsi_version = "four"', ["rsi_version"]),
+        ('kss_version = "5.6"', ["kss_version = 5.6", "8.1 to 8.7"]),
+        ('rsi_version = "3.3"\nkss_version = "8.6"', ["do not belong together", "RSI 4 or 5"]),
+        ('rsi_version = "5.0"\nkss_version = "8.3"', ["do not belong together", "KSS 8.7"]),
+    ],
+)
+def test_a_controller_that_no_files_can_be_made_for(
+    shop: Path, refused: Callable[..., str], version: str, words: list[str]
+) -> None:
+    with_rsi(shop, version)
+    said = refused("rsi", "make", "--cell", "cell.toml", "--out", "robot")
+    for word in words:
+        assert word in said
+
+
+def test_the_speed_is_written_only_where_the_loop_may_change_it(shop: Path) -> None:
+    assert "OV_PRO" not in (made(shop) / "counterflex.rsix").read_text(encoding="utf-8").upper()
+    assert "Override" not in (shop / "robot/counterflex_ethernet.xml").read_text(encoding="utf-8")
+    with_rsi(shop, 'rsi_version = "4.1"', "\n[override]\n")
+    context = read_context(made(shop) / "counterflex.rsix")
+    (item,) = context.of_kind("MAP2OV_PRO")
+    ethernet = read_config(shop / "robot/counterflex_ethernet.xml")
+    assert item.inputs[0].output == next(tag.channel for tag in ethernet.receive if tag.tag == "Override")
 
 
 def test_only_the_switching_is_added_to_the_program(shop: Path) -> None:
@@ -103,10 +163,12 @@ def test_only_the_switching_is_added_to_the_program(shop: Path) -> None:
     at = [lines.index(line) for line in COMPENSATED.splitlines()]
     assert at == sorted(at)
     order = [
-        *("DECL INT cfid", "PTP XSTART", 'cfr=RSI_CREATE("counterflex.rsi",cfid,TRUE)'),
+        *("DECL INT cfid", "GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )", "BAS (#INITMOV,0 )"),
+        *("$BASE=BASE_DATA[1]", "PTP XSTART", 'cfr=RSI_CREATE("counterflex",cfid,TRUE)'),
         'cfr=RSI_SETPUBLICPAR(cfid,"POSCORR1","UpperLimX",2.700)',
         "HALT ; start counterflex run, then press start",
-        *("cfr=RSI_ON(#ABSOLUTE,#IPO_FAST)", "$SEN_PREA[2]=1.0", "part_001( )", "WAIT SEC 0"),
+        *("cfr=RSI_ON(#ABSOLUTE,#IPO_FAST)", "WHILE NOT (($SEN_PREA[3]>1.5) AND ($SEN_PREA[3]<2.5))"),
+        *("$SEN_PREA[2]=1.0", "part_001( )", "WAIT SEC 0.0", "WHILE NOT (CF_ZERO( ))"),
         *("cfr=RSI_OFF()", "cfr=RSI_DELETE(cfid)", "END", "DEF CF_CHECK(cfresult:IN)"),
     ]
     found = [lines.index(line) for line in order]
@@ -116,9 +178,10 @@ def test_only_the_switching_is_added_to_the_program(shop: Path) -> None:
 
 
 def test_link_and_simulated_robot_accept_what_is_made(shop: Path) -> None:
+    with_rsi(shop, 'rsi_version = "4.1"', "\n[override]\n")
     robot = made(shop)
     config = read_config(robot / "counterflex_ethernet.xml")
-    context = read_context(robot / "counterflex.rsi.xml")
+    context = read_context(robot / "counterflex.rsix")
     poscorr, ethernet = context.of_kind("POSCORR")[0], context.of_kind("ETHERNET")[0]
     fake = FakeRsi(
         config,
@@ -166,11 +229,13 @@ def test_link_and_simulated_robot_accept_what_is_made(shop: Path) -> None:
         ("krl/part.src", "$VEL.CP=0.025", "cfr=RSI_OFF()", ["part.src:7", "switches RSI itself"]),
         ("krl/part.src", "$VEL.CP=0.025", "$SEN_PREA[3]=1.0", ["part.src:7", "$SEN_PREA", "free"]),
         ("krl/part_001.src", "LIN", "INTERRUPT DECL 21 WHEN $IN[1] DO X()\nLIN", ["part_001.src:2", "interrupt 21"]),
+        ("krl/part.src", "END\n", "$TOOL=TOOL_DATA[2]\nEND\n", ["part.src:10", "tool is changed"]),
         ("krl/part.src", "END\n", "", ["part.src", "cut off"]),
         ("krl/part.src", "DEF part( )", "", ["part.src", "no DEF"]),
         ("krl/part_001.src", "LIN", "PTP", ["part_001.src:2", "LIN and CIRC only"]),
         ("cell.toml", "[online]\ncorrection_mm = 1.5", "", ["cell.toml", "[online]"]),
         ("cell.toml", "correction_mm = 1.5", "correction_mm = 50", ["correction_mm", "90 mm", "<= 20 mm"]),
+        ("cell.toml", "correction_mm = 1.5", 'mode = "relative"', ["online", "one lost answer stays", '"absolute"']),
     ],
 )
 def test_make_refuses_and_writes_nothing(
@@ -256,7 +321,7 @@ def test_around_a_program_that_compensate_wrote(shop: Path, counterflex: Callabl
     assert made_.status == 0
     assert "README.txt" in made_.out
     ended = counterflex(
-        *("rsi", "check", "robot/counterflex_ethernet.xml", "--context", "robot/counterflex.rsi.xml"),
+        *("rsi", "check", "robot/counterflex_ethernet.xml", "--context", "robot/counterflex.rsix"),
         *("--krl", "robot/part.src", "--cell", "cell.toml"),
     )
     assert (ended.status, ended.out) == (0, "0 errors, 0 warnings\n")

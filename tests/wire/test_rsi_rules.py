@@ -20,7 +20,7 @@ from counterflex.wire.rsi_rules import check
 from counterflex.wire.rsi_setup import Finding, OnlineLimits, Setup
 
 LIMITS = OnlineLimits(correction_mm=2.0, correction_deg=0.3, hard_factor=1.5, period_ms=4)
-FILES = RsiFiles("counterflex", "192.168.44.10", 59152, "Counterflex", LIMITS)
+FILES = RsiFiles("counterflex", "192.168.44.10", 59152, "Counterflex", LIMITS, override=True)
 ETHERNET, CONTEXT = FILES.ethernet(), FILES.context()
 PATH = """&ACCESS RVP
 &REL 1
@@ -35,7 +35,9 @@ END
 
 
 def switching(files: RsiFiles) -> RsiSwitching:
-    return RsiSwitching("counterflex.rsi", files.public_parameters(), files.limits.period_ms, 2, 1, 1.5)
+    return RsiSwitching(
+        files.created_as, files.public_parameters(), files.limits.period_ms, 2, 1, 3, 4, armed_s=60.0, zero_s=3.0
+    )
 
 
 KRL = with_correction(PATH, switching(FILES), "groove.src")
@@ -95,7 +97,7 @@ ETHERNET_CASES: dict[str, tuple[str, str, str, str]] = {
     "rounded pose": ('TAG="DEF_RSol" TYPE="DOUBLE"', 'TAG="DEF_RSol" TYPE="LONG"', "type", "error"),
     "not held": ('HOLDON="1"', 'HOLDON="0"', "holdon-absolute", "error"),
     "held in part": ('INDX="2" HOLDON="1"', 'INDX="2" HOLDON="0"', "holdon-mixed", "error"),
-    "speed not held": ('INDX="9" HOLDON="1"', 'INDX="9" HOLDON="0"', "holdon-command", "error"),
+    "speed not held": ('INDX="10" HOLDON="1"', 'INDX="10" HOLDON="0"', "holdon-command", "error"),
     "stop not held": ('INDX="7" HOLDON="1"', 'INDX="7" HOLDON="0"', "holdon-command", "warning"),
     "generator": ('TAG="DEF_EStr" TYPE="STRING"', 'TAG="DEF_Tech.T1" TYPE="DOUBLE"', "generator-1", "error"),
     "robot's type": ("<SENTYPE>Counterflex", "<SENTYPE>KUKA", "sentype", "warning"),
@@ -244,11 +246,11 @@ def test_the_monitor_acts_without_its_object() -> None:
 
 
 def test_both_corrections() -> None:
-    extra = "".join(f'<ELEMENT TAG="AKorr.A{i}" TYPE="DOUBLE" INDX="{9 + i}" HOLDON="1"/>' for i in range(1, 7))
+    extra = "".join(f'<ELEMENT TAG="AKorr.A{i}" TYPE="DOUBLE" INDX="{10 + i}" HOLDON="1"/>' for i in range(1, 7))
     ethernet = ETHERNET.replace("</ELEMENTS>\n  </RECEIVE>", f"{extra}</ELEMENTS>\n  </RECEIVE>")
     assert rules(found(ethernet, None, None)) == {"both-corrections"}
     assert found(ethernet) == ()
-    wires = "".join(f'<Input InIdx="{i}" OutObjID="ETHERNET1" OutIdx="{9 + i}"/>' for i in range(1, 7))
+    wires = "".join(f'<Input InIdx="{i}" OutObjID="ETHERNET1" OutIdx="{10 + i}"/>' for i in range(1, 7))
     item = f'<RSIObject ObjType="AXISCORR" ObjTypeID="33" ObjID="A"><Inputs>{wires}</Inputs></RSIObject>'
     both = found(ethernet, CONTEXT.replace("</RSIObjects>", f"{item}</RSIObjects>"))
     assert rules(both, "error") == {"both-corrections"}
@@ -295,6 +297,9 @@ def test_a_line_that_is_missing_in_the_program(gone: str, rule: str) -> None:
         ("CIRC {", "PTP {", "ptp-corrected", "error"),
         ("CIRC {", "RSI_MOVECORR() ;", "movecorr", "warning"),
         ('cfid,"POSCORR1","UpperLimZ"', 'cfid,"POSCORR7","UpperLimZ"', "unknown-parameter", "error"),
+        ('cfid,"POSCORR1","UpperLimZ"', 'cfid,"POSCORR1","UpperLimW"', "unknown-parameter", "error"),
+        ('cfid,"POSCORR1","UpperLimZ"', 'cfid,"POSCORR1","RefCorrSys"', "not-public", "error"),
+        ('cfid,"POSCORR1","UpperLimZ",3.600', 'cfid,"POSCORR1",3.600', "unknown-parameter", "error"),
         ('"counterflex.rsi"', '"other.rsi"', "context-name", "error"),
     ],
 )

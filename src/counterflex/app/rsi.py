@@ -11,14 +11,22 @@ from counterflex.app.robot_folder import read_program, refuse_errors, write_fold
 from counterflex.app.rsi_readme import readme
 from counterflex.core.errors import FileFormatError
 from counterflex.files.cell import read_cell
+from counterflex.files.cell_controller import ControllerTable
 from counterflex.files.cell_online import OnlineTable
-from counterflex.files.cell_schema import CellTables, ControllerTable
+from counterflex.files.cell_schema import CellTables
 from counterflex.programs.job_mark import marks
 from counterflex.programs.krl_rsi import RsiSwitching, called, check_path, link_test, with_correction
 from counterflex.wire.rsi_calls import parse_calls, read_calls
 from counterflex.wire.rsi_config import parse_config, read_config
 from counterflex.wire.rsi_context import parse_context, read_context
-from counterflex.wire.rsi_files import ENABLE_INDEX, FEED_HOLD_INDEX, RsiFiles, check_files
+from counterflex.wire.rsi_files import (
+    CORRECTION_INDEX,
+    ENABLE_INDEX,
+    FEED_HOLD_INDEX,
+    STATE_INDEX,
+    RsiFiles,
+    check_files,
+)
 from counterflex.wire.rsi_rules import check as judge
 from counterflex.wire.rsi_setup import Finding, OnlineLimits, Setup
 
@@ -26,7 +34,10 @@ NAME: Final = "counterflex"
 """Of the context and its files."""
 LINK_TEST: Final = "cf_link_test"
 """Of the program that tries the link."""
-_SETTLE_S: Final = 0.5
+_ARMED_S: Final = 60.0
+"""How long the program waits for the loop to be armed: it settles, and a person arms it."""
+_ZERO_S: Final = 2.0
+"""How long the program waits for the correction beyond what ramping it out takes."""
 
 
 @dataclass(frozen=True)
@@ -110,25 +121,38 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         The summary: files, limits, findings about what was written.
 
     Raises:
-        FileFormatError: The cell has no ``[online]`` table.
+        FileFormatError: The cell has no ``[online]`` table, or does not say which RSI the controller has.
         InputError: Address or limits cannot be used: what would be written has a finding of severity error.
         ProgramError: The program cannot run under correction.
     """
     cell = read_cell(settings.cell)
     table = _online_of(cell.tables, settings.cell)
-    currents = table.torque_per_current_nm is not None
-    files = RsiFiles(NAME, settings.host, settings.port, settings.sentype, limits_of(table), currents=currents)
+    controller = cell.tables.controller
+    files = RsiFiles(
+        NAME,
+        settings.host,
+        settings.port,
+        settings.sentype,
+        limits_of(table),
+        currents=table.torque_per_current_nm is not None,
+        override=cell.tables.override is not None,
+        generation=controller.rsi_generation(str(settings.cell)),
+    )
     check_files(files)
     switching = RsiSwitching(
-        context=f"{NAME}.rsi",
+        context=files.created_as,
         parameters=files.public_parameters(),
         cycle_ms=files.limits.period_ms,
         enable_index=ENABLE_INDEX,
         feed_hold_index=FEED_HOLD_INDEX,
-        ramp_s=table.correction_mm / table.ramp_mm_s + _SETTLE_S,
+        state_index=STATE_INDEX,
+        correction_index=CORRECTION_INDEX,
+        armed_s=_ARMED_S,
+        zero_s=table.correction_mm / table.ramp_mm_s + _ZERO_S,
+        output=controller.correction_output,
     )
-    programs, main, elsewhere = _programs(settings.program, switching, cell.tables.controller)
-    texts = {files.ethernet_name: files.ethernet(), files.context_name: files.context()}
+    programs, main, elsewhere = _programs(settings.program, switching, controller)
+    texts = {files.ethernet_name: files.ethernet(), **files.contexts()}
     findings = judge(
         Setup(
             parse_config(texts[files.ethernet_name].encode(), files.ethernet_name),
@@ -138,7 +162,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         )
     )
     refuse_errors(findings)
-    texts["README.txt"] = readme(files, cell.name, main, tuple(programs), elsewhere, switching.ramp_s)
+    texts["README.txt"] = readme(files, cell.name, main, tuple(programs), elsewhere, switching)
     summary = {
         "job": "rsi make",
         "cell": cell.name,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from counterflex.core.units import DEG, MM, MS, PERCENT, UM, URAD
 from counterflex.files.cell_timing import TimingTable
@@ -43,6 +43,7 @@ class OnlineTable(Table):
     force: Literal["none", "measured", "pilot", "scale", "fused"] = "pilot"
     tracker: Literal["none", "integrator", "observer", "designed"] = "none"
     output: Literal["cartesian", "axes"] = "cartesian"
+    mode: Literal["absolute", "relative"] = "absolute"
     axis_play: bool = False
     own_play_urad: tuple[Level, Level, Level, Level, Level, Level] = (0.0,) * 6
     period_ms: Literal[4, 12, 24, 48, 72, 96] = 4
@@ -86,6 +87,16 @@ class OnlineTable(Table):
     hard_factor: Annotated[float, Field(ge=1.0, le=3.0)] = 1.5
     ramp_mm_s: Above = 2.0
     without_log: Literal["warn", "hold"] = "warn"
+
+    @field_validator("mode")
+    @classmethod
+    def _total(cls, value: str) -> str:
+        if value == "relative":
+            raise ValueError(
+                'mode = "relative" is not spoken: the controller adds up increments and does not tell which it took, '
+                'so one lost answer stays in the cut; expected "absolute", with RSI_ON(#ABSOLUTE) and HOLDON="1"'
+            )
+        return value
 
     def settings(
         self, timing: TimingTable | None, *, compensated: bool, mode: tuple[float, float] | None = None

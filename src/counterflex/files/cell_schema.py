@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from counterflex.files.cell_ads import AdsTable
+from counterflex.files.cell_controller import ControllerTable
 from counterflex.files.cell_dh import DhTable
 from counterflex.files.cell_drive_error import DriveErrorTable
 from counterflex.files.cell_egm import EgmTable
@@ -16,7 +17,6 @@ from counterflex.files.cell_measured import CalibrationTable, IdentifiedTable
 from counterflex.files.cell_monitor import MonitorTable, OverrideTable
 from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_sensing import HolderTable, SensorTable
-from counterflex.files.cell_spindle import SpindleTable
 from counterflex.files.cell_timing import TimingTable
 from counterflex.files.cell_tracker import TrackerTable
 from counterflex.files.schema import Angle, ComplianceTable, Length, PoseTable, Table, Versioned
@@ -287,18 +287,6 @@ class PostureTable(Table):
     def branch(self) -> str:
         """The posture as the inverse kinematics names it."""
         return f"{self.shoulder} {self.elbow} {self.wrist}"
-
-
-class ControllerTable(Table):
-    """What the robot controller does with a program."""
-
-    cycle_ms: Annotated[float, Field(ge=0.1, le=1000.0)] = 12.0
-    blending_mm: Annotated[float, Field(ge=0.0, le=100.0)] = 0.5
-    acceleration_mm_s2: Annotated[float, Field(ge=1.0, le=1e6)] = 1000.0
-    rapid_mm_s: Annotated[float, Field(ge=0.1, le=1e5)] = 250.0
-    tool_number: Annotated[int, Field(ge=1, le=32)] = 1
-    base_number: Annotated[int, Field(ge=1, le=64)] = 1
-    spindle: SpindleTable = SpindleTable()
 
 
 class DynamicsTable(Table):

@@ -10,6 +10,7 @@ from typing import Final
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.programs.job_mark import job_number, marks
 from counterflex.programs.limits import KRL, check_name
+from counterflex.programs.machine_functions import krl_wait
 
 _ROUTINE: Final = re.compile(r"\s*(?:GLOBAL\s+)?DEF\s+(\w+)\s*\(\s*\)\s*$", re.IGNORECASE)
 _END: Final = re.compile(r"\s*END\s*$", re.IGNORECASE)
@@ -20,8 +21,16 @@ _SPLINE: Final = re.compile(r"\s*(SLIN|SCIRC|SPL|SPLINE)\b", re.IGNORECASE)
 _SENSOR: Final = re.compile(r"\bRSI_\w+\s*\(", re.IGNORECASE)
 _INTERRUPT: Final = 21
 _TAKEN: Final = re.compile(
-    rf"\bINTERRUPT\s+DECL\s+{_INTERRUPT}\b|\$SEN_PREA\b|\bcf(?:r|id)\b|\bCF_(?:CHECK|HOLD)\b", re.IGNORECASE
+    rf"\bINTERRUPT\s+DECL\s+{_INTERRUPT}\b|\$SEN_PREA\b|\bcf(?:r|id)\b|\bCF_(?:CHECK|HOLD|ZERO)\b", re.IGNORECASE
 )
+_DECLARATION: Final = re.compile(
+    r"\s*(?:GLOBAL\s+)?(?:DECL|EXT|EXTFCT|SIGNAL|STRUC|ENUM|INT|REAL|BOOL|CHAR|FRAME|POS|E6POS|AXIS|E6AXIS)\b",
+    re.IGNORECASE,
+)
+_INITIALISED: Final = re.compile(r"\bBAS\s*\(\s*#INITMOV\b", re.IGNORECASE)
+_TOOL: Final = re.compile(r"\s*\$TOOL\s*=", re.IGNORECASE)
+_AT_ZERO: Final = 0.005
+_ARMED: Final = "($SEN_PREA[{0}]>1.5) AND ($SEN_PREA[{0}]<2.5)"
 
 
 @dataclass(frozen=True)
@@ -29,12 +38,16 @@ class RsiSwitching:
     """How correction is switched on and off.
 
     Attributes:
-        context: Name that RSI_CREATE takes: ``counterflex.rsi``.
+        context: Name that RSI_CREATE takes.
         parameters: Object, parameter and value for RSI_SETPUBLICPAR, in mm and deg.
         cycle_ms: 4 (#IPO_FAST) or 12 (#IPO).
         enable_index: $SEN_PREA that says that the correction may act.
         feed_hold_index: $SEN_PREA through which the sensor asks for a feed hold.
-        ramp_s: Time that ramping out takes at most.
+        state_index: $SEN_PREA in which the loop says its state (:class:`counterflex.runtime.supervisor.State`).
+        correction_index: First of the six $SEN_PREA in which the controller says what it has corrected, mm and deg.
+        armed_s: How long the program waits for the loop to be armed until it stops.
+        zero_s: How long it waits for the correction to be back at zero until it stops.
+        output: Number of $OUT that is TRUE while the correction may act, or None.
     """
 
     context: str
@@ -42,15 +55,22 @@ class RsiSwitching:
     cycle_ms: int
     enable_index: int
     feed_hold_index: int
-    ramp_s: float
+    state_index: int
+    correction_index: int
+    armed_s: float
+    zero_s: float
+    output: int | None = None
 
 
 def with_correction(text: str, switching: RsiSwitching, where: str) -> str:
     """The main file of a KRL program with sensor correction from its start position to its end.
 
-    RSI is created behind the last PTP before the first path motion or call, and deleted before END. Where the program
-    carries the mark of a job, it says its number by what it sets the enabling variable to
-    (:func:`counterflex.programs.job_mark.job_number`).
+    RSI is created behind the last PTP before the first path motion or call, and deleted before END. The correction is
+    enabled when the loop says that it is armed, and switched off when the controller itself says that it has gone back
+    to zero; where that takes too long the program stops and cannot be led past. Where the program carries the mark of
+    a job, it says its number by what it sets the enabling variable to
+    (:func:`counterflex.programs.job_mark.job_number`). Where it does not initialise its motion itself
+    (``BAS(#INITMOV,0)``, interrupt 3), it is made to.
 
     Args:
         text: Of the ``.src`` file.
@@ -61,7 +81,8 @@ def with_correction(text: str, switching: RsiSwitching, where: str) -> str:
         The text, line ends as in the source.
 
     Raises:
-        ProgramError: It is no program of a start position and a path of LIN and CIRC, or it switches RSI itself.
+        ProgramError: It is no program of a start position and a path of LIN and CIRC, it switches RSI itself, or it
+            changes the tool on its path.
     """
     end_of_line = "\r\n" if "\r\n" in text else "\n"
     lines = text.splitlines()
@@ -84,12 +105,28 @@ def with_correction(text: str, switching: RsiSwitching, where: str) -> str:
     late = next((i for i in starts if i > path), None)
     if late is not None:
         raise _no_ptp(where, late)
+    changed = next((i for i in body if i > path and _TOOL.match(_code(lines[i]))), None)
+    if changed is not None:
+        raise ProgramError(
+            "the tool is changed on the path, under correction",
+            where=f"{where}:{changed + 1}",
+            value=lines[changed].strip(),
+            limit="one tool from start position to end",
+            hint="Make a set-up for the program of each tool",
+        )
+    first = begin + 1
+    while first < starts[0] and (not _code(lines[first]).strip() or _DECLARATION.match(lines[first])):
+        first += 1
+    initialised = any(_INITIALISED.search(_code(lines[i])) for i in range(begin + 1, starts[0]))
     out = [
         *lines[: begin + 1],
-        "DECL INT cfr",
-        "DECL INT cfid",
-        *lines[begin + 1 : starts[-1] + 1],
-        *_on(switching, _says(text)),
+        *_DECLARED,
+        *lines[begin + 1 : first],
+        *([] if initialised else _INI),
+        *_output(switching, on=False),
+        *lines[first : starts[-1] + 1],
+        *_on(switching),
+        *_enable(switching, _says(text)),
         *lines[starts[-1] + 1 : end],
         *_off(switching),
         *lines[end:],
@@ -145,7 +182,7 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False) ->
                 "the program uses what the correction needs",
                 where=f"{where}:{i + 1}",
                 value=taken[0],
-                limit=f"interrupt {_INTERRUPT}, $SEN_PREA, cfr, cfid, CF_CHECK and CF_HOLD free",
+                limit=f"interrupt {_INTERRUPT}, $SEN_PREA, cfr, cfid, CF_CHECK, CF_HOLD and CF_ZERO free",
             )
 
 
@@ -165,17 +202,15 @@ def link_test(name: str, switching: RsiSwitching, *, tool: int, base: int, secon
     check_name(name, KRL, "KRL")
     if not 1 <= seconds <= 3600:
         raise InputError("time of the link test", value=seconds, limit="1 .. 3600 s")
-    enable = f"$SEN_PREA[{switching.enable_index}]"
-    on = [line for line in _on(switching, 1.0) if not line.startswith(f"{enable}=1")]
     body = [
         "; stands still with RSI on: try the link, correction is not enabled",
-        "DECL INT cfr",
-        "DECL INT cfid",
-        "BAS(#INITMOV,0)",
+        *_DECLARED,
+        *_INI,
+        *_output(switching, on=False),
         f"$TOOL=TOOL_DATA[{tool}]",
         f"$BASE=BASE_DATA[{base}]",
         "PTP $AXIS_ACT_MEAS",
-        *on,
+        *_on(switching),
         f"WAIT SEC {seconds}.0",
         *_off(switching),
     ]
@@ -202,13 +237,32 @@ def _says(text: str) -> float:
     return float(job_number(jobs[0])) if len(jobs) == 1 else 1.0
 
 
-def _on(switching: RsiSwitching, says: float) -> list[str]:
+_DECLARED: Final = ("DECL INT cfr", "DECL INT cfid")
+_INI: Final = (
+    ";FOLD INI",
+    ";FOLD BASISTECH INI",
+    "GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )",
+    "INTERRUPT ON 3",
+    "BAS (#INITMOV,0 )",
+    ";ENDFOLD (BASISTECH INI)",
+    ";ENDFOLD (INI)",
+)
+
+
+def _output(switching: RsiSwitching, *, on: bool) -> list[str]:
+    """What a safety PLC may watch: TRUE from before the correction is enabled until it is back at zero."""
+    if switching.output is None:
+        return []
+    return [f"$OUT[{switching.output}]={'TRUE' if on else 'FALSE'} ; sensor correction {'may act' if on else 'is off'}"]
+
+
+def _on(switching: RsiSwitching) -> list[str]:
     rate = "#IPO" if switching.cycle_ms == 12 else "#IPO_FAST"
-    hold, enable = f"$SEN_PREA[{switching.feed_hold_index}]", f"$SEN_PREA[{switching.enable_index}]"
+    told = [switching.feed_hold_index, switching.enable_index, switching.state_index]
+    told += [switching.correction_index + i for i in range(6)]
     lines = [
         "; sensor correction on",
-        f"{hold}=0.0",
-        f"{enable}=0.0",
+        *(f"$SEN_PREA[{index}]=0.0" for index in told),
         f'cfr=RSI_CREATE("{switching.context}",cfid,TRUE)',
         "CF_CHECK(cfr)",
     ]
@@ -219,18 +273,27 @@ def _on(switching: RsiSwitching, says: float) -> list[str]:
         "HALT ; start counterflex run, then press start",
         f"cfr=RSI_ON(#ABSOLUTE,{rate})",
         "CF_CHECK(cfr)",
-        f"INTERRUPT DECL {_INTERRUPT} WHEN {hold}>0.5 DO CF_HOLD( )",
+        f"INTERRUPT DECL {_INTERRUPT} WHEN $SEN_PREA[{switching.feed_hold_index}]>0.5 DO CF_HOLD( )",
         f"INTERRUPT ON {_INTERRUPT}",
-        f"{enable}={says:.1f}",
+    ]
+
+
+def _enable(switching: RsiSwitching, says: float) -> list[str]:
+    return [
+        "; wait until the loop says that it is armed",
+        *krl_wait(_ARMED.format(switching.state_index), switching.armed_s, "counterflex run is not armed"),
+        *_output(switching, on=True),
+        f"$SEN_PREA[{switching.enable_index}]={says:.1f}",
     ]
 
 
 def _off(switching: RsiSwitching) -> list[str]:
     return [
-        "; sensor correction off: let it ramp out first",
-        "WAIT SEC 0",
+        "; sensor correction off: wait until the controller says that it is back at zero",
+        "WAIT SEC 0.0",
         f"$SEN_PREA[{switching.enable_index}]=0.0",
-        f"WAIT SEC {switching.ramp_s:.1f}",
+        *krl_wait("CF_ZERO( )", switching.zero_s, "the correction is not back at zero"),
+        *_output(switching, on=False),
         f"INTERRUPT OFF {_INTERRUPT}",
         "cfr=RSI_OFF()",
         "CF_CHECK(cfr)",
@@ -240,6 +303,7 @@ def _off(switching: RsiSwitching) -> list[str]:
 
 
 def _routines(switching: RsiSwitching) -> list[str]:
+    first = switching.correction_index
     return [
         "",
         "DEF CF_CHECK(cfresult:IN)",
@@ -257,4 +321,18 @@ def _routines(switching: RsiSwitching) -> list[str]:
         "BRAKE",
         f"WAIT FOR $SEN_PREA[{switching.feed_hold_index}]<0.5",
         "END",
+        "",
+        "DEFFCT BOOL CF_ZERO( )",
+        "; the loop corrects no more, and what the controller itself says of the correction is zero",
+        "DECL INT cfi",
+        f"IF $SEN_PREA[{switching.state_index}]>2.5 THEN",
+        "RETURN FALSE",
+        "ENDIF",
+        f"FOR cfi={first} TO {first + 5}",
+        f"IF ABS($SEN_PREA[cfi])>{_AT_ZERO:.3f} THEN",
+        "RETURN FALSE",
+        "ENDIF",
+        "ENDFOR",
+        "RETURN TRUE",
+        "ENDFCT",
     ]

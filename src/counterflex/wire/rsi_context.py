@@ -45,12 +45,14 @@ class ContextObject:
         name: ObjID.
         inputs: Wired inputs.
         parameters: Texts by name, as written.
+        public: Parameters that are marked public: only these may be set by RSI_SETPUBLICPAR.
     """
 
     kind: str
     name: str
     inputs: tuple[Input, ...]
     parameters: dict[str, str]
+    public: frozenset[str] = frozenset()
 
     def number(self, parameter: str, default: float) -> float:
         """Value of a parameter; ``default`` where the file does not give it.
@@ -163,7 +165,7 @@ def _object(element: Element, first: int, where: str) -> ContextObject:
     kind, name = given.get("objtype", "").upper(), given.get("objid", "")
     if not kind or not name:
         raise FileFormatError("an object has no ObjType or no ObjID", where=where, value=name or kind or None)
-    inputs, parameters = [], {}
+    inputs, parameters, public = [], {}, set()
     for child in element.iter():
         values = _attributes(child)
         if _local(child).lower() == "input":
@@ -180,7 +182,9 @@ def _object(element: Element, first: int, where: str) -> ContextObject:
             )
         elif _local(child).lower() == "parameter":
             parameters[values.get("name", "")] = values.get("paramvalue", "")
-    return ContextObject(kind, name, tuple(inputs), parameters)
+            if values.get("ispublic", "").lower() in ("true", "1"):
+                public.add(values.get("name", ""))
+    return ContextObject(kind, name, tuple(inputs), parameters, frozenset(public))
 
 
 def _attributes(element: Element) -> dict[str, str]:

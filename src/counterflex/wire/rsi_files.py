@@ -7,22 +7,27 @@ KR C4 controllers; what only a controller can tell stands in the README that is 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 from xml.sax.saxutils import escape
 
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM
+from counterflex.wire.rsi_blocks import Block
+from counterflex.wire.rsi_context_file import context_file
+from counterflex.wire.rsi_editor_files import controller_file, diagram_file, model_file
 from counterflex.wire.rsi_setup import OnlineLimits
 
-ENABLE_INDEX: Final = 2
-"""Index of $SEN_PREA that the program sets to enable the correction."""
 FEED_HOLD_INDEX: Final = 1
 """Index of $SEN_PREA that the loop sets to ask for a feed hold."""
+ENABLE_INDEX: Final = 2
+"""Index of $SEN_PREA that the program sets to enable the correction."""
+STATE_INDEX: Final = 3
+"""Index of $SEN_PREA in which the loop says its state."""
+CORRECTION_INDEX: Final = 4
+"""First of six indices of $SEN_PREA in which the controller says what it has corrected, mm and deg."""
 _MARGIN: Final = 1.2
 _LEVER_M: Final = 0.2
-_PATH_NORMAL: Final = 1
 
 
 @dataclass(frozen=True)
@@ -38,6 +43,8 @@ class RsiFiles:
         timeout: Unanswered cycles until the controller stops.
         precision: Decimals that are sent.
         currents: The controller sends its motor currents (MACur).
+        override: The loop may change the speed of the program.
+        generation: Major version of RSI that the context is for: 3, 4 or 5.
     """
 
     name: str
@@ -48,6 +55,8 @@ class RsiFiles:
     timeout: int = 10
     precision: int = 4
     currents: bool = False
+    override: bool = False
+    generation: int = 3
 
     @property
     def ethernet_name(self) -> str:
@@ -56,8 +65,13 @@ class RsiFiles:
 
     @property
     def context_name(self) -> str:
-        """File name of the context."""
-        return f"{self.name}.rsi.xml"
+        """File name of the context that the controller reads."""
+        return f"{self.name}.rsi.xml" if self.generation == 3 else f"{self.name}.rsix"
+
+    @property
+    def created_as(self) -> str:
+        """What RSI_CREATE is given: RSI 3 wants the ending, later ones add theirs to whatever they are given."""
+        return f"{self.name}.rsi" if self.generation == 3 else self.name
 
     @property
     def clamp_mm(self) -> float:
@@ -96,7 +110,8 @@ class RsiFiles:
             send.append(("DEF_MACur", "DOUBLE", "INTERNAL"))
         send += [("DEF_Delay", "LONG", "INTERNAL"), ("Corr.Stat", "LONG", "1"), ("Enable", "DOUBLE", "2")]
         receive = [(tag, "DOUBLE") for tag in corrections]
-        receive += [("Stop", "BOOL"), ("FeedHold", "DOUBLE"), ("Override", "DOUBLE")]
+        receive += [("Stop", "BOOL"), ("FeedHold", "DOUBLE"), ("State", "DOUBLE")]
+        receive += [("Override", "DOUBLE")] if self.override else []
         lines = ["<ROOT>", "  <CONFIG>"]
         for key, text in (
             ("IP_NUMBER", self.host),
@@ -114,43 +129,60 @@ class RsiFiles:
         return "\n".join([*lines, "    </ELEMENTS>", "  </RECEIVE>", "</ROOT>", ""])
 
     def context(self) -> str:
-        """Text of the context, ``.rsi.xml``."""
+        """Text of the context that the controller reads."""
+        return self.contexts()[self.context_name]
+
+    def contexts(self) -> dict[str, str]:
+        """Every file of the context by its name: three for RSI 3, one for RSI 4 and 5."""
+        blocks = self.blocks()
+        if self.generation != 3:
+            return {self.context_name: context_file(blocks, self.generation)}
+        return {
+            self.context_name: controller_file(blocks),
+            f"{self.name}.rsi": model_file(blocks),
+            f"{self.name}.rsi.diagram": diagram_file(blocks, self.name),
+        }
+
+    def blocks(self) -> tuple[Block, ...]:
+        """The objects: correction, monitor, stop, what the program is told and tells, ETHERNET."""
         axes = self.limits.axes
-        correction = "AXISCORR" if axes else "POSCORR"
+        kind = "AXISCORR" if axes else "POSCORR"
+        name, monitor = f"{kind}1", f"{kind}MON1"
+        limits: dict[str, float | str] = {parameter: value for _, parameter, value in self.public_parameters()}
         if axes:
-            limit = self.axis_clamp_deg
-            values = [(f"LowerLimA{i}", i, -limit) for i in range(1, 7)]
-            values += [(f"UpperLimA{i}", 12 + i, limit) for i in range(1, 7)]
-            monitor = [(f"MaxA{i}", i, _up(limit * _MARGIN)) for i in range(1, 7)]
+            most: dict[str, float | str] = {f"MaxA{i}": _up(self.axis_clamp_deg * _MARGIN) for i in range(1, 7)}
         else:
-            values = [(f"LowerLim{axis}", i, -self.clamp_mm) for i, axis in enumerate("XYZ", start=1)]
-            values += [(f"UpperLim{axis}", i, self.clamp_mm) for i, axis in enumerate("XYZ", start=4)]
-            values.append(("MaxRotAngle", 7, self.clamp_deg))
-            monitor = [("MaxTrans", 1, _up(self.clamp_mm * _MARGIN)), ("MaxRotAngle", 2, _up(self.clamp_deg * _MARGIN))]
-        fixed = [] if axes else [("RefCorrSys", 1, "1")]
-        channels = [(i, "ETHERNET1", i) for i in range(1, 7)]
-        settings = [("Timeout", 1, self.timeout), ("Precision", 8, self.precision)]
-        objects = [
-            _object(correction, 33 if axes else 27, channels, values, fixed),
-            _object("AXISCORRMON" if axes else "POSCORRMON", 82 if axes else 81, [], monitor),
-            _object("STOP", 18, [(1, "ETHERNET1", 7)], [("Mode", 1, _PATH_NORMAL)]),
-            _object("MAP2SEN_PREA", 17, [(1, "ETHERNET1", 8)], [("Index", 1, FEED_HOLD_INDEX)]),
-            _object("MAP2OV_PRO", 25, [(1, "ETHERNET1", 9)], []),
-            _object("SEN_PREA", 58, [], [("Index", 1, ENABLE_INDEX)]),
-            _object(
-                "ETHERNET",
-                64,
-                [(1, f"{correction}1", 1), (2, "SEN_PREA1", 1)],
-                settings,
-                [("ConfigFile", 1, self.ethernet_name)],
+            most = {"MaxTrans": _up(self.clamp_mm * _MARGIN), "MaxRotAngle": _up(self.clamp_deg * _MARGIN)}
+        told = [("ETHERNET1", 8, FEED_HOLD_INDEX), ("ETHERNET1", 9, STATE_INDEX)]
+        told += [(monitor, i, CORRECTION_INDEX + i - 1) for i in range(1, 7)]
+        override = [Block("MAP2OV_PRO", "MAP2OV_PRO1", {1: ("ETHERNET1", 10)})] if self.override else []
+        return (
+            Block(
+                kind,
+                name,
+                {i: ("ETHERNET1", i) for i in range(1, 7)},
+                limits if axes else {**limits, "RefCorrSys": "Base"},
+                frozenset(limits),
             ),
-        ]
-        head = '<?xml version="1.0" encoding="UTF-8" standalone="yes"?>'
-        root = (
-            '<RSIObjects xsi:noNamespaceSchemaLocation="/Roboter/Config/System/Common/Schemes/RSIContext.xsd" '
-            'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance">'
+            Block(f"{kind}MON", monitor, {}, most),
+            Block("STOP", "STOP1", {1: ("ETHERNET1", 7)}, {"Mode": "PathNormal", "Channel": 0}),
+            *(
+                Block("MAP2SEN_PREA", f"MAP2SEN_PREA{k}", {1: (source, output)}, {"Index": index})
+                for k, (source, output, index) in enumerate(told, start=1)
+            ),
+            *override,
+            Block("SEN_PREA", "SEN_PREA1", {}, {"Index": ENABLE_INDEX}),
+            Block(
+                "ETHERNET",
+                "ETHERNET1",
+                {1: (name, 1), 2: ("SEN_PREA1", 1)},
+                {
+                    "ConfigFile": self.ethernet_name,
+                    "Timeout": self.timeout,
+                    "Precision": self.precision,
+                },
+            ),
         )
-        return "\n".join([head, root, *objects, "</RSIObjects>", ""])
 
 
 def check_files(files: RsiFiles) -> None:
@@ -177,22 +209,3 @@ def check_files(files: RsiFiles) -> None:
 def _up(value: float) -> float:
     """Rounded up to two decimals."""
     return math.ceil(value * 100.0 - 1e-6) / 100.0
-
-
-def _object(
-    kind: str,
-    number: int,
-    inputs: list[tuple[int, str, int]],
-    values: Sequence[tuple[str, int, float]],
-    fixed: list[tuple[str, int, str]] | None = None,
-) -> str:
-    lines = [f'  <RSIObject ObjType="{kind}" ObjTypeID="{number}" ObjID="{kind}1">']
-    if inputs:
-        wires = [f'      <Input InIdx="{i}" OutObjID="{source}" OutIdx="{o}"/>' for i, source, o in inputs]
-        lines += ["    <Inputs>", *wires, "    </Inputs>"]
-    rows = [f'      <Parameter Name="{name}" ParamID="{i}" ParamValue="{value:g}"/>' for name, i, value in values]
-    for name, i, text in fixed or []:
-        rows.append(f'      <Parameter Name="{name}" ParamID="{i}" ParamValue="{text}" IsRuntime="false"/>')
-    if rows:
-        lines += ["    <Parameters>", *rows, "    </Parameters>"]
-    return "\n".join([*lines, "  </RSIObject>"])

@@ -256,6 +256,17 @@ def context_name(setup: Setup) -> Iterator[Finding]:
             given,
             "Give the context that the program loads, or change the name",
         )
+    ending = re.search(r"\.rsix?$", create.arguments[0].strip('"'), re.IGNORECASE)
+    if ending is not None and setup.context.where.lower().endswith(".rsix"):
+        yield Finding(
+            "context-name",
+            "error",
+            setup.on_line(create.line),
+            f"RSI 4 and later add .rsix themselves and look for {create.arguments[0].strip(chr(34))}.rsix",
+            create.arguments[0],
+            f'"{named}"',
+            "Give RSI_CREATE the name without an ending",
+        )
 
 
 RULES: Final[tuple[Rule, ...]] = (

@@ -38,7 +38,8 @@ def total_corrections(setup: Setup) -> Iterator[Finding]:
             "relative",
             "error",
             setup.on_line(on.line),
-            "the controller adds up what it is sent, but counterflex sends the total correction in every cycle",
+            "the controller adds up what it is sent and does not tell which answers it took: one lost answer would "
+            "stay in the cut; counterflex sends the total correction in every cycle",
             "#RELATIVE",
             "#ABSOLUTE",
             "Write RSI_ON(#ABSOLUTE, #IPO_FAST)",
@@ -181,20 +182,49 @@ def enable_written(setup: Setup) -> Iterator[Finding]:
 
 
 def known_parameters(setup: Setup) -> Iterator[Finding]:
-    """RSI_SETPUBLICPAR names objects of the context."""
+    """RSI_SETPUBLICPAR names parameters that the context has and marks public."""
     if setup.program is None or setup.context is None:
         return
     for (name, parameter), (_, line) in setup.program.public_parameters().items():
         item = setup.context.named(name)
-        if item is None or (item.kind not in ("POSCORR", "AXISCORR") and parameter not in item.parameters):
+        if item is None or parameter not in item.parameters:
             yield Finding(
                 "unknown-parameter",
                 "error",
                 setup.on_line(line),
                 "RSI_SETPUBLICPAR fails: the context has no such parameter",
                 f"{name} {parameter}",
-                ", ".join(other.name for other in setup.context.objects) if item is None else "a parameter of it",
+                ", ".join(other.name for other in setup.context.objects)
+                if item is None
+                else ", ".join(sorted(item.public)) or f"a parameter of {name} that is written out and public",
                 "Correct the name",
+            )
+        elif parameter not in item.public:
+            yield Finding(
+                "not-public",
+                "error",
+                setup.on_line(line),
+                "RSI_SETPUBLICPAR fails: the context does not mark the parameter public",
+                f"{name} {parameter}",
+                'IsPublic="true" on the parameter',
+                "Mark it public in the context, or take the call out",
+            )
+
+
+def whole_calls(setup: Setup) -> Iterator[Finding]:
+    """RSI_SETPUBLICPAR has its four arguments: context, object, parameter, value."""
+    if setup.program is None:
+        return
+    for item in setup.program.statements:
+        if item.what == "RSI_SETPUBLICPAR" and len(item.arguments) != 4:
+            yield Finding(
+                "unknown-parameter",
+                "error",
+                setup.on_line(item.line),
+                "RSI_SETPUBLICPAR has another number of arguments",
+                f"{len(item.arguments)}",
+                "4: identifier, object, parameter, value",
+                "Correct the call",
             )
 
 
@@ -207,4 +237,5 @@ RULES: Final[tuple[Rule, ...]] = (
     motions,
     enable_written,
     known_parameters,
+    whole_calls,
 )

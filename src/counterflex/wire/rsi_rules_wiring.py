@@ -76,7 +76,7 @@ def wired_commands(setup: Setup) -> Iterator[Finding]:
     item, context = setup.ethernet, setup.context
     if item is None or context is None:
         return
-    for name, wanted in (("Stop", "STOP"), ("Override", "MAP2OV_PRO"), ("FeedHold", "")):
+    for name, wanted in (("Stop", "STOP"), ("Override", "MAP2OV_PRO"), ("FeedHold", ""), ("State", "")):
         value = setup.received.get(name)
         if value is None or value.tag.channel is None:
             continue
