@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+import pytest
+
 from counterflex.app.fault_scenarios.rig import Rig
-from counterflex.runtime.supervisor import State
+from counterflex.links.tracker_link import TrackerLink
+from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
+from counterflex.runtime.supervisor import Cause, State
+from counterflex.wire.tracker_pose import BEAM_BROKEN, TrackerPose, write_pose
 
 
 def empty_cycle(rig: Rig) -> None:
@@ -25,6 +31,8 @@ def test_a_robot_of_which_nothing_is_said_any_more_stops_like_one_that_is_silent
         assert State.HOLD in states[:5]
         assert states[-1] == State.FAULT
         assert (abs(rig.robot.correction - held) < 1e-9).all()
+        assert rig.robot.feed_hold
+        assert rig.robot.stopped == "Stop"
 
 
 def test_before_arming_they_are_answered_with_zero() -> None:
@@ -36,3 +44,32 @@ def test_before_arming_they_are_answered_with_zero() -> None:
         assert not rig.robot.correction.any()
         rig.run(150)
         assert int(rig.state) == State.READY
+
+
+@pytest.mark.parametrize("status", [None, BEAM_BROKEN])
+@pytest.mark.parametrize("force", [ForceMode.NONE, ForceMode.MEASURED])
+def test_a_tracker_that_shows_nothing_before_the_start_is_the_cause_of_idle(
+    force: ForceMode, status: int | None
+) -> None:
+    """It stood in idle without a word, and nobody knew what it was waiting for."""
+    settings = OnlineSettings(force=force, tracker=TrackerMode.INTEGRATOR, normal_only=False)
+    tracker = TrackerLink()
+    try:
+        with Rig(settings=settings, tracker=tracker) as rig:
+            for k in range(150):
+                if status is not None:
+                    pose = TrackerPose(k, 4_000_000 * k, status, 0, np.eye(4), 0.0)
+                    rig.robot_socket.sendto(write_pose(pose), tracker.address)
+                rig.cycle()
+            assert rig.state == State.IDLE
+            assert rig.loop.cause == Cause.TRACKER_LOST
+    finally:
+        tracker.close()
+
+
+def test_a_force_sensor_that_says_nothing_is_the_cause_of_idle() -> None:
+    with Rig() as rig:
+        rig.sense = False
+        rig.run(150)
+        assert rig.state == State.IDLE
+        assert rig.loop.cause == Cause.FORCE_STALE

@@ -101,7 +101,7 @@ class StepMachine(RuleBasedStateMachine):
             assert np.array_equal(self.loop.correction, kept)
         if reset:
             self.cycle(reset=True)
-            assert not np.any(kept) or not faulty or self.state == State.FAULT
+            assert np.linalg.norm(kept) < 1e-6 or not faulty or self.state == State.FAULT
 
     @rule(reset=st.booleans())
     def the_controller_is_gone(self, reset: bool) -> None:
@@ -171,8 +171,9 @@ class StepMachine(RuleBasedStateMachine):
         assert np.linalg.norm(correction) <= RADIUS_M * (1.0 + 1e-9)
         if not self.zeroed:
             assert np.linalg.norm(correction - self.before) <= self.allowed_m * (1.0 + 1e-9) + 1e-15
-        else:
-            assert self.state == State.IDLE or np.all(correction == 0.0)
+        else:  # a jump of the counter: nothing is in force in another session, what was sent last in the same one
+            kept = np.linalg.norm(correction - self.before) <= self.allowed_m * (1.0 + 1e-9) + 1e-15
+            assert self.state == State.IDLE or np.all(correction == 0.0) or kept
         assert self.state == self.state_before or self.state in LEGAL[self.state_before]
         assert self.armed or self.state not in (State.ACTIVE, State.HOLD, State.RAMP_OUT)
         if self.state in (State.IDLE, State.READY, State.ARMED):
@@ -208,10 +209,10 @@ def test_a_controller_that_is_gone_is_reset_before_it_comes_again() -> None:
     machine = active()
     machine.something_must_not_be(hard=Cause.INTERNAL)
     machine.cycle(reset=True)
-    assert machine.state == State.FAULT
+    assert int(machine.loop.state) == State.FAULT
     machine.the_controller_is_gone(reset=True)
     machine.holds()
-    assert machine.state == State.IDLE
+    assert machine.loop.state == State.IDLE
     assert not np.any(machine.loop.correction)
 
 

@@ -83,6 +83,19 @@ class RobotLink(Protocol):
             Whether an answer was sent.
         """
 
+    def repeat(self, *, stop: bool, feed_hold: bool, override: float, state: State, silent: bool) -> None:
+        """What is said to telegrams that can be answered but not read, until the next :meth:`answer`.
+
+        Beside it goes the correction that was sent last. A protocol whose messages cannot be told so says nothing.
+
+        Args:
+            stop: Tell the controller to stop.
+            feed_hold: Ask for the feed to be held.
+            override: Speed of the program, 0..1.
+            state: What the loop is doing.
+            silent: Say nothing.
+        """
+
     def forget(self) -> None:
         """Whoever sends the next good telegram is the controller, as far as it is allowed to be."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from counterflex.core.array_table import ArrayTable
@@ -18,6 +20,7 @@ from counterflex.wire.rsi_kernel import MISSING, OK
 from counterflex.wire.rsi_telegram import LARGEST_DATAGRAM, answer_writer, robot_reader
 
 _CURRENTS = tuple(f"MACur.A{i}" for i in range(1, 7))
+_COUNTER = re.compile(rb"<IPOC>\s*(\d{1,15})\s*</IPOC>")
 _MALFORMED, _NEW = Verdict.MALFORMED, Verdict.NEW
 
 
@@ -110,6 +113,10 @@ class RsiLink:
             )
         )
         self._empty = False
+        self._again: tuple[bool, bool, float, State] | None = None
+        self._kept: Float = np.zeros(6)
+        self._kept_axes = False
+        self._said = -1
 
     def _place_of(self, name: str) -> int:
         return self._writer.names.index(name) if name in self._writer.names else -1
@@ -152,12 +159,41 @@ class RsiLink:
     def _read(self, length: int) -> Verdict:
         status = self._reader.read(self._port.data, length)
         if status not in (OK, MISSING) or (status == MISSING and self._reader.seen.any()):
+            self._say_again(length)
             return _MALFORMED
         verdict = self._line.judge(self._reader.counter)
         if verdict is _NEW:
             self._empty = status == MISSING
             self._held[:] = self._reader.values
         return verdict
+
+    def _say_again(self, length: int) -> None:
+        """Answer a telegram whose numbers cannot be read, but whose counter can: with what :meth:`repeat` was told.
+
+        It is no telegram for the loop. But a robot whose telegrams are unreadable without end must be told to stop.
+        """
+        if self._again is None:
+            return
+        found = _COUNTER.search(self._port.data[:length].tobytes())
+        counter = int(found.group(1)) if found is not None else -1
+        if not self._line.follows(counter) or counter == self._said:
+            return
+        self._said = counter
+        stop, feed_hold, override, state = self._again
+        kept, as_axes = self._kept, self._kept_axes
+        answer(self._table.rows, self._port.target, counter, kept, as_axes, stop, feed_hold, override, int(state))
+
+    def repeat(self, *, stop: bool, feed_hold: bool, override: float, state: State, silent: bool) -> None:
+        """What is said beside the correction that was sent last to telegrams that can only be answered, not read.
+
+        Args:
+            stop: Tell the controller to stop.
+            feed_hold: Ask for the feed to be held.
+            override: Speed of the program, 0..1.
+            state: What the loop is doing.
+            silent: Say nothing.
+        """
+        self._again = None if silent else (stop, feed_hold, override, state)
 
     def _count(self) -> None:
         counters = self.counters
@@ -237,6 +273,8 @@ class RsiLink:
         fd = self._port.target
         as_axes = axes is not None and self._axes_out is not None
         sent: Float = axes if as_axes and axes is not None else correction
+        self._kept[:], self._kept_axes = sent, as_axes
+        self._again = stop, feed_hold, override, state
         length = answer(self._table.rows, fd, self._line.newest, sent, as_axes, stop, feed_hold, override, int(state))
         return length > 0 and (fd >= 0 or self._port.send(self._writer.buffer.data[:length]))
 

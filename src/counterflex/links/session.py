@@ -43,6 +43,8 @@ _STATES = tuple(State)
 _RESTARTED, _CLAMPED = int(Cause.SESSION_RESTARTED), int(Cause.CLAMPED_BY_ROBOT)
 _SATURATED, _OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OFFSET)
 _INTERNAL, _LOG_LOST, _WRONG_JOB = int(Cause.INTERNAL), int(Cause.LOG_LOST), int(Cause.WRONG_JOB)
+_TRACKER_LOST, _FORCE_STALE = int(Cause.TRACKER_LOST), int(Cause.FORCE_STALE)
+_SCATTERED = int(Cause.TELEGRAMS_SCATTERED)
 _LOG_LATE_ROWS = 125
 """Records that may wait before the loop is armed: half a second."""
 _ARM, _STOP, _RESET = int(Request.ARM), int(Request.STOP), int(Request.RESET)
@@ -185,6 +187,7 @@ class OnlineSession:
         given, flags, outcome = loop.given, self._flags, self._outcome
         soft, hard = 0, 0
         self._another = self._another or (came and link.restarted)
+        asked = came
         if came and link.empty:  # says nothing of the robot
             if outcome[at.O_STATE] <= _READY:
                 link.answer(loop.correction, loop.axes if self._axes else None)
@@ -208,6 +211,8 @@ class OnlineSession:
         if link.clamped and soft == 0:
             soft = _CLAMPED
         soft, hard = self._watch_program(soft, hard)
+        if soft == 0 and outcome[at.O_STATE] <= _READY:
+            soft = self._lacking()
         control = self.control
         flags[at.F_ELAPSED] = link.elapsed if came else 0
         flags[at.F_FORCE_AGE] = self._force_age if self._needs_force or self.force is None else 0
@@ -227,7 +232,7 @@ class OnlineSession:
         control[_RESET] = 0
         if came:
             self._answered = not outcome[at.O_SILENT]
-        if came and self._answered:
+        if asked and not outcome[at.O_SILENT]:
             try:
                 link.answer(
                     loop.correction,
@@ -239,6 +244,14 @@ class OnlineSession:
                 )
             except Exception as fault:  # a fault in the next cycle; the controller keeps what it has
                 self._failed(fault)
+        else:
+            link.repeat(
+                stop=bool(outcome[at.O_STOP]),
+                feed_hold=bool(outcome[at.O_FEED_HOLD]),
+                override=loop.monitor.speed,
+                state=_STATES[outcome[at.O_STATE]],
+                silent=bool(outcome[at.O_SILENT]),
+            )
         sent = self._clock_ns()
         self.compute_ns = sent - received
         self.cycles += int(came)
@@ -371,6 +384,15 @@ class OnlineSession:
         if came and self._motors is not None and self.link.fill_currents(self._motors.current):
             self._motors(self._q, self._torque)
             self._current_age = 0
+
+    def _lacking(self) -> int:
+        """Why it cannot be armed, where a sensor that is needed says nothing or the telegrams do not come steadily."""
+        if self._needs_tracker and self._tracker_age >= self._tracker_stale:
+            return _TRACKER_LOST
+        if self._needs_force and self._force_age >= self.loop.settings.stale_cycles:
+            return _FORCE_STALE
+        settle = self._checks.settle_cycles
+        return _SCATTERED if self.watch.good < settle < self.cycles - 2 * settle else 0
 
     def _healthy(self) -> int:
         force = not self._needs_force or (self._tare.accepted and self._force_age == 0)

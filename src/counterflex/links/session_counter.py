@@ -53,6 +53,10 @@ class SessionCounter:
         self._run, self._another, self.newest = 0, True, counter
         return _NEW
 
+    def follows(self, counter: int) -> bool:
+        """Whether a counter lies ahead of the newest one and within its session; nothing is taken from it."""
+        return self.newest >= 0 and 0 < counter - self.newest <= _SESSION_MS
+
     def advance(self) -> tuple[int, bool]:
         """Go on to the newest telegram.
 

@@ -15,6 +15,7 @@ from counterflex.robot.kernels_step import DAMPED, cholesky_inverse, newton_step
 from counterflex.runtime import layout as at
 from counterflex.runtime.estimate_kernel import answered
 from counterflex.runtime.frame_kernel import shorten, size_of, turn
+from counterflex.runtime.past_kernel import SPAN, STANDS_M
 from counterflex.runtime.supervisor import (
     AT_STATE,
     IN_ARM,
@@ -38,21 +39,75 @@ FAULT_LOST: Final = 10
 """Telegrams lost in a row that are a fault."""
 SESSION_S: Final = 1.0
 """How long a session of a controller may go on without a telegram, s; what comes later is another one's."""
+KEPT: Final = 0
+"""The correction that was sent last is in force."""
+NOTHING: Final = 1
+UNKNOWN: Final = 2
+CONTINUES_M: Final = 5e-3
+"""How far the commanded point goes at most in the telegrams that pass until a counter that jumped is believed."""
 _AT_ZERO_M = 1e-7
 _AT_ZERO_RAD = 1e-7
 _FUSED = 4
 _ARMED, _ACTIVE = int(State.ARMED), int(State.ACTIVE)
 _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
-_SESSION, _NOT_FINITE = int(Cause.SESSION_RESTARTED), int(Cause.NOT_FINITE)
+_NOT_FINITE = int(Cause.NOT_FINITE)
 
 
-@kernel("int64(int64[::1], int64, int64, int64, float64, int64[::1], float64[::1], int64[::1], int64[::1])")
+@kernel("int64(float64[::1], int64[::1], float64[:, ::1], int64, float64[::1])")
+def in_force(given: Float, flags: Int, ring: Float, here: int, state: Float) -> int:
+    """What the controller goes on with whose counter jumped, or that began another session.
+
+    A counter can jump while the session goes on, and then the correction that was sent last is in force; in another
+    session none is. Where the controller reports its own pose, that shows which: the reported one less the commanded
+    one, across the motion (along it the robot trails), lies nearer to one of the two. Without a report a program that
+    has the correction switched off is another session's, and one that has it switched on and whose pose goes on within
+    :data:`CONTINUES_M` is the same.
+
+    Args:
+        given: (at.GIVEN,) inputs of the first telegram after the jump.
+        flags: (at.FLAGS,) likewise.
+        ring: Of the last cycles.
+        here: Row of this cycle.
+        state: (at.STATE,).
+
+    Returns:
+        KEPT, NOTHING or UNKNOWN.
+    """
+    before = ring[(here - 1 + at.RING_ROWS) % at.RING_ROWS]
+    earlier = ring[(here - 1 - SPAN + at.RING_ROWS) % at.RING_ROWS]
+    gone = moved = along = kept_along = 0.0
+    for k in range(3):
+        at_k = at.RING_NOMINAL + 9 + k
+        way = before[at_k] - earlier[at_k]
+        gone += (given[at.G_NOMINAL + 9 + k] - before[at_k]) ** 2
+        moved += way * way
+        along += (given[at.G_REPORTED + 9 + k] - given[at.G_NOMINAL + 9 + k]) * way
+        kept_along += state[at.S_Y + k] * way
+    if flags[at.F_REPORTED] == 0:
+        if flags[at.F_ENABLE] == 0:
+            return NOTHING
+        return KEPT if gone <= CONTINUES_M * CONTINUES_M else UNKNOWN
+    near_kept = near_nothing = 0.0
+    for k in range(3):
+        way = before[at.RING_NOMINAL + 9 + k] - earlier[at.RING_NOMINAL + 9 + k]
+        shown = given[at.G_REPORTED + 9 + k] - given[at.G_NOMINAL + 9 + k]
+        kept = state[at.S_Y + k]
+        if moved > STANDS_M * STANDS_M:
+            shown -= along * way / moved
+            kept -= kept_along * way / moved
+        near_kept += (shown - kept) ** 2
+        near_nothing += shown * shown
+    return KEPT if near_kept <= near_nothing else NOTHING
+
+
+@kernel("int64(int64[::1], int64, int64, int64, float64, int64, int64[::1], float64[::1], int64[::1], int64[::1])")
 def ask_supervisor(
     flags: Int,
     soft: int,
     hard: int,
     standing: int,
     period: float,
+    session: int,
     supervisor_settings: Int,
     state: Float,
     whole: Int,
@@ -66,6 +121,7 @@ def ask_supervisor(
         hard: Cause of a fault, or 0.
         standing: 1: the program stands.
         period: Of a cycle, s.
+        session: What :func:`in_force` says where the controller's counter jumped, else KEPT.
         supervisor_settings: (6,).
         state: (at.STATE,); changed.
         whole: (at.WHOLE,); changed.
@@ -89,10 +145,11 @@ def ask_supervisor(
     inputs[IN_STANDS] = standing
     supervise(whole[:STATES], inputs, supervisor_settings)
     now: int = whole[AT_STATE]
-    # Another session of the controller begins with no correction in force: what was held belongs to the one before. In
-    # a fault nothing is said to it, because whether it is another one is not certain, and either answer may be a jump.
-    if flags[at.F_HARD] == _SESSION:
+    # Another session of the controller begins with no correction in force: what was held belongs to the one before.
+    # Where it cannot be told whether it is another one nothing is said to it, because either answer may be a jump.
+    if session == UNKNOWN:
         whole[at.N_SESSION] = 1
+    if session != KEPT:
         for k in range(6):
             state[at.S_Y + k] = state[at.S_V + k] = 0.0
     if now <= _ARMED:  # the correction is zero: what was summed up belongs to another place of the program

@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.robot.kernels_step import OUT_D, OUT_SIGMA, REFUSED, deflect
 from counterflex.runtime import layout as at
-from counterflex.runtime.act_kernel import FAULT_LOST, as_axes, ask_supervisor, limit, remember
+from counterflex.runtime.act_kernel import FAULT_LOST, KEPT, NOTHING, as_axes, ask_supervisor, in_force, limit, remember
 from counterflex.runtime.direction_kernel import control
 from counterflex.runtime.estimate_kernel import (
     answered,
@@ -31,6 +31,7 @@ from counterflex.runtime.fusion import Source
 from counterflex.runtime.lag_kernel import lag
 from counterflex.runtime.past_kernel import moves, row_at, stands
 from counterflex.runtime.supervisor import (
+    AT_CAUSE,
     AT_CYCLES,
     AT_FEED_HOLD,
     AT_RISE,
@@ -50,10 +51,11 @@ MOST_ELAPSED = 4
 _PROCESS = int(Source.FORCE | Source.CURRENTS)
 _MEASURED, _PILOT, _SCALE, _FUSED = 1, 2, 3, 4
 _INTEGRATOR, _OBSERVER, _DESIGNED = 1, 2, 3
-_READY, _ACTIVE = int(State.READY), int(State.ACTIVE)
+_READY, _ARMED, _ACTIVE = int(State.READY), int(State.ARMED), int(State.ACTIVE)
 _HOLD, _FAULT = int(State.HOLD), int(State.FAULT)
 _LATE, _STOPPED, _FORCE_STALE = int(Cause.TELEGRAMS_LATE), int(Cause.TELEGRAMS_STOPPED), int(Cause.FORCE_STALE)
 _TRACKER_LOST, _SOFT_LIMIT, _HARD_LIMIT = int(Cause.TRACKER_LOST), int(Cause.LIMIT_SOFT), int(Cause.LIMIT_HARD)
+_SESSION = int(Cause.SESSION_RESTARTED)
 _NOT_FINITE, _OFF_PATH, _SINGULAR = int(Cause.NOT_FINITE), int(Cause.OFF_PATH), int(Cause.SINGULAR)
 
 
@@ -356,7 +358,10 @@ def step(
     # Who may act, and how far.
     held = whole[AT_STATE] == _HOLD
     standing = 1 if held and stands(ring, here, nominal) else 0
-    now = ask_supervisor(flags, soft, hard, standing, period, supervisor_settings, state, whole, outcome)
+    session = KEPT
+    if flags[at.F_HARD] == _SESSION:
+        session = in_force(given, flags, ring, here, state) if whole[AT_STATE] > _ARMED else NOTHING
+    now = ask_supervisor(flags, soft, hard, standing, period, session, supervisor_settings, state, whole, outcome)
     limits = limit(now, 1 if held else 0, share, wanted, elapsed, constants, state, results)
     remember(here, hard, nominal, bent, choices, constants, state, whole, ring)
     # Where axis angles cannot be computed they stay as they were: a fault holds, also in the axes.
@@ -366,7 +371,9 @@ def step(
         elastic_status |= as_axes(elastic_status, constants, state, scratch, load, results)
     results[at.R_PATH], results[at.R_SIGMA], results[at.R_CUT] = distance, elastic[OUT_SIGMA], cut
     outcome[at.O_SOURCES], outcome[at.O_DEGRADED] = sources, degraded
-    outcome[at.O_STATE], outcome[at.O_CAUSE] = now, whole[1]
+    outcome[at.O_STATE], outcome[at.O_CAUSE] = now, whole[AT_CAUSE]
+    if now <= _READY and soft != 0 and whole[AT_FEED_HOLD] == 0:
+        outcome[at.O_CAUSE] = soft  # why it cannot be armed now, not what once was
     outcome[at.O_FEED_HOLD] = whole[AT_FEED_HOLD]
     silent = whole[AT_CYCLES] >= supervisor_settings[SET_STOP_CYCLES] or whole[at.N_SESSION] == 1
     outcome[at.O_STOP] = 1 if (now == _FAULT and not silent) or whole[AT_STOP] > 0 else 0

@@ -87,6 +87,7 @@ class Rig:
         clock_rate: Seconds of that clock per second.
         paused: The controller sends nothing.
         other: What another program answers to the robot in every cycle in which the loop does not, or None.
+        spoil: What becomes of every telegram before it is sent, or None.
         wrap: The controller's counter begins again at 0 behind ``2^32 - 1``.
         wrapped_at: In which cycle it did.
         gone: Cycles in which the robot went on.
@@ -138,6 +139,7 @@ class Rig:
         self.frozen = self.feed = self.enable = self.paused = self.wrap = False
         self.wrapped_at = 0
         self.other: Callable[[int], bytes] | None = None
+        self.spoil: Callable[[bytes], bytes] | None = None
         self.sense = sense
         self._force = force
         self._noise = np.random.default_rng([seed, 2])
@@ -233,7 +235,8 @@ class Rig:
             if self.wrap and self.robot.counter + round(PERIOD_S / MS) > _LAST_COUNTER:
                 self.robot.counter -= _LAST_COUNTER + 1
                 self.wrapped_at = self.cycle_count
-            self._send(_TELEGRAM, self.robot.telegram(self._report()), begin + _WIRE_S)
+            data = self.robot.telegram(self._report())
+            self._send(_TELEGRAM, data if self.spoil is None else self.spoil(data), begin + _WIRE_S)
         if self.sense:
             self.read_sensor()
         self._until(begin + PERIOD_S)

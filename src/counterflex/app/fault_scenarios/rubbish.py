@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -77,6 +78,32 @@ def _flips(effort: Effort) -> Outcome:
     )
 
 
+def _unreadable(number: bytes) -> Callable[[Effort], Outcome]:
+    """Telegrams whose numbers cannot be read, without end; their counter can."""
+
+    def run(effort: Effort) -> Outcome:
+        with Rig(seed=effort.seed) as rig:
+            rig.activate().run(SETTLED)
+            begin = rig.cycle_count
+            rig.spoil = lambda data: re.sub(rb'X="[^"]*"', b'X="' + number + b'"', data)
+            rig.run(150)
+            hold, fault = first_cycle(rig, State.HOLD, begin), first_cycle(rig, State.FAULT, begin)
+            step = float(rig.seen.steps()[begin - 1 :].max())
+            path, stopped = rig.seen.path(begin), rig.robot.stopped
+            safe_s, held = rig.seen.stopped_s(begin), rig.robot.feed_hold
+            after = np.array(rig.seen.correction_m[begin + (fault or 0) :])
+        steady = bool(np.all(after == after[0])) and float(np.linalg.norm(after[0])) > 0.0
+        passed = hold is not None and hold <= 3 and stopped == "Stop" and held and steady
+        return Outcome(
+            passed and step <= LARGEST_STEP_M,
+            f"hold after {hold}, fault after {fault}; told to stop ({stopped or 'went on'}); {described(path)}",
+            step,
+            safe_s,
+        )
+
+    return run
+
+
 SCENARIOS: Final = (
     Scenario(
         "R13",
@@ -84,6 +111,16 @@ SCENARIOS: Final = (
         "garbage, cut, huge, empty, not UTF-8 instead of telegrams, and between them",
         "counted; hold after 3 in a row, fault after 10; no exception",
         _rubbish,
+    ),
+    *(
+        Scenario(
+            "R13",
+            f"unreadable-{name}",
+            f"from now on every telegram says {number.decode()} where a number should be; its counter can be read",
+            "hold within 3 cycles with the feed held, then told to stop; the correction stays",
+            _unreadable(number),
+        )
+        for name, number in (("text", b"-"), ("nan", b"nan"), ("huge", b"1e999"))
     ),
     Scenario(
         "R13",

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from counterflex.app.fault_scenarios.demonstration import PERIOD_S
+from counterflex.app.fault_scenarios.demonstration import PERIOD_S, demo_config
 from counterflex.app.fault_scenarios.network import LARGEST_STEP_M, described
 from counterflex.app.fault_scenarios.rig import Rig
 from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
+from counterflex.core.arrays import Float
 from counterflex.links.control_array import Request
 from counterflex.runtime.supervisor import State
 from counterflex.twin.fake_rsi import RsiContext
@@ -42,13 +44,16 @@ def _restart(counter: int) -> Callable[[Effort], Outcome]:
             decided = first_cycle(rig, State.FAULT, begin)
             kept = max(float(np.linalg.norm(c)) for c in rig.seen.correction_m[begin:])
             cause = rig.loop.cause
-            silent = all(age > 0 for age in rig.seen.age[begin + 10 : begin + 60])
+            stopped = rig.robot.stopped
             rig.control[Request.RESET] = 1
             rig.run(2)
             idle = rig.state
+            rig.restart_robot(counter + 10_000)  # a person has started the program again, out of the cut
+            rig.feed = False
+            rig.run(100)
             rig.control[Request.ARM] = 1
             rig.run(150)
-            rig.enable = True
+            rig.enable = rig.feed = True
             rig.run(100)
             step = float(rig.seen.steps()[begin - 1 :].max())
             path = rig.seen.path(begin)
@@ -58,14 +63,15 @@ def _restart(counter: int) -> Callable[[Effort], Outcome]:
             and decided <= _ANSWER_CYCLES
             and kept == 0.0
             and held > 0.0
-            and silent
+            and stopped == "Stop"
             and idle in (State.IDLE, State.READY)
             and state in (State.ACTIVE, State.HOLD)
             and step <= LARGEST_STEP_M
         )
         return Outcome(
             passed,
-            f"{described(path, 8)}; {held * 1e3:.2f} mm were in force, none of it went into the new session; "
+            f"{described(path, 8)}; {held * 1e3:.2f} mm were in force, none of it went into the new session, which was "
+            f"told to stop; "
             f"fault after {decided} telegrams ({cause.name.lower().replace('_', ' ')})",
             step,
             None if decided is None else decided * PERIOD_S,
@@ -85,12 +91,39 @@ def _wrap(effort: Effort) -> Outcome:
         step = float(rig.seen.steps()[begin - 1 :].max())
         path, stopped = rig.seen.path(begin), rig.robot.stopped
         after = np.array(rig.seen.correction_m[wrapped:])
-        counter, at_zero = rig.robot.counter, rig.wrapped_at
+        at_zero = rig.wrapped_at
         safe_s = rig.seen.stopped_s(at_zero)
+    return _told_to_stop(after, stopped, path, step, safe_s)
+
+
+def _jump(by_ms: int, *, reports: bool) -> Callable[[Effort], Outcome]:
+    """The counter of a session that goes on jumps; with and without the pose that the controller reports."""
+
+    def run(effort: Effort) -> Outcome:
+        config = demo_config()
+        if not reports:
+            config = replace(config, send=tuple(tag for tag in config.send if tag.tag != "DEF_RIst"))
+        with Rig(seed=effort.seed, config=config) as rig:
+            rig.activate().run(SETTLED)
+            begin = rig.cycle_count
+            rig.robot.counter += by_ms
+            rig.run(150)
+            fault = first_cycle(rig, State.FAULT, begin)
+            step = float(rig.seen.steps()[begin - 1 :].max())
+            path, stopped = rig.seen.path(begin), rig.robot.stopped
+            after = np.array(rig.seen.correction_m[begin + (fault or 0) :])
+            safe_s = rig.seen.stopped_s(begin)
+        return _told_to_stop(after, stopped, path, step, safe_s)
+
+    return run
+
+
+def _told_to_stop(after: Float, stopped: str, path: list[str], step: float, safe_s: float | None) -> Outcome:
+    """The correction stays what it was, and the controller is told to stop."""
     steady = bool(np.all(after == after[0])) and float(np.linalg.norm(after[0])) > 0.0
     return Outcome(
-        stopped == "RSITimeout" and steady and counter < 2**31 and step <= LARGEST_STEP_M,
-        f"{described(path)}; no answer any more, the controller holds what it has and stops ({stopped})",
+        stopped == "Stop" and steady and step <= LARGEST_STEP_M,
+        f"{described(path)}; what is in force stays, the controller is told to stop ({stopped or 'went on'})",
         step,
         safe_s,
     )
@@ -178,7 +211,7 @@ SCENARIOS: Final = (
         "R9",
         "counter-back",
         "the controller begins another session, its counter 60 s back",
-        "fault within 10 telegrams, nothing sent into the new session, armed anew by a person only",
+        "fault within 10 telegrams, zero and Stop sent into the new session, armed anew by a person only",
         _restart(_FIRST - 60_000),
     ),
     Scenario(
@@ -199,8 +232,22 @@ SCENARIOS: Final = (
         "R9",
         "counter-wraps",
         "the counter begins again at 0 behind 2^32 - 1 while the session goes on",
-        "fault within 10 telegrams; what is in force stays, the controller stops by its timeout",
+        "fault within 10 telegrams; what is in force stays, the controller is told to stop",
         _wrap,
+    ),
+    Scenario(
+        "R9",
+        "counter-jumps",
+        "the counter of a session that goes on jumps 100 s ahead",
+        "the same",
+        _jump(100_000, reports=True),
+    ),
+    Scenario(
+        "R9",
+        "counter-jumps-unreported",
+        "the same 0.2 s back, by a controller that does not report its pose",
+        "the same",
+        _jump(-200, reports=False),
     ),
     Scenario("R10", "telegrams-stop", "no telegram any more", "hold within 3 cycles, fault within 10", _pause),
     Scenario(
