@@ -26,6 +26,7 @@ from counterflex.runtime.supervisor import State
 from counterflex.twin.commanded_motion import Report
 from counterflex.twin.fake_egm import EgmContext, FakeEgm
 from counterflex.wire.egm import RobotState, read_guidance, read_path_correction, write_guidance, write_robot
+from counterflex.wire.egm_messages import MESSAGES
 
 DOWN = rotation.about_x(np.pi)  # z of the tool points down
 Q = np.array([0.1, -1.2, 1.3, 0.2, 0.8, -0.4])
@@ -191,6 +192,62 @@ def test_enable_is_a_movement_that_takes_corrections() -> None:
         controller.send(robot(9, (0, 0, 0), utilization=1.2))
         assert link.wait(1.0)
         assert link.clamped
+
+
+def cut(data: bytes, *names: str) -> bytes:
+    """A message without some of its fields."""
+    message = MESSAGES["EgmRobot"]()
+    message.ParseFromString(data)
+    for name in names:
+        *way, last = name.split(".")
+        part = message
+        for word in way:
+            part = getattr(part, word)
+        part.ClearField(last)
+    out: bytes = message.SerializeToString()
+    return out
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("motorState",),
+        ("rapidExecState",),
+        ("mciConvergenceMet", "utilizationRate"),
+        ("planned",),
+        ("planned.cartesian.orient",),
+        ("feedBack.time", "planned.time", "planned.joints"),
+        ("header.tm",),
+    ],
+)
+def test_what_a_controller_may_leave_out_is_done_without(names: tuple[str, ...]) -> None:
+    link = EgmPathLink(port=0)
+    with joined(link) as controller:
+        for k in range(40):
+            controller.send(cut(robot(k, (1e-3 * k, 0, 0)), *names))
+            assert link.wait(1.0)
+            assert not link.empty
+            assert link.enable
+        link.fill(given := np.zeros(at.GIVEN))
+        np.testing.assert_allclose(given[at.G_NOMINAL + 9], 0.039, atol=1e-12)
+        controller.send(cut(robot(40, (0.04, 0, 0), guided=False), *names))
+        assert link.wait(1.0)
+        assert not link.enable
+
+
+@pytest.mark.parametrize("name", ["header.seqno", "feedBack.joints", "feedBack.cartesian", "mciState"])
+def test_what_cannot_be_done_without_is_named(name: str) -> None:
+    link = EgmPathLink(port=0)
+    with joined(link) as controller, pytest.raises(ProtocolError, match=f"no {name};"):
+        for k in range(100):
+            controller.send(cut(robot(k, (1e-3 * k, 0, 0)), name))
+            link.wait(0.01)
+    link = EgmPathLink(port=0)
+    with joined(link) as controller:  # once it has told everything, a shortened message is only passed over
+        for k in range(100):
+            data = robot(k, (1e-3 * k, 0, 0))
+            controller.send(data if k < 3 else cut(data, name))
+            link.wait(0.01)
 
 
 def test_a_controller_in_another_cycle_is_refused() -> None:

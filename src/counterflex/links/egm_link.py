@@ -73,6 +73,7 @@ class EgmLink:
         self._cycle_ms = max(1, round(self.period_s * 1e3))
         self._line = SessionCounter(self._cycle_ms)
         self._cadence: list[float] | None = []
+        self._incomplete: int | None = 0
         self._sequence = 0
         self._clock_zero = time.monotonic_ns()
         self._located = False
@@ -111,13 +112,30 @@ class EgmLink:
             Whether there is a message to be answered.
 
         Raises:
-            ProtocolError: Messages come in another cycle than the link was told.
+            ProtocolError: Messages come in another cycle than the link was told; or the controller's first ones leave
+                out what nothing can be corrected without, which is named.
         """
         self.elapsed, self.restarted = 0, False
         found = self._port.wait(timeout_s, self._read)
         if found:
             self._count()
         return found
+
+    def _watch_what_is_there(self, state: RobotState) -> None:
+        """Messages that leave out what is needed, before the first whole one."""
+        if self._incomplete is None or not state.missing:
+            self._incomplete = None
+            return
+        self._incomplete += 1
+        if self._incomplete < _CADENCE:
+            return
+        raise ProtocolError(
+            "the controller's messages leave out what is needed",
+            where=f"{self.address[0]}:{self.address[1]}",
+            value=f"no {', '.join(state.missing)}",
+            limit="header.seqno, feedBack.joints, feedBack.cartesian and mciState in every message",
+            hint="Send the robot's own messages (EGMStreamStart, EGMActMove or EGMActPose), not a shortened copy",
+        )
 
     def _read(self, length: int) -> Verdict:
         try:
@@ -126,6 +144,8 @@ class EgmLink:
             return Verdict.MALFORMED
         if self._located and (state.q is None or state.T_frame_tcp is None):
             return Verdict.MALFORMED
+        if self._incomplete is not None:
+            self._watch_what_is_there(state)
         verdict = self._line.judge(state.sequence * self._cycle_ms)
         if verdict == Verdict.NEW:
             self._state = state

@@ -170,6 +170,7 @@ class FakeEgm:
             utilization=self.utilization,
             force=self.force,
             converged=self.converged,
+            q_planned=report.q_command,
         )
         self._sent += 1
         return write_robot(state, robotware=self.context.robotware)

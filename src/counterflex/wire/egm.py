@@ -48,6 +48,8 @@ class RobotState:
         force: (6,) N, N m that the robot itself measures, or None.
         converged: The robot is where the sensor wants it, within the program's window.
         move: Number of the movement instruction that is run, or None.
+        q_planned: (6,) rad planned angles, or None.
+        missing: Fields without which nothing can be corrected and that the message leaves out, by their names.
     """
 
     sequence: int
@@ -62,10 +64,16 @@ class RobotState:
     force: Float | None
     converged: bool = False
     move: int | None = None
+    q_planned: Float | None = None
+    missing: tuple[str, ...] = ()
 
 
 def read_robot(data: bytes) -> RobotState:
     """Read an ``EgmRobot`` message.
+
+    Every field of it is optional in the protocol. Where ``motorState`` or ``rapidExecState`` is left out, a running
+    motion interface says as much: it does not run without motors and program. What else is needed and not there is
+    named in :attr:`RobotState.missing`.
 
     Raises:
         ProtocolError: Not such a message, a number that is not finite, a quaternion far from unit length.
@@ -78,20 +86,40 @@ def read_robot(data: bytes) -> RobotState:
             "an EGM message does not come from a robot", value=f"type {message.header.mtype}", limit=DATA
         )
     back, planned = message.feedBack, message.planned
+    guided = message.mciState.state == MCI_RUNNING
+    missing = [
+        name
+        for name, there in (
+            ("header.seqno", message.header.HasField("seqno")),
+            ("feedBack.joints", back.HasField("joints")),
+            ("feedBack.cartesian", _placed(back)),
+            ("mciState", message.HasField("mciState")),
+        )
+        if not there
+    ]
     return RobotState(
         sequence=message.header.seqno,
         time_ms=message.header.tm,
         q=_joints(back) if back.HasField("joints") else None,
-        T_frame_tcp=_pose(back.cartesian) if back.HasField("cartesian") else None,
-        T_frame_tcp_planned=_pose(planned.cartesian) if planned.HasField("cartesian") else None,
-        motors_on=message.motorState.state == MOTORS_ON if message.HasField("motorState") else False,
-        guided=message.mciState.state == MCI_RUNNING,
-        rapid_running=message.rapidExecState.state == RAPID_RUNNING,
+        T_frame_tcp=_pose(back.cartesian) if _placed(back) else None,
+        T_frame_tcp_planned=_pose(planned.cartesian) if _placed(planned) else None,
+        motors_on=message.motorState.state == MOTORS_ON if message.HasField("motorState") else guided,
+        guided=guided,
+        rapid_running=message.rapidExecState.state == RAPID_RUNNING if message.HasField("rapidExecState") else guided,
         utilization=_finite(message.utilizationRate) / 100.0 if message.HasField("utilizationRate") else None,
         force=measured_force(message.measuredForce) if message.HasField("measuredForce") else None,
         converged=message.mciConvergenceMet,
         move=message.moveIndex if message.HasField("moveIndex") else None,
+        q_planned=_joints(planned) if planned.HasField("joints") else None,
+        missing=tuple(missing),
     )
+
+
+def _placed(part: Any) -> bool:
+    """Whether feedback or plan holds a whole pose."""
+    cartesian = part.cartesian
+    turned = cartesian.HasField("orient") or cartesian.HasField("euler")
+    return bool(part.HasField("cartesian") and cartesian.HasField("pos") and turned)
 
 
 def measured_force(data: bytes) -> Float | None:
@@ -123,7 +151,10 @@ def write_robot(
     *,
     robotware: int = 7,
 ) -> bytes:
-    """An ``EgmRobot`` message: the robot's side.
+    """An ``EgmRobot`` message: the robot's side, with every field that a controller sends.
+
+    ABB's client library drops a message without number, clock or type in its header, without joints, pose or time in
+    feedback and plan, or without one of the four states (its ``parse`` functions).
 
     Args:
         state: What to report.
@@ -131,13 +162,16 @@ def write_robot(
     """
     message = MESSAGES["EgmRobot"]()
     _head(message.header, state.sequence, state.time_ms, DATA)
-    if state.q is not None:
-        message.feedBack.joints.joints.extend((state.q / DEG).tolist())
-    if state.T_frame_tcp is not None:
-        _fill(message.feedBack.cartesian, state.T_frame_tcp)
-    message.feedBack.time.sec, message.feedBack.time.usec = divmod(state.time_ms * 1000, 1_000_000)
-    if state.T_frame_tcp_planned is not None:
-        _fill(message.planned.cartesian, state.T_frame_tcp_planned)
+    message.header.tm = state.time_ms
+    for part, q, T in (
+        (message.feedBack, state.q, state.T_frame_tcp),
+        (message.planned, state.q_planned, state.T_frame_tcp_planned),
+    ):
+        if q is not None:
+            part.joints.joints.extend((q / DEG).tolist())
+        if T is not None:
+            _fill(part.cartesian, T)
+        part.time.sec, part.time.usec = divmod(state.time_ms * 1000, 1_000_000)
     message.motorState.state = 1 if state.motors_on else 2
     message.mciState.state = 3 if state.guided else 2
     message.rapidExecState.state = 2 if state.rapid_running else 1
