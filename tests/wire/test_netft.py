@@ -61,6 +61,27 @@ def test_units_of_real_devices(unit: str, factor: float) -> None:
 
 
 @pytest.mark.parametrize(
+    ("old", "new", "rate_hz", "product"),
+    [
+        (b"", b"", 7000.0, "Axia"),
+        (b"<comrdtrate>7000</comrdtrate>", b"", None, "Axia"),
+        (b"<prodname>Axia</prodname>", b"", 7000.0, ""),
+        (b"<comrdtrate>7000", b"<comrdtrate>fast", None, "Axia"),
+        (b"<comrdtrate>7000", b"<comrdtrate>0", None, "Axia"),
+        (b"<prodname>Axia", b"<prodname>", 7000.0, ""),
+    ],
+)
+def test_sensors_that_tell_neither_name_nor_rate_are_read(
+    old: bytes, new: bytes, rate_hz: float | None, product: str
+) -> None:
+    document = netft.write_scaling(1000, 2000, 7000, "Axia")
+    assert old in document
+    scaling = netft.read_scaling(document.replace(old, new, 1))
+    assert (scaling.force_n, scaling.moment_nm) == (1e-3, 5e-4)
+    assert (scaling.rate_hz, scaling.product) == (rate_hz, product)
+
+
+@pytest.mark.parametrize(
     ("old", "new", "said"),
     [
         (b"<cfgcpf>1000</cfgcpf>", b"", "cfgcpf"),

@@ -80,16 +80,16 @@ class Scaling:
     Attributes:
         force_n: N per count.
         moment_nm: N m per count.
-        rate_hz: Records per second that the sensor is set to.
-        product: Its name.
+        rate_hz: Records per second that the sensor is set to; None where it does not say.
+        product: Its name; empty where it does not say.
         range_n: (3,) N that it is calibrated for, by axis; infinite where it does not say.
         range_nm: (3,) N m, likewise.
     """
 
     force_n: float
     moment_nm: float
-    rate_hz: float
-    product: str
+    rate_hz: float | None = None
+    product: str = ""
     range_n: Three = (math.inf,) * 3
     range_nm: Three = (math.inf,) * 3
 
@@ -97,8 +97,10 @@ class Scaling:
 def read_scaling(document: bytes, where: str = "netftapi2.xml") -> Scaling:
     """Read the document that the sensor serves at ``/netftapi2.xml``.
 
+    Counts per unit and the units are needed; name and rate are not: sensors differ in what else they tell.
+
     Raises:
-        ProtocolError: Not XML, a field missing or not a positive number, a unit that is not known.
+        ProtocolError: Not XML, a needed field missing or not a positive number, a unit that is not known.
     """
     try:
         root = fromstring(document)
@@ -131,11 +133,20 @@ def read_scaling(document: bytes, where: str = "netftapi2.xml") -> Scaling:
     return Scaling(
         force_n=force / number("cfgcpf"),
         moment_nm=moment / number("cfgcpt"),
-        rate_hz=number("comrdtrate"),
-        product=text("prodname"),
+        rate_hz=_rate(root),
+        product=(root.findtext(".//prodname") or "").strip(),
         range_n=range_n,
         range_nm=range_nm,
     )
+
+
+def _rate(root: Element) -> float | None:
+    """Records per second, where the document tells them as a number."""
+    try:
+        value = float(root.findtext(".//comrdtrate") or "")
+    except ValueError:
+        return None
+    return value if 0.0 < value < 1e12 else None
 
 
 def _calibrated(root: Element, force: float, moment: float) -> tuple[Three, Three]:
