@@ -15,7 +15,7 @@ from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, UM
 from counterflex.files.cell import Cell
 from counterflex.plan import elastic_motion
-from counterflex.plan.elastic_motion import inertia, jacobians, lowest_mode, matrices, motion_along, postures
+from counterflex.plan.elastic_motion import commanded, inertia, jacobians, lowest_mode, matrices, motion_along, postures
 from counterflex.plan.elastic_motion_kernel import advance, rest
 from counterflex.plan.tool_deviation import answered_late
 from counterflex.robot import compliance, play
@@ -237,3 +237,24 @@ def test_postures_are_worked_out_together(plain: ElasticChain, monkeypatch: pyte
     assert len(motion.J_tcp_part) == count
     assert len(asked) < count / 500
     assert max(asked) <= 1024
+
+
+def test_another_command_on_the_same_path_is_a_motion_of_its_own(plain: ElasticChain) -> None:
+    """What the trials of a path share must not carry anything from one trial to the next."""
+    time = np.linspace(0.0, 0.2, 5)
+    q, added = np.tile(Q, (5, 1)), np.outer(np.linspace(0.0, 1e-3, 5), np.ones(6))
+    shared = motion_along(plain, np.eye(4), q, q, time)
+    found = []
+    for motion in (
+        commanded(shared, q + 2.0 * added),
+        commanded(shared, q + added),
+        motion_along(plain, np.eye(4), q, q + added, time),
+    ):
+        rest(motion, 0)  # type: ignore[no-untyped-call]
+        out = np.zeros((4, 6))
+        for row in range(4):
+            advance(motion, row + 1, time[row + 1], LOAD, out[row])  # type: ignore[no-untyped-call]
+        found.append(out)
+    np.testing.assert_array_equal(found[1], found[2])
+    assert np.abs(found[0] - found[1]).max() > 1.0 * UM
+    assert not np.any(shared.clock)

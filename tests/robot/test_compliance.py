@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 from typing import Any
 
@@ -139,6 +140,20 @@ def test_shares_add_up_to_the_linear_deflection(chain: ElasticChain, poses: Floa
         rtol=1e-11,
         atol=1e-19,
     )
+
+
+def test_shares_of_many_poses_are_those_of_each_and_take_little_memory(haehn: ElasticChain) -> None:
+    """Beside the result only a batch of Jacobians is held, not those of all poses."""
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-1.0, 1.0, (20_000, 6)) * 0.3 + np.array([0.0, -1.5, 2.0, 0.0, 0.6, 0.0])
+    w = rng.normal(size=q.shape) * 100.0
+    tracemalloc.start()
+    found = shares(haehn, q, w)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2.5 * found.nbytes
+    for row in (0, 1023, 1024, 19_999):
+        np.testing.assert_array_equal(found[row], shares(haehn, q[row], w[row]))
 
 
 @settings(max_examples=25, deadline=None)

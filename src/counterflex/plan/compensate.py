@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.batches import batches
 from counterflex.core.errors import ModelError, ReachError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM
@@ -380,7 +381,9 @@ def _through_arm(setting: Setting, q: Float, w_part: Float, deflection_part: Flo
     rows = np.flatnonzero(np.any(w_part != 0.0, axis=1))
     out = np.zeros_like(deflection_part)
     if len(rows):
-        own = compliance.shares(setting.chain, q[rows], wrench.rotate(R, w_part[rows]))
-        at_once = np.sum(own[:, setting.chain.flange_segment + 1 :], axis=1)
+        w_base, at_once = wrench.rotate(R, w_part[rows]), np.empty((len(rows), 6))
+        for some in batches(len(rows)):
+            own = compliance.shares(setting.chain, q[rows[some]], w_base[some])
+            at_once[some] = np.sum(own[:, setting.chain.flange_segment + 1 :], axis=1)
         out[rows] = deflection_part[rows] - wrench.rotate(R.T, at_once)
     return out

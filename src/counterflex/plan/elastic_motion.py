@@ -8,15 +8,15 @@ frequencies below the bandwidth of the speed loops.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float, Int, as_float
+from counterflex.core.batches import batches
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, MS
-from counterflex.plan.elastic_motion_kernel import AXES, Motion, number_postures
+from counterflex.plan.elastic_motion_kernel import AXES, STATE_ARRAYS, Motion, number_postures
 from counterflex.robot import play
 from counterflex.robot.chain import ElasticChain, forward, frames
 from counterflex.robot.description import Servo
@@ -30,8 +30,6 @@ DAMPING_S: Final = 2.5 * MS
 with 1.5 ms the spindle on its holder chattered in the model at a cut that the simulated cell did quietly."""
 _OVERDAMPED: Final = 0.7
 """Poles with a larger damping ratio are no modes."""
-_BATCH: Final = 1024
-"""Postures worked out at a time."""
 _INERTIA_RAD: Final = 2.0 * DEG
 """Change of an axis after which inertia is taken anew."""
 _JACOBIAN_RAD: Final = 0.1 * DEG
@@ -78,7 +76,7 @@ def inertia(chain: ElasticChain, q: Float) -> Float:
     segment, direction, sign = _coordinates(chain)
     turns = (direction >= 3)[:, None]
     out = np.zeros((len(angles), len(segment), len(segment)))
-    for rows in _batches(len(angles)):
+    for rows in batches(len(angles)):
         T, M = frames(chain, angles[rows]), out[rows]
         origin, axis = _screws(T, segment, direction, sign)
         angular = np.where(turns, axis, 0.0)
@@ -108,7 +106,7 @@ def jacobians(chain: ElasticChain, q: Float) -> tuple[Float, Float]:
     turns = (direction >= 3)[:, None]
     driven = np.flatnonzero(chain.joint >= 0)
     J, J_drive = np.empty((len(angles), 6, len(segment))), np.empty((len(angles), 6, AXES))
-    for rows in _batches(len(angles)):
+    for rows in batches(len(angles)):
         T = frames(chain, angles[rows])
         tip = forward(chain, angles[rows])[:, None, :3, 3]
         origin, axis = _screws(T, segment, direction, sign)
@@ -137,11 +135,6 @@ def _screws(T: Float, segment: Int, direction: Int, sign: Float) -> tuple[Float,
     own = T[:, segment, :3]
     axis = np.take_along_axis(own, (direction % 3)[None, :, None, None], axis=3)[..., 0]
     return own[..., 3], sign[:, None] * axis
-
-
-def _batches(count: int) -> Iterator[slice]:
-    """Rows a few at a time, so that what is needed between input and result stays small."""
-    return (slice(first, min(first + _BATCH, count)) for first in range(0, count, _BATCH))
 
 
 def lowest_mode(M: Float, stiffness: Float, beta_s: float, servo: tuple[Servo | None, ...]) -> Mode:
@@ -267,6 +260,22 @@ def motion_along(
         load=np.zeros(n),
         fresh=np.zeros(n),
     )
+
+
+def commanded(motion: Motion, q_command: Float) -> Motion:
+    """The same path with other commands, at rest at its first row.
+
+    What depends on the programmed path alone is shared, so another trial of a path costs nothing but itself.
+
+    Args:
+        motion: Of :func:`motion_along`; it is left as it is.
+        q_command: (rows, 6) rad that are commanded.
+
+    Raises:
+        InputError: Shapes do not match.
+    """
+    state = {name: np.zeros_like(getattr(motion, name)) for name in STATE_ARRAYS}
+    return motion._replace(q_command=as_float("q_command", q_command, motion.q_ref.shape), **state)
 
 
 def postures(q: Float, apart_rad: float) -> tuple[Int, Int]:

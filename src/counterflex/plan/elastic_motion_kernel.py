@@ -14,7 +14,7 @@ behind.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
@@ -88,6 +88,10 @@ class Motion(NamedTuple):
     program: Float
     load: Float
     fresh: Float
+
+
+STATE_ARRAYS: Final = ("x", "rate", "drives", "held", "clock", "program", "load", "fresh")
+"""Fields of :class:`Motion` that :func:`advance` writes; zeros until :func:`rest`."""
 
 
 @kernel("void(float64[:,::1], float64, int64[::1])")

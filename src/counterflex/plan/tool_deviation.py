@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,8 +13,8 @@ from counterflex.core.progress import Progress
 from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.cut import Cut, at_points, cut
-from counterflex.plan.elastic_motion import DAMPING_S, lowest_mode, matrices, motion_along
-from counterflex.plan.elastic_motion_kernel import AXES
+from counterflex.plan.elastic_motion import DAMPING_S, commanded, lowest_mode, matrices, motion_along
+from counterflex.plan.elastic_motion_kernel import AXES, Motion
 from counterflex.plan.lost_motion import in_touched_frame, play_deviation
 from counterflex.robot.chain import ElasticChain
 from counterflex.signals.preview import Mode
@@ -71,6 +72,12 @@ class Robot:
     touched: tuple[Float, Float] | None
     mode: Mode
 
+    @functools.cached_property
+    def programmed(self) -> Motion:
+        """The robot in motion along the path as it is programmed; every trial starts from it."""
+        s = self.setting
+        return motion_along(s.chain, s.T_base_part, self.q, self.q, self.path.time_s, damping_of(s.chain, s.mode))
+
 
 def run(robot: Robot, stock: HeightMap, q_command: Float, correction: Float, progress: Progress) -> tuple[Cut, Float]:
     """Cut with the robot in motion: inertia, drives, play and friction, and the force that follows the tool.
@@ -93,9 +100,8 @@ def run(robot: Robot, stock: HeightMap, q_command: Float, correction: Float, pro
     R = setting.T_base_part[:3, :3]
     motion = None
     if moving:
-        damping = damping_of(setting.chain, setting.mode)
         answered = answered_late(path.time_s, robot.q, q_command, setting.shaping.lead_s)
-        motion = motion_along(setting.chain, setting.T_base_part, robot.q, answered, path.time_s, damping)
+        motion = commanded(robot.programmed, answered)
     result = cut(
         path,
         path.p_part_tcp,

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
+from counterflex.core.batches import batches
 from counterflex.core.errors import InputError, ModelError
 from counterflex.robot.chain import ElasticChain, frames, points, require_settled
 from counterflex.robot.kernels_batch import (
@@ -39,19 +40,21 @@ LARGEST_ROTATION = 0.2  # rad; beyond this a deflection is not elastic any more
 LARGEST_TRANSLATION = 1.0  # m
 
 
-def element_loads(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
+def element_loads(chain: ElasticChain, q: Float, w_tcp_base: Float, Ts_base_segment: Float | None = None) -> Float:
     """Wrench that a load at the TCP puts on each elastic element: about and in the segment's frame, rigid geometry.
 
     Args:
         chain: The chain.
         q: (..., 6) rad.
         w_tcp_base: (..., 6) N, N m, what the surroundings do to the tool, about the TCP in base axes.
+        Ts_base_segment: (rows, n, 4, 4) the rigid chain's :func:`counterflex.robot.chain.frames` at q where they are
+            known already.
 
     Returns:
         (..., n, 6) N, N m.
     """
     q, w, lead = points(q, w_tcp_base)
-    Ts = frames(chain, q)
+    Ts = frames(chain, q) if Ts_base_segment is None else Ts_base_segment
     tip = (Ts[:, -1] @ chain.T_last_tcp)[:, :3, 3]
     force = w[:, None, :3]
     moment = w[:, None, 3:] + np.cross(tip[:, None, :] - Ts[..., :3, 3], force)
@@ -168,9 +171,11 @@ def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
         (..., n, 6) m, rad, base axes at the TCP, in the order of ``chain.names``.
     """
     q, w, lead = points(q, w_tcp_base)
-    columns = element_jacobians(chain, q)
-    delta = chain.compliance * (np.swapaxes(columns, -1, -2) @ w[:, None, :, None])[..., 0]
-    out: Float = (columns @ delta[..., None])[..., 0]
+    out = np.empty((len(q), chain.n, 6))
+    for rows in batches(len(q)):
+        columns = element_jacobians(chain, q[rows])
+        delta = chain.compliance * (np.swapaxes(columns, -1, -2) @ w[rows, None, :, None])[..., 0]
+        out[rows] = (columns @ delta[..., None])[..., 0]
     return out.reshape(*lead, chain.n, 6)
 
 

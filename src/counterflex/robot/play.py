@@ -21,9 +21,10 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.core.arrays import Float, as_float
+from counterflex.core.batches import batches
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
-from counterflex.robot.chain import ElasticChain, jacobian
+from counterflex.robot.chain import ElasticChain, frames, jacobian
 from counterflex.robot.compliance import element_loads
 from counterflex.robot.gravity import weight_loads
 
@@ -31,7 +32,6 @@ STIFFEST_RAD_NM = 1e-12
 """Torsion compliance of an axis that the description has as rigid: play and friction need a spring to lean on."""
 FLOATING_NM = 1.0
 """A relaxed axis with less torque than this hangs within its play, in proportion."""
-_ROWS = 4096
 
 
 @kernel()
@@ -206,11 +206,11 @@ def axis_torque(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) 
     angles = as_float("q", q, (None, 6))
     out = np.empty((len(angles), 6))
     sign = chain.sign[chain.joint >= 0]
-    for first in range(0, len(angles), _ROWS):
-        rows = slice(first, first + _ROWS)
-        load = weight_loads(chain, angles[rows])
+    for rows in batches(len(angles)):
+        Ts = frames(chain, angles[rows])
+        load = weight_loads(chain, angles[rows], Ts)
         if w_tcp_base is not None:
-            load = load + element_loads(chain, angles[rows], w_tcp_base[rows])
+            load = load + element_loads(chain, angles[rows], w_tcp_base[rows], Ts)
         out[rows] = sign * load[:, chain.torsion, 5]
     return out
 
