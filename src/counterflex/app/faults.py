@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app.fault_scenarios import SCENARIOS
-from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
+from counterflex.app.fault_scenarios.scenario import SENSORS, Effort, Outcome, Scenario
 from counterflex.app.made_on import made_on
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError, InputError
@@ -23,6 +23,7 @@ from counterflex.files.summary_file import write_summary
 TABLE: Final = "faults.csv"
 PAGE: Final = "faults.md"
 SUMMARY: Final = "summary.json"
+_SAID: Final = {"force": "a force sensor", "both": "a force sensor and a tracker at once"}
 
 
 @dataclass(frozen=True)
@@ -40,16 +41,19 @@ class Result:
     seconds: float
 
 
-def chosen(only: tuple[str, ...], *, realtime: bool = True) -> tuple[Scenario, ...]:
+def chosen(only: tuple[str, ...], *, realtime: bool = True, sensors: str = "force") -> tuple[Scenario, ...]:
     """Scenarios of some requirements or names.
 
     Args:
         only: Numbers of requirements (``R3``) or names of scenarios; empty: all.
         realtime: Those that take real time, too.
+        sensors: What the loop corrects from, one of :data:`SENSORS`: those that can be run with it.
 
     Raises:
-        InputError: One of them does not exist.
+        InputError: One of them does not exist, or no such sensors.
     """
+    if sensors not in SENSORS:
+        raise InputError("no such sensors", where="--sensors", value=sensors, limit=" or ".join(SENSORS))
     known = {s.requirement for s in SCENARIOS} | {s.name for s in SCENARIOS}
     wanted = tuple(word.upper() if word.upper() in known else word for word in only)
     for word in wanted:
@@ -63,7 +67,9 @@ def chosen(only: tuple[str, ...], *, realtime: bool = True) -> tuple[Scenario, .
     return tuple(
         s
         for s in SCENARIOS
-        if (not wanted or s.requirement in wanted or s.name in wanted) and (realtime or not s.realtime)
+        if (not wanted or s.requirement in wanted or s.name in wanted)
+        and (realtime or not s.realtime)
+        and sensors in s.sensors
     )
 
 
@@ -74,6 +80,7 @@ def run(
     quick: bool = False,
     realtime: bool = True,
     seed: int = 0,
+    sensors: str = "force",
     progress: Progress = silent,
 ) -> list[Result]:
     """Inject faults, one after the other, and write table, page and summary.
@@ -84,14 +91,22 @@ def run(
         quick: Small samples.
         realtime: Those that take real time, too.
         seed: Of everything that is random.
+        sensors: See :func:`chosen`.
         progress: Told the fraction done.
 
     Raises:
-        InputError: Nothing of that name.
+        InputError: Nothing of that name, or nothing that can be run with these sensors.
         OutputError: The folder cannot be written.
     """
-    scenarios = chosen(only, realtime=realtime)
-    effort = Effort(quick, seed)
+    scenarios = chosen(only, realtime=realtime, sensors=sensors)
+    if not scenarios:
+        raise InputError(
+            "nothing of this can be run so",
+            where="--only",
+            value=", ".join(only),
+            hint="Leave out --sensors or --no-realtime",
+        )
+    effort = Effort(quick, seed, sensors)
     condition = machine()
     results = []
     for k, scenario in enumerate(scenarios):
@@ -104,7 +119,7 @@ def run(
         results.append(Result(scenario, outcome, time.perf_counter() - begin))
     with atomic.atomic_folder(out) as staging:
         atomic.write_text(staging / TABLE, table(results))
-        atomic.write_text(staging / PAGE, page(results, condition))
+        atomic.write_text(staging / PAGE, page(results, condition, effort))
         write_summary(staging / SUMMARY, summary(results, condition, effort))
     return results
 
@@ -140,11 +155,12 @@ def table(results: list[Result]) -> str:
     return stream.getvalue()
 
 
-def page(results: list[Result], condition: dict[str, Any]) -> str:
+def page(results: list[Result], condition: dict[str, Any], effort: Effort) -> str:
     """Markdown table of the results."""
     held = sum(result.outcome.passed for result in results)
     lines = [
-        f"{held} of {len(results)} hold. {condition['processor']}, {condition['cores']} cores, kernel "
+        f"{held} of {len(results)} hold, corrected from {_SAID[effort.sensors]}. "
+        f"{condition['processor']}, {condition['cores']} cores, kernel "
         f"{condition['kernel']}, load {condition['load']:g} at the start, counterflex {__version__}.",
         "",
         "| | injected | required | happened | largest step mm | safe after s | |",
@@ -173,6 +189,7 @@ def summary(results: list[Result], condition: dict[str, Any], effort: Effort) ->
         "machine": condition,
         "quick": effort.quick,
         "seed": effort.seed,
+        "sensors": effort.sensors,
         "passed": all(result.outcome.passed for result in results),
         "faults": {
             f"{r.scenario.requirement} {r.scenario.name}": {

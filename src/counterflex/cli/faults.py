@@ -24,6 +24,10 @@ def faults(
     realtime: Annotated[
         bool, typer.Option("--realtime/--no-realtime", help="Also those that take real time and show this machine.")
     ] = True,
+    sensors: Annotated[
+        str,
+        typer.Option("--sensors", help="What is corrected from: force, or both, which is force and tracker at once."),
+    ] = "force",
     seed: Annotated[int, typer.Option("--seed", help="Of everything that is random.", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
@@ -39,9 +43,11 @@ def faults(
 
     words = tuple(word.strip() for word in only.split(",") if word.strip())
     with progress_bar("injecting faults") as progress:
-        results = job.run(out, only=words, quick=quick, realtime=realtime, seed=seed, progress=progress)
+        results = job.run(
+            out, only=words, quick=quick, realtime=realtime, seed=seed, sensors=sensors, progress=progress
+        )
     if as_json:
-        print_json(job.summary(results, job.machine(), Effort(quick, seed)))
+        print_json(job.summary(results, job.machine(), Effort(quick, seed, sensors)))
     else:
         print_table(
             "Faults",

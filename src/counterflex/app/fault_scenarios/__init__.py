@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 from counterflex.app.fault_scenarios import (
@@ -15,8 +16,9 @@ from counterflex.app.fault_scenarios import (
     sessions,
     strangers,
 )
-from counterflex.app.fault_scenarios.scenario import Scenario
+from counterflex.app.fault_scenarios.scenario import SENSORS, Scenario
 
+_FORCE_ONLY: Final = (*processes.SCENARIOS, *files.SCENARIOS, *realtime.SCENARIOS)
 SCENARIOS: Final[tuple[Scenario, ...]] = tuple(
     sorted(
         (
@@ -25,10 +27,8 @@ SCENARIOS: Final[tuple[Scenario, ...]] = tuple(
             *rubbish.SCENARIOS,
             *clocks.SCENARIOS,
             *strangers.SCENARIOS,
-            *processes.SCENARIOS,
-            *files.SCENARIOS,
             *holds.SCENARIOS,
-            *realtime.SCENARIOS,
+            *(replace(scenario, sensors=SENSORS[:1]) for scenario in _FORCE_ONLY),
         ),
         key=lambda scenario: int(scenario.requirement[1:]),
     )

@@ -30,7 +30,7 @@ def _wall_clock(effort: Effort) -> Outcome:
         return round(next(jumps) / NS)
 
     def once(patched: bool) -> tuple[np.ndarray, list[State], float]:
-        with Rig(seed=effort.seed) as rig:
+        with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
             begin = rig.activate().cycle_count
             if patched:
                 with mock.patch("time.time", seconds), mock.patch("time.time_ns", nanoseconds):
@@ -50,7 +50,7 @@ def _wall_clock(effort: Effort) -> Outcome:
 
 def _clock_jump(jump_s: float) -> Callable[[Effort], Outcome]:
     def run(effort: Effort) -> Outcome:
-        with Rig(seed=effort.seed) as rig:
+        with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
             rig.activate().run(SETTLED)
             begin = rig.cycle_count
             rig.clock_offset_s = jump_s
@@ -71,7 +71,7 @@ def _clock_jump(jump_s: float) -> Callable[[Effort], Outcome]:
 
 def _clock_rate(rate: float) -> Callable[[Effort], Outcome]:
     def run(effort: Effort) -> Outcome:
-        with Rig(seed=effort.seed) as rig:
+        with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
             rig.activate().run(SETTLED)
             begin = rig.cycle_count
             rig.clock_offset_s, rig.clock_rate = rig.now_s * (1.0 - rate), rate

@@ -38,7 +38,9 @@ def _silent(cycles: int, *, holds_feed: bool) -> Callable[[Effort], Outcome]:
     """The force sensor says nothing for some cycles, 0: any more."""
 
     def run(effort: Effort) -> Outcome:
-        with Rig(seed=effort.seed, force=_steady, holds_feed=holds_feed, context=RsiContext()) as rig:
+        with Rig(
+            seed=effort.seed, sensors=effort.sensors, force=_steady, holds_feed=holds_feed, context=RsiContext()
+        ) as rig:
             rig.activate().run(SETTLED)
             begin, gone = rig.cycle_count, rig.gone
             held = rig.robot.correction[:3].copy()
@@ -83,7 +85,7 @@ def _log(*, holds: bool) -> Callable[[Effort], Outcome]:
         ring = RecordRing()
         try:
             checks = SessionChecks(hold_without_log=holds)
-            with Rig(seed=effort.seed, force=_steady, ring=ring, checks=checks) as rig:
+            with Rig(seed=effort.seed, sensors=effort.sensors, force=_steady, ring=ring, checks=checks) as rig:
                 rig.control[Request.ARM] = 1
                 rig.run(300)
                 refused, why = rig.state, Cause(int(rig.loop.flags[F_SOFT]))
@@ -116,7 +118,7 @@ def _internal(effort: Effort) -> Outcome:
     def broken() -> int:
         raise OutputError("the sensor's driver failed")
 
-    with Rig(seed=effort.seed, force=_steady, context=RsiContext()) as rig:
+    with Rig(seed=effort.seed, sensors=effort.sensors, force=_steady, context=RsiContext()) as rig:
         rig.activate().run(SETTLED)
         begin = rig.cycle_count
         rig.force_link.drain = broken  # type: ignore[method-assign]
@@ -134,7 +136,7 @@ def _internal(effort: Effort) -> Outcome:
 
 def _tare(effort: Effort) -> Outcome:
     """The sensor shows 25 N without a cut; then the load is put right."""
-    with Rig(seed=effort.seed) as rig:
+    with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
         rig.idle = np.array([0.0, 0.0, 25.0])
         rig.control[Request.ARM] = 1
         rig.run(400)
@@ -158,7 +160,7 @@ def _job(effort: Effort) -> Outcome:
     config = parse_config(text.encode(), "made")
     ours, other = (job_number(job) for job in _JOBS)
     ends = []
-    with Rig(seed=effort.seed, config=config, checks=SessionChecks(job=ours)) as rig:
+    with Rig(seed=effort.seed, sensors=effort.sensors, config=config, checks=SessionChecks(job=ours)) as rig:
         for says in (other, ours):
             rig.says = float(says)
             rig.control[Request.ARM] = 1

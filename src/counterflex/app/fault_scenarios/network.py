@@ -44,12 +44,14 @@ def _random(loss: float, share: float) -> Scenario:
     def run(effort: Effort) -> Outcome:
         made = Impairment(loss=loss)
         cycles = effort.pick(30_000, 1_500)
-        with Rig(made, made, seed=effort.seed, watch=_GOES_ON, settings=force_only(lost_cycles=9)) as rig:
+        with Rig(
+            made, made, seed=effort.seed, sensors=effort.sensors, watch=_GOES_ON, settings=force_only(lost_cycles=9)
+        ) as rig:
             begin = rig.activate().cycle_count
             rig.run(cycles)
             age = np.array(rig.seen.age[begin:])
             free = float(rig.seen.steps()[begin - 1 :].max()) / rig.step_limit_m
-        with Rig(made, made, seed=effort.seed) as rig:
+        with Rig(made, made, seed=effort.seed, sensors=effort.sensors) as rig:
             begin = rig.activate().cycle_count
             rig.run(effort.pick(2_500, 500))
             step = float(rig.seen.steps()[begin - 1 :].max())
@@ -84,7 +86,7 @@ def _held(
 
     def run(effort: Effort) -> Outcome:
         cycles = effort.pick(2_500, 700)
-        with Rig(made, back, seed=effort.seed) as rig:
+        with Rig(made, back, seed=effort.seed, sensors=effort.sensors) as rig:
             begin = rig.activate().cycle_count
             rig.run(cycles)
             stopped = standing_from(rig, begin)
@@ -107,7 +109,7 @@ def _burst(mean: float) -> Scenario:
         runs, cycles = effort.pick(12, 3), 1_500
         steps, times, missed, paths = [], [], 0, []
         for k in range(runs):
-            with Rig(made, made, seed=1000 * effort.seed + k) as rig:
+            with Rig(made, made, seed=1000 * effort.seed + k, sensors=effort.sensors) as rig:
                 begin = rig.activate().cycle_count
                 rig.run(cycles)
                 seen = rig.seen
@@ -141,14 +143,14 @@ def _delay(effort: Effort) -> Outcome:
     """One second of 10 ms delay: once as the loop is set, once without a hold, so that the queue can be seen."""
     first, count = 300, 250
     made = Impairment(delay_s=10e-3, first=first, end=first + count)
-    with Rig(made, seed=effort.seed) as rig:
+    with Rig(made, seed=effort.seed, sensors=effort.sensors) as rig:
         begin = rig.activate().cycle_count
         rig.run(first + count + 50)
         stopped = standing_from(rig, begin + first)
         path = rig.seen.path(begin)
         step = float(rig.seen.steps()[begin - 1 :].max())
     watch = WatchSettings(hold_late=10**6, fault_late=10**6, share_late=0.999, clock=False)
-    with Rig(made, seed=effort.seed, watch=watch) as rig:
+    with Rig(made, seed=effort.seed, sensors=effort.sensors, watch=watch) as rig:
         begin = rig.activate().cycle_count
         rig.run(first + count + 50)
         age = np.array(rig.seen.age[begin:])
@@ -167,7 +169,7 @@ def _delay(effort: Effort) -> Outcome:
 def _jitter(effort: Effort) -> Outcome:
     """Jitter of 2 to 12 ms on both ways, as the loop is set by default."""
     made = Impairment(delay_s=2e-3, jitter_s=10e-3)
-    with Rig(made, made, seed=effort.seed) as rig:
+    with Rig(made, made, seed=effort.seed, sensors=effort.sensors) as rig:
         begin = rig.activate().cycle_count
         rig.run(effort.pick(2_500, 500))
         stopped = standing_from(rig, begin)
@@ -188,7 +190,7 @@ def _copies(effort: Effort) -> Outcome:
     cycles = effort.pick(2_500, 500)
     found = []
     for way in (None, made):
-        with Rig(way, seed=effort.seed) as rig:
+        with Rig(way, seed=effort.seed, sensors=effort.sensors) as rig:
             begin = rig.activate().cycle_count
             rig.run(cycles)
             found.append(np.array(rig.seen.correction_m))
@@ -206,7 +208,7 @@ def _copies(effort: Effort) -> Outcome:
 def _overtaken(effort: Effort) -> Outcome:
     """Telegrams that are overtaken are never answered; the correction keeps its steps."""
     made = Impairment(reorder=0.03, reorder_s=6e-3)
-    with Rig(made, seed=effort.seed, watch=_GOES_ON) as rig:
+    with Rig(made, seed=effort.seed, sensors=effort.sensors, watch=_GOES_ON) as rig:
         begin = rig.activate().cycle_count
         rig.run(effort.pick(2_500, 1_000))
         old, refused = rig.link.counters.old, rig.robot.late
@@ -226,7 +228,7 @@ def _gap(effort: Effort) -> Outcome:
     for lost in range(1, 13, effort.pick(1, 3)):
         for start in range(2, effort.pick(30, 4), effort.pick(4, 1)):
             made = Impairment(stalls=(Stall(_MOVING + start, lost, lost=True),))
-            with Rig(made, seed=effort.seed) as rig:
+            with Rig(made, seed=effort.seed, sensors=effort.sensors) as rig:
                 begin = rig.activate().cycle_count
                 rig.run(_MOVING + start + lost + 20)
                 step = float(rig.seen.steps()[begin - 1 :].max())

@@ -26,13 +26,14 @@ from counterflex.app.fault_scenarios.demonstration import (
     sensor_reading,
 )
 from counterflex.app.fault_scenarios.seen import Seen
+from counterflex.app.fault_scenarios.tracked_tool import SimulatedTracker
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
 from counterflex.core.units import MS, NS
 from counterflex.links.control_array import CONTROL, Request
 from counterflex.links.rsi_link import RsiLink
 from counterflex.links.telegram_watch import WatchSettings
-from counterflex.runtime.settings import OnlineSettings
+from counterflex.runtime.settings import OnlineSettings, TrackerMode
 from counterflex.runtime.supervisor import State
 from counterflex.twin.commanded_motion import Report
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext
@@ -71,6 +72,8 @@ class Rig:
         peer: The only address the loop listens to, or None.
         sense: A force sensor is there and sends.
         holds_feed: The robot stands while a feed hold is asked for, and no force acts then; else it goes on.
+        sensors: One of :data:`counterflex.app.fault_scenarios.scenario.SENSORS`; with a tracker its integrator
+            corrects what is left.
         chosen: Changes of the other arguments of :class:`OnlineSession`.
 
     Attributes:
@@ -78,6 +81,7 @@ class Rig:
         session: The loop's side.
         link: Its link.
         sensor: The force sensor's side.
+        tracker: The tracker's side, or None.
         seen: See :class:`Seen`.
         cycle_count: Cycles of the controller so far.
         frozen: The loop's process is stopped: it neither waits nor answers.
@@ -109,10 +113,15 @@ class Rig:
         peer: tuple[str, int] | None = None,
         sense: bool = True,
         holds_feed: bool = True,
+        sensors: str = "force",
         **chosen: Any,
     ) -> None:
         self.config = demo_config() if config is None else config
         self.settings = force_only() if settings is None else settings
+        self.tracker = SimulatedTracker(seed) if sensors == "both" else None
+        if self.tracker is not None:
+            self.settings = replace(self.settings, tracker=TrackerMode.INTEGRATOR)
+            chosen = {**self.tracker.arguments(), **chosen}
         self.robot_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.robot_socket.bind(("127.0.0.1", 0))
         self.robot_socket.setblocking(False)
@@ -166,6 +175,8 @@ class Rig:
         self.force_link.close()
         self.sensor.close()
         self.robot_socket.close()
+        if self.tracker is not None:
+            self.tracker.close()
 
     def clock_ns(self) -> int:
         """The monotonic clock of the loop's computer."""
@@ -239,14 +250,21 @@ class Rig:
             self._send(_TELEGRAM, data if self.spoil is None else self.spoil(data), begin + _WIRE_S)
         if self.sense:
             self.read_sensor()
+        if self.tracker is not None:
+            self.tracker.measure(self._report().T_part_actual, self.force_now(), self.now_s)
         self._until(begin + PERIOD_S)
         self._finish()
         self.cycle_count += 1
 
+    def force_now(self) -> Float:
+        """(3,) N on the tool, part axes."""
+        acts = self.feed and not self.stands
+        return self._force(self.now_s - self._feed_begin) if acts else np.zeros(3)
+
     def read_sensor(self) -> None:
         """The sensor's samples of one cycle."""
         self.sensor.poll()
-        force = self._force(self.now_s - self._feed_begin) if self.feed and not self.stands else self.idle
+        force = self.force_now() if self.feed and not self.stands else self.idle
         w = self._reading @ np.concatenate([force, np.zeros(3)])
         for noise in self._noise.standard_normal((_SAMPLES, 6)) * _NOISE:
             self.sensor.send(w + noise)

@@ -21,7 +21,7 @@ def _rubbish(effort: Effort) -> Outcome:
     """Instead of telegrams: garbage, cut ones, huge ones, none that is text; then between good ones."""
     rng = np.random.default_rng([effort.seed, 7])
     counts = []
-    with Rig(seed=effort.seed) as rig:
+    with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
         rig.activate().run(SETTLED)
         begin = rig.cycle_count
         good = rig.next_telegram()
@@ -41,7 +41,7 @@ def _rubbish(effort: Effort) -> Outcome:
         hold, fault = first_cycle(rig, State.HOLD, begin), first_cycle(rig, State.FAULT, begin)
         step = float(rig.seen.steps()[begin - 1 :].max())
         path, malformed = rig.seen.path(begin), rig.link.counters.malformed
-    with Rig(seed=effort.seed) as rig:
+    with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
         rig.activate().run(SETTLED)
         between = rig.cycle_count
         for k in range(60):
@@ -63,7 +63,7 @@ def _flips(effort: Effort) -> Outcome:
     steps, ends, runs = [], [], effort.pick(12, 5)
     for k in range(runs):
         made = Impairment(flip=0.02, truncate=0.01, garbage=0.01)
-        with Rig(made, seed=1000 * effort.seed + k) as rig:
+        with Rig(made, seed=1000 * effort.seed + k, sensors=effort.sensors) as rig:
             begin = rig.activate().cycle_count
             rig.run(effort.pick(1_000, 400))
             steps.append(float(rig.seen.steps()[begin - 1 :].max()))

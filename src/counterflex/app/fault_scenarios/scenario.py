@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Final
+
+SENSORS: Final = ("force", "both")
+"""What the loop corrects from: a force sensor, or a force sensor and a tracker at once."""
 
 
 @dataclass(frozen=True)
@@ -13,10 +17,12 @@ class Effort:
     Attributes:
         quick: A small sample instead of one that is large enough for rare events.
         seed: Of everything that is random.
+        sensors: One of :data:`SENSORS`.
     """
 
     quick: bool = False
     seed: int = 0
+    sensors: str = "force"
 
     def pick(self, whole: int, quick: int) -> int:
         """One of two numbers of repetitions."""
@@ -53,6 +59,7 @@ class Scenario:
         required: What must hold, in words with numbers.
         run: Does it.
         realtime: It takes real time and shows this machine, too.
+        sensors: Those of :data:`SENSORS` with which it can be run.
     """
 
     requirement: str
@@ -61,3 +68,4 @@ class Scenario:
     required: str
     run: Callable[[Effort], Outcome]
     realtime: bool = False
+    sensors: tuple[str, ...] = SENSORS

@@ -34,7 +34,7 @@ def first_cycle(rig: Rig, state: State, begin: int) -> int | None:
 
 def _restart(counter: int) -> Callable[[Effort], Outcome]:
     def run(effort: Effort) -> Outcome:
-        with Rig(seed=effort.seed) as rig:
+        with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
             rig.activate().run(SETTLED)
             held = float(np.linalg.norm(rig.robot.correction[:3]))
             begin = rig.cycle_count
@@ -83,7 +83,7 @@ def _restart(counter: int) -> Callable[[Effort], Outcome]:
 def _wrap(effort: Effort) -> Outcome:
     """The counter of a session that goes on begins again at 0: what is held must not change, nor jump to zero."""
     before = 2**32 - 4 * (SETTLED + 90)
-    with Rig(seed=effort.seed, context=RsiContext(first_counter=before, timeout=10)) as rig:
+    with Rig(seed=effort.seed, sensors=effort.sensors, context=RsiContext(first_counter=before, timeout=10)) as rig:
         rig.wrap = True
         begin = rig.activate().cycle_count
         rig.run(400)
@@ -131,7 +131,7 @@ def _told_to_stop(after: Float, stopped: str, path: list[str], step: float, safe
 
 def _pause(effort: Effort) -> Outcome:
     """Telegrams stop."""
-    with Rig(seed=effort.seed) as rig:
+    with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
         rig.activate().run(SETTLED)
         begin = rig.cycle_count
         rig.paused = True
@@ -154,7 +154,7 @@ def _pause(effort: Effort) -> Outcome:
 
 def _stopped(cycles: int) -> Callable[[Effort], Outcome]:
     def run(effort: Effort) -> Outcome:
-        with Rig(seed=effort.seed, context=RsiContext(timeout=10)) as rig:
+        with Rig(seed=effort.seed, sensors=effort.sensors, context=RsiContext(timeout=10)) as rig:
             rig.activate().run(SETTLED)
             begin, sent = rig.cycle_count, rig.link.counters.telegrams
             rig.frozen = True
@@ -185,7 +185,7 @@ def _orders(effort: Effort) -> Outcome:
     """Robot, sensor and loop begin one after the other, in every order."""
     ends, largest = [], 0.0
     for order in itertools.permutations(("robot", "sensor", "loop")):
-        with Rig(seed=effort.seed) as rig:
+        with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
             rig.paused, rig.sense, rig.frozen = True, False, True
             for part in order:
                 if part == "robot":

@@ -21,7 +21,7 @@ from counterflex.wire.rsi_telegram import answer_writer
 
 def _second(effort: Effort) -> Outcome:
     """A second loop on the port of the first."""
-    with Rig(seed=effort.seed) as rig:
+    with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
         rig.activate()
         said = ""
         for host in ("127.0.0.1", "0.0.0.0"):
@@ -40,7 +40,7 @@ def _second(effort: Effort) -> Outcome:
 
 def _other_answers(effort: Effort) -> Outcome:
     """Another program answers the robot where the loop does not; its answers are good ones that ask for zero."""
-    with Rig(Impairment(loss=0.02), seed=effort.seed) as rig:
+    with Rig(Impairment(loss=0.02), seed=effort.seed, sensors=effort.sensors) as rig:
         writer = answer_writer(rig.config)
         begin = rig.activate().cycle_count
         rig.run(50)
@@ -71,7 +71,10 @@ def _strangers(effort: Effort) -> Outcome:
     found, foreign = [], 0
     taken_s = 0.0
     for disturbed in (False, True):
-        with Rig(seed=effort.seed) as rig, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        with (
+            Rig(seed=effort.seed, sensors=effort.sensors) as rig,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+        ):
             stranger.bind(("127.0.0.1", 0))
             begin = rig.activate().cycle_count
             forged = rig.next_telegram().replace(b"<IPOC>4", b"<IPOC>3")
