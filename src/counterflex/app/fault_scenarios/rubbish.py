@@ -82,7 +82,7 @@ def _unreadable(number: bytes) -> Callable[[Effort], Outcome]:
     """Telegrams whose numbers cannot be read, without end; their counter can."""
 
     def run(effort: Effort) -> Outcome:
-        with Rig(seed=effort.seed) as rig:
+        with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
             rig.activate().run(SETTLED)
             begin = rig.cycle_count
             rig.spoil = lambda data: re.sub(rb'X="[^"]*"', b'X="' + number + b'"', data)

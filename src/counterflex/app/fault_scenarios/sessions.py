@@ -103,7 +103,7 @@ def _jump(by_ms: int, *, reports: bool) -> Callable[[Effort], Outcome]:
         config = demo_config()
         if not reports:
             config = replace(config, send=tuple(tag for tag in config.send if tag.tag != "DEF_RIst"))
-        with Rig(seed=effort.seed, config=config) as rig:
+        with Rig(seed=effort.seed, sensors=effort.sensors, config=config) as rig:
             rig.activate().run(SETTLED)
             begin = rig.cycle_count
             rig.robot.counter += by_ms
