@@ -21,11 +21,17 @@ class _Line:
         self.watch = TelegramWatch(4e-3, WatchSettings(**settings))  # type: ignore[arg-type]
         self.k, self.late, self.last = 0, 0, 0
 
-    def come(self, *, skew_ns: int = 0, answered: bool = True, malformed: int = 0) -> SOFT_AND_HARD:
+    def come(self, *, skew_ns: int = 0, answered: bool = True, malformed: int = 0, repeated: int = 0) -> SOFT_AND_HARD:
         self.k += 1
         elapsed, self.last = self.k - self.last, self.k
         return self.watch.came(
-            elapsed, 4 * self.k, PERIOD_NS * self.k + skew_ns, self.late, malformed, answered=answered
+            elapsed,
+            4 * self.k,
+            PERIOD_NS * self.k + skew_ns,
+            self.late,
+            malformed,
+            answered=answered,
+            repeated=repeated,
         )
 
     def lose(self, *, counted: bool = True) -> None:
@@ -93,6 +99,16 @@ def test_cycles_that_nobody_counts_were_answered_by_another() -> None:
             assert line.come()[1] == 0
         line.lose(counted=False)
         assert line.come()[1] == (Cause.FOREIGN_PEER if k == 2 else 0)
+
+
+def test_unreadable_telegrams_that_were_answered_accuse_nobody() -> None:
+    """R13: the controller does not count them as late, because an answer came: the loop's own."""
+    line = _Line()
+    line.come()
+    for _ in range(30):
+        line.lose(counted=False)
+        assert line.come(repeated=1)[1] == 0
+    assert line.watch.unexplained == 0
 
 
 def test_a_count_that_starts_anew_accuses_nobody() -> None:

@@ -52,6 +52,7 @@ class Counters:
         old: With a counter at or before the last one.
         astray: With a counter far away from the last one.
         lost: Cycles without a telegram, by the counter.
+        repeated: Unreadable ones that were answered all the same, with what had been said before.
         late_at_robot: What the controller itself counts as late (Delay), last value; -1 where it does not say.
     """
 
@@ -63,6 +64,7 @@ class Counters:
     old: int = 0
     astray: int = 0
     lost: int = 0
+    repeated: int = 0
     late_at_robot: int = -1
 
 

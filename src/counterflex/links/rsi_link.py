@@ -179,6 +179,7 @@ class RsiLink:
         if not self._line.follows(counter) or counter == self._said:
             return
         self._said = counter
+        self.counters.repeated += 1
         stop, feed_hold, override, state = self._again
         kept, as_axes = self._kept, self._kept_axes
         answer(self._table.rows, self._port.target, counter, kept, as_axes, stop, feed_hold, override, int(state))

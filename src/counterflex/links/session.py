@@ -151,7 +151,7 @@ class OnlineSession:
         self._job = self._checks.job
         self.trouble = ""
         self._time_zero_ns = clock_ns()
-        self._silent_cycles = 0
+        self._silent_cycles = self._repeated = 0
         self._another, self._answered = False, True
         self.cycles = 0
         self.compute_ns = 0
@@ -276,7 +276,9 @@ class OnlineSession:
             counters.late_at_robot,
             counters.malformed_in_a_row,
             answered=self._answered,
+            repeated=counters.repeated - self._repeated,
         )
+        self._repeated = counters.repeated
         return soft, hard or found
 
     def _watch_program(self, soft: int, hard: int) -> tuple[int, int]:

@@ -119,6 +119,7 @@ class TelegramWatch:
         malformed_in_a_row: int,
         *,
         answered: bool = True,
+        repeated: int = 0,
     ) -> tuple[int, int]:
         """A telegram came.
 
@@ -129,6 +130,7 @@ class TelegramWatch:
             late_count: The controller's count of late answers, or :data:`UNKNOWN`.
             malformed_in_a_row: Unreadable ones since the last good one.
             answered: The telegram before was answered; where the loop keeps silent on purpose, nothing is late.
+            repeated: Telegrams since the one before that could not be read and were answered all the same.
 
         Returns:
             Causes of a hold and of a fault, or 0.
@@ -140,7 +142,7 @@ class TelegramWatch:
             risen = late_count - self._count
             late = min(elapsed, risen if risen >= 0 else late_count)
             if late < lost:
-                self.unexplained += lost - late
+                self.unexplained += max(0, lost - late - repeated)
                 late = lost
                 if self.unexplained >= _UNEXPLAINED:
                     hard = _FOREIGN_PEER

@@ -69,8 +69,9 @@ def _flips(effort: Effort) -> Outcome:
             steps.append(float(rig.seen.steps()[begin - 1 :].max()))
             ends.append(rig.seen.path(begin))
     stopped = sum(path[-1] != "active" for path in ends)
+    accused = any("foreign" in part for path in ends for part in path)
     return Outcome(
-        max(steps) <= LARGEST_STEP_M,
+        max(steps) <= LARGEST_STEP_M and not accused,
         f"{runs} runs, no exception; {stopped} had stopped; e.g. {described(ends[0], 4)}",
         max(steps),
         None,
@@ -126,7 +127,7 @@ SCENARIOS: Final = (
         "R13",
         "damaged",
         "2 % of the telegrams with a bit turned over, 1 % cut, 1 % replaced by garbage",
-        "no exception, no step above the limit",
+        "no exception, no step above the limit, nobody else accused",
         _flips,
     ),
 )
