@@ -65,7 +65,8 @@ class RsiSwitching:
 def with_correction(text: str, switching: RsiSwitching, where: str) -> str:
     """The main file of a KRL program with sensor correction from its start position to its end.
 
-    RSI is created behind the last PTP before the first path motion or call, and deleted before END. The correction is
+    RSI is created directly before the first path motion or call behind the last PTP, and deleted before END. What comes
+    between start position and path (the spindle) is done before it. The correction is
     enabled when the loop says that it is armed, and switched off when the controller itself says that it has gone back
     to zero; where that takes too long the program stops and cannot be led past. Where the program carries the mark of
     a job, it says its number by what it sets the enabling variable to
@@ -94,26 +95,24 @@ def with_correction(text: str, switching: RsiSwitching, where: str) -> str:
         raise ProgramError("the program is cut off: no END", where=where)
     body = range(begin + 1, end)
     check_path(lines, where, first_only=True)
-    path = next((i for i in body if _PATH.match(_code(lines[i])) or _CALL.match(_code(lines[i]))), None)
     starts = [i for i in body if _POINT_TO_POINT.match(_code(lines[i]))]
-    if path is None:
-        raise ProgramError("there is no path to correct: neither LIN, CIRC nor a call", where=where)
-    if not starts or starts[0] > path:
+    early = next((i for i in body if _PATH.match(_code(lines[i])) and (not starts or i < starts[0])), None)
+    if early is not None:
         raise ProgramError(
-            "the first motion is not PTP", where=f"{where}:{path + 1}", hint="Begin with PTP to a start position"
+            "the first motion is not PTP", where=f"{where}:{early + 1}", hint="Begin with PTP to a start position"
+        )
+    moves = (i for i in body if starts and i > starts[0])  # calls before the start position change the tool
+    path = next((i for i in moves if _PATH.match(_code(lines[i])) or _CALL.match(_code(lines[i]))), None)
+    if path is None:
+        raise ProgramError(
+            "there is no path to correct: neither LIN, CIRC nor a call behind a PTP to a start position", where=where
         )
     late = next((i for i in starts if i > path), None)
     if late is not None:
         raise _no_ptp(where, late)
     changed = next((i for i in body if i > path and _TOOL.match(_code(lines[i]))), None)
     if changed is not None:
-        raise ProgramError(
-            "the tool is changed on the path, under correction",
-            where=f"{where}:{changed + 1}",
-            value=lines[changed].strip(),
-            limit="one tool from start position to end",
-            hint="Make a set-up for the program of each tool",
-        )
+        raise _one_tool(where, changed, lines[changed])
     first = begin + 1
     while first < starts[0] and (not _code(lines[first]).strip() or _DECLARATION.match(lines[first])):
         first += 1
@@ -124,10 +123,10 @@ def with_correction(text: str, switching: RsiSwitching, where: str) -> str:
         *lines[begin + 1 : first],
         *([] if initialised else _INI),
         *_output(switching, on=False),
-        *lines[first : starts[-1] + 1],
+        *lines[first:path],
         *_on(switching),
         *_enable(switching, _says(text)),
-        *lines[starts[-1] + 1 : end],
+        *lines[path:end],
         *_off(switching),
         *lines[end:],
         *_routines(switching),
@@ -158,11 +157,14 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False) ->
         first_only: It is the main file: PTP is judged elsewhere.
 
     Raises:
-        ProgramError: PTP, a spline motion, a call of RSI, a name or an interrupt that the correction uses.
+        ProgramError: PTP, a spline motion, another tool, a call of RSI, a name or an interrupt that the correction
+            uses.
     """
     for i, line in enumerate(map(_code, lines)):
         if not first_only and _POINT_TO_POINT.match(line):
             raise _no_ptp(where, i)
+        if not first_only and _TOOL.match(line):
+            raise _one_tool(where, i, line)
         if _SPLINE.match(line):
             raise ProgramError(
                 "nothing is known of corrections on spline motions",
@@ -228,6 +230,16 @@ def _no_ptp(where: str, index: int) -> ProgramError:
         where=f"{where}:{index + 1}",
         value="PTP behind the first path motion",
         hint="Split the program there",
+    )
+
+
+def _one_tool(where: str, index: int, line: str) -> ProgramError:
+    return ProgramError(
+        "the tool is changed on the path, under correction",
+        where=f"{where}:{index + 1}",
+        value=line.strip(),
+        limit="one tool from the start position to the end",
+        hint="Compensate the part of the program of each tool by itself, and make a set-up for each",
     )
 
 
