@@ -63,8 +63,6 @@ CASES = {
     "endless pecks": ("G83 X1 Z-900 R2 Q.0001", "2:17: the peck Q of G83 makes too many pecks; got Q0.0001"),
     "R below Z": ("G81 X1 Z3 R2", "2:11: the R height of G81 is below the bottom of the hole; got R at 2, bottom at 3"),
     "cycle, zero repeats": ("G81 X1 Z-1 R2 L0", "2:15: L needs a whole number from 1 to 10000; got L0"),
-    "home unknown": ("G28", "2:1: G28 goes to a stored position that is not known; got #5161 unset"),
-    "home unknown Z": ("G91 G28 Z0", "2:5: G28 goes to a stored position that is not known; got #5163 unset"),
     "offset number": ("G10 L2 P12 X1", "2:8: P needs a whole number from 0 to 9; got P12"),
     "offset kind": ("G10 L1 P1 Z1", "2:5: G10 is read with L2 or L20 only; got L1"),
     "offset rotated": ("G10 L2 P1 R30", "2:11: a rotated work offset (G10 ... R) is not read; got R30"),

@@ -14,9 +14,12 @@ from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode_reader import read_gcode
 from counterflex.programs.gcode_writer import GcodeText, write_gcode
 from counterflex.programs.krl_writer import KrlSettings, write_krl
+from counterflex.programs.machine_functions import MachineFunctions
 from counterflex.programs.program import Program
 from counterflex.programs.to_path import tool_path
 
+SETTINGS = KrlSettings(name="hole", start_axes_rad=(0.0,) * 6)
+SPINDLE = MachineFunctions("krl", {3: (), 5: ()}).lines
 DOWN = np.diag([1.0, -1.0, -1.0])
 HEAD = "G21 G17 G90 G94\nM3 S6000\nG0 X20 Y20 Z60\nG0 Z42\n"
 BY_HAND = HEAD + "G1 Z30 F300\nG4 P0.5\nG0 Z60\nM2\n"
@@ -82,9 +85,9 @@ def test_inverse_time_keeps_its_blocks() -> None:
 def test_the_robot_goes_straight_up_before_it_waits(text: str) -> None:
     program, path, shift = job(text, UP)
     poses = CompensatedPath.from_correction(path, shift).poses(np.broadcast_to(DOWN, (len(path), 3, 3)))
-    lines = write_krl(program, path, poses, KrlSettings(name="hole", start_axes_rad=(0.0,) * 6)).files["hole.src"]
+    lines = write_krl(program, path, poses, SETTINGS, block_lines=SPINDLE).files["hole.src"]
     listed = lines.splitlines()
-    at = next(i for i, line in enumerate(listed) if line.startswith("WAIT"))
+    at = next(i for i, line in enumerate(listed) if line == "WAIT SEC 0.500")
     points = [re.match(r"LIN \{X (\S+),Y (\S+),Z (\S+),A", line) for line in listed[at - 2 : at]]
     found = [tuple(map(float, point.groups())) for point in points if point is not None]
     assert found == [(20.2, 19.9, 29.4), (20.2, 19.9, 30.0)]

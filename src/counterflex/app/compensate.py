@@ -7,13 +7,13 @@ import re
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from counterflex import __version__
 from counterflex.app.feed_for_tolerance import lowered_plan, shown_feed
-from counterflex.app.inputs import Job, faults_in, read_job, setting_of
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
 from counterflex.app.prediction import figures, prediction
 from counterflex.core import atomic
 from counterflex.core.errors import InputError, ProgramError
@@ -29,14 +29,17 @@ from counterflex.plan.job_hash import job_hash
 from counterflex.plan.plan import Plan
 from counterflex.plan.tool_frame import tool_orientation
 from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.gcode_motion import UNKNOWN_PLACE
 from counterflex.programs.gcode_writer import write_gcode
 from counterflex.programs.implied_stops import implied_stops
 from counterflex.programs.job_mark import marks
 from counterflex.programs.krl_writer import KrlSettings, write_krl
 from counterflex.programs.machine_functions import Dialect
+from counterflex.programs.program import Program
 from counterflex.programs.rapid_writer import RapidSettings, write_rapid
 
 Language = Literal["gcode", "krl", "rapid"]
+_HOMING: Final = frozenset((28.0, 30.0, 53.0))
 TOLERANCE_M = (0.1 * UM, 1000.0 * UM)
 """Smallest and largest tolerance of the written path."""
 LANGUAGES: tuple[Language, ...] = ("gcode", "krl", "rapid")
@@ -66,7 +69,7 @@ def compensate(
     cell: Cell,
     *,
     language: Language = "gcode",
-    dialect: str = "linuxcnc",
+    reading: Reading = AS_IT_IS,
     tolerance_m: float = 5.0 * UM,
     normal_only: bool = False,
     predict: bool = True,
@@ -79,7 +82,7 @@ def compensate(
         program: G-code file.
         cell: The cell.
         language: Of the output.
-        dialect: Of the input.
+        reading: How the program is read.
         tolerance_m: Largest distance between the written path and the planned one.
         normal_only: Correct square to the feed only.
         predict: Predict what the uncompensated program does and what remains after compensation.
@@ -101,7 +104,7 @@ def compensate(
     if feed is not None and not predict:
         raise InputError("without a prediction no feed can be found for a tolerance", where="--no-predict")
     begin = time.perf_counter()
-    job = read_job(program, cell, dialect=dialect)
+    job = read_job(program, cell, reading=reading)
     carried = marks("\n".join(job.program.lines))
     if carried:
         raise InputError(
@@ -240,6 +243,7 @@ def write(
             tolerance_m=tolerance_m,
             block_lines=lines,
         )
+    robot_text = replace(robot_text, warnings=(*robot_text.warnings, *homing(job.program)))
     said = {key: value for key, value in dataclasses.asdict(robot_text).items() if key != "files"}
     return robot_text.files, _shop(said)
 
@@ -255,6 +259,30 @@ def check_machine(job: Job, cell: Cell, language: Dialect) -> None:
         for block in (*job.program.blocks, *implied_stops(job.program).all()):
             functions.lines(block)
     tool_data(job, cell, language)
+    homing(job.program)
+
+
+def homing(program: Program) -> list[str]:
+    """What a robot program leaves out of one that goes to places of the milling machine (G28, G30, G53), in words.
+
+    Raises:
+        ProgramError: That was the way out of the cut: the robot would stay there.
+    """
+    out = []
+    for block in program.blocks:
+        codes = {word.value for word in block.words if word.letter == "G"} & _HOMING
+        if not codes or block.motion_count or block.first_motion == 0:
+            continue
+        name, place = f"G{min(codes):g}", f"{Path(program.name).name}:{block.line}"
+        if program.motions[block.first_motion - 1].kind != "rapid":
+            raise ProgramError(
+                f"{name} is the way out of the cut, and where it leads is not known: the robot would stay in the cut",
+                where=place,
+                value=block.text.strip()[:40],
+                hint=f"Retract with G0 first. {UNKNOWN_PLACE}",
+            )
+        out.append(f"{name} in line {block.line} leads to a place of the milling machine: the robot stays where it is")
+    return out
 
 
 def tool_data(job: Job, cell: Cell, language: Dialect) -> dict[int, str]:

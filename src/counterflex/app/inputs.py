@@ -7,6 +7,7 @@ import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from counterflex.files.cell import Cell
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.compensate import Limits, Setting
 from counterflex.programs.gcode_reader import read_gcode_file
+from counterflex.programs.parameter_file import read_parameter_file
 from counterflex.programs.program import Program
 from counterflex.programs.to_path import tool_path
 from counterflex.robot.chain import ElasticChain
@@ -49,13 +51,42 @@ class Job:
     machined: ToolPath
 
 
-def read_job(file: str | Path, cell: Cell, *, dialect: str = "linuxcnc", step_m: float = STEP_M) -> Job:
+@dataclass(frozen=True)
+class Reading:
+    """How a program is read.
+
+    Attributes:
+        dialect: Of the language.
+        parameters: LinuxCNC parameter file of the machine that the program was written for, or None.
+        complete: Refuse a program that stops without M2, M30 or a closing ``%``.
+    """
+
+    dialect: str = "linuxcnc"
+    parameters: Path | None = None
+    complete: bool = True
+
+    def program(self, file: str | Path) -> Program:
+        """Read a program.
+
+        Raises:
+            ProgramError: It cannot be read exactly.
+            FileFormatError: The parameter file cannot be used.
+        """
+        machine = None if self.parameters is None else read_parameter_file(self.parameters)
+        return read_gcode_file(file, dialect=self.dialect, complete=self.complete, machine=machine, machine_known=False)
+
+
+AS_IT_IS: Final = Reading()
+"""A whole program that says all by itself."""
+
+
+def read_job(file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_m: float = STEP_M) -> Job:
     """Read a program and sample its path with the cell's rapid speed.
 
     Raises:
         ProgramError: The program cannot be read exactly, or makes no motion.
     """
-    program = read_gcode_file(file, dialect=dialect)
+    program = reading.program(file)
     if len(program.motions) == 0:
         raise ProgramError("the program moves nothing", where=str(file))
     bare = tool_path(program, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_mm_s * MM)

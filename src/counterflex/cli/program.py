@@ -15,6 +15,17 @@ Program = Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM")
 CellFile = Annotated[Path, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL")]
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results; made when missing.", metavar="DIR")]
 Dialect = Annotated[str, typer.Option("--dialect", help="Dialect of the program: linuxcnc.")]
+Parameters = Annotated[
+    Path | None,
+    typer.Option(
+        "--parameters",
+        help="LinuxCNC parameter file (.var, mm) of the machine it was written for: G28, G30, G53, work offsets.",
+        metavar="FILE",
+    ),
+]
+WithoutEnd = Annotated[
+    bool, typer.Option("--without-end", help="The program is complete though it stops without M2, M30 or a closing %.")
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -29,6 +40,9 @@ def path(
         Path | None, typer.Option("--csv", help="Write the table to this file instead of printing it.", metavar="FILE")
     ] = None,
     dialect: Dialect = "linuxcnc",
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the motions as JSON.")] = False,
 ) -> None:
     """Show what was read: every motion with its line, end point, feed and arc.
 
@@ -36,15 +50,22 @@ def path(
     """
     from counterflex.programs.gcode_reader import read_gcode_file
     from counterflex.programs.listing import listing, write_listing
+    from counterflex.programs.parameter_file import read_parameter_file
 
+    inputs = [program, *([] if parameters is None else [parameters])]
     if csv is not None:
-        keep_inputs(csv, program, option="--csv")
-    found = read_gcode_file(program, dialect=dialect)
-    if csv is None:
+        keep_inputs(csv, *inputs, option="--csv")
+    machine = None if parameters is None else read_parameter_file(parameters)
+    found = read_gcode_file(program, dialect=dialect, complete=not without_end, machine=machine)
+    if as_json:
+        rows = listing(found).to_dicts()
+        print_json({"program": found.name, "dialect": found.dialect, "lines": len(found.lines), "motions": rows})
+    if csv is None and not as_json:
         typer.echo(listing(found).write_csv(), nl=False)
-    else:
+    elif csv is not None:
         count = write_listing(found, csv)
-        say_written(csv, f"wrote {csv}: {count} motions")
+        if not as_json:
+            say_written(csv, f"wrote {csv}: {count} motions")
 
 
 def compensate(
@@ -53,6 +74,8 @@ def compensate(
     out: Out,
     language: Annotated[str, typer.Option("--as", help="Language of the output: gcode, krl or rapid.")] = "gcode",
     dialect: Dialect = "linuxcnc",
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
     tolerance_um: Annotated[
         float,
         typer.Option("--tolerance-um", help="Largest distance of the written path from the planned one, 0.1 to 1000."),
@@ -89,6 +112,7 @@ def compensate(
     Example: `counterflex compensate part.ngc --cell cell.toml --out out --as krl`
     """
     from counterflex.app import compensate as job
+    from counterflex.app.inputs import Reading
     from counterflex.plan.feed_for_tolerance import FeedTolerance
 
     wish = None
@@ -96,7 +120,7 @@ def compensate(
         wish = FeedTolerance(feed_for_tolerance_um * UM, least_feed_percent / 100.0, least_chip_um * UM)
     if language not in job.LANGUAGES:
         raise InputError("unknown language", where="--as", value=language, limit=", ".join(job.LANGUAGES))
-    keep_inputs(out, program)
+    keep_inputs(out, program, *([] if parameters is None else [parameters]))
     with progress_bar(f"compensating {program.name}") as progress:
         summary = job.run(
             program,
@@ -105,7 +129,7 @@ def compensate(
             report=report,
             progress=progress,
             language=language,
-            dialect=dialect,
+            reading=Reading(dialect, parameters, complete=not without_end),
             tolerance_m=tolerance_um * UM,
             normal_only=normal_only,
             predict=predict,

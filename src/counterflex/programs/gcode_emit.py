@@ -16,7 +16,7 @@ from counterflex.programs.motion_rows import MotionRows
 from counterflex.programs.program import Block, Modal, Motion, Program
 from counterflex.programs.written_line import AXES, WrittenLine, evaluated, flatten, number
 
-_NO_TARGET: Final = frozenset((4.0, 10.0, 28.0, 30.0, 43.1, 52.0, 92.0, 92.1, 92.2, 92.3))
+_NO_TARGET: Final = frozenset((4.0, 10.0, 28.0, 30.0, 43.1, 52.0, 53.0, 92.0, 92.1, 92.2, 92.3))
 _POSITION_PARAMETER: Final = re.compile(r"#\s*(5[0-4]\d\d|<\s*_(abs_)?[xyz]\s*>)", re.IGNORECASE)
 
 
@@ -100,6 +100,8 @@ class Emitter(WrittenMachine):
                     text, _ = self.target(block.modal, AXES.index(word.letter), self.current(AXES.index(word.letter)))
                     line.replace(word, word.letter + text)
             self.completed_blocks += stated or (moved and block.modal.absolute)
+        elif 53.0 in codes:
+            self.completed_blocks += self.state_motion(block, line, block.modal.motion)
         if self.motion_word(line) is not None:
             self.written_motion = None
             self._expanding = False

@@ -33,6 +33,7 @@ class Interpreter(FlowRunner):
         step_limit: Largest number of lines executed.
         block_delete: Skip lines that begin with a slash.
         complete: Refuse a program that stops without M2, M30 or a closing ``%``.
+        machine_known: Where the part lies in the machine is known: G53 leads somewhere.
         plain: Use the short way for plain lines (the result is the same).
     """
 
@@ -47,6 +48,7 @@ class Interpreter(FlowRunner):
         block_delete: bool,
         complete: bool = False,
         plain: bool = True,
+        machine_known: bool = True,
     ) -> None:
         super().__init__(source, state, parameters, includes)
         self._state = state
@@ -55,7 +57,7 @@ class Interpreter(FlowRunner):
         self._block_delete = block_delete
         self._complete = complete
         self._plain = plain
-        self._maker = MotionMaker(state, self._parameters)
+        self._maker = MotionMaker(state, self._parameters, machine_known)
         self._modals: dict[Modal, Modal] = {}
         self._modal = state.modal()
         self._ended = False
@@ -89,7 +91,10 @@ class Interpreter(FlowRunner):
                     raise self._fault("the file ends inside a subroutine", 0, hint="Close it with endsub or M99")
                 if self._complete:
                     place.index = len(place.source.lines) - 1
-                    raise self._fault("the program stops without M2, M30 or a closing %", 0, hint="Is it complete?")
+                    raise self._fault(
+                        "the program stops without M2, M30 or a closing %", 0,
+                        hint="It may have been cut off. If it is complete: --without-end",
+                    )  # fmt: skip
                 break
             steps += 1
             if steps > self._step_limit:
@@ -150,7 +155,7 @@ class Interpreter(FlowRunner):
     def _straight(self, text: str, index: int, words: tuple[Word, ...]) -> bool:
         """Execute a plain G0 or G1 line under G94; False where the line needs the long way."""
         state = self._state
-        if state.feed_mode != 94:
+        if state.feed_mode != 94 or self._maker.away:
             return False
         code = state.motion
         feed: float | None = None

@@ -19,6 +19,10 @@ from counterflex.programs.program import Motion, MotionKind
 
 # No machine is larger, and beyond it a float no longer resolves a micrometre against rounding.
 FARTHEST_M: Final = 1000.0
+UNKNOWN_PLACE: Final = (
+    "Give the machine's own: --parameters FILE (a LinuxCNC parameter file with #5161 to #5166 for G28, #5181 to #5186 "
+    "for G30, #5221 to #5226 for G54), or retract with a plain G0"
+)
 _LONGEST_DWELL_S: Final = 1e6
 _CENTRE_LETTERS: Final = "IJK"
 _NORMALS: Final[dict[int, Float]] = {}
@@ -42,17 +46,22 @@ class MotionMaker:
     Args:
         state: Moved along.
         parameters: Hold the stored positions of G28 and G30.
+        machine_known: Where the part lies in the machine is known: G53 leads somewhere.
 
     Attributes:
         motions: Everything made so far.
         block: Index of the block that the next motions belong to.
+        away: Where the tool went to a place that is not known (``G28 in line 12``), empty while it is known. At the
+            end of a program that does not matter; nothing may be made of it.
     """
 
-    def __init__(self, state: State, parameters: Parameters) -> None:
+    def __init__(self, state: State, parameters: Parameters, machine_known: bool = True) -> None:
         self._state = state
         self._parameters = parameters
+        self._machine_known = machine_known
         self.motions: list[Motion] = []
         self.block = 0
+        self.away = ""
 
     # Elementary motions ---------------------------------------------------------------------------------------------
 
@@ -121,6 +130,7 @@ class MotionMaker:
 
     def straight(self, block: BlockWords, target: Six, rapid: bool) -> None:
         """Move straight to a point."""
+        self._require_place(block)
         self._check(block, target)
         if rapid:
             self._append("rapid", target)
@@ -128,6 +138,17 @@ class MotionMaker:
         start = self._state.position
         feed = self._feed(block, math.dist(start[:3], target[:3]), math.dist(start[3:], target[3:]))
         self._append("feed", target, feed[0], feed_rad_s=feed[1])
+
+    def _leave(self, name: str) -> None:
+        """Go to a place that is not known. Before the first motion no place is known anyway."""
+        if self.motions and not self.away:
+            self.away = f"{name} in line {self._parameters.line}"
+
+    def _require_place(self, block: BlockWords) -> None:
+        if self.away:
+            raise block.fault(
+                f"the program moves on after {self.away}, and where that leads is not known", "", None, UNKNOWN_PLACE
+            )
 
     def dwell(self, block: BlockWords, time_s: float | None, spindle: bool = True) -> None:
         """Wait."""
@@ -159,6 +180,10 @@ class MotionMaker:
             raise block.fault("G53 goes with G0 or G1 only", "G530", code_name("G", code))
         if machine and not self._state.absolute:
             raise block.fault("G53 under G91 is not defined", "G530", "G91", "Write G90")
+        if machine and not self._machine_known:
+            block.take_axes()
+            self._leave("G53")
+            return
         if code in CYCLES:
             self.cycle(block, code)
         elif code in (20, 30):
@@ -168,6 +193,7 @@ class MotionMaker:
 
     def arc(self, block: BlockWords, clockwise: bool) -> None:
         """Execute G2 or G3."""
+        self._require_place(block)
         state = self._state
         first, second, third = PLANE_AXES[state.plane]
         unit = state.unit_m
@@ -222,24 +248,25 @@ class MotionMaker:
         self._append("arc", target, feed, arc=(point(tuple(centre)), _NORMALS[state.plane], arc.turn_rad))
 
     def home(self, block: BlockWords, code: int) -> None:
-        """Execute G28 or G30: through the point of the axis words, then those axes to the stored position."""
+        """Execute G28 or G30: through the point of the axis words, then those axes to the stored position.
+
+        Where the stored position is not known, the way ends at the point of the axis words: :attr:`away`.
+        """
         axes = block.take_axes()
-        goal = list(self._state.position)
+        here = self._state.position
+        goal: list[float] | None = list(here)
         for axis in axes or range(6):
             stored = self._parameters.stored_position(code, axis)
-            if stored is None:
-                if axes or axis < 3:
-                    name = code_name("G", code)
-                    number = {280: 5161, 300: 5181}[code] + axis
-                    raise block.fault(
-                        f"{name} goes to a stored position that is not known", f"G{code}", f"#{number} unset",
-                        "Hand over the machine's parameters, or retract with G53 or a plain G0",
-                    )  # fmt: skip
-                continue
-            goal[axis] = (stored * MM if axis < 3 else stored) - self._state.tool_length[axis]
-        if axes:
+            if stored is not None and goal is not None:
+                goal[axis] = (stored * MM if axis < 3 else stored) - self._state.tool_length[axis]
+            elif axes or axis < 3:
+                goal = None
+        if axes and (goal is not None or self.target(axes, machine=False) != here):
             self.straight(block, self.target(axes, machine=False), rapid=True)
-        self.straight(block, (goal[0], goal[1], goal[2], goal[3], goal[4], goal[5]), rapid=True)
+        if goal is None:
+            self._leave(code_name("G", code))
+        else:
+            self.straight(block, (goal[0], goal[1], goal[2], goal[3], goal[4], goal[5]), rapid=True)
 
     def cycle(self, block: BlockWords, code: int) -> None:
         """Execute a canned cycle; its words stay in force while the same cycle is repeated."""

@@ -14,9 +14,12 @@ from counterflex.core.similar import missing_file
 from counterflex.programs.gcode_flow import Source, split_lines
 from counterflex.programs.gcode_interpreter import Interpreter
 from counterflex.programs.gcode_state import State, work_offset_table
-from counterflex.programs.program import Program
+from counterflex.programs.parameter_file import MachineParameters
+from counterflex.programs.program import Block, Motion, Program
 
 DIALECTS: Final = ("linuxcnc",)
+Point = tuple[float, float, float]
+_HERE: Final[Point] = (0.0, 0.0, 0.0)
 _LARGEST_FILE: Final = 500_000_000
 
 
@@ -32,6 +35,8 @@ def read_gcode(
     includes: Callable[[str], str | None] | None = None,
     block_delete: bool = False,
     complete: bool = False,
+    machine_known: bool = True,
+    part_at_g54: bool = False,
     plain_lines: bool = True,
 ) -> Program:
     """Execute a program's text and return the blocks passed and the motions made.
@@ -53,6 +58,9 @@ def read_gcode(
         block_delete: Skip lines that begin with a slash, as with the operator's switch on.
         complete: Refuse a text that stops without M2, M30 or a closing ``%``, as LinuxCNC does: it may have been
             cut off.
+        machine_known: G53 leads to machine coordinates, which are those of the part where no work offset is given.
+            False: where the part lies in the machine is not known, G53 leads nowhere that anything may follow.
+        part_at_g54: The zero of the part is that of G54 as ``work_offsets`` has it, and not that of the machine.
         plain_lines: Read plain lines the short way; False gives the same program more slowly.
 
     Returns:
@@ -77,19 +85,38 @@ def read_gcode(
         raise ProgramError("the program is empty", where=f"{name}:1:1")
     source = Source(name, lines)
     state = State(work_offsets=work_offset_table(work_offsets))
+    if part_at_g54:
+        state.position = state.work_offsets["G54"]
+    zero = state.position[:3]
     interpreter = Interpreter(
-        source, state, parameters, tool_lengths, includes, step_limit, block_delete, complete, plain_lines
-    )
+        source, state, parameters, tool_lengths, includes, step_limit, block_delete, complete, plain_lines,
+        machine_known,
+    )  # fmt: skip
     straight = interpreter.run()
     return Program(
         name=name,
         dialect=dialect,
         lines=(*source.lines, "") if text.endswith("\n") else source.lines,
         newline=newline,
-        blocks=tuple(interpreter.blocks),
-        motions=tuple(interpreter.motions),
+        blocks=tuple(_moved_block(block, zero) for block in interpreter.blocks),
+        motions=tuple(_moved(motion, zero) for motion in interpreter.motions),
         straight=straight,
     )
+
+
+def _moved_block(block: Block, zero: Point) -> Block:
+    if zero == _HERE:
+        return block
+    x, y, z = block.modal.p_part_origin
+    origin = (x - zero[0], y - zero[1], z - zero[2])
+    return replace(block, modal=replace(block.modal, p_part_origin=origin))
+
+
+def _moved(motion: Motion, zero: Point) -> Motion:
+    if zero == _HERE:
+        return motion
+    centre = None if motion.p_centre is None else motion.p_centre - zero
+    return replace(motion, p_start=motion.p_start - zero, p_end=motion.p_end - zero, p_centre=centre)
 
 
 def read_gcode_file(
@@ -102,6 +129,8 @@ def read_gcode_file(
     step_limit: int = 2_000_000,
     block_delete: bool = False,
     complete: bool = True,
+    machine: MachineParameters | None = None,
+    machine_known: bool = True,
 ) -> Program:
     """Read a program from a file; subroutines it does not define are looked for beside it as ``name.ngc``.
 
@@ -114,6 +143,8 @@ def read_gcode_file(
         step_limit: Largest number of lines executed.
         block_delete: Skip lines that begin with a slash.
         complete: Refuse a file that stops without M2, M30 or a closing ``%``.
+        machine: Of the machine it was written for: stored positions and work offsets, with the part's zero at G54.
+        machine_known: As for :func:`read_gcode`.
 
     Returns:
         The program as executed.
@@ -134,12 +165,14 @@ def read_gcode_file(
         name=file.name,
         dialect=dialect,
         tool_lengths=tool_lengths,
-        work_offsets=work_offsets,
-        parameters=parameters,
+        work_offsets=work_offsets if machine is None else machine.work_offsets,
+        parameters=parameters if machine is None else machine.parameters,
         step_limit=step_limit,
         includes=include,
         block_delete=block_delete,
         complete=complete,
+        machine_known=machine_known or machine is not None,
+        part_at_g54=machine is not None,
     )
     return replace(program, encoding=encoding)
 
