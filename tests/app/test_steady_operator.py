@@ -134,7 +134,7 @@ def test_a_run_goes_on_only_where_an_operator_sees_to_it(kept: Kept) -> None:
         assert kept.operator.counts["reset"] == 2
         resets = [event["cause"] for event in kept.operator.events if event["action"] == "reset"]
         assert resets == ["telegrams_late", "session_restarted"]
-        assert kept.ends == ["Stop", "no answer"]
+        assert kept.ends == ["Stop", "no answer", "Stop"]
     else:
         assert share < 0.4
         assert kept.rig.state == State.FAULT

@@ -13,7 +13,6 @@ from counterflex.geometry import pose
 from counterflex.links.robot_port import Counters, RobotPort, Verdict
 from counterflex.links.session_counter import SessionCounter
 from counterflex.runtime import layout as at
-from counterflex.runtime.supervisor import State
 from counterflex.wire.egm import RobotState, read_robot
 
 LARGEST_DATAGRAM: Final = 4096
@@ -208,10 +207,6 @@ class EgmLink:
         """False: EGM sends no motor currents; its reference torques come without its path planning only."""
         del current
         return False
-
-    def repeat(self, *, stop: bool, feed_hold: bool, override: float, state: State, silent: bool) -> None:
-        """Nothing: a message that cannot be read has no number that could be answered."""
-        del stop, feed_hold, override, state, silent
 
     def _numbered(self) -> tuple[int, int]:
         """Sequence number and clock of our next message."""

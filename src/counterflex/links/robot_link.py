@@ -10,7 +10,11 @@ from counterflex.runtime.supervisor import State
 
 
 class RobotLink(Protocol):
-    """One session with a controller, from the sensor program's side."""
+    """One session with a controller, from the sensor program's side.
+
+    A link may have :meth:`counterflex.links.rsi_link.RsiLink.repeat` too, where its protocol has telegrams that can be
+    answered although they cannot be read.
+    """
 
     counters: Counters
     """What came, since the link was opened."""
@@ -81,19 +85,6 @@ class RobotLink(Protocol):
 
         Returns:
             Whether an answer was sent.
-        """
-
-    def repeat(self, *, stop: bool, feed_hold: bool, override: float, state: State, silent: bool) -> None:
-        """What is said to telegrams that can be answered but not read, until the next :meth:`answer`.
-
-        Beside it goes the correction that was sent last. A protocol whose messages cannot be told so says nothing.
-
-        Args:
-            stop: Tell the controller to stop.
-            feed_hold: Ask for the feed to be held.
-            override: Speed of the program, 0..1.
-            state: What the loop is doing.
-            silent: Say nothing.
         """
 
     def forget(self) -> None:

@@ -153,6 +153,7 @@ class OnlineSession:
         self._time_zero_ns = clock_ns()
         self._silent_cycles = self._repeated = 0
         self._another, self._answered = False, True
+        self._repeat = getattr(link, "repeat", None)  # a link that cannot do it leaves it out
         self.cycles = 0
         self.compute_ns = 0
 
@@ -244,8 +245,8 @@ class OnlineSession:
                 )
             except Exception as fault:  # a fault in the next cycle; the controller keeps what it has
                 self._failed(fault)
-        else:
-            link.repeat(
+        elif self._repeat is not None:
+            self._repeat(
                 stop=bool(outcome[at.O_STOP]),
                 feed_hold=bool(outcome[at.O_FEED_HOLD]),
                 override=loop.monitor.speed,

@@ -17,9 +17,11 @@ from counterflex.runtime.estimate_kernel import answered
 from counterflex.runtime.frame_kernel import shorten, size_of, turn
 from counterflex.runtime.past_kernel import SPAN, STANDS_M
 from counterflex.runtime.supervisor import (
+    AT_CAUSE,
     AT_STATE,
     IN_ARM,
     IN_AT_ZERO,
+    IN_AWAY,
     IN_ENABLE,
     IN_HARD,
     IN_HEALTHY,
@@ -39,10 +41,14 @@ FAULT_LOST: Final = 10
 """Telegrams lost in a row that are a fault."""
 SESSION_S: Final = 1.0
 """How long a session of a controller may go on without a telegram, s; what comes later is another one's."""
+DEBOUNCE: Final = 5
+"""Telegrams in a row without the program's Enable from which the correction counts as switched off: 20 ms at 4 ms."""
 KEPT: Final = 0
 """The correction that was sent last is in force."""
 NOTHING: Final = 1
 UNKNOWN: Final = 2
+TELLS_M: Final = 0.1e-3
+"""Correction below which a reported pose says nothing of it."""
 CONTINUES_M: Final = 5e-3
 """How far the commanded point goes at most in the telegrams that pass until a counter that jumped is believed."""
 _AT_ZERO_M = 1e-7
@@ -50,7 +56,7 @@ _AT_ZERO_RAD = 1e-7
 _FUSED = 4
 _ARMED, _ACTIVE = int(State.ARMED), int(State.ACTIVE)
 _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
-_NOT_FINITE = int(Cause.NOT_FINITE)
+_NOT_FINITE, _PROGRAM = int(Cause.NOT_FINITE), int(Cause.PROGRAM)
 
 
 @kernel("int64(float64[::1], int64[::1], float64[:, ::1], int64, float64[::1])")
@@ -59,7 +65,8 @@ def in_force(given: Float, flags: Int, ring: Float, here: int, state: Float) -> 
 
     A counter can jump while the session goes on, and then the correction that was sent last is in force; in another
     session none is. Where the controller reports its own pose, that shows which: the reported one less the commanded
-    one, across the motion (along it the robot trails), lies nearer to one of the two. Without a report a program that
+    one, across the motion (along it the robot trails), lies nearer to one of the two. Without a report, or where so
+    little is in force that a report does not tell, a program that
     has the correction switched off is another session's, and one that has it switched on and whose pose goes on within
     :data:`CONTINUES_M` is the same.
 
@@ -83,7 +90,7 @@ def in_force(given: Float, flags: Int, ring: Float, here: int, state: Float) -> 
         moved += way * way
         along += (given[at.G_REPORTED + 9 + k] - given[at.G_NOMINAL + 9 + k]) * way
         kept_along += state[at.S_Y + k] * way
-    if flags[at.F_REPORTED] == 0:
+    if flags[at.F_REPORTED] == 0 or size_of(state, at.S_Y) < TELLS_M:
         if flags[at.F_ENABLE] == 0:
             return NOTHING
         return KEPT if gone <= CONTINUES_M * CONTINUES_M else UNKNOWN
@@ -100,12 +107,42 @@ def in_force(given: Float, flags: Int, ring: Float, here: int, state: Float) -> 
     return KEPT if near_kept <= near_nothing else NOTHING
 
 
-@kernel("int64(int64[::1], int64, int64, int64, float64, int64, int64[::1], float64[::1], int64[::1], int64[::1])")
+@kernel("int64(int64[::1], int64, int64[::1])")
+def _wanted(flags: Int, cuts: int, whole: Int) -> int:
+    """Whether the program wants the correction, a flicker of its signal aside, and what follows where it is away.
+
+    While the correction acts the signal counts as off from the :data:`DEBOUNCE`-th telegram in a row without it. In the
+    cut the feed is then held: a program that has left the cut has no reason to be held, one in the cut would go on
+    without its correction. The same where the signal is back for as long, and nobody has armed again.
+
+    Args:
+        flags: (at.FLAGS,) inputs.
+        cuts: 1: in the cut.
+        whole: (at.WHOLE,); changed.
+    """
+    state, enable = whole[AT_STATE], flags[at.F_ENABLE]
+    if flags[at.F_ELAPSED] > 0:
+        whole[at.N_DISABLED] = 0 if enable == 1 else whole[at.N_DISABLED] + 1
+        whole[at.N_ENABLED] = whole[at.N_ENABLED] + 1 if enable == 1 else 0
+    if flags[at.F_RESET] == 1 and state != _HOLD:
+        whole[at.N_ACTED] = whole[at.N_AWAY] = 0
+    acts = state in (_ACTIVE, _HOLD)
+    wanted = 1 if enable == 1 or (acts and whole[at.N_DISABLED] < DEBOUNCE) else 0
+    ended = whole[at.N_ACTED] == 1 and (state < _ARMED or state == _RAMP_OUT) and whole[AT_CAUSE] in (0, _PROGRAM)
+    if (acts and wanted == 0 and cuts == 1) or (ended and whole[at.N_ENABLED] >= DEBOUNCE):
+        whole[at.N_AWAY] = 1
+    return wanted
+
+
+@kernel(
+    "int64(int64[::1], int64, int64, int64, int64, float64, int64, int64[::1], float64[::1], int64[::1], int64[::1])"
+)
 def ask_supervisor(
     flags: Int,
     soft: int,
     hard: int,
     standing: int,
+    cuts: int,
     period: float,
     session: int,
     supervisor_settings: Int,
@@ -120,6 +157,7 @@ def ask_supervisor(
         soft: Cause of a hold, or 0.
         hard: Cause of a fault, or 0.
         standing: 1: the program stands.
+        cuts: 1: the plan cuts material here; without a plan: there is a force.
         period: Of a cycle, s.
         session: What :func:`in_force` says where the controller's counter jumped, else KEPT.
         supervisor_settings: (6,).
@@ -132,7 +170,9 @@ def ask_supervisor(
     """
     inputs = whole[at.N_INPUTS :]
     inputs[IN_TELEGRAM] = 1 if flags[at.F_ELAPSED] > 0 else 0
-    inputs[IN_HEALTHY], inputs[IN_ARM], inputs[IN_ENABLE] = flags[at.F_HEALTHY], flags[at.F_ARM], flags[at.F_ENABLE]
+    inputs[IN_HEALTHY], inputs[IN_ARM] = flags[at.F_HEALTHY], flags[at.F_ARM]
+    inputs[IN_ENABLE] = _wanted(flags, cuts, whole)
+    inputs[IN_AWAY] = whole[at.N_AWAY]
     inputs[IN_STOP], inputs[IN_RESET], inputs[IN_SOFT], inputs[IN_HARD] = (
         flags[at.F_STOP],
         flags[at.F_RESET],
@@ -143,11 +183,15 @@ def ask_supervisor(
     at_zero = size_of(state, at.S_Y) < _AT_ZERO_M and size_of(state, at.S_Y + 3) < _AT_ZERO_RAD and still
     inputs[IN_AT_ZERO] = 1 if at_zero else 0
     inputs[IN_STANDS] = standing
+    before = whole[AT_STATE]
     supervise(whole[:STATES], inputs, supervisor_settings)
     now: int = whole[AT_STATE]
+    if now == _ACTIVE:
+        whole[at.N_ACTED], whole[at.N_AWAY] = 1, 0
     # Another session of the controller begins with no correction in force: what was held belongs to the one before.
-    # Where it cannot be told whether it is another one nothing is said to it, because either answer may be a jump.
-    if session == UNKNOWN:
+    # Where it cannot be told whether it is another one nothing is said to it, because either answer may be a jump; nor
+    # to one that begins in a fault: the robot has been told to stop, and was started again.
+    if session == UNKNOWN or (session == NOTHING and before == _FAULT):
         whole[at.N_SESSION] = 1
     if session != KEPT:
         for k in range(6):

@@ -48,6 +48,8 @@ from counterflex.signals.filters import smooth
 
 MOST_ELAPSED = 4
 """Cycles that are made up for at most after telegrams were lost."""
+_CUTS_N = 50.0
+"""Measured force above which a loop without a plan takes the tool to be in the cut."""
 _PROCESS = int(Source.FORCE | Source.CURRENTS)
 _MEASURED, _PILOT, _SCALE, _FUSED = 1, 2, 3, 4
 _INTEGRATOR, _OBSERVER, _DESIGNED = 1, 2, 3
@@ -361,7 +363,10 @@ def step(
     session = KEPT
     if flags[at.F_HARD] == _SESSION:
         session = in_force(given, flags, ring, here, state) if whole[AT_STATE] > _ARMED else NOTHING
-    now = ask_supervisor(flags, soft, hard, standing, period, session, supervisor_settings, state, whole, outcome)
+    cuts = cut > 0.0 if planned else force_mode != 0 and size_of(filtered, 0) > _CUTS_N
+    now = ask_supervisor(
+        flags, soft, hard, standing, 1 if cuts else 0, period, session, supervisor_settings, state, whole, outcome
+    )
     limits = limit(now, 1 if held else 0, share, wanted, elapsed, constants, state, results)
     remember(here, hard, nominal, bent, choices, constants, state, whole, ring)
     # Where axis angles cannot be computed they stay as they were: a fault holds, also in the axes.

@@ -66,6 +66,8 @@ class Cause(IntEnum):
     SINGULAR = 20
     HELD_TOO_LONG = 21
     """The robot went on although a feed hold was asked for."""
+    ENABLE_LOST = 22
+    """The robot program took the correction away in the cut, or wants it again without having been armed anew."""
     LOG_LOST = 23
     """Records are not written: nobody takes them, or the disk does not."""
     CLOCK = 24
@@ -93,7 +95,8 @@ IN_SOFT = 6  # cause of a hold, or 0
 IN_HARD = 7  # cause of a fault, or 0
 IN_AT_ZERO = 8  # 1: the output is zero and at rest
 IN_STANDS = 9  # 1: the commanded pose, correction aside, does not move
-INPUTS = 10
+IN_AWAY = 10  # 1: the correction is away although the program is in the cut, or wants it again
+INPUTS = 11
 
 # State of the supervisor.
 AT_STATE = 0
@@ -152,7 +155,7 @@ class SupervisorSettings:
 _IDLE, _READY, _ARMED, _ACTIVE = int(State.IDLE), int(State.READY), int(State.ARMED), int(State.ACTIVE)
 _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
 _OPERATOR, _PROGRAM, _TOO_LONG = int(Cause.OPERATOR), int(Cause.PROGRAM), int(Cause.HELD_TOO_LONG)
-_STOPPED = int(Cause.TELEGRAMS_STOPPED)
+_STOPPED, _ENABLE_LOST = int(Cause.TELEGRAMS_STOPPED), int(Cause.ENABLE_LOST)
 _OF_PROCESS = int(Cause.PROCESS_MISSING_CUT)
 
 
@@ -161,25 +164,30 @@ def _ask_the_robot(at: Int, given: Int, settings: Int, following: int, cause: in
     """Feed hold, and Stop behind a ramp: what was asked for stays so until somebody has seen it.
 
     It begins with HOLD and FAULT, and where the operator ends the correction. It ends where the correction acts again,
-    with the operator's acknowledgment outside of HOLD and FAULT, and where the program has switched the correction off.
+    with the operator's acknowledgment outside of HOLD and FAULT, and where the program has switched the correction off
+    out of the cut. Where the correction is away in the cut, or wanted again without having been armed, it begins too.
 
     Args:
         at: (STATES,) before the change of state; AT_FEED_HOLD and AT_STOP are changed.
-        given: (10,).
+        given: (INPUTS,).
         settings: (6,).
         following: The next state.
         cause: Its cause.
     """
-    state = at[AT_STATE]
+    state, before = at[AT_STATE], at[AT_FEED_HOLD]
     if following in (_HOLD, _FAULT):
         at[AT_FEED_HOLD] = 1
-    elif following == _ACTIVE or given[IN_RESET] == 1 or given[IN_ENABLE] == 0:
+    elif following == _ACTIVE or given[IN_RESET] == 1:
+        at[AT_FEED_HOLD] = 0
+    elif given[IN_AWAY] == 1:
+        at[AT_FEED_HOLD] = 1
+    elif given[IN_ENABLE] == 0:
         at[AT_FEED_HOLD] = 0
     elif following == _RAMP_OUT and state == _ACTIVE and cause == _OPERATOR:
         at[AT_FEED_HOLD] = 1
     if at[AT_FEED_HOLD] == 0 or following > _ARMED:
         at[AT_STOP] = 0
-    elif state == _RAMP_OUT and following != _RAMP_OUT:
+    elif (state == _RAMP_OUT and following != _RAMP_OUT) or (before == 0 and following <= _ARMED):
         at[AT_STOP] = settings[SET_STOP_CYCLES]
     else:
         at[AT_STOP] = max(0, at[AT_STOP] - 1)
@@ -191,7 +199,7 @@ def supervise(at: Int, given: Int, settings: Int) -> None:
 
     Args:
         at: (STATES,) its state; changed.
-        given: (10,) inputs of the cycle.
+        given: (INPUTS,) inputs of the cycle.
         settings: (6,) of :meth:`SupervisorSettings.packed`.
     """
     state, cause = at[AT_STATE], at[AT_CAUSE]
@@ -228,7 +236,7 @@ def supervise(at: Int, given: Int, settings: Int) -> None:
         elif given[IN_STOP] == 1:
             following, cause = _RAMP_OUT, _OPERATOR
         elif given[IN_ENABLE] == 0:
-            following, cause = _RAMP_OUT, _PROGRAM
+            following, cause = _RAMP_OUT, _ENABLE_LOST if given[IN_AWAY] == 1 else _PROGRAM
     elif state == _HOLD:
         # The program that switches the correction off has left the cut, whatever it was held for.
         may_return = cause < _OF_PROCESS and at[AT_RETURNS] < settings[SET_RETURNS]
@@ -247,6 +255,8 @@ def supervise(at: Int, given: Int, settings: Int) -> None:
     elif given[IN_RESET] == 1 and given[IN_AT_ZERO] == 1 and hard in (0, _STOPPED):
         # A controller whose next session nobody answered would not wait for a reset: it may come before.
         following, cause = _IDLE, 0
+    if given[IN_AWAY] == 1 and following in (_IDLE, _READY, _RAMP_OUT) and cause in (0, _PROGRAM):
+        cause = _ENABLE_LOST
     _ask_the_robot(at, given, settings, following, cause)
     at[AT_GOOD] = at[AT_GOOD] + 1 if following == _HOLD and soft == 0 else 0
     if following == _ACTIVE:

@@ -1,0 +1,132 @@
+"""The program's Enable: a flicker is none; a correction that is away in the cut holds the feed, and that is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import counterflex
+from counterflex.files.cell import Cell, read_cell
+from counterflex.geometry import pose, rotation
+from counterflex.runtime import layout as at
+from counterflex.runtime.act_kernel import DEBOUNCE
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
+from counterflex.runtime.settings import ForceMode, OnlineSettings
+from counterflex.runtime.supervisor import Cause, State
+
+CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
+Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
+R = rotation.about_x(np.pi)
+FORCE = np.array([-120.0, 300.0, -90.0])
+CUT = (0.02, 0.18)
+
+
+class Program:
+    """A program with a cut in its middle, 0.1 mm a cycle; the force of the plan acts in it."""
+
+    def __init__(self, *, planned: bool = True) -> None:
+        x = np.linspace(0.0, 0.2, 801)
+        cuts = ((x > CUT[0]) & (x < CUT[1])).astype(np.float64)
+        w = np.zeros((len(x), 6))
+        w[:, :3] = FORCE * cuts[:, None]
+        p = np.stack([x, 0.0 * x, 0.0 * x], axis=1)
+        plan = LoopPlan(p, x / 0.025, w, cuts, np.zeros((len(x), 6)))
+        settings = OnlineSettings(force=ForceMode.MEASURED, normal_only=planned)
+        self.loop = Loop(CELL.chain, settings, CELL.T_base_part, plan if planned else None)
+        self.x = 0.0
+
+    def cycle(self, *, enable: bool = True, arm: bool = False, reset: bool = False, moves: bool = True) -> State:
+        self.x += 1e-4 * moves
+        w = np.zeros(6)
+        w[:3] = FORCE if CUT[0] < self.x < CUT[1] and moves else 0.0
+        T = pose.make(R, np.array([self.x, 0.0, 0.0]))
+        self.loop.feed(T_part_tcp=T, q=Q, w_tcp_part=w, enable=enable, arm=arm, reset=reset)
+        self.loop.run()
+        return self.loop.state
+
+    def go(self, x: float, *, enable: bool = True) -> Program:
+        while self.x < x:
+            self.cycle(enable=enable)
+        return self
+
+    def begin(self) -> Program:
+        for arm in (False, False, True):
+            self.cycle(enable=False, arm=arm)
+        assert self.cycle() == State.ACTIVE
+        return self
+
+    @property
+    def held(self) -> bool:
+        return bool(self.loop.outcome[at.O_FEED_HOLD])
+
+    @property
+    def told_to_stop(self) -> bool:
+        return bool(self.loop.outcome[at.O_STOP])
+
+
+@pytest.mark.parametrize("planned", [True, False])
+@pytest.mark.parametrize("low", range(1, DEBOUNCE))
+def test_a_flicker_changes_nothing(low: int, planned: bool) -> None:
+    """One cycle without Enable ramped the correction out, and the rest was cut without it."""
+    plain, flickering = Program(planned=planned).begin(), Program(planned=planned).begin()
+    for k in range(1000):
+        plain.cycle()
+        assert flickering.cycle(enable=k % 20 >= low) == State.ACTIVE
+        np.testing.assert_array_equal(flickering.loop.correction, plain.loop.correction)
+        assert not flickering.held
+
+
+@pytest.mark.parametrize("planned", [True, False])
+def test_what_is_switched_off_in_the_cut_holds_the_feed_until_a_person_has_seen_it(planned: bool) -> None:
+    program = Program(planned=planned).begin().go(0.06)
+    for _ in range(DEBOUNCE):
+        program.cycle(enable=False)
+    assert program.loop.state == State.RAMP_OUT
+    assert program.loop.cause == Cause.ENABLE_LOST
+    assert program.held
+    while int(program.cycle(moves=False)) == State.RAMP_OUT:  # the signal is back: nothing is armed by it
+        assert program.held
+    assert int(program.loop.state) == State.READY
+    assert program.told_to_stop
+    for _ in range(300):
+        program.cycle(moves=False, arm=True)
+        assert program.held
+        assert int(program.loop.state) == State.READY
+    assert not program.told_to_stop
+    program.cycle(enable=False, reset=True, moves=False)
+    assert not program.held
+    program.cycle(enable=False, arm=True, moves=False)
+    assert int(program.cycle(moves=False)) == State.ACTIVE
+
+
+def test_a_program_that_has_left_the_cut_is_not_held() -> None:
+    program = Program().begin().go(0.19)
+    for _ in range(100):
+        program.cycle(enable=False)
+        assert not program.held
+    assert program.loop.state == State.READY
+    assert program.loop.cause == Cause.PROGRAM
+
+
+def test_a_program_that_wants_it_again_without_having_been_armed_is_held() -> None:
+    """Switched off in the air, on again for the next cut: it would be cut without a correction."""
+    program = Program().begin().go(0.018)
+    for _ in range(DEBOUNCE):
+        program.cycle(enable=False)
+    assert program.loop.cause == Cause.PROGRAM
+    assert not program.held
+    for _ in range(DEBOUNCE):
+        program.cycle()
+    assert program.held
+    assert program.loop.cause == Cause.ENABLE_LOST
+
+
+def test_a_loop_that_only_watches_holds_nobody() -> None:
+    program = Program()
+    for k in range(600):
+        program.cycle(enable=k % 50 > 10)
+        assert not program.held
+    assert program.loop.state == State.READY
