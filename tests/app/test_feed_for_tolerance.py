@@ -76,6 +76,12 @@ def test_lower_feed_where_it_is_needed_pair(cell: Cell, program: ProgramFile) ->
             assert abs(found[b] - found[a]) <= wish.change_per_s * (time[b] - time[a - 1]) + STEP + 1e-9
     longer = written_time(slow) - written_time(plain)
     assert longer == pytest.approx(said["extra_s"], rel=0.1)
+    for line in said["lines"]:
+        mine = slow.plan.line == line["line"]
+        assert line["feed_percent"] == pytest.approx(100.0 * found[mine].min(), abs=0.06)
+        for key, run in (("before_um", plain), ("after_um", slow)):
+            error = np.linalg.norm(across(run.plan.deviation_compensated_part, run.plan.path.p_part_tcp), axis=1)
+            assert line[key] == pytest.approx(error[mine & run.plan.cutting].max() / UM, abs=0.06)
 
 
 def test_robot_programs_carry_the_lower_speed(cell: Cell, program: ProgramFile) -> None:

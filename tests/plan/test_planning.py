@@ -21,6 +21,7 @@ from counterflex.plan.compensate import Limits, Setting, plan
 from counterflex.plan.plan import Plan, across
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
 from counterflex.robot.chain import ElasticChain, forward_elastic
+from counterflex.robot.description import Servo
 from counterflex.robot.inverse import inverse_path
 from counterflex.signals.preview import Shaping
 
@@ -28,6 +29,7 @@ PathOf = Callable[..., ToolPath]
 CellOf = Callable[..., Cell]
 GROOVE = "G0 Z60\nG0 X-12 Y15\nG0 Z36\nG1 X52 F1500\nG0 Z60"
 AT_ONCE = Shaping(0.0, 0.0)
+DRIVES = (Servo(1e5, 20.0, 0.06, friction_nm=0.0, slip_rad=1e-5),) * 6
 
 
 def planned(path: ToolPath, cell: Cell, setting: Setting, *, predict: bool = False) -> Plan:
@@ -252,12 +254,24 @@ def test_the_blank_is_left_as_it_is_and_the_plan_is_repeatable(
             assert np.array_equal(getattr(again, name), getattr(compensated, name), equal_nan=True), name
 
 
-def test_progress_rises_to_one_and_may_interrupt(cell: Cell, groove: ToolPath, setting: Setting) -> None:
+@pytest.mark.parametrize("predict", [True, False])
+@pytest.mark.parametrize("drives", [None, DRIVES])
+def test_progress_rises_to_one_without_a_leap_and_may_interrupt(
+    cell: Cell, groove: ToolPath, setting: Setting, predict: bool, drives: tuple[Servo, ...] | None
+) -> None:
+    """A part of the work that is left out leaves no gap, and none is told twice."""
     seen: list[float] = []
     lines = np.arange(1, int(groove.motion.max()) + 2)
-    plan(groove, lines, cell.stock(), setting, progress=lambda fraction, _="": seen.append(fraction))
+    known = replace(setting, chain=replace(setting.chain, servo=drives))
+
+    def told(fraction: float, what: str = "") -> None:
+        seen.append(fraction)
+
+    plan(groove, lines, cell.stock(), known, predict=predict, progress=told)
     assert seen == sorted(seen)
+    assert seen[0] == 0.0
     assert seen[-1] == 1.0
+    assert max(np.diff(seen)) <= 0.3
 
     def stop(fraction: float, what: str = "") -> None:
         raise KeyboardInterrupt

@@ -17,7 +17,7 @@ from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, 
 from counterflex.app.prediction import figures, prediction
 from counterflex.core import atomic
 from counterflex.core.errors import InputError, ProgramError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import DEG, MM, MS, UM
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.plan_file import write_plan
@@ -42,6 +42,9 @@ Language = Literal["gcode", "krl", "rapid"]
 _HOMING: Final = frozenset((28.0, 30.0, 53.0))
 TOLERANCE_M = (0.1 * UM, 1000.0 * UM)
 """Smallest and largest tolerance of the written path."""
+READING, PLANNING, WRITING = "reading the program", "planning", "writing the program"
+WORK = {READING: 3.0, PLANNING: 35.0, WRITING: 5.0}
+"""Parts of the work with what they cost, as the progress tells them."""
 LANGUAGES: tuple[Language, ...] = ("gcode", "krl", "rapid")
 
 
@@ -104,6 +107,9 @@ def compensate(
     if feed is not None and not predict:
         raise InputError("without a prediction no feed can be found for a tolerance", where="--no-predict")
     begin = time.perf_counter()
+    parts = in_parts(progress, WORK)
+    planning = parts[PLANNING]
+    parts[READING](0.0)
     job = read_job(program, cell, reading=reading)
     carried = marks("\n".join(job.program.lines))
     if carried:
@@ -118,12 +124,16 @@ def compensate(
     setting = setting_of(cell, normal_only=normal_only, orientation=language != "gcode")
     with faults_in(job):
         if feed is None:
-            plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, predict=predict, progress=progress)
+            plan = make_plan(
+                job.path, job.line_of_motion, cell.stock(), setting, predict=predict, progress=parts[PLANNING]
+            )
         else:
-            lowered = lowered_plan(job, cell, setting, feed, progress)
+            lowered = lowered_plan(job, cell, setting, feed, planning)
             plan = lowered.plan
             job = replace(job, path=plan.path, sampled=at_feed(job.sampled, lowered.share))
+    parts[WRITING](0.0)
     files, written = write(job, plan, cell, language, tolerance_m)
+    parts[WRITING](1.0)
     about = {
         "job": "compensate",
         "program": Path(program).name,

@@ -16,7 +16,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.batches import batches
 from counterflex.core.errors import ModelError, ReachError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import DEG, MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
@@ -50,6 +50,9 @@ APPROACH_S = 0.3
 """So long before and after contact the path is freed of sag and lost motion too: cuts begin in the right place."""
 _FADE_S = 0.2
 """Beyond that, corrections that are left over from shaping are taken for zero."""
+JOINTS, UNDISTURBED, CORRECTION = "joint angles", "undisturbed cut", "correction"
+TRIAL, MENDED, UNCOMPENSATED = "compensated program", "compensated program, mended", "uncompensated program"
+"""Parts of the work, as the progress names them."""
 
 
 @dataclass(frozen=True)
@@ -135,21 +138,23 @@ def plan(
             than the flutes are long.
         ProgramError: Material is cut with the spindle stopped.
     """
+    known = can_move(setting.chain) and setting.chain.servo is not None
+    tries = known and setting.shaping.smoothing_s > 0.0
+    work = {JOINTS: 1.0, UNDISTURBED: 2.0, CORRECTION: 7.0}
+    work |= {TRIAL: 5.0} if predict or tries else {}
+    work |= {MENDED: 5.0} if tries else {}
+    work |= {UNCOMPENSATED: 5.0} if predict else {}
+    parts = in_parts(progress, work)
     line: Int = line_of_motion[path.motion]
+    parts[JOINTS](0.0)
     joints = solve_joints(path, line, setting)
-    progress(0.1, "undisturbed cut")
-    share = 0.3 if predict else 0.8
-
-    def part_of(begin: float, length: float, what: str) -> Progress:
-        return lambda fraction, _="": progress(begin + length * fraction, what)
-
     undisturbed = cut(
         path,
         path.p_part_tcp,
         stock.copy(),
         setting.cutter_of,
         setting.law,
-        progress=part_of(0.1, share, "undisturbed cut"),
+        progress=parts[UNDISTURBED],
     )
     contact = (path.kind == FEED) & (undisturbed.volume_m3 > _CONTACT_M3)
     check_flutes(path, undisturbed.volume_m3, setting.cutter_of, lambda row: _place(path, line, row))
@@ -164,6 +169,7 @@ def plan(
     hardest = joints.q[int(np.argmax(np.linalg.norm(w[:, :3], axis=1)))]
     mode = mode_of(setting.chain, hardest, setting.mode)
     robot = Robot(setting, path, joints.q, part_compliance(setting, joints.q), sag, touched, mode)
+    parts[CORRECTION](1.0 / (_PLAY_ROUNDS + 2.0))
     static = np.concatenate([deflection[:, :3] + sag, deflection[:, 3:]], axis=1)
     feed_run = feed_runs(path)
     near = within(contact, path.time_s, feed_run, APPROACH_S)
@@ -187,27 +193,28 @@ def plan(
         chain, T_base_part = setting.controller_chain, setting.T_base_part
         return correction, turn, corrected_joints(chain, T_base_part, joints.q, correction, turn)
 
-    def tried(q_command: Float, correction: Float, begin: float, length: float) -> Float:
-        return run(robot, stock, q_command, correction, part_of(begin, length, "compensated program"))[1]
+    def tried(q_command: Float, correction: Float, part: str) -> Float:
+        return run(robot, stock, q_command, correction, parts[part])[1]
 
     def size(deviation: Float) -> float:
         return float(np.sqrt(np.mean(np.sum(across(deviation[:, :3], path.p_part_tcp)[contact] ** 2, axis=1))))
 
-    known = can_move(setting.chain) and setting.chain.servo is not None
-    moving = known and setting.shaping.smoothing_s > 0.0 and bool(np.any(contact))
+    moving = tries and bool(np.any(contact))
     against = at_rest(lost_motion(robot, joints.q, w))
     correction, turn, q_corrected = commanded(against)
-    for _ in range(_PLAY_ROUNDS):
+    for done in range(_PLAY_ROUNDS):
+        parts[CORRECTION]((done + 2.0) / (_PLAY_ROUNDS + 2.0))
         against = at_rest(lost_motion(robot, q_corrected, w))
         correction, turn, q_corrected = commanded(against)
-    off = tried(q_corrected, correction, 0.4, 0.15) if predict or moving else np.zeros_like(against)
+    parts[CORRECTION](1.0)
+    off = tried(q_corrected, correction, TRIAL) if predict or moving else np.zeros_like(against)
     if moving and size(off) < _BELIEVED * size(deflection):
         left = off if setting.orientation else np.pad(off[:, :3], ((0, 0), (0, 3)))
         if setting.normal_only:
             left = np.concatenate([across(left[:, :3], path.p_part_tcp), left[:, 3:]], axis=1)
         left = left - lasting(left, path.time_s)
         trial = commanded(against + _SHARE * shaped(left, np.zeros_like(left)))
-        found = tried(trial[2], trial[0], 0.55, 0.25)
+        found = tried(trial[2], trial[0], MENDED)
         if size(found) < size(off):
             (correction, turn, q_corrected), off = trial, found
     play = lost_motion(robot, q_corrected, w)
@@ -216,8 +223,7 @@ def plan(
     compensated = nominal.copy()
     w_nominal = np.full((len(path), 6), np.nan)
     if predict:
-        said = part_of(0.8, 0.2, "uncompensated program")
-        bent, off_nominal = run(robot, stock, joints.q, np.zeros_like(correction), said)
+        bent, off_nominal = run(robot, stock, joints.q, np.zeros_like(correction), parts[UNCOMPENSATED])
         w_nominal, nominal, compensated = bent.w_tcp_part, off_nominal[:, :3], off[:, :3]
     progress(1.0)
     return Plan(

@@ -207,8 +207,11 @@ def _lines(
     plan: Plan, share: Float, first: Float, error: Float, least: Float, by_chip: Bool, free: Bool, wish: FeedTolerance
 ) -> tuple[LineFeed, ...]:
     found = []
-    for line in np.unique(plan.line[(share < 1.0) | (error > wish.tolerance_m)]):
-        rows = np.flatnonzero(plan.line == line)
+    order = np.argsort(plan.line, kind="stable")
+    lines = np.unique(plan.line[(share < 1.0) | (error > wish.tolerance_m)])
+    begin, end = (np.searchsorted(plan.line[order], lines, side=side) for side in ("left", "right"))
+    for line, a, b in zip(lines.tolist(), begin.tolist(), end.tolist(), strict=True):
+        rows = order[a:b]
         worst = int(rows[np.argmax(error[rows])])
         why = ""
         if error[worst] > wish.tolerance_m:
