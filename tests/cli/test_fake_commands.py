@@ -125,8 +125,8 @@ def test_a_twincat_is_listed_read_and_written(folder: Path, counterflex: Any, pl
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("twin", "rsi", "rsi.xml", "--mode", "both"), "--mode; got both"),
-        (("twin", "rsi", "rsi.xml", "--cycle-ms", "5"), "cycle of RSI; got 5 ms"),
+        (("twin", "rsi", "rsi.xml", "--mode", "both"), "unknown mode; got both; expected absolute, relative"),
+        (("twin", "rsi", "rsi.xml", "--cycle-ms", "5"), "cycle of RSI; got 5; expected 4, 12"),
         (("twin", "rsi", "rsi.xml", "--program", "part.ngc"), "a program needs the cell"),
         (("twin", "rsi", "rsi.xml", "--record", "rsi.xml"), "would replace rsi.xml"),
         (("twin", "rsi", "rsi.xml", "--fault", "lsot=1"), "Did you mean 'lost'"),
@@ -138,9 +138,9 @@ def test_a_twincat_is_listed_read_and_written(folder: Path, counterflex: Any, pl
         (("twin", "netft", "--file", "nowhere.csv"), "nowhere.csv: no such file"),
         (("twin", "tracker", "localhost"), "HOST:PORT is no address"),
         (("twin", "tracker", "127.0.0.1:9", "--path", "oval:3"), "circle:RADIUS or square:SIDE"),
-        (("twin", "tracker", "127.0.0.1:9", "--run-log", "log"), "belong together"),
+        (("twin", "tracker", "127.0.0.1:9", "--run-log", "."), "belong together"),
         (("twin", "tracker", "127.0.0.1:9", "--faults", "nowhere.toml"), "nowhere.toml: no such file"),
-        (("tracker", "bridge", "127.0.0.1:9", "--file", "nowhere.csv"), "cannot be read"),
+        (("tracker", "bridge", "127.0.0.1:9", "--file", "nowhere.csv"), "nowhere.csv: no such file"),
         (("twin", "ads", "--cell", "cell.toml"), "does not say where a TwinCAT is"),
         (("ads", "read", "--cell", "cell.toml"), "does not say where a TwinCAT is"),
     ],

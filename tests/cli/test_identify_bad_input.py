@@ -268,9 +268,9 @@ def test_without_a_mistake_the_same_data_are_identified(
         ("stiffness data.toml --cell cell.toml --out out", "does not use such data"),
         ("tracker-frame data.toml --propose 10 --cell cell.toml --out out", "takes no data"),
         ("tracker-frame --propose 2 --cell cell.toml --out out", "2"),
-        ("history nowhere", "no such folder"),
+        ("history nowhere", "no such file or folder"),
         ("history .", "no identification is kept here"),
-        ("history a b", "one folder"),
+        ("history . .", "one folder"),
     ],
 )
 def test_options_that_make_no_sense(words: str, wanted: str, lab: Path, cell: Cell, refused: Refused) -> None:

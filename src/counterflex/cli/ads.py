@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli.online import address
+from counterflex.cli import given
+from counterflex.cli.given import address
 from counterflex.cli.output import print_json, print_table
 from counterflex.cli.program import CellFile
 from counterflex.cli.question import AsJson
@@ -87,7 +88,12 @@ def write(
 
 
 def forward(
-    to: Annotated[str, typer.Argument(help="Where datagrams go: the loop's --tracker port.", metavar="HOST:PORT")],
+    to: Annotated[
+        str,
+        typer.Argument(
+            help="Where datagrams go: the loop's --tracker port.", metavar="HOST:PORT", callback=given.host_port
+        ),
+    ],
     cell: CellFile,
     readings: Annotated[
         int | None, typer.Option("--readings", help="End after so many; else at Ctrl-C.", min=1)

@@ -8,9 +8,11 @@ from typing import Annotated, Any
 
 import typer
 
+from counterflex.cli import given
 from counterflex.cli.output import keep_inputs, print_json, print_made_again, print_table, progress_bar
 from counterflex.cli.prove import Workers
 from counterflex.core.errors import InputError, Interrupted
+from counterflex.identify.recipes import MODULES
 
 
 def register(app: typer.Typer) -> None:
@@ -19,23 +21,36 @@ def register(app: typer.Typer) -> None:
 
 
 def campaign(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the results.", metavar="DIR")],
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=given.output_folder)
+    ],
     program: Annotated[
         Path | None,
-        typer.Argument(help="Program to machine before and after; none: identify only.", metavar="[PROGRAM]"),
+        typer.Argument(
+            help="Program to machine before and after; none: identify only.", metavar="[PROGRAM]", callback=given.file
+        ),
     ] = None,
     cell: Annotated[
         Path | None,
-        typer.Option("--cell", help="Cell file; left out, cell and part of the demonstration.", metavar="CELL"),
+        typer.Option(
+            "--cell",
+            help="Cell file; left out, cell and part of the demonstration.",
+            metavar="CELL",
+            callback=given.file,
+        ),
     ] = None,
     twin: Annotated[
-        Path | None, typer.Option("--twin", help="Truth file: the one simulated cell.", metavar="TRUTH")
+        Path | None,
+        typer.Option("--twin", help="Truth file: the one simulated cell.", metavar="TRUTH", callback=given.file),
     ] = None,
     seeds: Annotated[
         int | None, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)
     ] = None,
     recipe: Annotated[
-        list[str] | None, typer.Option("--recipe", help="Only this recipe; may be given several times.")
+        list[str] | None,
+        typer.Option(
+            "--recipe", help="Only this recipe; may be given several times.", callback=given.one_of(MODULES, "recipe")
+        ),
     ] = None,
     told: Annotated[
         bool, typer.Option("--told/--no-told", help="Also show what a planner that knew the truth would leave.")
@@ -53,17 +68,17 @@ def campaign(
 
     Example: `counterflex campaign part.ngc --cell cell.toml --twin truth.toml --recipe tracker-frame --out campaign`
     """
-    from counterflex.app import campaign as job
-    from counterflex.app import examples
-
     if (twin is None) == (seeds is None):
         raise InputError(
             "say either --twin or --seeds",
             value="neither" if twin is None else "both",
             hint="--twin TRUTH is one simulated cell, --seeds 5 makes five",
         )
-    given = [path for path in (program, cell, twin) if path is not None]
-    keep_inputs(out, *given)
+    inputs = [path for path in (program, cell, twin) if path is not None]
+    keep_inputs(out, *inputs)
+    from counterflex.app import campaign as job
+    from counterflex.app import examples
+
     with tempfile.TemporaryDirectory() as folder, progress_bar("campaign") as progress:
         if cell is None:
             cell = Path(folder) / "cell.toml"

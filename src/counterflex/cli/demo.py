@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli import given
 from counterflex.cli.output import print_json, progress_bar
 from counterflex.cli.prove import Seeds, Workers, show_proof
 
@@ -18,9 +19,9 @@ def register(app: typer.Typer) -> None:
 
 
 def demo(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the results.", metavar="DIR")] = Path(
-        "counterflex-demo"
-    ),
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=given.output_folder)
+    ] = Path("counterflex-demo"),
     seeds: Seeds = 1,
     workers: Workers = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli import given
 from counterflex.cli.output import print_json, print_table, progress_bar
 
 
@@ -20,7 +21,13 @@ def doctor(
         float, typer.Option("--seconds", help="How long to measure; less than 4 is too short for a verdict.", min=0.1)
     ] = 10.0,
     log: Annotated[
-        Path, typer.Option("--log", help="Folder where run logs will be written; its disk is measured.", metavar="DIR")
+        Path,
+        typer.Option(
+            "--log",
+            help="Folder where run logs will be written; its disk is measured.",
+            metavar="DIR",
+            callback=given.output_folder,
+        ),
     ] = Path(),
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:

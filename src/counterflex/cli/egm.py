@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli import given
 from counterflex.cli.output import keep_inputs, print_json
 from counterflex.cli.program import CellFile, Out
 
@@ -22,9 +23,14 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    program: Annotated[Path, typer.Argument(help="RAPID module that sets up EGM (.mod).", metavar="MODULE")],
+    program: Annotated[
+        Path, typer.Argument(help="RAPID module that sets up EGM (.mod).", metavar="MODULE", callback=given.file)
+    ],
     cell: Annotated[
-        Path | None, typer.Option("--cell", help="Cell file, for the tables [online] and [egm].", metavar="CELL")
+        Path | None,
+        typer.Option(
+            "--cell", help="Cell file, for the tables [online] and [egm].", metavar="CELL", callback=given.file
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines.")] = False,
 ) -> None:
@@ -53,7 +59,10 @@ def check(
 def make(
     cell: CellFile,
     program: Annotated[
-        Path, typer.Option("--program", help="RAPID program that compensate --as rapid wrote.", metavar="MODULE")
+        Path,
+        typer.Option(
+            "--program", help="RAPID program that compensate --as rapid wrote.", metavar="MODULE", callback=given.file
+        ),
     ],
     out: Out,
     host: Annotated[str, typer.Option("--host", help="Address of the sensor computer.")] = "192.168.125.10",
@@ -66,9 +75,9 @@ def make(
 
     Example: `counterflex egm make --cell cell.toml --program plan/part.mod --out robot`
     """
+    keep_inputs(out, cell, program)
     from counterflex.app import egm as job
 
-    keep_inputs(out, cell, program)
     summary = job.make(job.MakeSettings(cell, program, host), out)
     if as_json:
         print_json(summary)

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli import given
 from counterflex.cli.fake_options import (
     Damping,
     DeadMs,
@@ -20,10 +21,10 @@ from counterflex.cli.fake_options import (
     tell_refused,
     tell_reply,
 )
-from counterflex.cli.online import address
+from counterflex.cli.given import address, numbers
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
 from counterflex.cli.program import CellFile, Program
-from counterflex.cli.question import AsJson, numbers
+from counterflex.cli.question import AsJson
 
 
 def register(twin: typer.Typer) -> None:
@@ -35,12 +36,28 @@ def egm(
     program: Program,
     cell: CellFile,
     peer: Annotated[
-        str, typer.Option("--egm", help="Where messages go: counterflex run --egm PORT.", metavar="HOST:PORT")
+        str,
+        typer.Option(
+            "--egm",
+            help="Where messages go: counterflex run --egm PORT.",
+            metavar="HOST:PORT",
+            callback=given.host_port,
+        ),
     ] = "127.0.0.1:6510",
-    robotware: Annotated[int, typer.Option("--robotware", help="6 or 7: how the own force is written.")] = 7,
+    robotware: Annotated[
+        int,
+        typer.Option(
+            "--robotware", help="6 or 7: how the own force is written.", callback=given.one_of((6, 7), "RobotWare")
+        ),
+    ] = 7,
     force_n: Annotated[
         str | None,
-        typer.Option("--force-n", help="The robot measures this force itself, N and N m.", metavar="FX,FY,FZ,MX,MY,MZ"),
+        typer.Option(
+            "--force-n",
+            help="The robot measures this force itself, N and N m.",
+            metavar="FX,FY,FZ,MX,MY,MZ",
+            callback=given.numbers_of(6),
+        ),
     ] = None,
     timeout_ms: Annotated[
         float | None, typer.Option("--timeout-ms", help="CommTimeout, instead of the cell's; ABB's default is 1000.")
@@ -65,14 +82,14 @@ def egm(
 
     Example: `counterflex twin egm part.ngc --cell cell.toml --egm 127.0.0.1:6510 --record applied.csv`
     """
+    if record is not None:
+        keep_inputs(record, *(path for path in (program, cell, faults) if path is not None), option="--record")
     import numpy as np
 
     from counterflex.app import lone_egm as job
     from counterflex.core.units import MS
     from counterflex.twin.path_answer import PathAnswer
 
-    if record is not None:
-        keep_inputs(record, *(path for path in (program, cell, faults) if path is not None), option="--record")
     settings = job.LoneEgmSettings(
         program=program,
         cell=cell,

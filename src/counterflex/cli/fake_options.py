@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from counterflex.cli import given
+
 if TYPE_CHECKING:
     from counterflex.twin.faults import FaultSchedule
 
 FaultsFile = Annotated[
-    Path | None, typer.Option("--faults", help="Fault file (.toml): what goes wrong when.", metavar="FILE")
+    Path | None,
+    typer.Option("--faults", help="Fault file (.toml): what goes wrong when.", metavar="FILE", callback=given.file),
 ]
 Fault = Annotated[
     list[str] | None,
@@ -20,6 +23,7 @@ Fault = Annotated[
         help="One fault, repeatable: lost=0.05, late=0.1,late_ms=6, silent@2+0.5 (from 2 s for 0.5 s), garbage#100+3 "
         "(datagrams 100 to 102), dying@3.",
         metavar="FAULT",
+        callback=given.faults,
     ),
 ]
 Seed = Annotated[int | None, typer.Option("--seed", help="Of chance, instead of the file's; 0 without a file.", min=0)]
@@ -36,7 +40,8 @@ NaturalHz = Annotated[
 ]
 Damping = Annotated[float, typer.Option("--damping", help="Its damping ratio.", min=0.01)]
 RecordFile = Annotated[
-    Path | None, typer.Option("--record", help="Write what was applied in every cycle.", metavar="CSV")
+    Path | None,
+    typer.Option("--record", help="Write what was applied in every cycle.", metavar="CSV", callback=given.output_file),
 ]
 Host = Annotated[str, typer.Option("--host", help="Address to bind; only this computer unless told.")]
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from counterflex.cli import given
 from counterflex.cli.fake_options import (
     Damping,
     DeadMs,
@@ -21,9 +22,9 @@ from counterflex.cli.fake_options import (
     tell_refused,
     tell_reply,
 )
-from counterflex.cli.online import address
+from counterflex.cli.given import address, numbers
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
-from counterflex.cli.question import AsJson, numbers
+from counterflex.cli.question import AsJson
 from counterflex.core.errors import InputError
 
 
@@ -33,28 +34,62 @@ def register(twin: typer.Typer) -> None:
 
 
 def rsi(
-    rsi: Annotated[Path, typer.Argument(help="ETHERNET configuration file of the RSI context (.xml).", metavar="RSI")],
+    rsi: Annotated[
+        Path,
+        typer.Argument(
+            help="ETHERNET configuration file of the RSI context (.xml).", metavar="RSI", callback=given.file
+        ),
+    ],
     program: Annotated[
-        Path | None, typer.Option("--program", help="G-code that the robot runs, with --cell.", metavar="PROGRAM")
+        Path | None,
+        typer.Option(
+            "--program", help="G-code that the robot runs, with --cell.", metavar="PROGRAM", callback=given.file
+        ),
     ] = None,
     cell: Annotated[
-        Path | None, typer.Option("--cell", help="Cell file: robot, tool and part as the controller has them.")
+        Path | None,
+        typer.Option("--cell", help="Cell file: robot, tool and part as the controller has them.", callback=given.file),
     ] = None,
     at: Annotated[
-        str, typer.Option("--at", help="Without a program: where the tool stands still, mm and deg.", metavar="X,...,C")
+        str,
+        typer.Option(
+            "--at",
+            help="Without a program: where the tool stands still, mm and deg.",
+            metavar="X,...,C",
+            callback=given.numbers_of(6),
+        ),
     ] = "0,0,0,0,0,0",
     joints_deg: Annotated[
-        str, typer.Option("--joints-deg", help="Without a program: the axis angles there.", metavar="A1,...,A6")
+        str,
+        typer.Option(
+            "--joints-deg",
+            help="Without a program: the axis angles there.",
+            metavar="A1,...,A6",
+            callback=given.numbers_of(6),
+        ),
     ] = "0,-90,90,0,0,0",
     seconds: Annotated[
         float | None, typer.Option("--seconds", help="How long; 10 s without a program.", min=0.01)
     ] = None,
     peer: Annotated[
-        str | None, typer.Option("--peer", help="Where telegrams go, instead of RSI's own.", metavar="HOST:PORT")
+        str | None,
+        typer.Option(
+            "--peer", help="Where telegrams go, instead of RSI's own.", metavar="HOST:PORT", callback=given.host_port
+        ),
     ] = None,
     realtime: Realtime = False,
-    mode: Annotated[str, typer.Option("--mode", help="RSI_ON: absolute or relative corrections.")] = "absolute",
-    cycle_ms: Annotated[int, typer.Option("--cycle-ms", help="4 (#IPO_FAST) or 12 (#IPO).")] = 4,
+    mode: Annotated[
+        str,
+        typer.Option(
+            "--mode",
+            help="RSI_ON: absolute or relative corrections.",
+            callback=given.one_of(("absolute", "relative"), "mode"),
+        ),
+    ] = "absolute",
+    cycle_ms: Annotated[
+        int,
+        typer.Option("--cycle-ms", help="4 (#IPO_FAST) or 12 (#IPO).", callback=given.one_of((4, 12), "cycle of RSI")),
+    ] = 4,
     timeout: Annotated[int, typer.Option("--timeout", help="ETHERNET: late answers at which it stops.", min=1)] = 100,
     precision: Annotated[int, typer.Option("--precision", help="ETHERNET: decimals sent.", min=0, max=9)] = 4,
     clamp_mm: Annotated[float, typer.Option("--clamp-mm", help="POSCORR: limit per axis, clamped in silence.")] = 5.0,
@@ -86,6 +121,14 @@ def rsi(
 
     Example: `counterflex twin rsi rsi.xml --seconds 5 --fault lost=0.05,direction=in --record applied.csv`
     """
+    if record is not None:
+        keep_inputs(record, *(path for path in (rsi, program, cell, faults) if path is not None), option="--record")
+    if (program is None) != (cell is None):
+        raise InputError(
+            "a program needs the cell it runs in, and the other way round",
+            value="program" if cell is None else "cell",
+            hint="Give both --program and --cell, or none of them for a standstill",
+        )
     from dataclasses import replace
 
     import numpy as np
@@ -96,10 +139,6 @@ def rsi(
     from counterflex.twin.fake_rsi import RsiContext
     from counterflex.twin.path_answer import PathAnswer
 
-    if mode not in ("absolute", "relative"):
-        raise InputError("--mode", value=mode, limit="absolute or relative")
-    if record is not None:
-        keep_inputs(record, *(path for path in (rsi, program, cell, faults) if path is not None), option="--record")
     place = np.array(numbers(at, "--at", 6))
     settings = job.LoneRsiSettings(
         rsi=rsi,

@@ -7,11 +7,12 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli import given
 from counterflex.cli.fake_options import Fault, FaultsFile, Host, Seconds, Seed, schedule
-from counterflex.cli.online import address
+from counterflex.cli.given import address, numbers, status_word, target_shape
 from counterflex.cli.output import print_json
 from counterflex.cli.program import CellFile
-from counterflex.cli.question import AsJson, numbers
+from counterflex.cli.question import AsJson
 from counterflex.core.errors import InputError
 
 
@@ -30,20 +31,33 @@ def netft(
     host: Host = "127.0.0.1",
     rate_hz: Annotated[int, typer.Option("--rate-hz", help="Samples per second.", min=1, max=7000)] = 1000,
     wrench: Annotated[
-        str, typer.Option("--wrench", help="Constant load, N and N m.", metavar="FX,FY,FZ,MX,MY,MZ")
+        str,
+        typer.Option(
+            "--wrench", help="Constant load, N and N m.", metavar="FX,FY,FZ,MX,MY,MZ", callback=given.numbers_of(6)
+        ),
     ] = "0,0,0,0,0,0",
     amplitude: Annotated[
-        str, typer.Option("--amplitude", help="Of a sine on top, N and N m.", metavar="FX,...,MZ")
+        str,
+        typer.Option(
+            "--amplitude", help="Of a sine on top, N and N m.", metavar="FX,...,MZ", callback=given.numbers_of(6)
+        ),
     ] = "0,0,0,0,0,0",
     sine_hz: Annotated[float, typer.Option("--sine-hz", help="Its frequency.", min=0.0)] = 1.0,
     file: Annotated[
         Path | None,
-        typer.Option("--file", help="Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.", metavar="CSV"),
+        typer.Option(
+            "--file",
+            help="Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.",
+            metavar="CSV",
+            callback=given.file,
+        ),
     ] = None,
     repeat: Annotated[bool, typer.Option("--repeat", help="Begin the record again after its end.")] = False,
     noise_n: Annotated[float, typer.Option("--noise-n", help="Standard deviation of a force.", min=0.0)] = 1.0,
     noise_nm: Annotated[float, typer.Option("--noise-nm", help="Standard deviation of a moment.", min=0.0)] = 0.1,
-    status: Annotated[str, typer.Option("--status", help="Status word of every record, 0x...")] = "0",
+    status: Annotated[
+        str, typer.Option("--status", help="Status word of every record, 0x...", callback=given.status)
+    ] = "0",
     seconds: Seconds = None,
     faults: FaultsFile = None,
     fault: Fault = None,
@@ -77,7 +91,7 @@ def netft(
         host=host,
         port=port,
         http_port=http_port,
-        status=_word(status, "--status"),
+        status=status_word(status, "--status"),
         faults=planned,
     )
 
@@ -93,25 +107,44 @@ def netft(
 
 
 def tracker(
-    to: Annotated[str, typer.Argument(help="Where datagrams go.", metavar="HOST:PORT")],
+    to: Annotated[str, typer.Argument(help="Where datagrams go.", metavar="HOST:PORT", callback=given.host_port)],
     at: Annotated[
-        str, typer.Option("--at", help="Pose of the target, or middle of its path, mm and deg.", metavar="X,...,C")
+        str,
+        typer.Option(
+            "--at",
+            help="Pose of the target, or middle of its path, mm and deg.",
+            metavar="X,...,C",
+            callback=given.numbers_of(6),
+        ),
     ] = "3000,0,0,0,0,0",
     path: Annotated[
         str | None,
-        typer.Option("--path", help="circle:RADIUS or square:SIDE, mm, in the xy plane of --at.", metavar="PATH"),
+        typer.Option(
+            "--path",
+            help="circle:RADIUS or square:SIDE, mm, in the xy plane of --at.",
+            metavar="PATH",
+            callback=given.target_path,
+        ),
     ] = None,
     feed_mm_min: Annotated[float, typer.Option("--feed-mm-min", help="Along the path.", min=0.001)] = 700.0,
     rate_hz: Annotated[int, typer.Option("--rate-hz", help="Measurements per second.", min=1, max=7000)] = 1000,
     noise_um: Annotated[float, typer.Option("--noise-um", help="Of the position, per axis.", min=0.0)] = 15.0,
     noise_urad: Annotated[float, typer.Option("--noise-urad", help="Of the orientation.", min=0.0)] = 30.0,
     log: Annotated[
-        Path | None, typer.Option("--log", help="Replay a tracker log instead, with its own clock.", metavar="CSV")
+        Path | None,
+        typer.Option(
+            "--log", help="Replay a tracker log instead, with its own clock.", metavar="CSV", callback=given.file
+        ),
     ] = None,
     run_log: Annotated[
-        Path | None, typer.Option("--run-log", help="Replay what a run has logged, with --cell.", metavar="DIR")
+        Path | None,
+        typer.Option(
+            "--run-log", help="Replay what a run has logged, with --cell.", metavar="DIR", callback=given.folder
+        ),
     ] = None,
-    cell: Annotated[Path | None, typer.Option("--cell", help="Cell file of that run.", metavar="CELL")] = None,
+    cell: Annotated[
+        Path | None, typer.Option("--cell", help="Cell file of that run.", metavar="CELL", callback=given.file)
+    ] = None,
     speed: Annotated[float, typer.Option("--speed", help="Of a replay; 2: twice as fast.", min=0.01, max=100.0)] = 1.0,
     repeat: Annotated[bool, typer.Option("--repeat", help="Begin a log again after its end.")] = False,
     clock_offset_s: Annotated[float, typer.Option("--clock-offset-s", help="Of the tracker's clock.")] = 0.0,
@@ -129,6 +162,10 @@ def tracker(
 
     Example: `counterflex twin tracker 127.0.0.1:5001 --path circle:150 --fault beam_broken@2+0.5 --seconds 10`
     """
+    if log is not None and run_log is not None:
+        raise InputError("two logs to replay", value=f"{log}, {run_log}", hint="Give --log or --run-log")
+    if (run_log is None) != (cell is None):
+        raise InputError("--run-log and --cell belong together", hint="Give both, or none of them")
     import numpy as np
 
     from counterflex.app import lone_instruments as job
@@ -137,10 +174,6 @@ def tracker(
     from counterflex.geometry import pose
     from counterflex.twin.pose_source import CircleTarget, NoisyPose, PoseSource, SquareTarget, StandingTarget
 
-    if log is not None and run_log is not None:
-        raise InputError("two logs to replay", value=f"{log}, {run_log}", hint="Give --log or --run-log")
-    if (run_log is None) != (cell is None):
-        raise InputError("--run-log and --cell belong together", hint="Give both, or none of them")
     planned = schedule(faults, fault, seed)
     place = np.array(numbers(at, "--at", 6))
     T = pose.from_xyz_zyx(place[:3] * MM, place[3:] * DEG)
@@ -153,7 +186,7 @@ def tracker(
 
         recorded = run_log_as_tracker(run_log, cell)
     else:
-        shape, size = _shape(path)
+        shape, size = target_shape(path)
         source = StandingTarget(T)
         if shape == "circle":
             source = CircleTarget(T, size * MM, feed_mm_min * MM_PER_MIN)
@@ -181,26 +214,6 @@ def tracker(
     _given_up(found["given_up"])
 
 
-def _shape(path: str | None) -> tuple[str, float]:
-    if path is None:
-        return "", 0.0
-    shape, _, size = path.partition(":")
-    if shape not in ("circle", "square"):
-        raise InputError("--path", value=path, limit="circle:RADIUS or square:SIDE, for example circle:150")
-    found = numbers(size, f"--path {shape}", 1) or [0.0]
-    return shape, found[0]
-
-
-def _word(text: str, option: str) -> int:
-    try:
-        word = int(text, 0)
-    except ValueError:
-        word = -1
-    if not 0 <= word <= 0xFFFFFFFF:
-        raise InputError(f"{option} is no status word", value=text, limit="0 .. 0xFFFFFFFF")
-    return word
-
-
 def _given_up(count: int) -> None:
     if count:
         typer.echo(f"{count} samples were given up: this computer is too slow for the rate", err=True)
@@ -209,7 +222,13 @@ def _given_up(count: int) -> None:
 def ads(
     cell: CellFile,
     force_n: Annotated[
-        str, typer.Option("--force-n", help="At the tool, holder axes: what strain terminals show.", metavar="X,Y,Z")
+        str,
+        typer.Option(
+            "--force-n",
+            help="At the tool, holder axes: what strain terminals show.",
+            metavar="X,Y,Z",
+            callback=given.numbers_of(3),
+        ),
     ] = "0,0,0",
     noise_um_m: Annotated[float, typer.Option("--noise-um-m", help="Of a strain terminal.", min=0.0)] = 0.0,
     host: Host = "127.0.0.1",
@@ -217,7 +236,10 @@ def ads(
         int, typer.Option("--port", help="TCP port; Beckhoff's own library knows no other.", min=0, max=65535)
     ] = 48898,
     path: Annotated[
-        str | None, typer.Option("--path", help="Of the tracker's target: circle:RADIUS or square:SIDE, mm.")
+        str | None,
+        typer.Option(
+            "--path", help="Of the tracker's target: circle:RADIUS or square:SIDE, mm.", callback=given.target_path
+        ),
     ] = None,
     feed_mm_min: Annotated[float, typer.Option("--feed-mm-min", help="Along it.", min=0.001)] = 700.0,
     seconds: Seconds = None,
@@ -240,7 +262,7 @@ def ads(
     from counterflex.geometry import pose
     from counterflex.twin.pose_source import CircleTarget, PoseSource, SquareTarget
 
-    shape, size = _shape(path)
+    shape, size = target_shape(path)
     middle = pose.make(p=np.array([3.0, 0.0, 0.0]))
     source: PoseSource | None = None
     if shape == "circle":

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli import given
+from counterflex.cli.given import pairs
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
 from counterflex.core.errors import InputError
 from counterflex.identify.recipes import MODULES, TITLES
@@ -39,25 +41,50 @@ def register(app: typer.Typer) -> None:
 
 
 def identify(
-    recipe: Annotated[str, typer.Argument(help="What to find, or history.", metavar="RECIPE")],
-    data: Annotated[list[Path] | None, typer.Argument(help="Manifests of datasets (.toml).", metavar="DATA...")] = None,
-    cell: Annotated[Path | None, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL")] = None,
+    recipe: Annotated[
+        str,
+        typer.Argument(
+            help="What to find, or history.", metavar="RECIPE", callback=given.one_of((*MODULES, HISTORY), "recipe")
+        ),
+    ],
+    data: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Manifests of datasets (.toml).", metavar="DATA...", callback=given.file_or_folder),
+    ] = None,
+    cell: Annotated[
+        Path | None, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=given.file)
+    ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for the results; made when missing.", metavar="DIR")
+        Path | None,
+        typer.Option(
+            "--out", help="Folder for the results; made when missing.", metavar="DIR", callback=given.output_folder
+        ),
     ] = None,
     holdout: Annotated[
         list[Path] | None,
-        typer.Option("--holdout", help="Manifest of data that are only predicted; else folds of DATA.", metavar="DATA"),
+        typer.Option(
+            "--holdout",
+            help="Manifest of data that are only predicted; else folds of DATA.",
+            metavar="DATA",
+            callback=given.file,
+        ),
     ] = None,
     settings: Annotated[
-        list[str] | None, typer.Option("--set", help="A setting of the recipe.", metavar="KEY=VALUE")
+        list[str] | None,
+        typer.Option("--set", help="A setting of the recipe.", metavar="KEY=VALUE", callback=given.settings),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Of whatever is drawn: folds, starts, poses.", min=0)] = 0,
     propose: Annotated[
         int | None, typer.Option("--propose", help="Propose this many measurements instead.", metavar="N", min=1)
     ] = None,
     archive: Annotated[
-        Path | None, typer.Option("--archive", help="Folder that keeps every run; else DIR/archive.", metavar="DIR")
+        Path | None,
+        typer.Option(
+            "--archive",
+            help="Folder that keeps every run; else DIR/archive.",
+            metavar="DIR",
+            callback=given.output_folder,
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
@@ -72,10 +99,11 @@ def identify(
         return
     if not data:
         raise InputError("no data are given", limit="one or more manifests", hint="Or --propose N for what to measure")
+    keep_inputs(out, cell, *data, *(holdout or []))
+    wanted = pairs(settings or [])
     from counterflex.app import identify as job
     from counterflex.cli.identify_tables import show_result
 
-    keep_inputs(out, cell, *data, *(holdout or []))
     with progress_bar(f"identifying {recipe}") as progress:
         result = job.run(
             recipe,
@@ -83,7 +111,7 @@ def identify(
             cell,
             out,
             holdout=holdout or (),
-            settings=pairs(settings or []),
+            settings=wanted,
             seed=seed,
             archive=archive,
             progress=progress,
@@ -95,11 +123,11 @@ def identify(
 
 
 def _history(folders: list[Path], as_json: bool) -> None:
+    if len(folders) > 1:
+        raise InputError("history takes one folder", value=len(folders))
     from counterflex.app.history import history
     from counterflex.cli.identify_tables import show_history
 
-    if len(folders) > 1:
-        raise InputError("history takes one folder", value=len(folders))
     found = history(folders[0])
     if as_json:
         print_json(found)
@@ -110,32 +138,16 @@ def _history(folders: list[Path], as_json: bool) -> None:
 def _propose(
     recipe: str, count: int, data: list[Path], cell: Path, out: Path, settings: list[str], seed: int, as_json: bool
 ) -> None:
-    from counterflex.app import propose as job
-    from counterflex.cli.identify_tables import show_proposal
-
     if data:
         raise InputError("--propose takes no data", value=data[0], hint="Measure the proposal, then identify from it")
     keep_inputs(out, cell)
+    wanted = pairs(settings)
+    from counterflex.app import propose as job
+    from counterflex.cli.identify_tables import show_proposal
+
     with progress_bar(f"choosing {count} measurements"):
-        found = job.run(recipe, count, cell, out, settings=pairs(settings), seed=seed)
+        found = job.run(recipe, count, cell, out, settings=wanted, seed=seed)
     if as_json:
         print_json(found)
     else:
         show_proposal(found, out)
-
-
-def pairs(texts: list[str]) -> dict[str, str]:
-    """Settings ``KEY=VALUE`` by key.
-
-    Raises:
-        InputError: No ``=``, or a key given twice.
-    """
-    out: dict[str, str] = {}
-    for text in texts:
-        key, mark, value = text.partition("=")
-        if not mark or not key:
-            raise InputError("a setting is not KEY=VALUE", where=f"--set {text}")
-        if key in out:
-            raise InputError("a setting is given twice", where=f"--set {text}")
-        out[key] = value
-    return out

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from counterflex.cli import given
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.program import CellFile
 
@@ -18,7 +19,7 @@ _SHOWN = 20
 INCOMPLETE: Final = 3
 """Exit status: what there is was read, but cycles are missing or something cannot be read."""
 
-Folder = Annotated[Path, typer.Argument(help="Folder of the run log.", metavar="DIR")]
+Folder = Annotated[Path, typer.Argument(help="Folder of the run log.", metavar="DIR", callback=given.folder)]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
@@ -186,7 +187,8 @@ def replay(
     folder: Folder,
     cell: CellFile,
     plan: Annotated[
-        Path | None, typer.Option("--plan", help="Plan file of the run (.parquet).", metavar="PLAN")
+        Path | None,
+        typer.Option("--plan", help="Plan file of the run (.parquet).", metavar="PLAN", callback=given.file),
     ] = None,
     original: Annotated[
         bool, typer.Option("--original", help="The robot ran the original program, not the compensated one.")
@@ -270,7 +272,7 @@ def _left_out(found: Replayed) -> str:
 
 def export(
     folder: Folder,
-    csv: Annotated[Path, typer.Option("--csv", help="File to write.", metavar="FILE")],
+    csv: Annotated[Path, typer.Option("--csv", help="File to write.", metavar="FILE", callback=given.output_file)],
     incident: Annotated[
         int | None,
         typer.Option("--incident", help="Only the cycles around this hold or fault, as `log show` counts.", min=1),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from typing import Annotated, Any, Final, NoReturn
 
 import typer
+from typer.core import TyperCommand
 
 from counterflex import __version__
 from counterflex.cli import (
@@ -31,13 +33,33 @@ from counterflex.cli import (
     twin,
 )
 from counterflex.cli.interrupt import interruptible
-from counterflex.core.errors import CounterflexError
+from counterflex.core.errors import CounterflexError, InputError
 
 _INTERRUPTED: Final = 130
 """Status that the command parser gives an interrupted command."""
 _CommandLineFault: Final[type[Exception]] = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
 )
+
+
+class _Command(TyperCommand):
+    """A command whose numbers are finite: ``nan`` and ``inf`` pass every range that the parser checks."""
+
+    def invoke(self, ctx: Any) -> Any:
+        for name, value in ctx.params.items():
+            if isinstance(value, float) and not math.isfinite(value):
+                option = "--" + name.replace("_", "-")
+                raise InputError(f"{option} is not a number that can be used", value=value, limit="a finite number")
+        return super().invoke(ctx)
+
+
+def _with_finite_numbers(app: typer.Typer) -> None:
+    for command in app.registered_commands:
+        command.cls = _Command
+    for group in app.registered_groups:
+        if group.typer_instance is not None:
+            _with_finite_numbers(group.typer_instance)
+
 
 app = typer.Typer(
     name="counterflex",
@@ -72,6 +94,7 @@ rsi.register(app)
 egm.register(app)
 reproduce.register(app)
 demo.register(app)
+_with_finite_numbers(app)
 
 
 def _version(value: bool) -> None:

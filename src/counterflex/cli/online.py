@@ -7,6 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from counterflex.cli import given
+from counterflex.cli.given import address
 from counterflex.cli.log import show_process
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.cli.program import CellFile, Out, Program
@@ -15,7 +17,12 @@ from counterflex.core.units import MS
 
 Rsi = Annotated[
     Path | None,
-    typer.Option("--rsi", help="KUKA: ETHERNET configuration file of the RSI context (.xml).", metavar="FILE"),
+    typer.Option(
+        "--rsi",
+        help="KUKA: ETHERNET configuration file of the RSI context (.xml).",
+        metavar="FILE",
+        callback=given.file,
+    ),
 ]
 
 
@@ -29,16 +36,18 @@ def register_twin(twin: typer.Typer) -> None:
     twin.command("cell")(cell)
 
 
-def address(text: str, option: str) -> tuple[str, int]:
-    """Host and port of ``HOST:PORT``.
+def one_protocol(rsi: Path | None, egm: object) -> None:
+    """Refuse neither or both of the robot's protocols.
 
     Raises:
-        InputError: It is none.
+        InputError: They are.
     """
-    host, colon, port = text.rpartition(":")
-    if not colon or not host or not port.isascii() or not port.isdigit() or not 0 <= int(port) <= 65535:
-        raise InputError(f"{option} is no address", value=text, limit="HOST:PORT, for example 192.168.1.1:49152")
-    return host, int(port)
+    if (rsi is None) == (egm is None):
+        raise InputError(
+            "the robot's protocol is not clear",
+            value="neither" if rsi is None else "both",
+            limit="--rsi FILE for a KUKA robot or --egm for an ABB one",
+        )
 
 
 def run(
@@ -50,18 +59,26 @@ def run(
         typer.Option("--egm", help="ABB: UDP port for EGM, set up by [egm].", min=0, max=65535, metavar="PORT"),
     ] = None,
     plan: Annotated[
-        Path | None, typer.Option("--plan", help="Plan file of the program (.parquet).", metavar="PLAN")
+        Path | None,
+        typer.Option("--plan", help="Plan file of the program (.parquet).", metavar="PLAN", callback=given.file),
     ] = None,
     program: Annotated[
         Path | None,
-        typer.Option("--program", help="What the robot runs: must be of the plan's job.", metavar="PROGRAM"),
+        typer.Option(
+            "--program", help="What the robot runs: must be of the plan's job.", metavar="PROGRAM", callback=given.file
+        ),
     ] = None,
     original: Annotated[
         bool, typer.Option("--original", help="The robot runs the original program, not the compensated one.")
     ] = False,
     force: Annotated[
         str | None,
-        typer.Option("--force", help="Force sensor (Net F/T); with EGM else the robot's own.", metavar="HOST:PORT"),
+        typer.Option(
+            "--force",
+            help="Force sensor (Net F/T); with EGM else the robot's own.",
+            metavar="HOST:PORT",
+            callback=given.host_port,
+        ),
     ] = None,
     force_http: Annotated[int, typer.Option("--force-http", help="Port of its scaling document.", min=1)] = 80,
     tracker: Annotated[
@@ -79,6 +96,7 @@ def run(
             "--peer",
             help="The controller's address, port 0 for any; nobody else is heard. Without it: the first that sends.",
             metavar="HOST:PORT",
+            callback=given.host_port,
         ),
     ] = None,
     arm: Annotated[
@@ -103,6 +121,8 @@ def run(
 
     Example: `counterflex run --cell cell.toml --rsi rsi.xml --plan plan.parquet --force 192.168.1.1:49152 --out log`
     """
+    keep_inputs(out, cell, *(path for path in (rsi, plan, program) if path is not None))
+    one_protocol(rsi, egm)
     from counterflex.app import online as job
     from counterflex.app.online_session import RunSettings
     from counterflex.app.process_events import shown_event
@@ -110,7 +130,6 @@ def run(
     from counterflex.links.session import SessionChecks
     from counterflex.runtime.fusion import level
 
-    keep_inputs(out, cell, *(path for path in (rsi, plan, program) if path is not None))
     if arm and not lockstep and not trust_machine:
         from counterflex.app.doctor import require_fit
 
@@ -209,27 +228,41 @@ def _show(summary: dict[str, Any], out: Path) -> None:
 def cell(
     program: Program,
     cell: CellFile,
-    truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH")],
+    truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=given.file)],
     out: Out,
     rsi: Rsi = None,
     egm: Annotated[
         str | None,
-        typer.Option("--egm", help="ABB: where EGM messages go; set up by [egm] of the cell.", metavar="HOST:PORT"),
+        typer.Option(
+            "--egm",
+            help="ABB: where EGM messages go; set up by [egm] of the cell.",
+            metavar="HOST:PORT",
+            callback=given.host_port,
+        ),
     ] = None,
     own_force: Annotated[
         bool, typer.Option("--own-force", help="ABB: the controller sends the force sensor's readings itself.")
     ] = False,
     original: Annotated[
         Path | None,
-        typer.Option("--original", help="The uncompensated program, to judge a compensated one.", metavar="PROGRAM"),
+        typer.Option(
+            "--original",
+            help="The uncompensated program, to judge a compensated one.",
+            metavar="PROGRAM",
+            callback=given.file,
+        ),
     ] = None,
     peer: Annotated[
-        str | None, typer.Option("--peer", help="Where telegrams go, instead of RSI's own.", metavar="HOST:PORT")
+        str | None,
+        typer.Option(
+            "--peer", help="Where telegrams go, instead of RSI's own.", metavar="HOST:PORT", callback=given.host_port
+        ),
     ] = None,
     force_port: Annotated[int, typer.Option("--force-port", help="UDP port of the force sensor; 0: a free one.")] = 0,
     force_http: Annotated[int, typer.Option("--force-http", help="Port of its scaling document; 0: a free one.")] = 0,
     tracker: Annotated[
-        str | None, typer.Option("--tracker", help="Send tracker datagrams there.", metavar="HOST:PORT")
+        str | None,
+        typer.Option("--tracker", help="Send tracker datagrams there.", metavar="HOST:PORT", callback=given.host_port),
     ] = None,
     tracker_hz: Annotated[
         float, typer.Option("--tracker-hz", help="Poses in a second; photogrammetry has few.", min=0.1, max=1000.0)
@@ -249,9 +282,10 @@ def cell(
 
     Example: `counterflex twin cell part.ngc --cell cell.toml --truth truth.toml --rsi rsi.xml --out part`
     """
+    keep_inputs(out, program, cell, truth, *([] if rsi is None else [rsi]))
+    one_protocol(rsi, egm)
     from counterflex.app import live as job
 
-    keep_inputs(out, program, cell, truth, *([] if rsi is None else [rsi]))
     settings = job.LiveSettings(
         program=program,
         cell=cell,

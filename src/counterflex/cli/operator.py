@@ -7,11 +7,14 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli import given
 from counterflex.cli.output import print_json
 from counterflex.cli.question import AsJson
 
 _operator = typer.Typer(no_args_is_help=True, help="Operate a run that goes on: its state, stop, reset, arm.")
-Log = Annotated[Path, typer.Argument(help="Folder that `run` was given with --out.", metavar="DIR")]
+Log = Annotated[
+    Path, typer.Argument(help="Folder that `run` was given with --out.", metavar="DIR", callback=given.folder)
+]
 
 
 def register(app: typer.Typer) -> None:

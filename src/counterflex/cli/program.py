@@ -7,20 +7,31 @@ from typing import Annotated, Any
 
 import typer
 
+from counterflex.cli import given
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
-from counterflex.core.errors import InputError
 from counterflex.core.units import UM
 
-Program = Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM")]
-CellFile = Annotated[Path, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL")]
-Out = Annotated[Path, typer.Option("--out", help="Folder for the results; made when missing.", metavar="DIR")]
-Dialect = Annotated[str, typer.Option("--dialect", help="Dialect of the program: linuxcnc.")]
+Program = Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=given.file)]
+CellFile = Annotated[Path, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=given.file)]
+Out = Annotated[
+    Path,
+    typer.Option(
+        "--out", help="Folder for the results; made when missing.", metavar="DIR", callback=given.output_folder
+    ),
+]
+Dialect = Annotated[
+    str,
+    typer.Option(
+        "--dialect", help="Dialect of the program: linuxcnc.", callback=given.one_of(("linuxcnc",), "dialect")
+    ),
+]
 Parameters = Annotated[
     Path | None,
     typer.Option(
         "--parameters",
         help="LinuxCNC parameter file (.var, mm) of the machine it was written for: G28, G30, G53, work offsets.",
         metavar="FILE",
+        callback=given.file,
     ),
 ]
 WithoutEnd = Annotated[
@@ -37,7 +48,13 @@ def register(app: typer.Typer) -> None:
 def path(
     program: Program,
     csv: Annotated[
-        Path | None, typer.Option("--csv", help="Write the table to this file instead of printing it.", metavar="FILE")
+        Path | None,
+        typer.Option(
+            "--csv",
+            help="Write the table to this file instead of printing it.",
+            metavar="FILE",
+            callback=given.output_file,
+        ),
     ] = None,
     dialect: Dialect = "linuxcnc",
     parameters: Parameters = None,
@@ -48,13 +65,13 @@ def path(
 
     Example: `counterflex path part.ngc --csv path.csv`
     """
+    inputs = [program, *([] if parameters is None else [parameters])]
+    if csv is not None:
+        keep_inputs(csv, *inputs, option="--csv")
     from counterflex.programs.gcode_reader import read_gcode_file
     from counterflex.programs.listing import listing, write_listing
     from counterflex.programs.parameter_file import read_parameter_file
 
-    inputs = [program, *([] if parameters is None else [parameters])]
-    if csv is not None:
-        keep_inputs(csv, *inputs, option="--csv")
     machine = None if parameters is None else read_parameter_file(parameters)
     found = read_gcode_file(program, dialect=dialect, complete=not without_end, machine=machine)
     if as_json:
@@ -72,13 +89,24 @@ def compensate(
     program: Program,
     cell: CellFile,
     out: Out,
-    language: Annotated[str, typer.Option("--as", help="Language of the output: gcode, krl or rapid.")] = "gcode",
+    language: Annotated[
+        str,
+        typer.Option(
+            "--as",
+            help="Language of the output: gcode, krl or rapid.",
+            callback=given.one_of(("gcode", "krl", "rapid"), "language"),
+        ),
+    ] = "gcode",
     dialect: Dialect = "linuxcnc",
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     tolerance_um: Annotated[
         float,
-        typer.Option("--tolerance-um", help="Largest distance of the written path from the planned one, 0.1 to 1000."),
+        typer.Option(
+            "--tolerance-um",
+            help="Largest distance of the written path from the planned one, 0.1 to 1000.",
+            callback=given.between(0.1, 1000.0),
+        ),
     ] = 5.0,
     normal_only: Annotated[
         bool, typer.Option("--normal-only", help="Correct square to the feed only, not along it.")
@@ -93,7 +121,12 @@ def compensate(
         ),
     ] = None,
     least_feed_percent: Annotated[
-        float, typer.Option("--least-feed-percent", help="With it: lowest share of the programmed feed, 5 to 100.")
+        float,
+        typer.Option(
+            "--least-feed-percent",
+            help="With it: lowest share of the programmed feed, 5 to 100.",
+            callback=given.between(5.0, 100.0),
+        ),
     ] = 30.0,
     least_chip_um: Annotated[
         float, typer.Option("--least-chip-um", help="With it: smallest chip that still cuts.", min=0.0)
@@ -111,6 +144,7 @@ def compensate(
 
     Example: `counterflex compensate part.ngc --cell cell.toml --out out --as krl`
     """
+    keep_inputs(out, program, *([] if parameters is None else [parameters]))
     from counterflex.app import compensate as job
     from counterflex.app.inputs import Reading
     from counterflex.plan.feed_for_tolerance import FeedTolerance
@@ -118,9 +152,6 @@ def compensate(
     wish = None
     if feed_for_tolerance_um is not None:
         wish = FeedTolerance(feed_for_tolerance_um * UM, least_feed_percent / 100.0, least_chip_um * UM)
-    if language not in job.LANGUAGES:
-        raise InputError("unknown language", where="--as", value=language, limit=", ".join(job.LANGUAGES))
-    keep_inputs(out, program, *([] if parameters is None else [parameters]))
     with progress_bar(f"compensating {program.name}") as progress:
         summary = job.run(
             program,

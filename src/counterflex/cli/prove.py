@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from counterflex.cli import given
 from counterflex.cli.output import keep_folders, keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.program import CellFile, Out, Program
 
@@ -28,8 +29,10 @@ def register(app: typer.Typer) -> None:
 
 
 def truth(
-    cell: Annotated[Path, typer.Argument(help="The cell file.", metavar="CELL")],
-    out: Annotated[Path, typer.Option("--out", help="Truth file to write.", metavar="FILE")],
+    cell: Annotated[Path, typer.Argument(help="The cell file.", metavar="CELL", callback=given.file)],
+    out: Annotated[
+        Path, typer.Option("--out", help="Truth file to write.", metavar="FILE", callback=given.output_file)
+    ],
     seed: Annotated[
         int | None,
         typer.Option("--seed", help="Put the truth off by this seed; left out, truth and cell agree.", min=0),
@@ -42,10 +45,10 @@ def truth(
 
     Example: `counterflex truth cell.toml --seed 1 --out truth.toml`
     """
+    keep_inputs(out, cell)
     from counterflex.app.truth import make_truth
     from counterflex.files.cell import read_cell
 
-    keep_inputs(out, cell)
     made = make_truth(read_cell(cell), seed, out)
     say_written(out, f"wrote {out}: {len(made.bodies)} bodies, seed {'none' if seed is None else seed}")
 
@@ -53,11 +56,16 @@ def truth(
 def simulate(
     program: Program,
     cell: CellFile,
-    truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH")],
+    truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=given.file)],
     out: Out,
     original: Annotated[
         Path | None,
-        typer.Option("--original", help="The uncompensated program, to judge a compensated one.", metavar="PROGRAM"),
+        typer.Option(
+            "--original",
+            help="The uncompensated program, to judge a compensated one.",
+            metavar="PROGRAM",
+            callback=given.file,
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
@@ -67,9 +75,9 @@ def simulate(
 
     Example: `counterflex simulate out/part.ngc --original part.ngc --cell cell.toml --truth truth.toml --out run`
     """
+    keep_inputs(out, program, cell, truth, *([] if original is None else [original]))
     from counterflex.app import simulate as job
 
-    keep_inputs(out, program, cell, truth, *([] if original is None else [original]))
     with progress_bar(f"machining {program.name}") as progress:
         summary = job.run(program, cell, truth, out, original=original, progress=progress)
     if as_json:
@@ -85,9 +93,14 @@ def simulate(
 
 
 def evaluate(
-    folders: Annotated[list[Path], typer.Argument(help="Folders of simulate: before [after].", metavar="DIR...")],
+    folders: Annotated[
+        list[Path], typer.Argument(help="Folders of simulate: before [after].", metavar="DIR...", callback=given.folder)
+    ],
     out: Annotated[
-        Path | None, typer.Option("--out", help="Write summary.json and report.html here.", metavar="DIR")
+        Path | None,
+        typer.Option(
+            "--out", help="Write summary.json and report.html here.", metavar="DIR", callback=given.output_folder
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
@@ -97,10 +110,10 @@ def evaluate(
 
     Example: `counterflex evaluate run-before run-after --out out`
     """
-    from counterflex.app import evaluate as job
-
     if out is not None:
         keep_folders(out, *folders)
+    from counterflex.app import evaluate as job
+
     with progress_bar("judging"):
         summary = job.run(list(folders), out)
     if as_json:
@@ -112,17 +125,23 @@ def evaluate(
 
 
 def report(
-    before: Annotated[Path, typer.Argument(help="Folder of simulate: the uncompensated program.", metavar="BEFORE")],
-    after: Annotated[Path, typer.Argument(help="Folder of simulate: the compensated program.", metavar="AFTER")],
+    before: Annotated[
+        Path,
+        typer.Argument(help="Folder of simulate: the uncompensated program.", metavar="BEFORE", callback=given.folder),
+    ],
+    after: Annotated[
+        Path,
+        typer.Argument(help="Folder of simulate: the compensated program.", metavar="AFTER", callback=given.folder),
+    ],
     out: Out,
 ) -> None:
     """Write the report of two machined programs: one HTML page with maps, curves, tables and what was assumed.
 
     Example: `counterflex report run-before run-after --out out`
     """
+    keep_folders(out, before, after)
     from counterflex.app import evaluate as job
 
-    keep_folders(out, before, after)
     with progress_bar("writing the report"):
         job.run([before, after], out)
     typer.echo(f"wrote {out / 'report.html'} and summary.json")
@@ -143,9 +162,9 @@ def prove(
 
     Example: `counterflex prove part.ngc --cell cell.toml --seeds 5 --out out`
     """
+    keep_inputs(out, program, cell)
     from counterflex.app import prove as job
 
-    keep_inputs(out, program, cell)
     with progress_bar(f"proving {program.name}") as progress:
         summary = job.run(program, cell, out, seeds=seeds, told=told, workers=workers, progress=progress)
     if as_json:

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli.online import address
+from counterflex.cli import given
+from counterflex.cli.given import address
 from counterflex.core.units import MS
 
 
@@ -18,13 +19,25 @@ def register(app: typer.Typer) -> None:
 
 
 def proxy(
-    listen: Annotated[str, typer.Option("--listen", help="Where whoever begins sends to.", metavar="HOST:PORT")],
-    to: Annotated[str, typer.Option("--to", help="The other side.", metavar="HOST:PORT")],
-    log: Annotated[Path | None, typer.Option("--log", help="Log of what was done (CSV).", metavar="FILE")] = None,
-    replay: Annotated[
-        Path | None, typer.Option("--replay", help="Do again what such a log says.", metavar="FILE")
+    listen: Annotated[
+        str,
+        typer.Option("--listen", help="Where whoever begins sends to.", metavar="HOST:PORT", callback=given.host_port),
+    ],
+    to: Annotated[str, typer.Option("--to", help="The other side.", metavar="HOST:PORT", callback=given.host_port)],
+    log: Annotated[
+        Path | None,
+        typer.Option("--log", help="Log of what was done (CSV).", metavar="FILE", callback=given.output_file),
     ] = None,
-    way: Annotated[str, typer.Option("--way", help="Bad way: both, there, back.")] = "both",
+    replay: Annotated[
+        Path | None,
+        typer.Option("--replay", help="Do again what such a log says.", metavar="FILE", callback=given.file),
+    ] = None,
+    way: Annotated[
+        str,
+        typer.Option(
+            "--way", help="Bad way: both, there, back.", callback=given.one_of(("both", "there", "back"), "way")
+        ),
+    ] = "both",
     loss: Annotated[float, typer.Option("--loss", help="Share lost, each datagram by itself.", min=0.0, max=1.0)] = 0.0,
     burst_share: Annotated[float, typer.Option("--burst-share", help="Share lost in bursts.", min=0.0, max=1.0)] = 0.0,
     burst_mean: Annotated[float, typer.Option("--burst-mean", help="Mean length of a burst.", min=1.0)] = 3.0,

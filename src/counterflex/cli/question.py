@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from counterflex.cli import given
+from counterflex.cli.given import numbers
 from counterflex.cli.output import print_json, print_table
 from counterflex.core.errors import InputError
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
-Target = Annotated[str, typer.Argument(help="A robot of the catalogue, or a cell file (.toml).", metavar="ROBOT|CELL")]
+Target = Annotated[
+    str,
+    typer.Argument(
+        help="A robot of the catalogue, or a cell file (.toml).", metavar="ROBOT|CELL", callback=given.robot_or_cell
+    ),
+]
 
 _cell = typer.Typer(no_args_is_help=True, help="Write, check and explain cell files.")
 
@@ -25,25 +31,6 @@ def register(app: typer.Typer) -> None:
     _cell.command("check")(cell_check)
     _cell.command("example")(cell_example)
     app.add_typer(_cell, name="cell")
-
-
-def numbers(text: str | None, name: str, count: int) -> list[float] | None:
-    """Read ``1,2,3`` as that many numbers."""
-    if text is None:
-        return None
-    try:
-        values = [float(part) for part in text.replace(" ", ",").split(",") if part]
-    except ValueError as fault:
-        raise InputError(
-            f"{name} is not a list of numbers", value=repr(text), limit=f"{count} numbers, separated by commas"
-        ) from fault
-    if not all(math.isfinite(value) for value in values):
-        raise InputError(f"{name} holds a number that is not finite", value=repr(text), limit="finite numbers")
-    if len(values) != count:
-        raise InputError(
-            f"{name} has {len(values)} numbers", value=repr(text), limit=f"{count} numbers, separated by commas"
-        )
-    return values
 
 
 def robots(
@@ -96,13 +83,25 @@ def pose(
     target: Target,
     joints_deg: Annotated[
         str | None,
-        typer.Option("--joints-deg", help="Six joint angles as the controller shows them.", metavar="A1,..,A6"),
+        typer.Option(
+            "--joints-deg",
+            help="Six joint angles as the controller shows them.",
+            metavar="A1,..,A6",
+            callback=given.numbers_of(6),
+        ),
     ] = None,
     xyz_mm: Annotated[
-        str | None, typer.Option("--xyz-mm", help="TCP position in the robot base.", metavar="X,Y,Z")
+        str | None,
+        typer.Option("--xyz-mm", help="TCP position in the robot base.", metavar="X,Y,Z", callback=given.numbers_of(3)),
     ] = None,
     abc_deg: Annotated[
-        str, typer.Option("--abc-deg", help="TCP orientation, intrinsic z-y'-x'' (KUKA A,B,C).", metavar="A,B,C")
+        str,
+        typer.Option(
+            "--abc-deg",
+            help="TCP orientation, intrinsic z-y'-x'' (KUKA A,B,C).",
+            metavar="A,B,C",
+            callback=given.numbers_of(3),
+        ),
     ] = "0,0,0",
     as_json: AsJson = False,
 ) -> None:
@@ -160,12 +159,26 @@ def _row(values: dict[str, float]) -> tuple[list[str], list[list[str]]]:
 
 def deflection(
     target: Target,
-    joints_deg: Annotated[str, typer.Option("--joints-deg", help="Six joint angles.", metavar="A1,..,A6")],
+    joints_deg: Annotated[
+        str, typer.Option("--joints-deg", help="Six joint angles.", metavar="A1,..,A6", callback=given.numbers_of(6))
+    ],
     force_n: Annotated[
-        str, typer.Option("--force-n", help="Force on the tool at the TCP, base axes.", metavar="FX,FY,FZ")
+        str,
+        typer.Option(
+            "--force-n",
+            help="Force on the tool at the TCP, base axes.",
+            metavar="FX,FY,FZ",
+            callback=given.numbers_of(3),
+        ),
     ] = "0,0,0",
     moment_nm: Annotated[
-        str, typer.Option("--moment-nm", help="Moment on the tool about the TCP, base axes.", metavar="MX,MY,MZ")
+        str,
+        typer.Option(
+            "--moment-nm",
+            help="Moment on the tool about the TCP, base axes.",
+            metavar="MX,MY,MZ",
+            callback=given.numbers_of(3),
+        ),
     ] = "0,0,0",
     as_json: AsJson = False,
 ) -> None:
@@ -211,7 +224,7 @@ def _share(row: dict[str, Any]) -> list[str]:
 
 
 def cell_check(
-    cell: Annotated[Path, typer.Argument(help="The cell file.", metavar="CELL")],
+    cell: Annotated[Path, typer.Argument(help="The cell file.", metavar="CELL", callback=given.file)],
     as_json: AsJson = False,
 ) -> None:
     """Check a cell file: units, plausibility, reach, the weakest element and its share.
@@ -268,9 +281,9 @@ def _seen(values: list[dict[str, Any]]) -> tuple[str, str]:
 
 
 def cell_example(
-    out: Annotated[Path, typer.Option("--out", help="Where to write it; an existing file is kept.")] = Path(
-        "cell.toml"
-    ),
+    out: Annotated[
+        Path, typer.Option("--out", help="Where to write it; an existing file is kept.", callback=given.output_file)
+    ] = Path("cell.toml"),
 ) -> None:
     """Write the demonstration cell (KR 300 with a spindle) as a file to start from, and its test part beside it.
 

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli import given
 from counterflex.cli.output import keep_inputs, print_json
 from counterflex.cli.program import CellFile, Out
 
@@ -22,14 +23,22 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    file: Annotated[Path, typer.Argument(help="ETHERNET configuration file (.xml).", metavar="FILE")],
+    file: Annotated[
+        Path, typer.Argument(help="ETHERNET configuration file (.xml).", metavar="FILE", callback=given.file)
+    ],
     cell: Annotated[
-        Path | None, typer.Option("--cell", help="Cell file, for the limits of [online].", metavar="CELL")
+        Path | None,
+        typer.Option("--cell", help="Cell file, for the limits of [online].", metavar="CELL", callback=given.file),
     ] = None,
     context: Annotated[
-        Path | None, typer.Option("--context", help="Context of the controller (.rsi.xml or .rsix).", metavar="FILE")
+        Path | None,
+        typer.Option(
+            "--context", help="Context of the controller (.rsi.xml or .rsix).", metavar="FILE", callback=given.file
+        ),
     ] = None,
-    krl: Annotated[Path | None, typer.Option("--krl", help="KRL program that uses it (.src).", metavar="FILE")] = None,
+    krl: Annotated[
+        Path | None, typer.Option("--krl", help="KRL program that uses it (.src).", metavar="FILE", callback=given.file)
+    ] = None,
     tracker: Annotated[
         int | None, typer.Option("--tracker", help="UDP port for tracker datagrams, as in run.", min=1, max=65535)
     ] = None,
@@ -68,7 +77,12 @@ def make(
     out: Out,
     program: Annotated[
         Path | None,
-        typer.Option("--program", help="Compensated KRL program; without it one that tries the link.", metavar="SRC"),
+        typer.Option(
+            "--program",
+            help="Compensated KRL program; without it one that tries the link.",
+            metavar="SRC",
+            callback=given.file,
+        ),
     ] = None,
     host: Annotated[str, typer.Option("--host", help="Address of the sensor computer.")] = "192.168.44.10",
     port: Annotated[int, typer.Option("--port", help="UDP port on it.", min=1, max=65535)] = 59152,
@@ -82,9 +96,9 @@ def make(
 
     Example: `counterflex rsi make --cell cell.toml --out robot`
     """
+    keep_inputs(out, cell, *([] if program is None else [program]))
     from counterflex.app import rsi as job
 
-    keep_inputs(out, cell, *([] if program is None else [program]))
     summary = job.make(job.MakeSettings(cell, program, host, port, sentype), out)
     if as_json:
         print_json(summary)

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli.online import address
+from counterflex.cli import given
+from counterflex.cli.given import address
 from counterflex.cli.question import AsJson
 from counterflex.core.errors import FileFormatError
 
@@ -27,9 +28,17 @@ def _group() -> None:
 
 
 def bridge(
-    to: Annotated[str, typer.Argument(help="Where datagrams go: the loop's --tracker port.", metavar="HOST:PORT")],
+    to: Annotated[
+        str,
+        typer.Argument(
+            help="Where datagrams go: the loop's --tracker port.", metavar="HOST:PORT", callback=given.host_port
+        ),
+    ],
     file: Annotated[
-        Path | None, typer.Option("--file", help="Read lines from there; else from standard input.", metavar="CSV")
+        Path | None,
+        typer.Option(
+            "--file", help="Read lines from there; else from standard input.", metavar="CSV", callback=given.file
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli import given
 from counterflex.cli.fake_egm import register as register_egm
 from counterflex.cli.fake_rsi import register as register_rsi
 from counterflex.cli.fakes import register as register_fakes
@@ -36,10 +37,11 @@ def _group() -> None:
 
 def measure(
     proposal: Annotated[
-        Path, typer.Argument(help="Proposal that identify RECIPE --propose wrote.", metavar="PROPOSAL")
+        Path,
+        typer.Argument(help="Proposal that identify RECIPE --propose wrote.", metavar="PROPOSAL", callback=given.file),
     ],
     cell: CellFile,
-    truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH")],
+    truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=given.file)],
     out: Out,
     seed: Annotated[
         int, typer.Option("--seed", help="Of the laboratory: where its instruments stand, and their noise.", min=0)
@@ -55,9 +57,9 @@ def measure(
 
     Example: `counterflex twin measure proposal/proposal.toml --cell cell.toml --truth truth.toml --out data`
     """
+    keep_inputs(out, proposal, cell, truth)
     from counterflex.app import laboratory
 
-    keep_inputs(out, proposal, cell, truth)
     with progress_bar(f"measuring {proposal.name}") as progress:
         found = laboratory.measure(proposal, cell, truth, out, seed=seed, session=session, progress=progress)
     typer.echo(f"wrote {found['manifest']}: {found['rows']} rows of {found['kind']}, {', '.join(found['channels'])}")

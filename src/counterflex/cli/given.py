@@ -1,0 +1,304 @@
+"""What is given on the command line, checked before any job is loaded: files, folders, addresses, lists of numbers.
+
+Each check is the ``callback`` of an option or an argument: it takes the option and its value and hands the value on.
+Nothing here may import a job: a wrong name is to be told at once.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from counterflex.core.errors import InputError, OutputError
+from counterflex.core.output_place import place_of
+from counterflex.core.similar import close_to, missing_file
+
+Param = typer.CallbackParam
+
+
+def _paths(value: Any) -> list[Path]:
+    if value is None:
+        return []
+    return [Path(item) for item in value] if isinstance(value, (list, tuple)) else [Path(value)]
+
+
+def _named(param: Param, path: Path) -> str:
+    """Place of a fault: by which option the file was given, and the file."""
+    options = [name for name in param.opts if name.startswith("--")]
+    return f"{options[0]} {path}" if options else str(path)
+
+
+def _readable(param: Param, path: Path) -> None:
+    if not os.access(path, os.R_OK):
+        raise InputError("it may not be read: permission denied", where=_named(param, path))
+
+
+def file(param: Param, value: Any) -> Any:
+    """A file that is read.
+
+    Raises:
+        InputError: There is none, or it is a folder, or may not be read.
+    """
+    for path in _paths(value):
+        if path.is_dir():
+            raise InputError("it is a folder", where=_named(param, path), limit="a file")
+        if not path.exists():
+            raise InputError("no such file", where=_named(param, path), hint=missing_file(path))
+        _readable(param, path)
+    return value
+
+
+def folder(param: Param, value: Any) -> Any:
+    """A folder that is read.
+
+    Raises:
+        InputError: There is none, or it is a file.
+    """
+    for path in _paths(value):
+        if not path.exists():
+            raise InputError("no such folder", where=_named(param, path), hint=missing_file(path))
+        if not path.is_dir():
+            raise InputError("it is no folder", where=_named(param, path), limit="a folder")
+        _readable(param, path)
+    return value
+
+
+def file_or_folder(param: Param, value: Any) -> Any:
+    """A file or folder that is read.
+
+    Raises:
+        InputError: There is none.
+    """
+    for path in _paths(value):
+        if not path.exists():
+            raise InputError("no such file or folder", where=_named(param, path), hint=missing_file(path))
+        _readable(param, path)
+    return value
+
+
+def output_file(param: Param, value: Any) -> Any:
+    """A file that is written; folders above it are made.
+
+    Raises:
+        OutputError: It cannot be: a folder has its name, a file stands in the way, no permission.
+    """
+    for path in _paths(value):
+        try:
+            place_of(path)
+        except OSError as fault:
+            raise OutputError(f"cannot write: {fault.strerror}", where=_named(param, path)) from fault
+        _way_to(param, path)
+    return value
+
+
+def output_folder(param: Param, value: Any) -> Any:
+    """A folder that results are written to; made when missing.
+
+    Raises:
+        OutputError: It cannot be: a file has its name or stands in the way, no permission.
+    """
+    for path in _paths(value):
+        if path.exists() and not path.is_dir():
+            raise OutputError("cannot write: a file has the name of the folder", where=_named(param, path))
+        _way_to(param, path)
+    return value
+
+
+def _way_to(param: Param, path: Path) -> None:
+    """Refuse a path below something that is no folder."""
+    for above in path.absolute().parents:
+        if above.exists():
+            if not above.is_dir():
+                raise OutputError(f"cannot write: {above.name} is no folder", where=_named(param, path))
+            return
+
+
+def host_port(param: Param, value: Any) -> Any:
+    """An address ``HOST:PORT``.
+
+    Raises:
+        InputError: It is none.
+    """
+    if value is not None:
+        address(value, param.opts[0] if param.opts[0].startswith("--") else "HOST:PORT")
+    return value
+
+
+def address(text: str, option: str) -> tuple[str, int]:
+    """Host and port of ``HOST:PORT``.
+
+    Raises:
+        InputError: It is none.
+    """
+    host, colon, port = text.rpartition(":")
+    if not colon or not host or not port.isascii() or not port.isdigit() or not 0 <= int(port) <= 65535:
+        raise InputError(f"{option} is no address", value=text, limit="HOST:PORT, for example 192.168.1.1:49152")
+    return host, int(port)
+
+
+def numbers_of(count: int) -> Callable[[Param, Any], Any]:
+    """Check of a list of that many numbers."""
+
+    def check(param: Param, value: Any) -> Any:
+        numbers(value, param.opts[0], count)
+        return value
+
+    return check
+
+
+def numbers(text: str | None, name: str, count: int) -> list[float] | None:
+    """Read ``1,2,3`` as that many numbers.
+
+    Raises:
+        InputError: They are not, or not as many, or not finite.
+    """
+    if text is None:
+        return None
+    try:
+        values = [float(part) for part in text.replace(" ", ",").split(",") if part]
+    except ValueError as fault:
+        raise InputError(
+            f"{name} is not a list of numbers", value=repr(text), limit=f"{count} numbers, separated by commas"
+        ) from fault
+    if not all(math.isfinite(value) for value in values):
+        raise InputError(f"{name} holds a number that is not finite", value=repr(text), limit="finite numbers")
+    if len(values) != count:
+        raise InputError(
+            f"{name} has {len(values)} numbers", value=repr(text), limit=f"{count} numbers, separated by commas"
+        )
+    return values
+
+
+def one_of(names: Iterable[object], what: str = "value") -> Callable[[Param, Any], Any]:
+    """Check of a name, or of several, out of a list.
+
+    Args:
+        names: Allowed ones.
+        what: What they are, for the message.
+    """
+    allowed = [str(name) for name in names]
+
+    def check(param: Param, value: Any) -> Any:
+        for item in [] if value is None else value if isinstance(value, (list, tuple)) else [value]:
+            if str(item) not in allowed:
+                close = close_to(str(item), allowed, 1)
+                raise InputError(
+                    f"unknown {what}",
+                    where=param.opts[0] if param.opts[0].startswith("--") else None,
+                    value=item,
+                    limit=", ".join(allowed),
+                    hint=f"Did you mean {close[0]!r}?" if close else None,
+                )
+        return value
+
+    return check
+
+
+def between(low: float, high: float) -> Callable[[Param, Any], Any]:
+    """Check of a number that has both a least and a largest value."""
+
+    def check(param: Param, value: Any) -> Any:
+        if value is not None and not low <= value <= high:
+            raise InputError("out of range", where=param.opts[0], value=f"{value:g}", limit=f"{low:g} to {high:g}")
+        return value
+
+    return check
+
+
+def robot_or_cell(param: Param, value: Any) -> Any:
+    """A robot of the catalogue, or a cell file.
+
+    Raises:
+        InputError: Neither.
+    """
+    if value is None or Path(value).is_file():
+        return value
+    if value.endswith(".toml") or os.sep in value:
+        return file(param, value)
+    from counterflex.robot import catalog
+
+    catalog.entry(value)
+    return value
+
+
+def target_path(_: Param, value: Any) -> Any:
+    """Path of a target, ``circle:RADIUS`` or ``square:SIDE``."""
+    target_shape(value)
+    return value
+
+
+def status(param: Param, value: Any) -> Any:
+    """A status word."""
+    status_word(value, param.opts[0])
+    return value
+
+
+def faults(_: Param, value: Any) -> Any:
+    """Faults in short form.
+
+    Raises:
+        CounterflexError: One of them is none.
+    """
+    if value:
+        from counterflex.files.fault_file import read_faults
+
+        read_faults(None, value, 0)
+    return value
+
+
+def target_shape(path: str | None) -> tuple[str, float]:
+    """Shape and size, mm, of ``circle:RADIUS`` or ``square:SIDE``; none for None.
+
+    Raises:
+        InputError: It is none.
+    """
+    if path is None:
+        return "", 0.0
+    shape, _, size = path.partition(":")
+    if shape not in ("circle", "square"):
+        raise InputError("--path", value=path, limit="circle:RADIUS or square:SIDE, for example circle:150")
+    found = numbers(size, f"--path {shape}", 1) or [0.0]
+    return shape, found[0]
+
+
+def status_word(text: str, option: str) -> int:
+    """Number of a status word, decimal or ``0x...``.
+
+    Raises:
+        InputError: It is none, or has more than 32 bits.
+    """
+    try:
+        word = int(text, 0)
+    except ValueError:
+        word = -1
+    if not 0 <= word <= 0xFFFFFFFF:
+        raise InputError(f"{option} is no status word", value=text, limit="0 .. 0xFFFFFFFF")
+    return word
+
+
+def settings(_: Param, value: Any) -> Any:
+    """Settings ``KEY=VALUE``."""
+    pairs(value or [])
+    return value
+
+
+def pairs(texts: list[str]) -> dict[str, str]:
+    """Settings ``KEY=VALUE`` by key.
+
+    Raises:
+        InputError: No ``=``, or a key given twice.
+    """
+    out: dict[str, str] = {}
+    for text in texts:
+        key, mark, value = text.partition("=")
+        if not mark or not key:
+            raise InputError("a setting is not KEY=VALUE", where=f"--set {text}")
+        if key in out:
+            raise InputError("a setting is given twice", where=f"--set {text}")
+        out[key] = value
+    return out
