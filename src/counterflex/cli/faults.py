@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli import given
 from counterflex.cli.output import print_json, print_table, progress_bar
 from counterflex.cli.program import Out
 
@@ -26,7 +27,11 @@ def faults(
     ] = True,
     sensors: Annotated[
         str,
-        typer.Option("--sensors", help="What is corrected from: force, or both, which is force and tracker at once."),
+        typer.Option(
+            "--sensors",
+            help="What is corrected from: force, or both, which is force and tracker at once.",
+            callback=given.one_of(("force", "both"), "sensors"),
+        ),
     ] = "force",
     seed: Annotated[int, typer.Option("--seed", help="Of everything that is random.", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
