@@ -11,6 +11,7 @@ from typing import Final
 
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.similar import missing_file
+from counterflex.programs.foreign_language import foreign_language
 from counterflex.programs.gcode_flow import Source, split_lines
 from counterflex.programs.gcode_interpreter import Interpreter
 from counterflex.programs.gcode_state import State, work_offset_table
@@ -83,16 +84,19 @@ def read_gcode(
     lines = split_lines(text)
     if not any(line.strip() for line in lines):
         raise ProgramError("the program is empty", where=f"{name}:1:1")
-    source = Source(name, lines)
     state = State(work_offsets=work_offset_table(work_offsets))
     if part_at_g54:
         state.position = state.work_offsets["G54"]
     zero = state.position[:3]
-    interpreter = Interpreter(
-        source, state, parameters, tool_lengths, includes, step_limit, block_delete, complete, plain_lines,
-        machine_known,
-    )  # fmt: skip
-    straight = interpreter.run()
+    try:
+        source = Source(name, lines)
+        interpreter = Interpreter(
+            source, state, parameters, tool_lengths, includes, step_limit, block_delete, complete, plain_lines,
+            machine_known,
+        )  # fmt: skip
+        straight = interpreter.run()
+    except ProgramError as fault:
+        raise _named(fault, name, lines) from fault
     return Program(
         name=name,
         dialect=dialect,
@@ -101,6 +105,22 @@ def read_gcode(
         blocks=tuple(_moved_block(block, zero) for block in interpreter.blocks),
         motions=tuple(_moved(motion, zero) for motion in interpreter.motions),
         straight=straight,
+    )
+
+
+def _named(fault: ProgramError, name: str, lines: Sequence[str]) -> ProgramError:
+    """The fault that is told: which language it is, where the text is no G-code at all."""
+    found = foreign_language(lines)
+    if found is None:
+        return fault
+    own = any("made by counterflex" in line for line in lines[:20])
+    hint = "This is what counterflex wrote: give the original program" if own else found.hint
+    return ProgramError(
+        f"this is {found.name}; G-code as LinuxCNC reads it is wanted",
+        where=f"{name}:{found.line}",
+        value=found.text,
+        hint=hint,
+        language=found.name,
     )
 
 
