@@ -17,6 +17,8 @@ from xml.etree import ElementTree
 import pytest
 
 from counterflex.app import examples
+from counterflex.app.egm import MakeSettings as EgmSettings
+from counterflex.app.egm import make as make_egm
 from counterflex.app.rsi import MakeSettings, make
 
 PORTS = {  # type of object: its number, inputs, outputs
@@ -322,3 +324,92 @@ def test_the_program_waits_and_never_goes_on_blindly(robot: Path) -> None:
     off = max(i for i, code in enumerate(main) if code == "$SEN_PREA[2]=0.0")
     assert at("LIN {X 9.0000") < off < zero < max(i for i, code in enumerate(main) if code == "$OUT[31]=FALSE")
     assert not any(re.match(r"WAIT SEC [1-9]", code) for code in main[off:])
+
+
+RAPID_PATH = "".join(
+    f"    MoveL [[{x}.0,0.0,34.0],[0.0,0.0,1.0,0.0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v_p_1,{zone},t_p\\WObj:=w_p;\n"
+    for x, zone in ((0, "fine"), (10, "z0"), (30, "z0"))
+)
+RAPID = (
+    "MODULE p_m\n"
+    "  PERS tooldata t_p:=[TRUE,[[0,0,100],[1,0,0,0]],[10,[0,0,50],[1,0,0,0],0,0,0]];\n"
+    '  PERS wobjdata w_p:=[FALSE,TRUE,"",[[1000,0,500],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n'
+    "  CONST speeddata v_p_1:=[25,100,5000,1000];\n"
+    "  PROC p()\n    ConfL \\Off;\n"
+    "    MoveAbsJ [[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]],[100,100,5000,1000],fine,t_p\\WObj:=w_p;\n"
+    f"    SetDO doSpindle,1;\n{RAPID_PATH}    SetDO doSpindle,0;\n  ENDPROC\nENDMODULE\n"
+)
+RAPID_BLOCKS = {"ENDIF": "IF", "ENDWHILE": "WHILE", "ENDPROC": "PROC", "ENDMODULE": "MODULE"}
+RAPID_WORDS = {  # instructions, functions and data that RobotWare brings
+    *("CONFL", "MOVEABSJ", "MOVEL", "SETDO", "TPWRITE", "TPREADFK", "STOP", "EXIT", "RAISE", "WAITTIME", "WAITUNTIL"),
+    *(
+        "CLKRESET",
+        "CLKSTART",
+        "CLKREAD",
+        "DISTANCE",
+        "CPOS",
+        "STEMPTY",
+        "FINE",
+        "Z0",
+        "ERRNO",
+        "ROB_1",
+        "TRUE",
+        "FALSE",
+    ),
+    *("ERR_UDPUC_COMM", "ERR_WAIT_MAXTIME", "ERR_TP_MAXTIME", "EGMRESET", "EGMGETID", "EGMSETUPUC", "EGMACTMOVE"),
+    *("EGMSTREAMSTART", "EGMMOVEL", "EGMACTPOSE", "EGMRUNPOSE", "EGM_FRAME_WOBJ", "EGM_STOP_HOLD", "E9", "TFRAME"),
+    *("DOSPINDLE", "DOCORRECTION", "DIARMED"),  # signals of the cell
+}
+
+
+@pytest.mark.parametrize("signal", ["", 'armed_signal = "diArmed"\n'])
+@pytest.mark.parametrize("mode", ["path", "pose"])
+def test_the_program_is_a_whole_rapid_module(tmp_path: Path, mode: str, signal: str) -> None:
+    keys = f'correction_signal = "doCorrection"\n{signal}'
+    text = examples.text("cell.toml").replace("[controller]\n", f"[controller]\n{keys}")
+    text += f'\n[online]\nforce = "measured"\nperiod_ms = {24 if mode == "path" else 4}\n[egm]\nmode = "{mode}"\n'
+    (tmp_path / "cell.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "p.mod").write_text(
+        RAPID if mode == "path" else RAPID.replace("    SetDO doSpindle,0;\n", ""), encoding="latin-1"
+    )
+    make_egm(EgmSettings(tmp_path / "cell.toml", tmp_path / "p.mod"), tmp_path / "robot")
+    module = (tmp_path / "robot/p.mod").read_text(encoding="latin-1")
+    declared = {name.upper() for name in re.findall(r"^\s*(?:VAR|PERS|CONST)\s+\w+\s+(\w+)", module, re.MULTILINE)}
+    stack: list[str] = []
+    begun = False
+    for raw in module.splitlines():
+        code = re.sub(r'"[^"]*"', '""', raw).split("!")[0].strip()
+        if not code:
+            continue
+        assert code.count("(") == code.count(")")
+        assert code.count("[") == code.count("]")
+        word = re.split(r"[\s;(]", code)[0].upper()
+        if word in RAPID_BLOCKS:
+            assert stack.pop() == RAPID_BLOCKS[word]
+            continue
+        if word in ("MODULE", "PROC", "IF", "WHILE"):
+            stack.append(word)
+            begun = begun or word == "PROC"
+            assert word in ("MODULE", "PROC") or code.endswith((" THEN", " DO"))
+        elif word == "ERROR":
+            assert stack == ["MODULE", "PROC"]  # the handler stands at the end of the procedure
+            continue
+        elif word in ("VAR", "PERS", "CONST"):
+            assert not begun
+            assert code.endswith(";")
+            continue
+        else:
+            assert code.endswith(";")
+        if word in ("MODULE", "PROC"):
+            continue
+        for name in re.findall(r"(?<![\\\w])[A-Za-z_]\w*", code):
+            known = RAPID_WORDS | declared | {"IF", "THEN", "WHILE", "DO", "AND", "OR"}
+            assert name.upper() in known, code
+    assert stack == []
+    for setup in re.findall(r"EGMSetupUC.*", module):
+        assert float(re.findall(r"CommTimeout:=([\d.]+)", setup)[0]) <= 0.1
+    assert module.count("EGMGetId") == module.count("EGMSetupUC") == 1
+    end = module.index("  ERROR")
+    assert module.index("SetDO doCorrection,0") < module.index("MoveAbsJ") < module.index("SetDO doCorrection,1")
+    assert module.index("SetDO doCorrection,1") < module.rindex("SetDO doCorrection,0", 0, end)
+    assert module.rindex("EGMReset", 0, end) < module.rindex("MoveL", 0, end)

@@ -250,6 +250,21 @@ def test_what_cannot_be_done_without_is_named(name: str) -> None:
             link.wait(0.01)
 
 
+@pytest.mark.parametrize("watch_only", [False, True])
+def test_a_path_that_is_to_be_corrected_is_not_run_without_an_armed_loop(watch_only: bool) -> None:
+    """Silence ends the movement on the controller; before the movement and once armed everything is answered."""
+    link = EgmPathLink(port=0, watch_only=watch_only)
+    with joined(link) as controller:
+        sent = []
+        for k, (guided, state) in enumerate(
+            [(False, State.READY), (True, State.READY), (True, State.IDLE), (True, State.ARMED), (True, State.HOLD)]
+        ):
+            controller.send(robot(k, (1e-3 * k, 0, 0), guided=guided))
+            assert link.wait(1.0)
+            sent.append(link.answer(ZERO, state=state))
+        assert sent == ([True] * 5 if watch_only else [True, False, False, True, True])
+
+
 def test_a_controller_in_another_cycle_is_refused() -> None:
     link = EgmPathLink(port=0, period_s=24e-3)
     with joined(link) as controller, pytest.raises(ProtocolError, match="another cycle"):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from counterflex.core.errors import FileFormatError, InputError, ProgramError
-from counterflex.programs.rapid_egm import EgmSwitching, called_parts, part_with_egm, with_egm
+from counterflex.programs.rapid_egm import EgmSwitching, called, called_parts, part_with_egm, start_move, with_egm
 from counterflex.wire.egm_calls import parse_egm_calls
 from counterflex.wire.egm_rules import EgmWanted, check_egm
 
@@ -60,9 +60,11 @@ def test_every_point_of_the_path_is_kept_and_its_ends_are_fine_points() -> None:
     text = with_egm(SIMPLE, PATH, "p.mod")
     calls = parse_egm_calls(text, "p.mod")
     moves = calls.of("MOVEL", "EGMMOVEL")
-    assert [item.name for item in moves] == ["MOVEL", "EGMMOVEL", "EGMMOVEL", "EGMMOVEL"]  # no movement of no length
-    assert [item.arguments[-2] for item in moves] == ["fine", "z0", "z0", "fine"]
-    assert [item.arguments[-4][:8] for item in moves] == ["[[0.0,0,", "[[10.0,0", "[[20.0,0", "[[30.0,0"]
+    # no movement of no length; behind the path, to its last point again, without a correction
+    assert [item.name for item in moves] == ["MOVEL", "EGMMOVEL", "EGMMOVEL", "EGMMOVEL", "MOVEL"]
+    assert [item.arguments[-2] for item in moves] == ["fine", "z0", "z0", "fine", "fine"]
+    points = ["[[0.0,0,", "[[10.0,0", "[[20.0,0", "[[30.0,0", "[[30.0,0"]
+    assert [item.arguments[-4][:8] for item in moves] == points
     assert [item.number("samplerate") for item in calls.of("EGMACTMOVE", "EGMSTREAMSTART")] == [24.0, 24.0]
     assert calls.of("EGMACTMOVE")[0].arguments[1] == "t_p.tframe"
 
@@ -88,8 +90,11 @@ def test_guidance_takes_the_path_out_and_looks_where_it_ended() -> None:
 def test_a_split_program_is_corrected_in_all_its_parts() -> None:
     main = program("    p_001;", "    p_002;")
     assert called_parts(main, "p.mod") == ("p_001", "p_002")
-    text = with_egm(main, PATH, "p.mod")
+    text = with_egm(main, PATH, "p.mod", move(10))
     assert text.index("EGMActMove") < text.index("p_001;") < text.index("p_002;") < text.rindex("EGMReset")
+    assert "MoveL [[10.0,0,34]" in text[text.index("p_002;") :]
+    with pytest.raises(ProgramError, match="last motion"):
+        with_egm(main, PATH, "p.mod")
     part = "\n".join(["MODULE p_001_m", "  PROC p_001()", move(0, "fine"), move(10), "  ENDPROC", "ENDMODULE", ""])
     first, second = part_with_egm(part, "p_001.mod", first=True), part_with_egm(part, "p_001.mod", first=False)
     assert [i.name for i in parse_egm_calls(first, "x").of("MOVEL", "EGMMOVEL")] == ["MOVEL", "EGMMOVEL"]
@@ -97,6 +102,54 @@ def test_a_split_program_is_corrected_in_all_its_parts() -> None:
     assert "RAISE;" in first  # an error of a part reaches the handler of the main procedure
     with pytest.raises(ProgramError, match="split"):
         with_egm(main, POSE, "p.mod")
+
+
+@pytest.mark.parametrize("signal", ["", "diArmed"])
+def test_nothing_is_waited_for_blindly(signal: str) -> None:
+    """Before the path until it is armed, behind it until the correction is gone; too late ends the program."""
+    switching = replace(PATH, armed_signal=signal, correction_signal="doCorrection")
+    lines = [line.strip() for line in with_egm(SIMPLE, switching, "p.mod").splitlines()]
+
+    def at(piece: str) -> int:
+        return next(i for i, line in enumerate(lines) if line.startswith(piece))
+
+    waits = at("WaitUntil diArmed=1\\MaxTime:=60;" if signal else "TPReadFK cfKey,")
+    assert "\\MaxTime:=60" in lines[waits]
+    assert at("SetDO doCorrection,0") < at("MoveAbsJ") < at("EGMStreamStart") < waits
+    assert waits < at("SetDO doCorrection,1") < at("MoveL [[0.0") < at("EGMMoveL")
+    if not signal:
+        assert lines[waits + 1] == "IF cfKey<>5 THEN"
+        assert "EXIT;" in lines[waits : waits + 6]
+    loop = at("WHILE Distance(CPos(")
+    assert "ClkRead(cfClock)<3" in lines[loop]
+    back = at("MoveL [[30.0")
+    assert max(i for i, line in enumerate(lines) if line.startswith("EGMMoveL")) < loop < back
+    assert lines[back].startswith("MoveL [[30.0,0,34],[0,0,1,0],[0,0,0,0]")
+    assert ",[5,5,5,5],fine," in lines[back]
+    assert lines[back + 1].startswith("IF Distance(CPos(\\Tool:=t_p\\WObj:=w_p),[30.0,0,34])>0.05 THEN")
+    assert lines[back + 3] == "EXIT;"
+    assert lines[back + 5] == "SetDO doCorrection,0;"
+    handler = lines[lines.index("ERROR") :]
+    assert any("ERR_WAIT_MAXTIME" in line and "ERR_TP_MAXTIME" in line for line in handler)
+    assert [line for line in lines if line.startswith("WaitTime")] == ["WaitTime 0.05;"]
+
+
+def test_another_tool_on_the_path_is_refused() -> None:
+    other = move(20).replace("t_p", "tMill6")
+    with pytest.raises(ProgramError, match="p.mod:11: the tool or the work object is changed"):
+        with_egm(program(move(0, "fine"), move(10), other), PATH, "p.mod")
+    part = "\n".join(["MODULE p_002_m", "  PROC p_002()", other, move(30), "  ENDPROC", "ENDMODULE", ""])
+    start = start_move(SIMPLE, "p.mod")
+    with pytest.raises(ProgramError, match="p_002.mod:3: the tool"):
+        part_with_egm(part, "p_002.mod", first=False, start=start)
+
+
+def test_a_call_that_is_no_part_stays_a_call() -> None:
+    text = program("    SpindleOn;", move(0, "fine"), move(10), move(20), "    SpindleOff;")
+    assert called(text, "p.mod") == ("SpindleOn", "SpindleOff")
+    assert called_parts(text, "p.mod") == ()
+    made = with_egm(text, PATH, "p.mod")
+    assert made.index("SpindleOn;") < made.index("EGMSetupUC") < made.index("EGMMoveL") < made.index("SpindleOff;")
 
 
 @pytest.mark.parametrize(

@@ -14,13 +14,21 @@ from counterflex.core.units import MS
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.cell_egm import EgmTable
 from counterflex.files.cell_online import OnlineTable
-from counterflex.programs.rapid_egm import EgmSwitching, called_parts, part_with_egm, with_egm
+from counterflex.programs.rapid_egm import (
+    EgmSwitching,
+    called,
+    called_parts,
+    last_move,
+    part_with_egm,
+    start_move,
+    with_egm,
+)
 from counterflex.wire.egm_calls import EgmCalls, parse_egm_calls, read_egm_calls
 from counterflex.wire.egm_rules import EgmWanted, check_egm
 from counterflex.wire.rsi_setup import Finding
 
-_SETTLE_CYCLES: Final = 130
-_SETTLE_S: Final = 2.0
+_ZERO_S: Final = 1.0
+"""How long the program waits for the correction beyond what ramping it out takes."""
 
 
 @dataclass(frozen=True)
@@ -98,16 +106,17 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         configuration=table.configuration_name,
         period_ms=online.period_ms,
         timeout_s=table.timeout_ms * MS,
-        settle_s=round(_SETTLE_S + _SETTLE_CYCLES * online.period_ms * MS, 1),
-        ramp_s=online.correction_mm / online.ramp_mm_s + 0.5,
+        zero_s=round(online.correction_mm / online.ramp_mm_s + _ZERO_S, 2),
         low_pass_hz=table.low_pass_hz,
         speed_deviation_deg_s=table.speed_deviation_deg_s,
         ramp_in_s=table.ramp_in_ms * MS,
         window_mm=table.window_mm,
         window_deg=table.window_deg,
         standing_s=table.standing_s,
+        armed_signal=cell.tables.controller.armed_signal or "",
+        correction_signal=cell.tables.controller.correction_signal or "",
     )
-    files = _programs(settings.program, switching)
+    files, elsewhere = _programs(settings.program, switching)
     findings = check_egm(_together(files), wanted)
     refuse_errors(findings)
     summary = {
@@ -121,17 +130,17 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         "warnings": [item.line() for item in findings],
         "counterflex": __version__,
     }
-    about = readme(cell.name, table, online, switching, settings.host, tuple(files))
+    about = readme(cell.name, table, online, switching, settings.host, tuple(files), elsewhere)
     write_folder(out, files, {"README.txt": about}, summary)
     return summary
 
 
-def _programs(program: Path, switching: EgmSwitching) -> dict[str, str]:
-    """Modules by name, the main one first."""
+def _programs(program: Path, switching: EgmSwitching) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Modules by name, the main one first, and procedures that it calls but that are no part of its path."""
     text = _rapid(program)
-    files = {program.name: with_egm(text, switching, program.name)}
-    parts = called_parts(text, program.name)
-    for k, name in enumerate(parts):
+    parts: dict[str, str] = {}
+    names = called_parts(text, program.name)
+    for name in names:
         part = program.with_name(f"{name}{program.suffix}")
         if not part.is_file():
             raise ProgramError(
@@ -140,8 +149,13 @@ def _programs(program: Path, switching: EgmSwitching) -> dict[str, str]:
                 value=name,
                 hint=f"Its path is not corrected: put {part.name} there",
             )
-        files[part.name] = part_with_egm(_rapid(part), part.name, first=k == 0)
-    return files
+        parts[part.name] = _rapid(part)
+    last = next((found for name, part in reversed(parts.items()) if (found := last_move(part, name))), None)
+    files = {program.name: with_egm(text, switching, program.name, last)}
+    start = start_move(text, program.name)
+    for k, (name, part_text) in enumerate(parts.items()):
+        files[name] = part_with_egm(part_text, name, first=k == 0, start=start)
+    return files, tuple(name for name in called(text, program.name) if name not in names)
 
 
 def _together(files: dict[str, str]) -> EgmCalls:

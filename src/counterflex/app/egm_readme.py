@@ -8,7 +8,13 @@ from counterflex.programs.rapid_egm import EgmSwitching
 
 
 def readme(
-    cell: str, table: EgmTable, online: OnlineTable, switching: EgmSwitching, host: str, programs: tuple[str, ...]
+    cell: str,
+    table: EgmTable,
+    online: OnlineTable,
+    switching: EgmSwitching,
+    host: str,
+    programs: tuple[str, ...],
+    elsewhere: tuple[str, ...] = (),
 ) -> str:
     """Text of README.txt.
 
@@ -19,6 +25,7 @@ def readme(
         switching: What the program says to EGM.
         host: Address of the sensor computer.
         programs: RAPID files, the main one first.
+        elsewhere: Procedures that it calls and that are not among them.
     """
     path = table.mode == "path"
     way = (
@@ -27,7 +34,15 @@ def readme(
         else "Position guidance: the robot has no path of its own, counterflex sends it pose by pose."
     )
     level = "Path" if path else "Filtering"
+    missing = f"\n  Not here, must be on the controller: {', '.join(elsewhere)}" if elsewhere else ""
     gain = "" if path else f"\n    Default proportional Position Gain  {table.position_gain_per_s:g}"
+    armed = _path_waits(switching) if path else _guidance_waits(switching)
+    signal = switching.correction_signal
+    watched = (
+        f"{signal} is 1 from before the path until the correction is back at zero."
+        if signal
+        else "No output says that the correction may act: set controller.correction_signal for a safety PLC."
+    )
     return f"""ABB EGM program of the cell {cell}
 
 NOT TRIED ON A CONTROLLER, NOR COMPILED BY ABB'S TOOLS. Load it in RobotStudio first; then in air, in manual mode, a
@@ -39,7 +54,7 @@ deg, fault at {online.hard_factor:g} times that.
 
 FILES
   {", ".join(programs)}
-      load all of them; start the procedure of {programs[0]}
+      load all of them; start the procedure of {programs[0]}{missing}
 
 SET ON THE CONTROLLER
   Option Externally Guided Motion (689-1 in RobotWare 6, 3124-1 in RobotWare 7).
@@ -57,8 +72,9 @@ SET ON THE CONTROLLER
 RUN
   1. Start the program. It goes to its start posture{"" if path else " and the first point"} and stops.
   2. counterflex run --cell CELL --egm {table.port} --listen {host} --plan PLAN --out LOG [--arm]
-     (--original where the program is not the compensated one)
-  3. Press start. For {switching.settle_s:g} s the robot stands and sends; the loop settles and is armed in that time.
+     (--original where the program is not the compensated one; without --arm nothing is corrected)
+  3. Press start. {armed}
+  {watched}
 
 CHECK ON THE CONTROLLER, IN THIS ORDER
  1. The names of device and configuration are taken; some versions of RobotWare 6 want a colon: "{switching.device}:".
@@ -67,6 +83,21 @@ CHECK ON THE CONTROLLER, IN THIS ORDER
     it is that in the robot's base, set [egm] frame = "base".
 {_path_checks() if path else _guidance_checks(table)}
 """
+
+
+def _guidance_waits(switching: EgmSwitching) -> str:
+    return f"It waits at the first point until the loop is armed; {switching.standing_s:g} s without a path end it."
+
+
+def _path_waits(switching: EgmSwitching) -> str:
+    if switching.armed_signal:
+        asked = f"It waits until {switching.armed_signal} = 1"
+    else:
+        asked = "It asks whether counterflex run says that it is armed"
+    return f"""{asked}: within {switching.armed_s:g} s, else it ends.
+     A loop that is to correct and is not armed falls silent when the path begins: the controller ends the path then.
+  4. Behind the path it waits up to {switching.zero_s:g} s for the correction to go, takes out what is left at 5 mm/s,
+     and ends where the tool is not within {switching.zero_mm:g} mm then. The tool must be clear of the part there."""
 
 
 def _path_checks() -> str:

@@ -120,7 +120,7 @@ def egm_link(
         "T_part_frame": T_part_frame,
     }
     if table.mode == "path":
-        return EgmPathLink(period_s=online.period_s, **where)
+        return EgmPathLink(watch_only=watch_only, period_s=online.period_s, **where)
     if plan is None:
         raise InputError(
             "position guidance streams the planned path, and there is no plan",

@@ -10,6 +10,7 @@ from counterflex.core.errors import FileFormatError
 from counterflex.files.cell_spindle import SpindleTable
 from counterflex.files.schema import Table
 
+_NAME: Final = r"^[A-Za-z][A-Za-z0-9_]{0,31}$"
 _VERSION: Final = r"^[0-9]{1,2}(\.[0-9]{1,4}){0,3}$"
 
 
@@ -59,7 +60,8 @@ class ControllerTable(Table):
     rsi_version: Annotated[str, Field(pattern=_VERSION)] | None = None
     kss_version: Annotated[str, Field(pattern=_VERSION)] | None = None
     correction_output: Annotated[int, Field(ge=1, le=8192)] | None = None
-    correction_signal: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
+    correction_signal: Annotated[str, Field(pattern=_NAME)] | None = None
+    armed_signal: Annotated[str, Field(pattern=_NAME)] | None = None
     spindle: SpindleTable = SpindleTable()
 
     @model_validator(mode="after")

@@ -26,13 +26,16 @@ class EgmPathLink(EgmLink):
     poses of the last 24 ms; while the robot stands the last one stays, before the first one nothing is corrected.
 
     EGM has no word for stop or feed hold here: told to stop, the link says nothing more, and the controller stops by
-    its CommTimeout.
+    its CommTimeout. So it does where a movement is run that is to be corrected and the loop is not armed.
 
-    Args, attributes and errors: see :class:`counterflex.links.egm_link.EgmLink`.
+    Args:
+        watch_only: The loop will not be armed: nothing is to be corrected.
+        settings: As attributes and errors, see :class:`counterflex.links.egm_link.EgmLink`.
     """
 
-    def __init__(self, **settings: object) -> None:
+    def __init__(self, *, watch_only: bool = True, **settings: object) -> None:
         super().__init__(**settings)  # type: ignore[arg-type]
+        self._watch_only = watch_only
         span = max(1, round(PATH_PERIOD_S / self.period_s))
         self._trail: Float = np.zeros((span, 3))
         self._at = -1
@@ -65,14 +68,17 @@ class EgmPathLink(EgmLink):
         stop: bool = False,
         feed_hold: bool = False,  # noqa: ARG002
         override: float = 1.0,  # noqa: ARG002
-        state: State = State.IDLE,  # noqa: ARG002
+        state: State = State.IDLE,
     ) -> bool:
         """Send what of a correction lies square to the path; see :class:`counterflex.links.robot_link.RobotLink`.
 
         Returns:
-            Whether an answer was sent: not, where the controller is to stop, a number is not finite, or nobody asked.
+            Whether an answer was sent: not, where the controller is to stop, a number is not finite, nobody asked, or
+            a movement is run that is to be corrected and the loop is not armed.
         """
         if stop or axes is not None or not all(map(math.isfinite, correction)):
+            return False
+        if self.guided and not self._watch_only and state < State.ARMED:
             return False
         y = z = 0.0
         if self._R_part_path is not None:

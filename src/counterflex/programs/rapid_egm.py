@@ -18,7 +18,8 @@ _JOINT: Final = re.compile(r"\s*Move(AbsJ|J)\b", re.IGNORECASE)
 _CALL: Final = re.compile(r"\s*([A-Za-z]\w*)\s*;\s*$")
 _TOOL: Final = re.compile(r"\s*(\w+)\s*\\\s*WObj\s*:=\s*(\w+)\s*$", re.IGNORECASE)
 _WAIT: Final = re.compile(r"\s*WaitTime\b", re.IGNORECASE)
-_TAKEN: Final = re.compile(r"\bEGM\w*|\bcf(?:Id|Zero|Window|Turn)\b|\bERROR\b", re.IGNORECASE)
+_TAKEN: Final = re.compile(r"\bEGM\w*|\bcf(?:Id|Zero|Window|Turn|Key|Clock)\b|\bERROR\b", re.IGNORECASE)
+_PART: Final = re.compile(r"_\d{3}$")
 _CIRCLE: Final = re.compile(r"\s*MoveC\b", re.IGNORECASE)
 
 
@@ -32,8 +33,9 @@ class EgmSwitching:
         configuration: External Motion Interface Data.
         period_ms: SampleRate.
         timeout_s: CommTimeout.
-        settle_s: Rest in which the loop settles and is armed.
-        ramp_s: Time that ramping out takes at most.
+        armed_s: How long the program waits for the loop to be armed until it stops; path correction only.
+        zero_s: How long it waits for the correction to be back at zero; likewise.
+        zero_mm: Distance from the last point of the path within which the correction counts as zero; likewise.
         low_pass_hz: LpFilter; guidance only, as what follows.
         speed_deviation_deg_s: MaxSpeedDeviation.
         ramp_in_s: RampInTime.
@@ -41,6 +43,8 @@ class EgmSwitching:
         window_deg: Of rx, ry, rz.
         standing_s: CondTime.
         end_mm: Distance from the end of the path within which the movement may have ended.
+        armed_signal: Digital input that says that the loop is armed; empty: a person is asked.
+        correction_signal: Digital output that is 1 while the correction may act; empty: none.
     """
 
     mode: str
@@ -48,8 +52,9 @@ class EgmSwitching:
     configuration: str
     period_ms: int
     timeout_s: float
-    settle_s: float = 5.0
-    ramp_s: float = 1.5
+    armed_s: float = 60.0
+    zero_s: float = 3.0
+    zero_mm: float = 0.05
     low_pass_hz: float = 20.0
     speed_deviation_deg_s: float = 20.0
     ramp_in_s: float = 0.1
@@ -57,6 +62,8 @@ class EgmSwitching:
     window_deg: float = 0.05
     standing_s: float = 30.0
     end_mm: float = 1.0
+    armed_signal: str = ""
+    correction_signal: str = ""
 
     def __post_init__(self) -> None:
         """Check ranges.
@@ -73,27 +80,31 @@ class EgmSwitching:
                 limit="> 0 and <= 0.1 s",
                 hint="While nothing comes the robot goes on with the last value it was sent",
             )
-        for name in ("settle_s", "ramp_s", "speed_deviation_deg_s", "window_mm", "window_deg", "standing_s", "end_mm"):
+        for name in ("armed_s", "zero_s", "zero_mm", "window_mm", "window_deg", "standing_s", "end_mm"):
             as_positive(name, getattr(self, name))
+        as_positive("speed_deviation_deg_s", self.speed_deviation_deg_s)
 
 
-def with_egm(text: str, switching: EgmSwitching, where: str) -> str:
+def with_egm(text: str, switching: EgmSwitching, where: str, last: str | None = None) -> str:
     """The main module of a RAPID program with EGM around its path.
 
-    Path correction: every MoveL behind the first becomes EGMMoveL, the last one ends in a fine point. Position
-    guidance: start posture and first point stay, the path between is taken out, because it comes from outside.
+    Path correction: every MoveL behind the first becomes EGMMoveL, the last one ends in a fine point. Before the path
+    the program waits until the loop is said to be armed, behind it until the tool is where the path ends without a
+    correction; what takes too long ends the program. Position guidance: start posture and first point stay, the path
+    between is taken out, because it comes from outside, once the loop is armed.
 
     Args:
         text: Of the module.
         switching: See there.
         where: Its name, for messages.
+        last: Last MoveL of the path where it stands in another module, see :func:`last_move`.
 
     Returns:
         The text.
 
     Raises:
-        ProgramError: It is no program of a start posture and MoveL, or it uses EGM itself, or guidance cannot keep an
-            instruction within its path.
+        ProgramError: It is no program of a start posture and MoveL, it uses EGM itself or another tool on its path, or
+            guidance cannot keep an instruction within its path.
     """
     lines = text.splitlines()
     begin, end, module = _routine(lines, where)
@@ -102,15 +113,23 @@ def with_egm(text: str, switching: EgmSwitching, where: str) -> str:
     if start is None:
         raise ProgramError("the first motion is not MoveAbsJ", where=where, hint="Give what compensate wrote")
     head, path = body[: start + 1], body[start + 1 :]
-    _check(path, begin + start + 2, where)
+    _check(path, begin + start + 3, where, _frames(body[start]))
+    declared = [f"  VAR egmident {IDENTITY};"]
     if switching.mode == "path":
-        corrected = _corrected(path, where, master=True)
-        inside = [*head, *_path_on(switching, body[start]), *corrected, *_path_off(switching)]
-        declared = [f"  VAR egmident {IDENTITY};"]
+        first = next((i for i, line in enumerate(path) if _begins(line)), len(path))
+        corrected = _corrected(path[first:], where, master=True)
+        finish = last_move(text, where) or last
+        inside = [
+            *_signal(switching, on=False),
+            *[*head, *path[:first]],
+            *_path_on(switching, body[start]),
+            *corrected,
+            *_path_off(switching, finish, where),
+        ]
+        declared += ["  VAR num cfKey;", "  VAR clock cfClock;"]
     else:
-        inside = [*head, *_guided(path, switching, where)]
-        declared = [
-            f"  VAR egmident {IDENTITY};",
+        inside = [*_signal(switching, on=False), *head, *_guided(path, switching, where)]
+        declared += [
             "  CONST pose cfZero:=[[0,0,0],[1,0,0,0]];",
             f"  CONST egm_minmax cfWindow:=[-{switching.window_mm:g},{switching.window_mm:g}];",
             f"  CONST egm_minmax cfTurn:=[-{switching.window_deg:g},{switching.window_deg:g}];",
@@ -119,30 +138,51 @@ def with_egm(text: str, switching: EgmSwitching, where: str) -> str:
     return "\n".join(out)
 
 
-def part_with_egm(text: str, where: str, *, first: bool) -> str:
+def last_move(text: str, where: str) -> str | None:
+    """Line of the last MoveL of a RAPID text, without its comment; None where there is none."""
+    lines = text.splitlines()
+    begin, end, _ = _routine(lines, where)
+    return next((_code(line) for line in reversed(lines[begin + 1 : end]) if _LINEAR.match(_code(line))), None)
+
+
+def part_with_egm(text: str, where: str, *, first: bool, start: str = "") -> str:
     """A module that the main one calls, for path correction.
 
     Args:
         text: Of the module.
         where: Its name, for messages.
         first: It holds the beginning of the path: its first MoveL stays as it is.
+        start: Line of the main module that goes to the start posture: its tool and work object are those of the path.
 
     Raises:
         ProgramError: As :func:`with_egm`.
     """
     lines = text.splitlines()
     begin, end, _ = _routine(lines, where)
-    _check(lines[begin + 1 : end], begin + 2, where)
+    _check(lines[begin + 1 : end], begin + 2, where, _frames(start) if start else None)
     corrected = _corrected(lines[begin + 1 : end], where, master=False, first=first)
     return "\n".join([*lines[: begin + 1], *corrected, "  ERROR", "    RAISE;", *lines[end:], ""])
 
 
-def called_parts(text: str, where: str) -> tuple[str, ...]:
-    """Procedures that the main procedure of a RAPID text calls without arguments, in order."""
+def called(text: str, where: str) -> tuple[str, ...]:
+    """Procedures that the main procedure of a RAPID text calls without arguments, in order, each once."""
     lines = text.splitlines()
     begin, end, _ = _routine(lines, where)
     found = (_CALL.match(_code(line)) for line in lines[begin + 1 : end])
-    return tuple(match[1] for match in found if match and match[1].lower() not in ("stop", "exit", "return"))
+    names = (match[1] for match in found if match)
+    return tuple(dict.fromkeys(name for name in names if name.lower() not in ("stop", "exit", "return", "tperase")))
+
+
+def called_parts(text: str, where: str) -> tuple[str, ...]:
+    """Those of them that are parts of a program that was split: their names end in a number of three digits."""
+    return tuple(name for name in called(text, where) if _PART.search(name))
+
+
+def start_move(text: str, where: str) -> str:
+    """Line that goes to the start posture; empty where there is none."""
+    lines = text.splitlines()
+    begin, end, _ = _routine(lines, where)
+    return next((line for line in lines[begin + 1 : end] if _JOINT.match(_code(line))), "")
 
 
 def _routine(lines: list[str], where: str) -> tuple[int, int, int]:
@@ -160,13 +200,34 @@ def _code(line: str) -> str:
     return line.split("!")[0].rstrip()
 
 
-def _check(path: list[str], number: int, where: str) -> None:
+def _frames(line: str) -> tuple[str, str] | None:
+    """Tool and work object of a motion."""
+    match = _TOOL.match(_code(line).rstrip(";").rsplit(",", 1)[-1])
+    return (match[1], match[2]) if match else None
+
+
+def _begins(line: str) -> bool:
+    """Whether the path begins here: a motion, or a part of it."""
+    call = _CALL.match(_code(line))
+    return bool(_LINEAR.match(_code(line)) or (call and _PART.search(call[1])))
+
+
+def _check(path: list[str], number: int, where: str, frames: tuple[str, str] | None) -> None:
     for i, line in enumerate(map(_code, path)):
         at = f"{where}:{number + i}"
         if taken := _TAKEN.search(line):
             raise ProgramError("the program uses what EGM needs", where=at, value=taken[0], limit="free of EGM")
         if _JOINT.match(line) or _CIRCLE.match(line):
             raise ProgramError("a path of MoveL is needed", where=at, value=line.strip()[:40])
+        other = _frames(line) if _LINEAR.match(line) else None
+        if frames is not None and other is not None and other != frames:
+            raise ProgramError(
+                "the tool or the work object is changed on the path, under correction",
+                where=at,
+                value=f"{other[0]}, {other[1]}",
+                limit=f"{frames[0]}, {frames[1]} from the start posture to the end",
+                hint="Compensate the part of the program of each tool by itself, and make a program for each",
+            )
 
 
 def _corrected(path: list[str], where: str, *, master: bool, first: bool = True) -> list[str]:
@@ -203,31 +264,61 @@ def _setup(switching: EgmSwitching, way: str) -> list[str]:
     ]
 
 
-def _ready(switching: EgmSwitching) -> list[str]:
+def _signal(switching: EgmSwitching, *, on: bool) -> list[str]:
+    """What a safety PLC may watch: 1 from before the path until the correction is back at zero."""
+    name = switching.correction_signal
+    return [f"    SetDO {name},{int(on)};"] if name else []
+
+
+def _armed(switching: EgmSwitching) -> list[str]:
+    """Waits until the loop is armed; not in time ends the program (by the error handler)."""
+    if switching.armed_signal:
+        return [f"    WaitUntil {switching.armed_signal}=1\\MaxTime:={switching.armed_s:g};"]
     return [
-        "    ! the loop settles and is armed in this time",
-        f"    WaitTime {switching.settle_s:g};",
+        '    TPReadFK cfKey,"counterflex run: does it say armed?",stEmpty,stEmpty,stEmpty,"no","yes"'
+        f"\\MaxTime:={switching.armed_s:g};",
+        "    IF cfKey<>5 THEN",
+        '      TPWrite "counterflex: the loop is not armed";',
+        f"      EGMReset {IDENTITY};",
+        "      EXIT;",
+        "    ENDIF",
     ]
 
 
 def _path_on(switching: EgmSwitching, start: str) -> list[str]:
-    tool = _TOOL.match(_code(start).rstrip(";").rsplit(",", 1)[-1])
-    frame = f"{tool[1]}.tframe" if tool else "tool0.tframe"
+    frames = _frames(start)
+    frame = f"{frames[0]}.tframe" if frames else "tool0.tframe"
     return [
-        '    TPWrite "start counterflex run --egm, then press start";',
+        '    TPWrite "start counterflex run --egm --arm, then press start";',
         "    Stop;",
         *_setup(switching, "\\PathCorr\\APTR"),
         f"    EGMActMove {IDENTITY},{frame}\\SampleRate:={switching.period_ms};",
         f"    EGMStreamStart {IDENTITY}\\SampleRate:={switching.period_ms};",
-        *_ready(switching),
+        *_armed(switching),
+        *_signal(switching, on=True),
     ]
 
 
-def _path_off(switching: EgmSwitching) -> list[str]:
+def _path_off(switching: EgmSwitching, last: str | None, where: str) -> list[str]:
+    match = _LINEAR.match(last or "")
+    tool = _TOOL.match(match[5]) if match else None
+    if match is None or tool is None:
+        raise ProgramError("the last motion of the path names no point, tool and work object", where=where, value=last)
+    away = f"Distance(CPos(\\Tool:={tool[1]}\\WObj:={tool[2]}),{_position(match[2], where)})>{switching.zero_mm:g}"
     return [
-        "    ! the correction ramps out",
-        f"    WaitTime {switching.ramp_s:.1f};",
+        "    ! the correction goes back to zero; what is left of it is taken out slowly, and looked at",
+        "    ClkReset cfClock;",
+        "    ClkStart cfClock;",
+        f"    WHILE {away} AND ClkRead(cfClock)<{switching.zero_s:g} DO",
+        "      WaitTime 0.05;",
+        "    ENDWHILE",
         f"    EGMReset {IDENTITY};",
+        f"    MoveL {match[2]},[5,5,5,5],fine,{match[5]};",
+        f"    IF {away} THEN",
+        '      TPWrite "counterflex: the correction is not back at zero";',
+        "      EXIT;",
+        "    ENDIF",
+        *_signal(switching, on=False),
     ]
 
 
@@ -261,14 +352,14 @@ def _guided(path: list[str], switching: EgmSwitching, where: str) -> list[str]:
     return [
         *path[: moves[0]],
         f"    MoveL {first[2]},{first[3]},fine,{first[5]};",
-        '    TPWrite "start counterflex run --egm, then press start";',
+        '    TPWrite "start counterflex run --egm --arm, then press start";',
         "    Stop;",
         *_setup(switching, "\\Pose"),
         f"    EGMActPose {IDENTITY}\\StreamStart\\Tool:={name}\\WObj:={frame},cfZero,EGM_FRAME_WOBJ,cfZero,"
         f"EGM_FRAME_WOBJ{minmax}\\LpFilter:={switching.low_pass_hz:g}\\SampleRate:={switching.period_ms}"
         f"\\MaxSpeedDeviation:={switching.speed_deviation_deg_s:g};",
-        *_ready(switching),
-        "    ! the path comes from counterflex; ends when the tool has stood still for CondTime",
+        *_signal(switching, on=True),
+        "    ! the path comes from counterflex once it is armed; ends when the tool has stood still for CondTime",
         f"    EGMRunPose {IDENTITY},EGM_STOP_HOLD\\x\\y\\z\\rx\\ry\\rz\\CondTime:={switching.standing_s:g}"
         f"\\RampInTime:={switching.ramp_in_s:g}\\PosCorrGain:=1;",
         f"    EGMReset {IDENTITY};",
@@ -276,7 +367,8 @@ def _guided(path: list[str], switching: EgmSwitching, where: str) -> list[str]:
         '      TPWrite "counterflex: the guided movement ended before the end of the path";',
         "      EXIT;",
         "    ENDIF",
-        f"    MoveL {last[2]},{last[3]},fine,{last[5]};",
+        f"    MoveL {last[2]},[5,5,5,5],fine,{last[5]};",
+        *_signal(switching, on=False),
         *path[moves[-1] + 1 :],
     ]
 
@@ -294,6 +386,11 @@ def _handler() -> list[str]:
         "    IF ERRNO=ERR_UDPUC_COMM THEN",
         "      ! no way on: begin anew, with the tool clear of the part",
         '      TPWrite "counterflex: nothing came from the sensor computer";',
+        f"      EGMReset {IDENTITY};",
+        "      EXIT;",
+        "    ENDIF",
+        "    IF ERRNO=ERR_WAIT_MAXTIME OR ERRNO=ERR_TP_MAXTIME THEN",
+        '      TPWrite "counterflex: something that the program waits for did not come in time";',
         f"      EGMReset {IDENTITY};",
         "      EXIT;",
         "    ENDIF",
