@@ -22,7 +22,13 @@ from counterflex.identify.parameters import Parameter, Parameters
 from counterflex.identify.placed_frame import PlacedFrame, frame_parameters
 from counterflex.identify.plane_residuals import PlaneResiduals, find_plane
 from counterflex.identify.residuals import Residuals
-from counterflex.identify.tracker_data import arm_as_known, has_orientation, start_frames, tracker_residuals
+from counterflex.identify.tracker_data import (
+    arm_as_known,
+    fixes_target,
+    has_orientation,
+    start_frames,
+    tracker_residuals,
+)
 
 TRACKER = "T_base_tracker"
 TARGET = "T_tcp_target"
@@ -93,8 +99,13 @@ def set_up(
     """
     frames = Frames(first=len(model.parameters))
     everything = [*data, *holdout]
-    # Poses fix tracker and target at once; what has only points or fiducials then finds its tracker placed already.
-    order = sorted(range(len(everything)), key=lambda i: KINDS.index(everything[i].kind))
+    # Poses fix tracker and target at once; what has only points or fiducials then finds its tracker placed already, and
+    # poses that do not turn find their target.
+    fixing = [d.kind in POSE_KINDS and fixes_target(cell, d) for d in everything]
+    order = sorted(
+        range(len(everything)),
+        key=lambda i: (not fixing[i], KINDS.index(everything[i].kind), i >= len(data), -len(everything[i])),
+    )
     built: dict[int, list[Residuals]] = {}
     for i in order:
         built[i] = _residuals(cell, model, everything[i], frames, known)
@@ -149,6 +160,16 @@ def by_channel(d: Dataset, channel: str) -> list[tuple[str, Dataset]]:
     return [(str(k), replace(d.rows(number == k), name=f"{d.name}, {channel} {k}")) for k in np.unique(number)]
 
 
+def station_of(d: Dataset) -> str:
+    """What the data call the place of their tracker; empty is that of the cell."""
+    return str(d.settings.get("tracker", ""))
+
+
+def tool_of(d: Dataset, number: str = "") -> str:
+    """What the data call their target, or its number; empty is that of the cell."""
+    return str(d.settings.get("target", number))
+
+
 def _named(name: str, key: str) -> str:
     return f"{name}[{key}]" if key else name
 
@@ -172,15 +193,15 @@ def _tracker(
     known: KnownFrames | None,
     number: str,
 ) -> Residuals:
-    station, tool = str(d.settings.get("tracker", "")), str(d.settings.get("target", number))
+    station, tool = station_of(d), tool_of(d, number)
     tracker, target = _named(TRACKER, station), _named(TARGET, tool)
-    if tracker in frames.placed and target in frames.placed:
-        T_base_tracker, T_tcp_target = frames.placed[tracker].T0, frames.placed[target].T0
-    else:
-        found = start_frames(cell, d)
-        T_base_tracker, T_tcp_target = found.T_base_tracker, found.T_tcp_target
     main = known if not station else None
     mine = known if not tool else None
+    Z0 = frames.placed[tracker].T0 if tracker in frames.placed else None if main is None else main.T_base_tracker
+    X0 = frames.placed[target].T0 if target in frames.placed else None if mine is None else mine.T_tcp_target
+    if Z0 is None or X0 is None:
+        found = start_frames(cell, d, partly=True, target=X0, tracker=Z0)
+        Z0, X0 = found.T_base_tracker, found.T_tcp_target
     arm = model.at(known_drive_errors(cell).link_angles(d.values("q")))
     return tracker_residuals(
         d,
@@ -188,14 +209,14 @@ def _tracker(
         _placed(
             frames,
             tracker,
-            T_base_tracker if main is None else main.T_base_tracker,
+            Z0,
             f"tracker {station} in the base".replace("  ", " "),
             None if main is None else main.sigma,
         ),
         _placed(
             frames,
             target,
-            T_tcp_target if mine is None else mine.T_tcp_target,
+            X0,
             f"target {tool} on the tool".replace("  ", " "),
             None if mine is None else mine.target_sigma,
             point=not has_orientation(d),

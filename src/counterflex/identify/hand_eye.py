@@ -1,32 +1,46 @@
-"""Where the tracker stands and where its target sits, from robot poses: closed form, and robust to gross errors.
+"""Where the tracker stands and where its target sits, from robot poses: linear on all poses, robust to gross errors.
 
 Robot poses ``A_i = T_base_tcp`` and measured ``B_i = T_tracker_target`` obey ``A_i X = Z B_i``: ``X = T_tcp_target``
-and ``Z = T_base_tracker``. The rotations are the common null vector of ``R_A R_X - R_Z R_B = 0``, a linear system in
-their 18 entries; then the positions are linear. From points alone the rotation comes from rigid registration, in turns
-with the reflector's offset.
+and ``Z = T_base_tracker``. Several linear starts are refined by Gauss-Newton, and the one that leaves least is taken:
 
-Source: M. Shah, J. Mechanisms Robotics 5 (2013) 031007 (separable Kronecker solution of AX = YB).
+- rotations as the common null vector of ``R_A R_X - R_Z R_B = 0``, then the positions. Poses that turn about one axis
+  only leave a null space of three dimensions, of which noise picks any vector;
+- rotations and positions together, in 24 unknowns: the positions then fix what the rotations leave open;
+- the rotation of the tracker by registration of the points alone, as if the target sat at the TCP.
+
+Where the poses turn about one axis only, the offset of the target along it goes with the place of the tracker: it is
+left at zero, and told (:attr:`HandEye.open`).
+
+Source: M. Shah, J. Mechanisms Robotics 5 (2013) 031007 (separable Kronecker solution of AX = YB); A. Li, L. Wang,
+D. Wu, Int. J. Phys. Sci. 5 (2010) 1530 (rotations and positions together).
 """
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_float
 from counterflex.core.errors import InputError
-from counterflex.geometry import pose
+from counterflex.geometry import pose, rotation
+from counterflex.geometry.registration import register
 
 FEWEST: Final = 3
 TRIALS: Final = 200
 LENGTH_M: Final = 0.5
 """Arm at which a rotation error counts like a position error where both are judged together."""
+LEAST_TURN_RAD: Final = 0.01
+"""Root mean square turn below which poses say nothing about an offset across it."""
 _SAMPLE = 5
 _POINT_SAMPLE = 8
-_LEAST_TURN = 1e-3
+_STEPS = 8
+_AT_REST = 1e-7
+_ALIKE_RAD = 0.02
+_LEAST_GAP = 1e-3
 _INLIER = 6.0
 
 
@@ -39,12 +53,14 @@ class HandEye:
         T_tcp_target: (4, 4); its rotation is identity where only points were measured.
         error_m: (m,) distance of each measurement from its prediction, rotations counted at :data:`LENGTH_M`.
         good: (m,) measurements that are no gross errors.
+        open: (k, 3) unit vectors in the axes of the TCP along which the poses do not tell the target's offset.
     """
 
     T_base_tracker: Float
     T_tcp_target: Float
     error_m: Float
     good: Bool
+    open: Float = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def median_m(self) -> float:
@@ -52,18 +68,44 @@ class HandEye:
         return float(np.median(self.error_m))
 
 
-def of_poses(Ts_base_tcp: Float, Ts_tracker_target: Float) -> tuple[Float, Float]:
+def open_offsets(Ts_base_tcp: Float) -> Float:
+    """Directions (k, 3) in the axes of the TCP in which poses (m, 4, 4) do not tell an offset: they hardly turn it."""
+    R = Ts_base_tcp[:, :3, :3]
+    _, s, vt = np.linalg.svd((R - R.mean(axis=0)).reshape(-1, 3), full_matrices=False)
+    out: Float = vt[s < LEAST_TURN_RAD * np.sqrt(len(R))]
+    return out
+
+
+def _check_turns(A: Float, most_open: int) -> None:
+    left_open = len(open_offsets(A))
+    if left_open <= most_open:
+        return
+    constant = left_open == 3
+    raise InputError(
+        "the poses keep one orientation, so the target's offset is free"
+        if constant
+        else "the poses do not turn the target about two different axes, so its offset is free",
+        value=f"{len(A)} poses",
+        limit=f"turned by {np.degrees(LEAST_TURN_RAD):.2g} deg root mean square",
+        hint="Measure poses with the wrist turned by 30 deg or more about different axes"
+        + (", or give data of the same target that fix it beside these" if constant else ""),
+    )
+
+
+def of_poses(Ts_base_tcp: Float, Ts_tracker_target: Float, *, partly: bool = False) -> tuple[Float, Float]:
     """Tracker and target by least squares over all poses.
 
     Args:
         Ts_base_tcp: (m, 4, 4) robot poses, m.
         Ts_tracker_target: (m, 4, 4) measured poses.
+        partly: Poses that turn about one axis only will do; the target's offset along it is zero then.
 
     Returns:
         T_base_tracker (4, 4), T_tcp_target (4, 4).
 
     Raises:
-        InputError: Fewer than three poses, or poses that do not turn about two different axes.
+        InputError: Fewer than three poses, poses that do not turn about two different axes (with ``partly``: that keep
+            one orientation).
     """
     A = as_float("Ts_base_tcp", Ts_base_tcp, (None, 4, 4))
     B = as_float("Ts_tracker_target", Ts_tracker_target, (None, 4, 4))
@@ -71,24 +113,169 @@ def of_poses(Ts_base_tcp: Float, Ts_tracker_target: Float) -> tuple[Float, Float
         raise InputError(
             "hand-eye calibration needs matching poses", value=(len(A), len(B)), limit=f"{FEWEST} or more each"
         )
-    RA, RB = A[:, :3, :3], B[:, :3, :3]
-    # R_A R_X = R_Z R_B  <=>  sum over i of kron(R_B, R_A) carries vec(R_X) to n vec(R_Z): its largest singular pair.
-    K = np.einsum("mab,mcd->acbd", RB, RA).reshape(9, 9) / len(A)
-    u, s, vt = np.linalg.svd(K)
-    if s[1] > 1.0 - _LEAST_TURN**2:
-        raise InputError(
-            "the poses do not turn the target about two different axes, so its offset is free",
-            value=f"{len(A)} poses",
-            hint="Measure poses with the wrist turned by 30 deg or more about different axes",
-        )
-    R_X, R_Z = _proper(vt[0].reshape(3, 3).T), _proper(u[:, 0].reshape(3, 3).T)
-    if np.linalg.det(vt[0].reshape(3, 3)) < 0.0:
-        R_X, R_Z = _proper(-vt[0].reshape(3, 3).T), _proper(-u[:, 0].reshape(3, 3).T)
-    m = len(A)
-    left = np.concatenate([RA, np.broadcast_to(-np.eye(3), (m, 3, 3))], axis=-1).reshape(-1, 6)
-    right = (B[:, :3, 3] @ R_Z.T - A[:, :3, 3]).reshape(-1)
-    t, *_ = np.linalg.lstsq(left, right, rcond=None)
+    _check_turns(A, 1 if partly else 0)
+    found = [_refined(A, B, R_Z) for R_Z in _different(_tracker_rotations(A, B))]
+    return min(found, key=lambda pair: float(np.sum(error_of(A, B, *pair) ** 2)))
+
+
+def error_of(Ts_base_tcp: Float, measured: Float, T_base_tracker: Float, T_tcp_target: Float) -> Float:
+    """(m,) m distance of measured (m, 4, 4) poses or (m, 3) points from prediction, rotations at :data:`LENGTH_M`."""
+    T = pose.inverse(T_base_tracker) @ Ts_base_tcp @ T_tcp_target
+    if measured.ndim == 2:
+        out: Float = np.linalg.norm(T[:, :3, 3] - measured, axis=1)
+        return out
+    d = pose.difference(T, measured)
+    both: Float = np.sqrt(np.sum(d[:, :3] ** 2, axis=1) + LENGTH_M**2 * np.sum(d[:, 3:] ** 2, axis=1))
+    return both
+
+
+def _quick(A: Float, B: Float, partly: bool) -> tuple[Float, Float]:
+    """Frames by one linear way, not refined: rotations first where they tell, else together with the positions."""
+    _check_turns(A, 1 if partly else 0)
+    R_Z, alone = _by_rotations(A, B)
+    if not alone:
+        R_Z = _together(A, B)
+    RA, m = A[:, :3, :3], len(A)
+    R_X = _proper(np.einsum("mji,jk,mkl->il", RA, R_Z, B[:, :3, :3]))
+    t = _least(_place_rows(RA), (B[:, :3, 3] @ R_Z.T - A[:, :3, 3]).reshape(-1), m)
     return pose.make(R_Z, t[3:]), pose.make(R_X, t[:3])
+
+
+def _tracker_rotations(A: Float, B: Float) -> list[Float]:
+    """Starts for R_base_tracker, each by another linear way."""
+    out = [_by_rotations(A, B)[0], _together(A, B)]
+    with contextlib.suppress(InputError):  # points on one line: the other ways remain
+        out.append(register(A[:, :3, 3], B[:, :3, 3])[0][:3, :3])
+    return out
+
+
+def _by_rotations(A: Float, B: Float) -> tuple[Float, bool]:
+    """R_base_tracker from rotations alone, and whether they tell it: the poses turn about two different axes."""
+    # R_A R_X = R_Z R_B  <=>  sum over i of kron(R_B, R_A) carries vec(R_X) to n vec(R_Z): its largest singular pair.
+    u, s, _ = np.linalg.svd(np.einsum("mab,mcd->acbd", B[:, :3, :3], A[:, :3, :3]).reshape(9, 9) / len(A))
+    M = u[:, 0].reshape(3, 3).T
+    turned = -1.0 if np.linalg.det(M) < 0.0 else 1.0
+    return _proper(turned * M), bool(s[1] < 1.0 - _LEAST_GAP)
+
+
+def _together(A: Float, B: Float) -> Float:
+    """R_base_tracker with rotations and positions together."""
+    RA, RB, m = A[:, :3, :3], B[:, :3, :3], len(A)
+    # Unknowns: R_X column by column, then those of the points; orientations count at LENGTH_M.
+    turn = np.zeros((m, 3, 3, 24))  # rows and columns of the equation
+    for c in range(3):
+        turn[:, :, c, 3 * c : 3 * c + 3] = RA
+        for k in range(3):
+            turn[:, :, c, 9 + 3 * k : 12 + 3 * k] = -RB[:, k, c, None, None] * np.eye(3)
+    place, right = _point_rows(A, B[:, :3, 3])
+    rows = np.concatenate([LENGTH_M * turn.reshape(-1, 24), np.pad(place, ((0, 0), (9, 0)))])
+    x, *_ = np.linalg.lstsq(rows, np.concatenate([np.zeros(9 * m), right]), rcond=None)
+    return _proper(x[9:18].reshape(3, 3).T)
+
+
+def _place_rows(RA: Float) -> Float:
+    """Rows (3 m, 6) of the offset of the target and the place of the tracker."""
+    out: Float = np.concatenate([RA, np.broadcast_to(-np.eye(3), RA.shape)], axis=-1).reshape(-1, 6)
+    return out
+
+
+def _point_rows(A: Float, p: Float) -> tuple[Float, Float]:
+    """Rows (3 m, 15) and right side of ``R_A t_X + t_A = R_Z p + t_Z``, linear in R_Z (by columns), t_X, t_Z."""
+    eye = np.eye(3)
+    place = np.zeros((len(A), 3, 15))
+    for k in range(3):
+        place[:, :, 3 * k : 3 * k + 3] = -p[:, k, None, None] * eye
+    place[:, :, 9:12], place[:, :, 12:] = A[:, :3, :3], -eye
+    return place.reshape(-1, 15), -A[:, :3, 3].reshape(-1)
+
+
+def _different(starts: list[Float]) -> list[Float]:
+    """Rotations that differ from those before them."""
+    out: list[Float] = []
+    for R in starts:
+        if all(float(np.trace(R.T @ other)) < 1.0 + 2.0 * np.cos(_ALIKE_RAD) for other in out):
+            out.append(R)
+    return out
+
+
+def _refined(A: Float, measured: Float, R_base_tracker: Float) -> tuple[Float, Float]:
+    """All numbers by Gauss-Newton from a rotation of the tracker; what the measurements do not see is not moved."""
+    RA, m, whole = A[:, :3, :3], len(A), measured.ndim == 3
+    p = measured[:, :3, 3] if whole else measured
+    RB = measured[:, :3, :3] if whole else None
+    R_Z, R_X = R_base_tracker, np.eye(3)
+    if RB is not None:
+        R_X = _proper(np.einsum("mji,jk,mkl->il", RA, R_Z, RB))
+    eye, none = np.broadcast_to(np.eye(3), (m, 3, 3)), np.zeros((m, 3, 3))
+    t = _least(_place_rows(RA), (p @ R_Z.T - A[:, :3, 3]).reshape(-1), m)
+    for _ in range(_STEPS):
+        seen = p @ R_Z.T
+        rows = [np.concatenate([RA, -eye, none, rotation.skew(seen)], axis=-1)]
+        off = [np.einsum("mij,j->mi", RA, t[:3]) + A[:, :3, 3] - seen - t[3:]]
+        if RB is not None:
+            rows.append(LENGTH_M * np.concatenate([none, none, RA, -eye], axis=-1))
+            off.append(LENGTH_M * rotation.log(RA @ R_X @ np.swapaxes(R_Z @ RB, -1, -2)))
+        step = _least(np.concatenate(rows, axis=1).reshape(-1, 12), -np.concatenate(off, axis=1).reshape(-1), m)
+        t = t + step[:6]
+        R_X, R_Z = rotation.exp(step[6:9]) @ R_X, rotation.exp(step[9:]) @ R_Z
+        if float(np.max(np.abs(step))) < _AT_REST:
+            break
+    for way in open_offsets(A):  # what goes with the place of the tracker is put there
+        far = way * (way @ t[:3])
+        t = t - np.concatenate([far, RA.mean(axis=0) @ far])
+    return pose.make(R_Z, t[3:]), pose.make(R_X, t[:3])
+
+
+def _least(rows: Float, right: Float, count: int) -> Float:
+    """Least squares that leaves alone what ``count`` poses move by less than :data:`LEAST_TURN_RAD`."""
+    u, s, vt = np.linalg.svd(rows, full_matrices=False)
+    use = s > LEAST_TURN_RAD * np.sqrt(count)
+    out: Float = vt[use].T @ ((u[:, use].T @ right) / s[use])
+    return out
+
+
+def tracker_of_poses(Ts_base_tcp: Float, measured: Float, T_tcp_target: Float, weight: Float | None = None) -> Float:
+    """T_base_tracker (4, 4) by least squares where the target is known.
+
+    Args:
+        Ts_base_tcp: (m, 4, 4) robot poses, m.
+        measured: (m, 4, 4) T_tracker_target, or (m, 3) p_tracker_target.
+        T_tcp_target: (4, 4).
+        weight: (m,) of each row; None is 1.
+
+    Raises:
+        InputError: Points alone that are too few or on one line.
+    """
+    T = Ts_base_tcp @ T_tcp_target
+    w = np.ones(len(T)) if weight is None else weight
+    p = measured if measured.ndim == 2 else measured[:, :3, 3]
+    share = w[:, None] / np.sum(w)
+    centre, seen = np.sum(share * T[:, :3, 3], axis=0), np.sum(share * p, axis=0)
+    M: Float = np.einsum("m,mi,mj->ij", w, T[:, :3, 3] - centre, p - seen)
+    if measured.ndim == 3:
+        M += LENGTH_M**2 * np.einsum("m,mik,mjk->ij", w, T[:, :3, :3], measured[:, :3, :3])
+    elif np.sum(w > 0.0) < FEWEST or np.linalg.svd(M, compute_uv=False)[1] < 1e-12 * np.trace(M.T @ M) ** 0.5:
+        raise InputError("the points lie on one line, so the rotation about it is free", hint="Add a point beside it")
+    R = _proper(np.asarray(M, dtype=np.float64))
+    return pose.make(R, centre - R @ seen)
+
+
+def target_of_poses(Ts_base_tcp: Float, measured: Float, T_base_tracker: Float, weight: Float | None = None) -> Float:
+    """T_tcp_target (4, 4) by least squares where the tracker is known; points give no rotation.
+
+    Args:
+        Ts_base_tcp: (m, 4, 4) robot poses, m.
+        measured: (m, 4, 4) T_tracker_target, or (m, 3) p_tracker_target.
+        T_base_tracker: (4, 4).
+        weight: (m,) of each row; None is 1.
+    """
+    w = np.ones(len(Ts_base_tcp)) if weight is None else weight
+    back = pose.inverse(Ts_base_tcp) @ T_base_tracker
+    p = np.average(pose.transform(back, measured if measured.ndim == 2 else measured[:, :3, 3]), axis=0, weights=w)
+    if measured.ndim == 2:
+        return pose.make(p=p)
+    turned: Float = np.einsum("m,mik,mkj->ij", w, back[:, :3, :3], measured[:, :3, :3])
+    return pose.make(_proper(np.asarray(turned, dtype=np.float64)), p)
 
 
 def _proper(M: Float) -> Float:
@@ -97,43 +284,34 @@ def _proper(M: Float) -> Float:
     return out
 
 
-def of_points(Ts_base_tcp: Float, p_tracker_target: Float, p_tcp_target: Float | None = None) -> tuple[Float, Float]:
-    """Tracker and offset of a reflector by least squares, in turns.
+def of_points(Ts_base_tcp: Float, p_tracker_target: Float, *, partly: bool = False) -> tuple[Float, Float]:
+    """Tracker and offset of a reflector by least squares.
 
     Args:
         Ts_base_tcp: (m, 4, 4) robot poses, m.
         p_tracker_target: (m, 3) measured points.
-        p_tcp_target: (3,) first guess of the offset; None is the tool centre point.
+        partly: As for :func:`of_poses`.
 
     Returns:
-        T_base_tracker (4, 4), T_tcp_target (4, 4) without rotation.
+        T_base_tracker (4, 4), T_tcp_target (4, 4) without rotation; what the poses do not tell of the offset is zero.
 
     Raises:
-        InputError: Fewer than four points, points on one line.
+        InputError: Fewer than four points, points on one line, poses that do not turn, as for :func:`of_poses`.
     """
-    from counterflex.geometry.registration import register
-
     A, p = as_float("Ts_base_tcp", Ts_base_tcp, (None, 4, 4)), as_float("p_tracker_target", p_tracker_target, (None, 3))
     if len(A) != len(p) or len(A) <= FEWEST:
         raise InputError("a reflector's offset needs matching poses", value=(len(A), len(p)), limit="4 or more each")
-    offset = np.zeros(3) if p_tcp_target is None else np.array(p_tcp_target, dtype=np.float64)
-    T_base_tracker = np.eye(4)
-    RA = A[:, :3, :3]
-    for _ in range(30):
-        T_base_tracker, _ = register(pose.transform(A, offset), p)
-        # Position of the tracker and offset together, its rotation held; then once more.
-        left = np.concatenate([RA, np.broadcast_to(-np.eye(3), (len(A), 3, 3))], axis=-1).reshape(-1, 6)
-        right = (p @ T_base_tracker[:3, :3].T - A[:, :3, 3]).reshape(-1)
-        t, *_ = np.linalg.lstsq(left, right, rcond=None)
-        change = float(np.max(np.abs(t[:3] - offset)))
-        offset = t[:3]
-        T_base_tracker = pose.make(T_base_tracker[:3, :3], t[3:])
-        if change < 1e-7:
-            break
-    return T_base_tracker, pose.make(p=offset)
+    _check_turns(A, 1 if partly else 0)
+    rows, right = _point_rows(A, p)
+    x, *_ = np.linalg.lstsq(rows, right, rcond=None)
+    starts = [register(A[:, :3, 3], p)[0][:3, :3], _proper(np.asarray(x[:9], dtype=np.float64).reshape(3, 3).T)]
+    found = [_refined(A, p, R_Z) for R_Z in _different(starts)]
+    return min(found, key=lambda pair: float(np.sum(error_of(A, p, *pair) ** 2)))
 
 
-def robust_of_poses(Ts_base_tcp: Float, Ts_tracker_target: Float, *, seed: int = 0, trials: int = TRIALS) -> HandEye:
+def robust_of_poses(
+    Ts_base_tcp: Float, Ts_tracker_target: Float, *, seed: int = 0, trials: int = TRIALS, partly: bool = False
+) -> HandEye:
     """:func:`of_poses` that survives up to about 40 % of gross errors: the best of many small samples, then refined.
 
     Args:
@@ -141,63 +319,86 @@ def robust_of_poses(Ts_base_tcp: Float, Ts_tracker_target: Float, *, seed: int =
         Ts_tracker_target: (m, 4, 4) measured poses.
         seed: Of the samples.
         trials: Samples; 0 is plain least squares, then refined.
+        partly: As for :func:`of_poses`.
 
     Raises:
         InputError: As :func:`of_poses`.
     """
+    found = _best(
+        len(Ts_base_tcp),
+        _SAMPLE,
+        lambda rows: of_poses(Ts_base_tcp[rows], Ts_tracker_target[rows], partly=partly),
+        lambda rows: _quick(Ts_base_tcp[rows], Ts_tracker_target[rows], partly),
+        lambda rows, R: _refined(Ts_base_tcp[rows], Ts_tracker_target[rows], R),
+        lambda Z, X: error_of(Ts_base_tcp, Ts_tracker_target, Z, X),
+        seed,
+        trials,
+    )
+    return replace(found, open=open_offsets(Ts_base_tcp))
 
-    def error(Z: Float, X: Float) -> Float:
-        T = pose.inverse(Z) @ Ts_base_tcp @ X
-        d = pose.difference(T, Ts_tracker_target)
-        out: Float = np.sqrt(np.sum(d[:, :3] ** 2, axis=1) + LENGTH_M**2 * np.sum(d[:, 3:] ** 2, axis=1))
-        return out
 
+def robust_tracker(Ts_base_tcp: Float, measured: Float, T_tcp_target: Float, *, trials: int = TRIALS) -> HandEye:
+    """:func:`tracker_of_poses` that survives gross errors: the six numbers of the tracker only. Arguments as there."""
     return _best(
         len(Ts_base_tcp),
         _SAMPLE,
-        lambda rows: of_poses(Ts_base_tcp[rows], Ts_tracker_target[rows]),
-        error,
-        seed,
+        lambda rows: (tracker_of_poses(Ts_base_tcp[rows], measured[rows], T_tcp_target), T_tcp_target),
+        None,
+        None,
+        lambda Z, X: error_of(Ts_base_tcp, measured, Z, X),
+        0,
+        trials,
+    )
+
+
+def robust_target(Ts_base_tcp: Float, measured: Float, T_base_tracker: Float, *, trials: int = TRIALS) -> HandEye:
+    """:func:`target_of_poses` that survives gross errors. Arguments as there."""
+    return _best(
+        len(Ts_base_tcp),
+        _SAMPLE,
+        lambda rows: (T_base_tracker, target_of_poses(Ts_base_tcp[rows], measured[rows], T_base_tracker)),
+        None,
+        None,
+        lambda Z, X: error_of(Ts_base_tcp, measured, Z, X),
+        0,
         trials,
     )
 
 
 def robust_of_points(
-    Ts_base_tcp: Float,
-    p_tracker_target: Float,
-    p_tcp_target: Float | None = None,
-    *,
-    seed: int = 0,
-    trials: int = TRIALS,
+    Ts_base_tcp: Float, p_tracker_target: Float, *, seed: int = 0, trials: int = TRIALS, partly: bool = False
 ) -> HandEye:
     """:func:`of_points` that survives gross errors. Arguments and errors as there."""
-
-    def error(Z: Float, X: Float) -> Float:
-        p = pose.transform(pose.inverse(Z), pose.transform(Ts_base_tcp, X[:3, 3]))
-        out: Float = np.linalg.norm(p - p_tracker_target, axis=1)
-        return out
-
-    def fit(rows: Int | Bool) -> tuple[Float, Float]:
-        return of_points(Ts_base_tcp[rows], p_tracker_target[rows], p_tcp_target)
-
-    return _best(len(Ts_base_tcp), _POINT_SAMPLE, fit, error, seed, trials)
+    found = _best(
+        len(Ts_base_tcp),
+        _POINT_SAMPLE,
+        lambda rows: of_points(Ts_base_tcp[rows], p_tracker_target[rows], partly=partly),
+        None,
+        lambda rows, R: _refined(Ts_base_tcp[rows], p_tracker_target[rows], R),
+        lambda Z, X: error_of(Ts_base_tcp, p_tracker_target, Z, X),
+        seed,
+        trials,
+    )
+    return replace(found, open=open_offsets(Ts_base_tcp))
 
 
 def _best(
     count: int,
     sample: int,
     fit: Callable[[Int | Bool], tuple[Float, Float]],
+    quick: Callable[[Int | Bool], tuple[Float, Float]] | None,
+    again: Callable[[Bool, Float], tuple[Float, Float]] | None,
     error: Callable[[Float, Float], Float],
     seed: int,
     trials: int,
 ) -> HandEye:
-    """Least median of errors over random samples, then least squares over what agrees with the best."""
+    """Least median of errors over random samples, fitted quickly, then least squares over what agrees with the best."""
     Z, X = fit(np.ones(count, dtype=np.bool_))
     best = error(Z, X)
     rng = np.random.default_rng(seed)
     for _ in range(trials if count > sample else 0):
         try:
-            trial = fit(rng.choice(count, sample, replace=False).astype(np.int64))
+            trial = (quick or fit)(rng.choice(count, sample, replace=False).astype(np.int64))
         except InputError:  # a sample that does not turn enough says nothing
             continue
         errors = error(*trial)
@@ -206,7 +407,7 @@ def _best(
     for _ in range(5):
         good = best <= _INLIER * max(float(np.median(best)), 1e-12)
         try:
-            trial = fit(good)
+            trial = fit(good) if again is None else again(good, Z[:3, :3])
         except InputError:
             break
         errors = error(*trial)

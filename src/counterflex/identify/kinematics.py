@@ -16,19 +16,30 @@ from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model
 from counterflex.identify.changes import BodyMass, Calibration, Change, ElementCompliance
 from counterflex.identify.data_checks import check_enough, check_finite
 from counterflex.identify.dataset import Dataset
+from counterflex.identify.file_offsets import file_offsets, refuse
 from counterflex.identify.fit import Fit
-from counterflex.identify.geometry_setup import KINDS, POSE_KINDS, TARGET, TRACKER, Setup, by_channel, set_up
+from counterflex.identify.geometry_setup import (
+    KINDS,
+    POSE_KINDS,
+    TARGET,
+    TRACKER,
+    Setup,
+    by_channel,
+    set_up,
+    tool_of,
+)
 from counterflex.identify.holdout import HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.kinematics_proposal import propose
 from counterflex.identify.kinematics_report import figures, headline, pictures, remarks
 from counterflex.identify.known_drives import drive_error_table, known_drive_errors
-from counterflex.identify.known_frames import known_frames, tracker_table
+from counterflex.identify.known_frames import KnownFrames, known_frames, tracker_table
 from counterflex.identify.model import CellModel
 from counterflex.identify.periodic_choice import choose_orders
 from counterflex.identify.pose_residuals import TrackerResiduals
 from counterflex.identify.recipe import Identification, Recipe
 from counterflex.identify.solve import Stop, solve
-from counterflex.identify.tracker_data import check_tracker_data
+from counterflex.identify.suspicion import thinned
+from counterflex.identify.tracker_data import ROBOT_M, check_tracker_data, fixes_target, start_frames
 from counterflex.robot.drive_error import DriveError
 
 SOURCE: Final = "counterflex identify kinematics"
@@ -56,15 +67,17 @@ def identify(
         FileFormatError: A channel is missing.
     """
     options = {**RECIPE.settings, **settings}
-    told = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]))
-    progress(0.1, "checked")
-    priors = priors_of(options)
-    known = known_frames(cell) if options["frames"] == "known" else None
     if options["frames"] not in ("free", "known"):
         raise InputError("unknown setting", where="frames", value=options["frames"], limit="free or known")
+    known = known_frames(cell) if options["frames"] == "known" else None
+    told = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]), known=known)
+    progress(0.1, "checked")
+    priors = priors_of(options)
     model = model_of_data(cell, [*data, *holdout], priors, str(options["sag"]), tied=known is not None)
     setup = set_up(cell, model, data, holdout, known=known)
     check_enough(setup.parameters, setup.blocks)
+    everything = [*data, *holdout]
+    told += _check_offsets(setup, everything, setup.parameters.nominal, options, least_m=ROBOT_M)
     fit = solve(setup.parameters.held(setup.local), setup.blocks)
     progress(0.4, "geometry found")
     orders = _orders(str(options["periodic"]), setup, fit, priors)
@@ -76,6 +89,7 @@ def identify(
         start = np.concatenate([fit.values[:first], np.zeros(len(model.parameters) - first), fit.values[first:]])
         setup = set_up(cell, model, data, holdout, known=known)
         fit = solve(setup.parameters.held(setup.local), setup.blocks, start=start)
+    told += _check_offsets(setup, everything, fit.values, options)
     progress(0.6, "fitted")
     held = _held(setup, holdout, int(options["folds"]), fit)
     return Identification(
@@ -89,8 +103,11 @@ def identify(
     )
 
 
-def _check(cell: CellModel, data: Sequence[Dataset], *, as_stated: bool) -> tuple[str, ...]:
+def _check(
+    cell: CellModel, data: Sequence[Dataset], *, as_stated: bool, known: KnownFrames | None = None
+) -> tuple[str, ...]:
     told: tuple[str, ...] = ()
+    parts = []
     for d in data:
         if d.kind not in KINDS:
             raise InputError(
@@ -98,15 +115,52 @@ def _check(cell: CellModel, data: Sequence[Dataset], *, as_stated: bool) -> tupl
                 limit=", ".join(KINDS),
             )  # fmt: skip
         if d.kind in POSE_KINDS:
-            for _, part in by_channel(d, "target"):
-                told = (*told, *check_tracker_data(cell, part, as_stated=as_stated))
+            parts += [(tool_of(d, number), part) for number, part in by_channel(d, "target")]
         elif d.kind == "fiducials":
             check_finite(d, ["p_base_fiducial", "p_tracker_fiducial"])
         else:
             check_finite(d, ["q", *(["distance"] if d.kind == "distances" else [])])
     if not any(d.kind != "fiducials" for d in data):
         raise InputError("the geometry of the arm needs poses, points, distances or planes", value="only fiducials")
+    # Poses that do not turn enough need others, of the same target, that do.
+    targets = {} if known is None else {"": known.T_tcp_target}
+    fixing = [len(part) == 0 or fixes_target(cell, part) for _, part in parts]
+    for (tool, part), fixed in sorted(zip(parts, fixing, strict=True), key=lambda item: not item[1]):
+        target = None if fixed else targets.get(tool)
+        told = (*told, *check_tracker_data(cell, part, as_stated=as_stated, partly=True, target=target))
+        if fixed and tool not in targets:
+            targets[tool] = start_frames(cell, thinned(part)).T_tcp_target
+        elif not fixed:
+            told = (*told, _not_turning(part, tool, target is not None))
     return told
+
+
+def _check_offsets(
+    setup: Setup, data: Sequence[Dataset], x: Float, options: Mapping[str, Any], *, least_m: float = 0.0
+) -> tuple[str, ...]:
+    """Name files whose tracker or target stands elsewhere than that of the others."""
+    blocks = [b for b in (*setup.blocks, *setup.unseen) if isinstance(b, TrackerResiduals)]
+    owners = [d for d in data if d.kind in POSE_KINDS for _ in by_channel(d, "target")]
+    fitted = sum(isinstance(b, TrackerResiduals) for b in setup.blocks)
+    found = file_offsets(blocks, x, fitted=fitted, least_m=least_m)
+    # A few tenths of a millimetre on data not used may be the arm's own error where these are: told, not refused.
+    told = [o for o in found if o.place >= fitted and least_m == 0.0]
+    remarks = tuple(f"{o.sentence()}. If it was moved, {o.remedy()}." for o in told)
+    rest = [o for o in found if o not in told]
+    where = [d.where or d.name for d in owners]
+    return (*refuse(rest, where, as_stated=bool(options["as_stated"])), *remarks)
+
+
+def _not_turning(d: Dataset, tool: str, known: bool) -> str:
+    whose = f"target '{tool}'" if tool else "target"
+    if known:
+        return (
+            f"{d.name} hardly turns the tool: its {whose} is that of the other data, its tracker was found by itself."
+        )
+    return (
+        f"{d.name} turns the tool about one axis only: the offset of the {whose} along it is not told from the place "
+        "of the tracker and was left at zero."
+    )
 
 
 def priors_of(options: Mapping[str, Any]) -> ArmPriors:

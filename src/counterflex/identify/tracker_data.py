@@ -15,7 +15,15 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.arm_geometry import ArmGeometry, displaced_arm
 from counterflex.identify.data_checks import check_finite, check_repeats
 from counterflex.identify.dataset import Dataset
-from counterflex.identify.hand_eye import TRIALS, HandEye, robust_of_points, robust_of_poses
+from counterflex.identify.hand_eye import (
+    TRIALS,
+    HandEye,
+    open_offsets,
+    robust_of_points,
+    robust_of_poses,
+    robust_target,
+    robust_tracker,
+)
 from counterflex.identify.known_drives import known_drive_errors
 from counterflex.identify.model import CellModel
 from counterflex.identify.placed_frame import PlacedFrame
@@ -104,13 +112,32 @@ def tracker_residuals(
     return TrackerResiduals(d.name, d.group, sigma, arm, tracker, target, position.values, R)
 
 
-def check_tracker_data(cell: CellModel, d: Dataset, *, as_stated: bool = False) -> tuple[str, ...]:
+def measured_of(d: Dataset) -> Float:
+    """What the tracker saw: poses (m, 4, 4) T_tracker_target, or points (m, 3) p_tracker_target."""
+    return pose.make(d.values(ORIENTATION), d.values(POINT)) if has_orientation(d) else d.values(POINT)
+
+
+def fixes_target(cell: CellModel, d: Dataset) -> bool:
+    """Whether poses turn enough that they tell the target's whole offset on the tool."""
+    return len(d) >= FEWEST and len(open_offsets(arm_of(cell, d).poses(np.zeros(0)))) == 0
+
+
+def check_tracker_data(
+    cell: CellModel,
+    d: Dataset,
+    *,
+    as_stated: bool = False,
+    partly: bool = False,
+    target: Float | None = None,
+) -> tuple[str, ...]:
     """Refuse what a fit would hide: gaps, too few poses, contradicting repeats, another reading that fits far better.
 
     Args:
         cell: Its robot predicts the poses.
         d: Poses or points.
         as_stated: The user insists on the data as they are.
+        partly: Poses that turn about one axis only will do.
+        target: T_tcp_target (4, 4) where other data fix it: only the tracker is looked for.
 
     Returns:
         Remarks.
@@ -132,13 +159,17 @@ def check_tracker_data(cell: CellModel, d: Dataset, *, as_stated: bool = False) 
             hint="Measure poses that differ in position and orientation",
         )
     check_repeats(d, POINT, same=(told,))
-    _check_poses_fix(cell, d)
+    # Poses that leave a frame open are refused by the hand-eye calibration with its reason.
+    start_frames(cell, thinned(d), trials=0, partly=partly, target=target)
     remarks = check_reading(
-        d, readings_of(d), lambda sample: _misfit(cell, sample), as_stated=as_stated, rows=_READ_ROWS
+        d,
+        readings_of(d),
+        lambda sample: _misfit(cell, sample, partly, target),
+        as_stated=as_stated,
+        rows=_READ_ROWS,
     )
     if not remarks and not as_stated:
-        sample = thinned(d)
-        left = float(np.median(start_frames(cell, sample).error_m))
+        left = float(np.median(start_frames(cell, thinned(d), partly=partly, target=target).error_m))
         if left > 2.0 * ROBOT_M:
             raise InputError(
                 "the measurements contradict the robot",
@@ -150,32 +181,42 @@ def check_tracker_data(cell: CellModel, d: Dataset, *, as_stated: bool = False) 
     return remarks
 
 
-def _check_poses_fix(cell: CellModel, d: Dataset) -> None:
-    """Poses that leave a frame open are refused by the hand-eye calibration with its reason."""
-    start_frames(cell, thinned(d), trials=0)
-
-
-def start_frames(cell: CellModel, d: Dataset, *, trials: int = TRIALS) -> HandEye:
+def start_frames(
+    cell: CellModel,
+    d: Dataset,
+    *,
+    trials: int = TRIALS,
+    partly: bool = False,
+    target: Float | None = None,
+    tracker: Float | None = None,
+) -> HandEye:
     """Robust first estimate of tracker and target from a dataset of poses or points.
 
     Args:
         cell: Its robot predicts the poses.
         d: Poses or points.
         trials: Random samples; 0 is plain least squares.
+        partly: Poses that turn about one axis only will do, see :func:`counterflex.identify.hand_eye.of_poses`.
+        target: T_tcp_target (4, 4) where it is known: only the tracker is looked for.
+        tracker: T_base_tracker (4, 4) where it is known: only the target is looked for.
 
     Raises:
         InputError: Poses that do not turn, too few, on one line.
     """
-    Ts, p = arm_of(cell, d).poses(np.zeros(0)), d.values(POINT)
+    Ts, measured = arm_of(cell, d).poses(np.zeros(0)), measured_of(d)
+    if target is not None:
+        return robust_tracker(Ts, measured, target, trials=trials)
+    if tracker is not None:
+        return robust_target(Ts, measured, tracker, trials=trials)
     if has_orientation(d):
-        return robust_of_poses(Ts, pose.make(d.values(ORIENTATION), p), trials=trials)
-    return robust_of_points(Ts, p, trials=trials)
+        return robust_of_poses(Ts, measured, trials=trials, partly=partly)
+    return robust_of_points(Ts, measured, trials=trials, partly=partly)
 
 
-def _misfit(cell: CellModel, d: Dataset) -> Misfit:
-    found = start_frames(cell, d, trials=_QUICK_TRIALS)
+def _misfit(cell: CellModel, d: Dataset, partly: bool, target: Float | None) -> Misfit:
+    found = start_frames(cell, d, trials=_QUICK_TRIALS, partly=partly, target=target)
     numbers = len(d) * (6 if has_orientation(d) else 3)
-    return Misfit(found.error_m / ROBOT_M, np.zeros(0), float(max(numbers - 12, 1)))
+    return Misfit(found.error_m / ROBOT_M, np.zeros(0), float(max(numbers - (12 if target is None else 6), 1)))
 
 
 def readings_of(d: Dataset) -> tuple[Reading, ...]:
