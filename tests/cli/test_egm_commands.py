@@ -93,11 +93,11 @@ def test_bad_input_is_one_clear_line(tmp_path: Path, cell: Path) -> None:
     assert not out.exists()
     text = cell.read_text(encoding="utf-8")
     cell.write_text(text + "\n[egm]\ntimeout_ms = 1000\n", encoding="utf-8")
-    _, said = told("egm", "make", "--cell", cell, "--program", tmp_path / "p.mod", "--out", out)
+    _, said = told("egm", "make", "--cell", cell, "--program", tmp_path / "main.mod", "--out", out)
     assert "timeout_ms" in said
     assert "100" in said
 
 
 def test_run_and_twin_need_one_protocol(tmp_path: Path, cell: Path) -> None:
     _, said = told("run", "--cell", cell, "--out", tmp_path / "log")
-    assert "Give --rsi FILE for a KUKA robot, --egm for an ABB one" in said
+    assert "--rsi FILE for a KUKA robot or --egm for an ABB one" in said
