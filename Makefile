@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo test check docs docs-html bench-smoke clean
+.PHONY: demo test check docs docs-html pages bench-smoke clean
 
 demo: $(VENV)/.installed-run  ## Install, run the main job on embedded data, print a table, write an HTML report.
 	$(BIN)/counterflex demo --out out/demo
@@ -26,6 +26,11 @@ docs: $(VENV)/.installed-dev  ## Run every example and every command printed in 
 docs-html: $(VENV)-docs/.installed  ## Build the documentation as HTML in docs/_build/html.
 	$(VENV)-docs/bin/sphinx-build -q -W --keep-going -b html docs docs/_build/html
 	@echo docs/_build/html/index.html
+
+pages: $(VENV)/.installed-dev  ## Open both report pages in Chromium at three widths and on A4.
+	$(BIN)/counterflex compensate examples/programs/groove.ngc --cell examples/cells/kr300_d16_small.toml --out out/pages/plan
+	$(BIN)/counterflex prove examples/programs/groove.ngc --cell examples/cells/kr300_d16_small.toml --out out/pages/proof
+	$(BIN)/python tools/check_pages.py out/pages/plan/report.html out/pages/proof/report.html
 
 bench-smoke: $(VENV)/.installed-dev  ## Run every benchmark briefly.
 	for bench in benchmarks/*.py; do echo "== $$bench"; $(BIN)/python $$bench --quick || exit 1; done

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,7 @@ from counterflex.report import (
     write_page,
 )
 from counterflex.report.colours import edges_mm, scale_limit_mm
+from counterflex.report.data import CellDrawing
 from counterflex.report.distribution_figure import area_shares
 
 CUTTER = Cutter(diameter_m=16e-3, flutes=3)
@@ -351,8 +353,75 @@ def prediction(n: int = 400) -> PredictionData:
         deflection_m=deflection,
         correction_m=-deflection,
         force_n=force,
+        cutting=force > 250.0,
+        line=np.arange(n, dtype=np.int64),
         facts=(Fact("Robot", "KR 300"),),
     )
+
+
+def drawing() -> CellDrawing:
+    links = np.array([[0.0, 0, 0], [0, 0, 0.7], [0.3, 0.1, 1.8], [1.5, 0.5, 1.4], [1.5, 0.5, 1.1]])
+    blank = np.array([[1.2 + 0.4 * (i & 1), 0.2 + 0.3 * (i >> 1 & 1), 0.8 + 0.2 * (i >> 2)] for i in range(8)])
+    reach = (np.array([[0.5, 2.0], [2.5, 1.0]]), np.array([[2.5, 1.0], [0.5, 2.0]]))
+    return CellDrawing(NASTY, "Posture of the largest deflection", links, 3, reach, blank, blank[:4])
+
+
+def test_headline_curve_and_drawing_say_what_the_data_say() -> None:
+    """Judged by what is in the page: the numbers in its JSON against the arrays that went in, by NumPy alone."""
+    before = np.abs(np.sin(np.arange(400) / 30.0)) * 8e-4
+    data = replace(
+        prediction(),
+        error_before_m=before,
+        error_after_m=0.1 * before,
+        headline_mm=(0.8, 0.08, 0.81, 0.2),
+        drawing=drawing(),
+        load=(Fact("Copy", "part.src, part.dat"),),
+        next_steps=("Try it first", "Then mill"),
+    )
+    page = prediction_page(data)
+    text = " ".join(outline(page).text)
+    for word in ("0.800", "0.080", "−90 %", "−75 %", "part.src, part.dat", "Try it first", "Then mill"):
+        assert word in text
+    figures = json.loads(re.findall(r'id="figures">(.*?)</script>', page, re.DOTALL)[0])
+    length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(data.p_part_tcp, axis=0), axis=1))]
+    for trace, error in zip(figures["remaining"]["data"], (before, 0.1 * before), strict=True):
+        shown = np.array([np.nan if y is None else y for y in trace["y"]])
+        np.testing.assert_array_equal(np.isnan(shown), ~data.cutting)
+        np.testing.assert_allclose(shown[data.cutting], error[data.cutting] * 1e6, atol=0.051)
+        np.testing.assert_allclose(trace["x"], length, atol=5.1e-5)
+    cut = figures["space"]["data"][1]
+    np.testing.assert_allclose(cut["marker"]["color"], 0.1 * before[data.cutting] * 1e6, atol=0.051)
+    np.testing.assert_allclose(cut["z"], data.p_part_tcp[data.cutting, 2] * 1e3, atol=0.0051)
+    assert cut["customdata"] == np.flatnonzero(data.cutting).tolist()
+    tool = [t for t in figures["cell"]["data"] if t["name"] == "tool"]
+    along = np.hypot(1.5, 0.5) * 1e3
+    np.testing.assert_allclose(tool[0]["x"], [along, along], atol=0.1)  # from the side: distance from axis 1
+    np.testing.assert_allclose(tool[0]["y"], [1400.0, 1100.0], atol=0.1)
+    np.testing.assert_allclose(tool[1]["x"] + tool[1]["y"], [1500.0, 1500.0, 500.0, 500.0], atol=0.1)
+    circle = next(t for t in figures["cell"]["data"] if t["xaxis"] == "x2" and t["name"].startswith("reach"))
+    np.testing.assert_allclose(np.hypot(circle["x"], circle["y"]), 2500.0, atol=0.2)
+
+
+def test_a_result_that_is_worse_is_shown_as_worse() -> None:
+    size = np.full(400, 1e-4)
+    data = replace(prediction(), error_before_m=size, error_after_m=2 * size, headline_mm=(0.1, 0.2, 0.1, 0.2))
+    page = prediction_page(data)
+    assert page.count('class="change worse">+100 %') == 2
+
+
+def test_features_out_of_tolerance_stand_on_top(job: tuple[ReportData, dict[str, Any]]) -> None:
+    data, _ = job
+    missed = sum(abs(row.worst_m["compensated"] - row.nominal_m) > row.tolerance_m for row in data.features)
+    text = " ".join(outline(report_page(data)).text)
+    if missed:
+        assert f"{missed} of {len(data.features)} features out of tolerance" in text
+    good = replace(data, features=tuple(replace(row, tolerance_m=1.0) for row in data.features))
+    assert f"All {len(data.features)} features within tolerance" in " ".join(outline(report_page(good)).text)
+    bad = replace(data, features=tuple(replace(row, tolerance_m=-1.0) for row in data.features))
+    text = " ".join(outline(report_page(bad)).text)
+    assert f"{len(data.features)} of {len(data.features)} features out of tolerance" in text
+    assert text.index("out of tolerance") < text.index("Path error, 99.7 %")
+    assert "tolerance" not in " ".join(outline(report_page(replace(data, features=()))).text).split("Path error")[0]
 
 
 def test_prediction_page_says_that_nothing_was_machined() -> None:

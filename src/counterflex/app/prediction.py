@@ -10,6 +10,8 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.assumptions import assumptions, robot_name
+from counterflex.app.cell_drawing import drawing
+from counterflex.app.next_steps import after_compensation, to_load
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.figures import weighted_figures
@@ -116,4 +118,23 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionDat
         timing=(Fact("Planning", f"{summary['seconds']:.1f} s"),),
         versions={"counterflex": __version__, "Python": platform.python_version(), "NumPy": np.__version__},
         notes=tuple(notes),
+        cutting=plan.cutting,
+        line=plan.line,
+        **_errors(plan, found),
+        drawing=drawing(plan, cell),
+        load=to_load(summary, cell),
+        next_steps=after_compensation(summary, cell),
     )
+
+
+def _errors(plan: Plan, found: dict[str, Any]) -> dict[str, Any]:
+    """Predicted error along the path and its figures, where it was predicted."""
+    if "predicted_compensated" not in found:
+        return {}
+    before, after = (
+        np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)
+        for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part)
+    )
+    first, last = found["predicted_nominal"], found["predicted_compensated"]
+    headline = (first["p997_mm"], last["p997_mm"], first["max_mm"], last["max_mm"])
+    return {"error_before_m": before, "error_after_m": after, "headline_mm": headline}

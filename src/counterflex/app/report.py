@@ -13,8 +13,10 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app import simulate
 from counterflex.app.assumptions import assumptions, robot_name, title_of
+from counterflex.app.cell_drawing import drawing
 from counterflex.app.evaluate import Comparison, Judged, features
 from counterflex.app.inputs import setting_of
+from counterflex.app.next_steps import after_proof
 from counterflex.app.prediction import figures
 from counterflex.app.prove import FIRST_SEED, Proof
 from counterflex.app.truth import truth_of
@@ -78,6 +80,7 @@ def _page(comparison: Comparison, plan: Plan, found: Mapping[str, Any], timing: 
             "as the cell file says" if truth.seed is None else f"truth seed {truth.seed}",
         ),
     )
+    measured = features(comparison.reference, comparison.judged)
     return report_page(
         ReportData(
             title=title_of(comparison.reference.job.program),
@@ -90,7 +93,9 @@ def _page(comparison: Comparison, plan: Plan, found: Mapping[str, Any], timing: 
             nominal_surface=comparison.reference.surface,
             engagement_label="axial depth, mm",
             engagement_scale=1.0 / MM,
-            features=features(comparison.reference, comparison.judged),
+            features=measured,
+            drawing=drawing(plan, cell),
+            next_steps=after_proof(measured, comparison.summary),
             budget=budget(plan, before.deviation, cell),
             assumptions=assumptions(cell),
             differences=tuple(

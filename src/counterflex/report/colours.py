@@ -18,6 +18,7 @@ COLOUR_BLIND: Final = (
     "#ffffff",
     "#fde3c0", "#fdc98b", "#f6a956", "#e68a26", "#cb6d0d", "#a3530a", "#7f3b08",
 )  # fmt: skip
+NOT_MACHINED: Final = "#b9c1c9"
 BEFORE: Final = "#c2410c"
 AFTER: Final = "#0369a1"
 

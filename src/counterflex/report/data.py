@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.evaluate.error_budget import BudgetLine
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.path_deviation import PathDeviation
@@ -61,6 +61,30 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class CellDrawing:
+    """The robot in one posture, its reach and the blank: what the page draws from the side and from above.
+
+    Attributes:
+        robot: Name.
+        caption: What is special about the posture, for example the line and axes of the largest deflection.
+        links_m: (k, 3) m, base frame: foot of the robot, its axes from the foot outward, flange, tool tip.
+        flange: Index of the flange in ``links_m``; what lies behind it is the tool.
+        reach_m: Curves (m, 2) m, horizontal distance from axis 1 and height of the flange with the wrist stretched:
+            the border of what the joint limits of axes 2 and 3 allow.
+        blank_m: (8, 3) m, corners of the blank, base frame.
+        path_m: (n, 3) m, tool tip along the feed motions, base frame, thinned.
+    """
+
+    robot: str
+    caption: str
+    links_m: Float
+    flange: int
+    reach_m: tuple[Float, ...]
+    blank_m: Float
+    path_m: Float
+
+
+@dataclass(frozen=True)
 class VariantData:
     """One machining as the report shows it.
 
@@ -97,6 +121,8 @@ class ReportData:
         timing: Steps of the job and what they took.
         versions: Program and library names to versions.
         notes: Paragraphs below the headline that the reader must know (what was simulated, what was not).
+        drawing: Robot, reach and blank, or None.
+        next_steps: What to do with the result, most important first.
     """
 
     title: str
@@ -116,6 +142,8 @@ class ReportData:
     timing: tuple[Fact, ...] = ()
     versions: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    drawing: CellDrawing | None = None
+    next_steps: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -131,6 +159,16 @@ class PredictionData:
         deflection_m: (n, 3) m, predicted deflection in part axes, before compensation.
         correction_m: (n, 3) m, correction added to the program.
         force_n: (n,) N, magnitude of the predicted mean force.
+        cutting: (n,) True where material is removed.
+        line: (n,) line of the program.
+        error_before_m: (n,) m, predicted distance of the tool from the programmed path across the feed, without
+            compensation; None where it was not predicted.
+        error_after_m: (n,) m, the same with compensation, or None.
+        headline_mm: 99.7 % of the path error before and after, then the largest before and after, mm, as in
+            ``summary.json``; None where it was not predicted.
+        drawing: Robot in the posture of the largest deflection, reach and blank, or None.
+        load: What to load on the controller, and what must be set there.
+        next_steps: What to do next, in order.
         facts: See :class:`ReportData`.
         assumptions: See there.
         timing: See there.
@@ -146,6 +184,14 @@ class PredictionData:
     deflection_m: Float
     correction_m: Float
     force_n: Float
+    cutting: Bool
+    line: Int
+    error_before_m: Float | None = None
+    error_after_m: Float | None = None
+    headline_mm: tuple[float, float, float, float] | None = None
+    drawing: CellDrawing | None = None
+    load: tuple[Fact, ...] = ()
+    next_steps: tuple[str, ...] = ()
     facts: tuple[Fact, ...] = ()
     assumptions: tuple[Fact, ...] = ()
     timing: tuple[Fact, ...] = ()

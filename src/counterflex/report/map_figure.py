@@ -13,7 +13,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
 from counterflex.report.arrays_json import block
-from counterflex.report.colours import METROLOGY, edges_mm, stepped
+from counterflex.report.colours import METROLOGY, NOT_MACHINED, STEPS, edges_mm, stepped
 
 LIMIT_CELLS: Final = 120_000
 _LIMIT_3D: Final = 16_000
@@ -177,11 +177,39 @@ def map_figure(before: MapPicture, after: MapPicture, places: tuple[Callout, ...
             *(_pointer(place, n, offset) for place, offset in zip(places, offsets, strict=True) for n in (0, 1)),
         ],
     }  # fmt: skip
-    return {"data": data, "layout": layout}
+    return {"data": data, "layout": layout, "narrow": _narrow(height / width, limit_mm)}
+
+
+def _narrow(aspect: float, limit_mm: float) -> dict[str, Any]:
+    """What changes on a narrow screen: the maps one below the other, every third number at the scale."""
+    pixels = min(max(290.0 * aspect, 130.0), 420.0)
+    whole = 2.0 * pixels + 90.0
+    low = (pixels + 8.0) / whole
+    return {
+        "height": round(whole + 150.0),
+        "margin": {"l": 44, "r": 6, "t": 36, "b": 100},
+        "xaxis.domain": [0.0, 1.0],
+        "xaxis.title.text": "",
+        "xaxis2.domain": [0.0, 1.0],
+        "yaxis.domain": [1.0 - pixels / whole, 1.0],
+        "yaxis2.domain": [0.0, pixels / whole],
+        "yaxis2.showticklabels": True,
+        "yaxis2.title.text": "y, mm",
+        "coloraxis.colorbar.y": -58.0 / whole,
+        "coloraxis.colorbar.len": 1.0,
+        "coloraxis.colorbar.tickvals": edges_mm(limit_mm)[::3],
+        "coloraxis.colorbar.title.text": "deviation, mm<br><b>+ = material left</b>, − = too much removed",
+        "annotations[1].x": 0.0,
+        "annotations[1].y": low,
+        "annotations[1].yshift": 12,
+    }
 
 
 def figure_3d(surface: NominalSurface, found: SurfaceDeviation, limit_mm: float) -> dict[str, Any]:
-    """Plotly specification of the nominal part in space, coloured by its deviation; needs WebGL."""
+    """Plotly specification of the nominal part in space, coloured by its deviation; needs WebGL.
+
+    One closed surface: what was not machined has a step of its own behind the scale, so that walls are drawn too.
+    """
     picture = map_picture(surface, found, _LIMIT_3D)
     part = surface.nominal
     k = max(1, math.ceil(math.sqrt(part.z.size / _LIMIT_3D)))
@@ -198,25 +226,27 @@ def figure_3d(surface: NominalSurface, found: SurfaceDeviation, limit_mm: float)
         "data": [
             {
                 **place,
-                "z": block(np.where(np.isnan(colour), np.nan, height)),
-                "surfacecolor": block(np.nan_to_num(colour, nan=0.0)),
+                "z": block(height),
+                "surfacecolor": block(np.where(np.isnan(colour), limit_mm * (1.0 + 1.0 / STEPS), colour)),
                 "cmin": -limit_mm,
-                "cmax": limit_mm,
-                "colorscale": stepped(METROLOGY),
-                "colorbar": {"tickvals": edges_mm(limit_mm), "tickformat": "+.3~f", "thickness": 12, "len": 0.8},
+                "cmax": limit_mm * (1.0 + 2.0 / STEPS),
+                "colorscale": stepped((*METROLOGY, NOT_MACHINED)),
+                "colorbar": {
+                    "orientation": "h",
+                    "y": -0.02,
+                    "yanchor": "top",
+                    "tickvals": edges_mm(limit_mm)[::3],
+                    "tickformat": "+.3~f",
+                    "thickness": 12,
+                    "len": 0.9,
+                    "title": {"text": "deviation, mm", "side": "top"},
+                },
                 "hovertemplate": "%{x:.1f}, %{y:.1f} mm<br>%{surfacecolor:+.3f} mm<extra></extra>",
-            },
-            {
-                **place,
-                "z": block(height - 0.01 * rise),  # what was not machined, just below
-                "colorscale": [[0.0, "#b9c1c9"], [1.0, "#b9c1c9"]],
-                "showscale": False,
-                "hoverinfo": "skip",
             },
         ],
         "layout": {
-            "height": 430,
-            "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
+            "height": 480,
+            "margin": {"l": 0, "r": 0, "t": 0, "b": 70},
             "scene": {
                 "aspectmode": "manual",
                 "aspectratio": {
@@ -227,7 +257,7 @@ def figure_3d(surface: NominalSurface, found: SurfaceDeviation, limit_mm: float)
                 "xaxis": {**axis, "title": {"text": "x, mm"}},
                 "yaxis": {**axis, "title": {"text": "y, mm"}},
                 "zaxis": {**axis, "title": {"text": "z, mm (x 3)"}, "nticks": 4},
-                "camera": {"eye": {"x": -0.45, "y": -1.5, "z": 1.2}, "center": {"x": 0.0, "y": 0.0, "z": -0.1}},
+                "camera": {"eye": {"x": -0.6, "y": -1.9, "z": 1.5}, "center": {"x": 0.0, "y": 0.0, "z": -0.15}},
             },
         },
     }

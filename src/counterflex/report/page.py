@@ -17,11 +17,13 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.evaluate.summary import check_summary, seed_rows, table_rows
 from counterflex.report.arrays_json import script_json
-from counterflex.report.colours import COLOUR_BLIND, METROLOGY, edges_mm, scale_limit_mm, stepped
+from counterflex.report.cell_figure import cell_figure
+from counterflex.report.colours import COLOUR_BLIND, METROLOGY, NOT_MACHINED, STEPS, edges_mm, scale_limit_mm, stepped
 from counterflex.report.data import PredictionData, ReportData
 from counterflex.report.distribution_figure import budget_figure, histogram_figure
 from counterflex.report.glossary import GLOSSARY
 from counterflex.report.map_figure import callouts, figure_3d, map_figure, map_picture
+from counterflex.report.remaining_figure import remaining_figure, space_figure
 from counterflex.report.series_figure import prediction_figure, prediction_map, series_figure, signed_figure
 
 _ROW_NAMES = {
@@ -70,6 +72,8 @@ def report_page(data: ReportData) -> str:
             {"name": f"±{value:g} mm", "limit": value, "ticks": edges_mm(value)}
             for value in ([limit, fine] if fine < limit else [limit])
         ]
+    if data.drawing is not None:
+        figures["cell"] = cell_figure(data.drawing)
     if data.budget:
         figures["budget"] = budget_figure(data.budget)
     return render(
@@ -80,6 +84,7 @@ def report_page(data: ReportData) -> str:
         summary=summary,
         cards=_cards(summary),
         verdict=_verdict(summary),
+        tolerance=_tolerance(data),
         rows=_figure_rows(summary),
         seeds=seed_rows(summary) if len(summary["seeds"]) > 1 else [],
         levels=_levels(summary),
@@ -102,14 +107,18 @@ def prediction_page(data: PredictionData) -> str:
     worst = int(np.argmax(size))
     correction = np.linalg.norm(data.correction_m, axis=1) / MM
     where = ", ".join(f"{v / MM:.1f}" for v in data.p_part_tcp[worst])
-    cards = [
+    cards: list[tuple[str, str, str]] = [
         ("Largest predicted deflection", f"{size[worst]:.3f} mm", f"at x y z {where} mm"),
         ("Largest correction", f"{correction.max():.3f} mm", f"mean {correction.mean():.3f} mm"),
         ("Largest mean force", f"{float(np.max(data.force_n)):.0f} N", "over one spindle turn"),
         ("Program time", f"{float(data.time_s[-1]):.1f} s", f"{n} points"),
     ]
-    figures = {"prediction": prediction_figure(data), "plan": prediction_map(data)}
-    return render("prediction.html.j2", figures, [], data=data, cards=cards)
+    figures = {"prediction": prediction_figure(data), "plan": prediction_map(data), "space": space_figure(data)}
+    if data.error_after_m is not None:
+        figures["remaining"] = remaining_figure(data)
+    if data.drawing is not None:
+        figures["cell"] = cell_figure(data.drawing)
+    return render("prediction.html.j2", figures, [], data=data, cards=cards, headline=_headline(data))
 
 
 def write_page(page: str, path: str | os.PathLike[str]) -> None:
@@ -133,13 +142,18 @@ def render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any
     from plotly.offline import get_plotlyjs
 
     palettes = {"metrology": stepped(METROLOGY), "colour-blind": stepped(COLOUR_BLIND)}
+    solid = {
+        "metrology": stepped((*METROLOGY, NOT_MACHINED)),
+        "colour-blind": stepped((*COLOUR_BLIND, NOT_MACHINED)),
+    }
+    controls = {"palettes": palettes, "solid": solid, "beyond": 1.0 + 2.0 / STEPS, "scales": scales}
     return (
         _environment()
         .get_template(template)
         .render(
             plotly=Markup(get_plotlyjs()),
             figures=Markup(script_json(dict(figures))),
-            controls=Markup(script_json({"palettes": palettes, "scales": scales})),
+            controls=Markup(script_json(controls)),
             scales=scales,
             shown=set(figures),
             **values,
@@ -170,16 +184,7 @@ def _cards(summary: Mapping[str, Any]) -> list[dict[str, str]]:
         values = [summary["variants"][v].get(part, {}).get(figure) for v in ("nominal", "compensated")]
         if None in values:
             continue
-        share = summary["reduction"].get(part, {}).get(figure)
-        cards.append(
-            {
-                "name": name,
-                "before": f"{values[0]:.3f}",
-                "after": f"{values[1]:.3f}",
-                "change": "" if share is None else f"{-100.0 * share:+.0f} %".replace("-", "−"),
-                "bar": "0" if not values[0] else f"{min(100.0 * values[1] / values[0], 100.0):.1f}",
-            }
-        )
+        cards.append(_card(name, values[0], values[1]))
     return cards
 
 
@@ -196,6 +201,40 @@ def _verdict(summary: Mapping[str, Any]) -> str:
             f"error remains in the median and {100.0 * spread['worst_remaining']:.1f} % in the worst."
         )
     return text
+
+
+def _headline(data: PredictionData) -> list[dict[str, str]]:
+    """Cards of the predicted path error, before and after; none where it was not predicted."""
+    if data.headline_mm is None:
+        return []
+    p997, p997_after, largest, largest_after = data.headline_mm
+    return [
+        _card("Predicted path error, 99.7 %", p997, p997_after),
+        _card("Predicted path error, largest", largest, largest_after),
+    ]
+
+
+def _card(name: str, before: float, after: float) -> dict[str, str]:
+    change = "" if before == 0.0 else f"{100.0 * (after / before - 1.0):+.0f} %".replace("-", "−")
+    return {
+        "name": name,
+        "before": f"{before:.3f}",
+        "after": f"{after:.3f}",
+        "change": change,
+        "worse": "worse" if after > before else "",
+        "bar": "0" if before == 0.0 else f"{min(100.0 * after / before, 100.0):.1f}",
+    }
+
+
+def _tolerance(data: ReportData) -> dict[str, Any] | None:
+    """How many measured quantities miss their tolerance after compensation and before; None where none was measured."""
+    if not data.features:
+        return None
+    out = {
+        variant: sum(variant not in row.worst_m or not row.ok(variant) for row in data.features)
+        for variant in ("nominal", "compensated")
+    }
+    return {"count": len(data.features), "before": out["nominal"], "after": out["compensated"]}
 
 
 def _figure_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:

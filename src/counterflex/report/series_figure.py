@@ -82,18 +82,29 @@ def prediction_map(data: PredictionData) -> dict[str, Any]:
                 "marker": {
                     "size": 5,
                     "color": numbers(size[::step][order], 4),
-                    "colorscale": "Viridis",
-                    "cmin": 0.0,
-                    "colorbar": {"title": {"text": "predicted<br>deflection, mm"}},
+                    "coloraxis": "coloraxis",
                 },
                 "hovertemplate": "x %{x:.1f}, y %{y:.1f} mm<br>%{marker.color:.3f} mm<extra></extra>",
             }
         ],
         "layout": {
-            "height": 420,
-            "margin": {"l": 60, "r": 10, "t": 16, "b": 46},
-            "xaxis": {"title": {"text": "x, mm"}, "zeroline": False},
-            "yaxis": {"title": {"text": "y, mm"}, "scaleanchor": "x", "zeroline": False},
+            "height": 460,
+            "margin": {"l": 60, "r": 10, "t": 70, "b": 46},
+            "coloraxis": {
+                "colorscale": "Viridis",
+                "cmin": 0.0,
+                "colorbar": {
+                    "orientation": "h",
+                    "x": 0.5,
+                    "y": 1.03,
+                    "yanchor": "bottom",
+                    "len": 0.8,
+                    "thickness": 12,
+                    "title": {"text": "predicted deflection, mm", "side": "top"},
+                },
+            },
+            "xaxis": {"title": {"text": "x, mm"}, "zeroline": False, "constrain": "domain"},
+            "yaxis": {"title": {"text": "y, mm"}, "scaleanchor": "x", "zeroline": False, "constrain": "domain"},
         },
     }
 

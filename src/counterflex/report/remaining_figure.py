@@ -1,0 +1,128 @@
+"""What compensation leaves of the predicted path error: as a curve along the path, and on the path in space."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM, UM
+from counterflex.report.arrays_json import numbers, thin
+from counterflex.report.colours import AFTER, BEFORE
+from counterflex.report.data import PredictionData
+
+_POINTS: Final = 5000
+_POINTS_3D: Final = 12_000
+
+
+def remaining_figure(data: PredictionData) -> dict[str, Any]:
+    """Predicted distance from the programmed path across the feed while material is cut, over the length of the path.
+
+    Raises:
+        ValueError: The page has no prediction of the error.
+    """
+    place = _length(data.p_part_tcp)
+    traces = []
+    for name, colour, error in (("before", BEFORE, data.error_before_m), ("after", AFTER, data.error_after_m)):
+        if error is None:
+            raise ValueError("the error was not predicted")
+        x, y = thin(place, error / UM, data.cutting, _POINTS)
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "name": name,
+                "x": numbers(x, 4),
+                "y": numbers(y, 1),
+                "line": {"color": colour, "width": 1.4},
+                "connectgaps": False,
+            }
+        )
+    return {
+        "data": traces,
+        "layout": {
+            "height": 340,
+            "margin": {"l": 70, "r": 14, "t": 30, "b": 46},
+            "hovermode": "x unified",
+            "legend": {"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "bottom"},
+            "xaxis": {"title": {"text": "length along the program, m"}, "zeroline": False},
+            "yaxis": {"title": {"text": "predicted path error, µm"}, "rangemode": "tozero", "automargin": True},
+        },
+    }
+
+
+def space_figure(data: PredictionData) -> dict[str, Any]:
+    """The path in space, the cut coloured by what is predicted to remain (by the deflection where that was not)."""
+    after = data.error_after_m
+    size = after / UM if after is not None else np.linalg.norm(data.deflection_m, axis=1) / UM
+    title = "error that remains, µm" if after is not None else "predicted deflection, µm"
+    p = data.p_part_tcp / MM
+    cut, air = _few(np.flatnonzero(data.cutting)), _few(np.arange(len(p)))
+    axis = {"backgroundcolor": "#f4f6f8", "gridcolor": "#ffffff", "showbackground": True}
+    return {
+        "data": [
+            {
+                "type": "scatter3d",
+                "mode": "lines",
+                "name": "program",
+                "x": numbers(p[air, 0], 2),
+                "y": numbers(p[air, 1], 2),
+                "z": numbers(p[air, 2], 2),
+                "line": {"color": "#b9c1c9", "width": 2},
+                "hoverinfo": "skip",
+                "showlegend": False,
+            },
+            {
+                "type": "scatter3d",
+                "mode": "markers",
+                "name": "cut",
+                "x": numbers(p[cut, 0], 2),
+                "y": numbers(p[cut, 1], 2),
+                "z": numbers(p[cut, 2], 2),
+                "customdata": [int(line) for line in data.line[cut]],
+                "marker": {
+                    "size": 3.2,
+                    "color": numbers(size[cut], 1),
+                    "coloraxis": "coloraxis",
+                },
+                "hovertemplate": "line %{customdata}<br>%{x:.1f}, %{y:.1f}, %{z:.1f} mm<br>"
+                "%{marker.color:.0f} µm<extra></extra>",
+                "showlegend": False,
+            },
+        ],
+        "layout": {
+            "height": 520,
+            "margin": {"l": 0, "r": 0, "t": 0, "b": 70},
+            "coloraxis": {
+                "colorscale": "Viridis",
+                "cmin": 0.0,
+                "colorbar": {
+                    "orientation": "h",
+                    "x": 0.5,
+                    "y": -0.02,
+                    "yanchor": "top",
+                    "len": 0.8,
+                    "thickness": 12,
+                    "title": {"text": title, "side": "top"},
+                },
+            },
+            "scene": {
+                "aspectmode": "data",
+                "xaxis": {**axis, "title": {"text": "x, mm"}},
+                "yaxis": {**axis, "title": {"text": "y, mm"}},
+                "zaxis": {**axis, "title": {"text": "z, mm"}},
+                "camera": {"eye": {"x": -1.0, "y": -1.9, "z": 1.3}, "center": {"x": 0.0, "y": 0.0, "z": -0.15}},
+            },
+        },
+    }
+
+
+def _few(rows: Any) -> Any:
+    step = max(1, -(-len(rows) // _POINTS_3D))
+    return rows[::step]
+
+
+def _length(p: Float) -> Float:
+    out: Float = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
+    return out

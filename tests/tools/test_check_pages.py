@@ -1,0 +1,29 @@
+"""What the page check calls wrong; the browser itself is run by ``make pages``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import check_pages
+
+GOOD: dict[str, Any] = {"width": 360, "scroll": 360, "wide": [], "empty": [], "small": [], "faults": []}
+
+
+def test_a_page_that_fits_has_no_faults() -> None:
+    assert check_pages.faults(GOOD) == []
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("scroll", 412, "412 px wide"),
+        ("wide", ["DIV.card"], "runs off the page: DIV.card"),
+        ("empty", ["map"], "not drawn: map"),
+        ("small", ["TD 7"], "too small to read: TD 7"),
+        ("faults", ["x is not defined"], "script: x is not defined"),
+    ],
+)
+def test_each_fault_is_named(key: str, value: Any, said: str) -> None:
+    assert any(said in fault for fault in check_pages.faults({**GOOD, key: value}))
