@@ -33,8 +33,9 @@ from counterflex.core.units import MS, NS
 from counterflex.links.control_array import CONTROL, Request
 from counterflex.links.rsi_link import RsiLink
 from counterflex.links.telegram_watch import WatchSettings
+from counterflex.runtime import layout as at
 from counterflex.runtime.settings import OnlineSettings, TrackerMode
-from counterflex.runtime.supervisor import State
+from counterflex.runtime.supervisor import Cause, State
 from counterflex.twin.commanded_motion import Report
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext
 from counterflex.twin.impairment import Impairment, Schedule
@@ -95,6 +96,8 @@ class Rig:
         wrap: The controller's counter begins again at 0 behind ``2^32 - 1``.
         wrapped_at: In which cycle it did.
         gone: Cycles in which the robot went on.
+        shown: What becomes of what the controller shows of itself before it is sent, or None.
+        sensed: What becomes of a sensor's reading (6,) before it is sent, or None.
         says: What the robot program sets Enable to: 1, or the number of its job.
         idle: (3,) N that the sensor shows without a cut, part axes.
     """
@@ -149,6 +152,8 @@ class Rig:
         self.wrapped_at = 0
         self.other: Callable[[int], bytes] | None = None
         self.spoil: Callable[[bytes], bytes] | None = None
+        self.shown: Callable[[Report], Report] | None = None
+        self.sensed: Callable[[Float], Float] | None = None
         self.sense = sense
         self._force = force
         self._noise = np.random.default_rng([seed, 2])
@@ -236,6 +241,10 @@ class Rig:
         self._sessions += 1
         self._age = 0
 
+    def restart_numbers(self) -> None:
+        """Count the datagrams of both ways from 0 again: what the network does is told by their number."""
+        self._sent = [0, 0]
+
     def cycle(self) -> None:
         """One cycle of the controller."""
         begin = self.cycle_count * PERIOD_S
@@ -246,7 +255,8 @@ class Rig:
             if self.wrap and self.robot.counter + round(PERIOD_S / MS) > _LAST_COUNTER:
                 self.robot.counter -= _LAST_COUNTER + 1
                 self.wrapped_at = self.cycle_count
-            data = self.robot.telegram(self._report())
+            report = self._report()
+            data = self.robot.telegram(report if self.shown is None else self.shown(report))
             self._send(_TELEGRAM, data if self.spoil is None else self.spoil(data), begin + _WIRE_S)
         if self.sense:
             self.read_sensor()
@@ -267,7 +277,7 @@ class Rig:
         force = self.force_now() if self.feed and not self.stands else self.idle
         w = self._reading @ np.concatenate([force, np.zeros(3)])
         for noise in self._noise.standard_normal((_SAMPLES, 6)) * _NOISE:
-            self.sensor.send(w + noise)
+            self.sensor.send(w + noise if self.sensed is None else self.sensed(w + noise))
 
     def to_loop(self, data: bytes, sender: socket.socket | None = None) -> None:
         """Put a datagram into the loop's socket at once; from the robot's own address unless another one sends it."""
@@ -341,3 +351,7 @@ class Rig:
         seen.cause.append(self.loop.cause)
         seen.session.append(self._sessions)
         seen.running.append(not self.robot.stopped)
+        seen.gone.append(self.gone)
+        outcome = self.loop.outcome
+        told = (at.O_CAUSE, at.O_SOFT, at.O_DEGRADED)
+        seen.told.append(Cause(next((int(outcome[k]) for k in told if outcome[k]), 0)))
