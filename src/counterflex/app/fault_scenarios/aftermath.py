@@ -15,9 +15,9 @@ from counterflex.core.units import MM
 from counterflex.runtime.supervisor import Cause, State
 
 
-def steady(_: float) -> Float:
-    """A force (3,) N on the tool that does not change, part axes."""
-    return np.array([0.0, 300.0, 0.0])
+def steady(time_s: float) -> Float:
+    """A force (3,) N on the tool, part axes, that is there from the beginning and does not change."""
+    return np.array([0.0, 300.0 * (time_s >= 0.0), 0.0])
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,8 @@ def aftermath(rig: Rig, begin: int) -> Aftermath:
     went = np.diff(np.array(seen.gone[begin - 1 :])) > 0
     corrections = np.array(seen.correction_m[begin - 1 :])
     moved = np.linalg.norm(corrections[1:] - corrections[0], axis=1)
-    without = went & np.isin(states, (State.IDLE, State.READY, State.ARMED, State.RAMP_OUT))
+    heard = np.array(seen.state[begin - 1 : -1])  # the robot goes by what it was told at the end of the cycle before
+    without = went & np.isin(heard, (State.IDLE, State.READY, State.ARMED, State.RAMP_OUT))
     causes = [cause for cause in seen.told[begin:] if cause]
     held = np.flatnonzero(states != State.ACTIVE)
     return Aftermath(

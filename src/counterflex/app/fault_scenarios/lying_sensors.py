@@ -180,7 +180,7 @@ def _units(effort: Effort) -> Outcome:
     for factor in (1e3, 4.448):
         with Rig(seed=effort.seed, sensors=effort.sensors, force=steady) as rig:
             rig.idle = np.array([0.0, 0.0, 5.0])
-            rig.sensed = lambda w, f=factor: np.clip(w * f, -_RAIL_N, _RAIL_N)  # type: ignore[misc]
+            rig.sensed = lambda w, f=factor: np.clip(w * f, -_RAIL_N, _RAIL_N)
             rig.control[Request.ARM] = 1
             rig.run(400)
             said.append((factor, rig.state, rig.seen.told[-1]))

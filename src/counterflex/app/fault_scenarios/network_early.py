@@ -130,8 +130,10 @@ def _flood(effort: Effort) -> Outcome:
     found, old = [], 0
     for disturbed in (False, True):
         with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
-            begin = rig.activate().cycle_count
+            rig.activate()
             before = rig.next_telegram()
+            rig.cycle()  # now it is an old one
+            begin = rig.cycle_count
             for _ in range(cycles):
                 if disturbed:
                     for k in range(40):
