@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
-
-import check_pages
 
 GOOD: dict[str, Any] = {"width": 360, "scroll": 360, "wide": [], "empty": [], "small": [], "faults": []}
 
