@@ -38,7 +38,7 @@ PROGRAMS: dict[str, tuple[str | bytes, list[str]]] = {
     "empty program": ("", ["bad.ngc:1:1:", "empty"]),
     "blank program": (" \n\n", ["bad.ngc:1:1:", "empty"]),
     "no motion": ("G21 G90\nM3 S100\nM2\n", ["bad.ngc", "moves nothing"]),
-    "cut off": (HEAD + "G1 X10 F1500\n", ["bad.ngc:7:", "M2, M30 or a closing %", "complete?"]),
+    "cut off": (HEAD + "G1 X10 F1500\n", ["bad.ngc:7:", "M2, M30 or a closing %", "--without-end"]),
     "spindle stopped": (HEAD.replace("M3 S13000\n", "") + CUT + TAIL, ["bad.ngc:7", "spindle stopped", "M3 S"]),
     "spindle speed zero": (HEAD.replace("S13000", "S0") + CUT + TAIL, ["bad.ngc:8", "spindle stopped"]),
     "spindle backwards": (HEAD.replace("M3", "M4") + CUT + TAIL, ["bad.ngc:8", "clockwise", "M4", "M3"]),

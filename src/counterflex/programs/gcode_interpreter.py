@@ -93,7 +93,7 @@ class Interpreter(FlowRunner):
                     place.index = len(place.source.lines) - 1
                     raise self._fault(
                         "the program stops without M2, M30 or a closing %", 0,
-                        hint="It may have been cut off. If it is complete: --without-end",
+                        hint="It may have been cut off. If it is complete: --without-end of path and compensate",
                     )  # fmt: skip
                 break
             steps += 1
