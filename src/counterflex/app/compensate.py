@@ -133,6 +133,9 @@ def compensate(
             job = replace(job, path=plan.path, sampled=at_feed(job.sampled, lowered.share))
     parts[WRITING](0.0)
     files, written = write(job, plan, cell, language, tolerance_m)
+    written["tolerance_um"] = round(tolerance_m / UM, 3)
+    written["lines_in"] = len("\n".join(job.program.lines).splitlines())
+    written["lines_out"] = sum(len(text.splitlines()) for name, text in files.items() if not name.endswith(".dat"))
     parts[WRITING](1.0)
     about = {
         "job": "compensate",

@@ -198,6 +198,20 @@ def _show_feed(found: dict[str, Any]) -> None:
     )
 
 
+def _written_rows(written: dict[str, Any]) -> list[list[str]]:
+    """How much longer the program got, and how far its path is from the planned one."""
+    before, after, bound = written["lines_in"], written["lines_out"], written["tolerance_um"]
+    error = written.get("largest_written_error_um", written.get("largest_position_error_um", 0.0))
+    line = written.get("largest_position_error_line", 0)
+    # Words are rounded to their last decimal, and positions with them.
+    coarse = error > bound + written.get("resolution_um", 0.0)
+    found = f"{error:.1f} um {'above' if coarse else 'within'} {bound:g} um"
+    return [
+        ["program lines, in and out", f"{before} -> {after}", f"{after / max(1, before):.1f} times"],
+        ["written path off the plan", found, f"line {line}" if line and coarse else ""],
+    ]
+
+
 def _show(summary: dict[str, Any], out: Path) -> None:
     found = summary["prediction"]
     rows = [
@@ -214,6 +228,7 @@ def _show(summary: dict[str, Any], out: Path) -> None:
             error = found[f"predicted_{name}"]
             text = f"{error['p997_mm']:.3f} mm (max {error['max_mm']:.3f} mm)"
             rows.append([f"predicted path error {what}, 99.7 %", text, ""])
+    rows += _written_rows(summary["written"])
     print_table(f"{summary['program']} on {summary['cell']}", ["", "value", "where"], rows)
     if found["extrapolated_force_share"] > 0.0:
         share = 100 * found["extrapolated_force_share"]

@@ -162,7 +162,8 @@ def write_rapid(
         too_close=points.too_close,
         largest_position_error_m=points.largest_position_error_m,
         largest_angle_error_rad=points.largest_angle_error_rad,
-        warnings=(*points.warnings(tolerance_m), *parts.warnings(settings.points_per_file)),
+        largest_position_error_line=points.line(program),
+        warnings=(*points.warnings(program, tolerance_m), *parts.warnings(settings.points_per_file)),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -10,7 +11,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError
-from counterflex.core.units import MM
+from counterflex.core.units import MINUTE, MM, MS, UM
 from counterflex.geometry import rotation
 from counterflex.path.sampling import point_spacing
 from counterflex.path.toolpath import RAPID, ToolPath
@@ -19,11 +20,14 @@ from counterflex.programs.implied_stops import implied_stops
 from counterflex.programs.motion_rows import relieved_along_axis
 from counterflex.programs.program import Block, Program
 from counterflex.programs.simplify import simplify
+from counterflex.programs.spaced_points import refined, spaced
 
 BlockLines = Callable[[Block], Sequence[str]]
 """Lines of the robot's language for a block that is not (only) motion; empty for none."""
 
 _SPEED_STEP: Final = 0.02
+_CAUTION: Final = 0.8
+"""Of the feed at which the tolerance would just be held."""
 _MODAL_ONLY: Final = frozenset("GXYZABCIJKRPQLFN")
 
 
@@ -40,6 +44,7 @@ class RobotText:
             place of the way, merging included.
         largest_angle_error_rad: The same for the orientation.
         warnings: What the user should know, one sentence each.
+        largest_position_error_line: Line of the source where that is.
     """
 
     files: dict[str, str]
@@ -49,6 +54,7 @@ class RobotText:
     largest_position_error_m: float
     largest_angle_error_rad: float
     warnings: tuple[str, ...]
+    largest_position_error_line: int = 0
 
 
 @dataclass(frozen=True)
@@ -56,7 +62,7 @@ class RobotPoints:
     """Rows chosen as points of the robot program.
 
     Attributes:
-        row: (m,) indices of the path's rows, rising.
+        row: (m,) row of the path that each point lies at or before, non-decreasing.
         Ts_part_tcp: (m, 4, 4) commanded poses.
         speed_m_s: (m,) speed along the segment that ends there.
         exact: (m,) True where the point must be reached without blending (before events and at the end).
@@ -65,6 +71,9 @@ class RobotPoints:
         too_close: Points closer than the cycle allows that had to stay.
         largest_position_error_m: See :class:`RobotText`.
         largest_angle_error_rad: See :class:`RobotText`.
+        worst_motion: Motion of the largest position error.
+        cycle_s: Time the controller needs per point, s.
+        feed_m_s: Feed at the largest position error.
     """
 
     row: Int
@@ -76,15 +85,28 @@ class RobotPoints:
     too_close: int
     largest_position_error_m: float
     largest_angle_error_rad: float
+    worst_motion: int
+    cycle_s: float
+    feed_m_s: float
 
-    def warnings(self, tolerance_m: float) -> tuple[str, ...]:
-        """What merging did, in words."""
+    def line(self, program: Program) -> int:
+        """Source line of the largest position error."""
+        return program.blocks[program.motions[self.worst_motion].block].line
+
+    def warnings(self, program: Program, tolerance_m: float) -> tuple[str, ...]:
+        """Where the written path is coarser than the tolerance, why, and what helps, in words."""
         out = []
-        if self.merged:
+        error = self.largest_position_error_m
+        if error > tolerance_m:
+            # The error of a chord of the length f DT grows with the square of that length.
+            share = _CAUTION * math.sqrt(tolerance_m / error)
+            feed, cycle = share * self.feed_m_s * MINUTE / MM, share * self.cycle_s / MS
             out.append(
-                f"{self.merged} points closer together than feed times controller cycle were merged; the written path "
-                f"is up to {self.largest_position_error_m / MM:.4f} mm from the commanded points "
-                f"(tolerance {tolerance_m / MM:.4f} mm)"
+                f"the written path is up to {error / MM:.4f} mm from the planned one (tolerance "
+                f"{tolerance_m / MM:.4f} mm), most in line {self.line(program)}: the points would have to be closer "
+                f"together than feed times controller cycle, {self.feed_m_s * self.cycle_s / MM:.2g} mm; {self.merged} "
+                f"were merged. F{feed:.0f} there would hold it, or controller.cycle_ms = {cycle:.2g} if the controller "
+                f"takes points that fast; --tolerance-um {math.ceil(error / UM)} accepts it"
             )
         if self.too_close:
             out.append(f"{self.too_close} points are closer together than feed times controller cycle and had to stay")
@@ -104,8 +126,9 @@ def choose_points(
 ) -> RobotPoints:
     """Choose the rows that a robot program needs.
 
-    Straight stretches are reduced within the tolerances at the same place of the way; then points that follow the one
-    before closer than ``DS = f DT`` are merged into their neighbours (Berger2013 eq. 5). Ends of rapids, changes of
+    Straight stretches are reduced within the tolerances at the same place of the way, with points at least
+    ``DS = f DT`` apart (Berger2013 eq. 5); where the tolerance would need them closer, they lie at that distance, also
+    between rows. Ends of rapids, changes of
     speed, dwells and rows before an event stay; so does the point from which a correction is taken back at the end of
     a cut, and it is approached exactly. The first row is left out: it is where the program happens to start,
     which G-code does not say, and a robot must not be sent there.
@@ -153,20 +176,76 @@ def choose_points(
     stays = exact | (rapid & ends)
     stays[:-1] |= (speed[1:] != speed[:-1]) | (rapid[1:] != rapid[:-1])
     stays[0] = True
-    keep = np.zeros(n, dtype=np.bool_)
-    keep[simplify(way, p, tolerance_m, rotvec=turned, tolerance_rad=tolerance_rad, fixed=stays)] = True
     dwells = np.array([motion.kind == "dwell" for motion in program.motions], dtype=np.bool_)[path.motion]
-    keep &= (moving | stays) & ~dwells
     for at in np.flatnonzero(dwells & moving).tolist():
         if at > 0 and relieved_along_axis(path, p, at):
-            keep[at] = exact[at] = stays[at] = True
-    keep[0] = n == 1
+            exact[at] = stays[at] = True
+    usable = (moving & ~dwells) | (stays & (~dwells | exact))
     travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
-    merged, close = _merge(keep, stays, travel, np.where(rapid, 0.0, path.feed_m_s), cycle_s)
-    row = np.flatnonzero(keep)
-    position, angle = _errors(row, way, p, turned, ~rapid & ~dwells)
-    held = _held_speed(row, speed, rapid, way, travel)
-    return RobotPoints(row, T[row], held, exact[row], path.motion[row], merged, close, position, angle)
+    apart = np.where(rapid | dwells, 0.0, point_spacing(1.0, cycle_s) * path.feed_m_s)
+    wanted = simplify(way, p, tolerance_m, rotvec=turned, tolerance_rad=tolerance_rad, fixed=stays)
+    fine = _Fine(refined(travel, apart, wanted))
+    way, p, travel = fine.between(way), fine.between(p), fine.between(travel)
+    turned_fine, apart = fine.between(turned), apart[fine.row]
+    chosen = spaced(way, p, turned_fine, travel, apart, fine.at_rows(stays), tolerance_m, tolerance_rad)
+    keep = np.zeros(len(way), dtype=np.bool_)
+    keep[chosen] = True
+    keep &= usable[fine.row]
+    keep[0] = n == 1
+    at_point = np.flatnonzero(keep)
+    row = fine.row[at_point]
+    feed = ~rapid & ~dwells
+    position, angle, worst = _errors(at_point, way, p, turned_fine, feed[fine.row])
+    held = _held_speed(at_point, speed[fine.row], rapid[fine.row], way, travel)
+    Ts = T[row].copy()
+    Ts[:, :3, 3] = p[at_point]
+    part = fine.share[at_point] < 1.0
+    before = np.maximum(row[part] - 1, 0)
+    step = (turned_fine[at_point] - turned[np.maximum(row - 1, 0)])[part]
+    Ts[part, :3, :3] = R[before] @ rotation.exp(step)
+    return RobotPoints(
+        row=row,
+        Ts_part_tcp=Ts,
+        speed_m_s=held,
+        exact=fine.at_rows(exact)[at_point],
+        motion=path.motion[row],
+        merged=max(0, int(usable[wanted].sum()) - int(usable[0]) - len(row)) if n > 1 else 0,
+        too_close=_too_close(at_point, travel, apart),
+        largest_position_error_m=position,
+        largest_angle_error_rad=angle,
+        worst_motion=int(path.motion[fine.row[worst]]),
+        cycle_s=cycle_s,
+        feed_m_s=float(path.feed_m_s[fine.row[worst]]),
+    )
+
+
+class _Fine:
+    """A path with more rows: each segment cut into equal pieces.
+
+    Args:
+        pieces: (n,) of the segment that ends at each row, >= 1.
+
+    Attributes:
+        row: (m,) row at which the segment ends that a finer row lies on.
+        share: (m,) of that segment, 1 at the row itself.
+    """
+
+    def __init__(self, pieces: Int) -> None:
+        self.row: Int = np.repeat(np.arange(len(pieces)), pieces)
+        behind = np.cumsum(pieces)[self.row] - np.arange(1, len(self.row) + 1)
+        self.share: Float = 1.0 - behind / pieces[self.row]
+
+    def between(self, values: Float) -> Float:
+        """Values at the finer rows, linear along each segment."""
+        before = values[np.maximum(self.row - 1, 0)]
+        share = self.share.reshape(-1, *([1] * (values.ndim - 1)))
+        out: Float = np.where(share == 1.0, values[self.row], before + share * (values[self.row] - before))
+        return out
+
+    def at_rows(self, flags: Bool) -> Bool:
+        """Flags at the rows themselves, False between them."""
+        out: Bool = flags[self.row] & (self.share == 1.0)
+        return out
 
 
 def _held_speed(row: Int, speed: Float, rapid: Bool, way: Float, travel: Float) -> Float:
@@ -176,38 +255,26 @@ def _held_speed(row: Int, speed: Float, rapid: Bool, way: Float, travel: Float) 
     return out
 
 
-def _merge(keep: Bool, stays: Bool, travel: Float, feed_m_s: Float, cycle_s: float) -> tuple[int, int]:
-    """Drop kept rows that are too close to the one before; returns how many were dropped and how many stay close."""
-    merged = close = 0
-    before = -1
-    for row in np.flatnonzero(keep):
-        feed = float(feed_m_s[row])
-        if before >= 0 and feed > 0.0 and travel[row] - travel[before] < point_spacing(feed, cycle_s) * (1.0 - 1e-9):
-            if not stays[row]:
-                keep[row] = False
-                merged += 1
-                continue
-            if not stays[before]:
-                keep[before] = False
-                merged += 1
-            elif travel[row] > travel[before]:
-                close += 1
-        before = int(row)
-    return merged, close
+def _too_close(row: Int, travel: Float, apart: Float) -> int:
+    """Points that follow closer than the controller's cycle takes, because both have to be there."""
+    length = np.diff(travel[row])
+    return int(np.sum((length > 0.0) & (length < apart[row[1:]] * (1.0 - 1e-9))))
 
 
-def _errors(row: Int, way: Float, p: Float, turned: Float, feed: Bool) -> tuple[float, float]:
-    """Largest position and orientation error of feed rows against the polyline through the chosen rows."""
+def _errors(row: Int, way: Float, p: Float, turned: Float, feed: Bool) -> tuple[float, float, int]:
+    """Largest position and orientation error of feed rows against the polyline through the chosen rows, and where."""
     k = np.flatnonzero(feed)
     if len(k) == 0:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0
     b = row[np.minimum(np.searchsorted(row, k), len(row) - 1)]
     a = row[np.maximum(np.searchsorted(row, k, side="right") - 1, 0)]
     span = way[b] - way[a]
     share = np.where(span > 0.0, (way[k] - way[a]) / np.where(span > 0.0, span, 1.0), 0.0)[:, None]
     gap = p[a] + share * (p[b] - p[a]) - p[k]
     twist = turned[a] + share * (turned[b] - turned[a]) - turned[k]
-    return float(np.linalg.norm(gap, axis=1).max()), float(np.linalg.norm(twist, axis=1).max())
+    size = np.linalg.norm(gap, axis=1)
+    worst = int(np.argmax(size))
+    return float(size[worst]), float(np.linalg.norm(twist, axis=1).max()), int(k[worst])
 
 
 def event_motions(program: Program, lines: BlockLines) -> frozenset[int]:

@@ -15,7 +15,7 @@ from counterflex.core.jit import kernel
 
 
 @kernel("b1(f8[:], f8[:,:], f8[:,:], i8, i8, f8, f8)")
-def _fits(s: Float, p: Float, r: Float, a: int, b: int, tol2: float, tol2_r: float) -> bool:
+def fits(s: Float, p: Float, r: Float, a: int, b: int, tol2: float, tol2_r: float) -> bool:
     """Whether all samples between a and b lie within the tolerance of the chord a-b at their own parameter."""
     span = s[b] - s[a]
     for k in range(a + 1, b):
@@ -47,7 +47,7 @@ def _open_window(s: Float, p: Float, r: Float, keep: Bool, tol2: float, tol2_r: 
             bad = stop + 1
             while good < stop:
                 candidate = min(a + 1 + step, stop)
-                if _fits(s, p, r, a, candidate, tol2, tol2_r):
+                if fits(s, p, r, a, candidate, tol2, tol2_r):
                     good = candidate
                     step *= 2
                 else:
@@ -55,7 +55,7 @@ def _open_window(s: Float, p: Float, r: Float, keep: Bool, tol2: float, tol2_r: 
                     break
             while bad - good > 1 and good < stop:
                 middle = (good + bad) // 2
-                if _fits(s, p, r, a, middle, tol2, tol2_r):
+                if fits(s, p, r, a, middle, tol2, tol2_r):
                     good = middle
                 else:
                     bad = middle
