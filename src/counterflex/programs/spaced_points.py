@@ -60,9 +60,9 @@ def _open_window(
 def spaced(
     way: Float,
     p: Float,
-    turned: Float,
-    travel: Float,
-    apart: Float,
+    rotvec: Float,
+    travel_m: Float,
+    apart_m: Float,
     fixed: Bool,
     tolerance_m: float,
     tolerance_rad: float,
@@ -72,9 +72,9 @@ def spaced(
     Args:
         way: (n,) m, nominal length: samples and polyline are compared at the same one.
         p: (n, 3) m, commanded positions.
-        turned: (n, 3) rad, commanded orientations.
-        travel: (n,) m, commanded length.
-        apart: (n,) m, least commanded length of a chord that ends there.
+        rotvec: (n, 3) rad, commanded orientations.
+        travel_m: (n,) m, commanded length.
+        apart_m: (n,) m, least commanded length of a chord that ends there.
         fixed: (n,) True where a sample must be a vertex, close to another or not.
         tolerance_m: Largest position error, m.
         tolerance_rad: Largest orientation error, rad.
@@ -84,33 +84,33 @@ def spaced(
     """
     keep = fixed.copy()
     keep[0] = keep[-1] = True
-    _open_window(way, p, turned, travel, apart, keep, tolerance_m**2, tolerance_rad**2)
+    _open_window(way, p, rotvec, travel_m, apart_m, keep, tolerance_m**2, tolerance_rad**2)
     return np.flatnonzero(keep)
 
 
-def refined(travel: Float, apart: Float, vertices: Int) -> Int:
+def refined(travel_m: Float, apart_m: Float, vertices: Int) -> Int:
     """Into how many pieces each segment is cut so that vertices find places where they would come too close together.
 
     Args:
-        travel: (n,) m, commanded length.
-        apart: (n,) m, least distance of vertices.
+        travel_m: (n,) m, commanded length.
+        apart_m: (n,) m, least distance of vertices.
         vertices: Chosen without regard to that.
 
     Returns:
         (n,) pieces of the segment that ends at a sample; 1 where nothing is wrong.
     """
-    n = len(travel)
+    n = len(travel_m)
     pieces = np.ones(n, dtype=np.int64)
     a, b = vertices[:-1], vertices[1:]
-    close = travel[b] - travel[a] < apart[b] * (1.0 - 1e-9)
+    close = travel_m[b] - travel_m[a] < apart_m[b] * (1.0 - 1e-9)
     near = np.zeros(n + 1, dtype=np.int64)
-    reach = 2.0 * apart[b[close]]
-    low = np.searchsorted(travel, travel[a[close]] - reach)
-    high = np.searchsorted(travel, travel[b[close]] + reach, side="right")
+    reach = 2.0 * apart_m[b[close]]
+    low = np.searchsorted(travel_m, travel_m[a[close]] - reach)
+    high = np.searchsorted(travel_m, travel_m[b[close]] + reach, side="right")
     np.add.at(near, low, 1)
     np.add.at(near, high, -1)
     inside = np.cumsum(near[:n]) > 0
-    length = np.diff(travel, prepend=travel[:1])
-    wanted = inside & (apart > 0.0)
-    pieces[wanted] = np.maximum(1, np.ceil(FINER * length[wanted] / apart[wanted])).astype(np.int64)
+    length = np.diff(travel_m, prepend=travel_m[:1])
+    wanted = inside & (apart_m > 0.0)
+    pieces[wanted] = np.maximum(1, np.ceil(FINER * length[wanted] / apart_m[wanted])).astype(np.int64)
     return np.minimum(pieces, 64)
