@@ -230,6 +230,8 @@ def test_link_and_simulated_robot_accept_what_is_made(shop: Path) -> None:
         ("krl/part.src", "$VEL.CP=0.025", "$SEN_PREA[3]=1.0", ["part.src:7", "$SEN_PREA", "free"]),
         ("krl/part_001.src", "LIN", "INTERRUPT DECL 21 WHEN $IN[1] DO X()\nLIN", ["part_001.src:2", "interrupt 21"]),
         ("krl/part.src", "END\n", "$TOOL=TOOL_DATA[2]\nEND\n", ["part.src:10", "tool is changed"]),
+        ("krl/part_001.src", "LIN", "; M3 S9000\nLIN", ["part_001.src:2", "a comment alone", "controller.spindle"]),
+        ("krl/part_001.src", "LIN", "$TOOL=TOOL_DATA[2]\nLIN", ["part_001.src:2", "tool is changed"]),
         ("krl/part.src", "END\n", "", ["part.src", "cut off"]),
         ("krl/part.src", "DEF part( )", "", ["part.src", "no DEF"]),
         ("krl/part_001.src", "LIN", "PTP", ["part_001.src:2", "LIN and CIRC only"]),

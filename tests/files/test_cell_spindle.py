@@ -13,7 +13,7 @@ from counterflex.core.errors import FileFormatError, ProgramError
 from counterflex.files.cell import read_cell
 from counterflex.files.schema import read_toml
 from counterflex.programs.gcode_reader import read_gcode
-from counterflex.programs.machine_functions import Dialect
+from counterflex.programs.machine_functions import Dialect, only_said
 
 KRL = {
     "clockwise": ["$ANOUT[1]={s}/24000.0", "$OUT[17]=TRUE"],
@@ -98,3 +98,24 @@ def test_without_a_table_everything_is_unmapped(tmp_path: Path) -> None:
 def test_tables_are_strict(tmp_path: Path, tables: dict[str, Any], said: str) -> None:
     with pytest.raises(FileFormatError, match=said):
         lines(tmp_path, "M2\n", "krl", **tables)
+
+
+@pytest.mark.parametrize(
+    ("lines", "found"),
+    [
+        (["; M3 S13000", "LIN {X 1}"], 0),
+        (["; N40 G1 X1 M03 S13000 F600", "; next", "$VEL.CP=0.25", "LIN {X 1}"], 0),
+        (["PTP XSTART", "; T2 M6", "$TOOL=TOOL_DATA[2]"], 1),
+        (["; M4 S100"], 0),
+        (["; M3 S13000", "WAIT SEC 0.0", "$OUT[17]=TRUE"], None),
+        (["; M3 S13000", "HALT ; start the spindle"], None),
+        (["; (M3 screws)", "LIN {X 1}"], None),
+        (["; M3 screws at X 10", "LIN {X 1}"], None),
+        (["; M30", "END"], None),
+        (["; M8", "LIN {X 1}"], None),
+        (["! M6 T1", "SetDO doTool,1;"], None),
+        (["! M6 T1", "    MoveL p,v,fine,t;"], 0),
+    ],
+)
+def test_a_spindle_that_is_started_by_a_comment_is_found(lines: list[str], found: int | None) -> None:
+    assert only_said(lines, lines[0][0] if lines[0][0] in ";!" else ";") == found

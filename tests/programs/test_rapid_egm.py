@@ -158,6 +158,7 @@ def test_a_call_that_is_no_part_stays_a_call() -> None:
         ("PROC p()\nENDPROC", PATH, "not a RAPID program"),
         (SIMPLE.replace("  ENDPROC", ""), PATH, "cut off"),
         (program(), PATH, "no path"),
+        (program("    ! M3 S9000", move(0, "fine"), move(1)), PATH, "a comment alone"),
         (program(move(0, "fine")), POSE, "fewer than two"),
         (SIMPLE.replace("MoveAbsJ", "MoveX"), PATH, "first motion"),
         (program(move(0, "fine"), move(1, word="MoveC")), PATH, "MoveL is needed"),

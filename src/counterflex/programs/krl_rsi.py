@@ -10,7 +10,7 @@ from typing import Final
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.programs.job_mark import job_number, marks
 from counterflex.programs.limits import KRL, check_name
-from counterflex.programs.machine_functions import krl_wait
+from counterflex.programs.machine_functions import krl_wait, refuse_only_said
 
 _ROUTINE: Final = re.compile(r"\s*(?:GLOBAL\s+)?DEF\s+(\w+)\s*\(\s*\)\s*$", re.IGNORECASE)
 _END: Final = re.compile(r"\s*END\s*$", re.IGNORECASE)
@@ -158,8 +158,9 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False) ->
 
     Raises:
         ProgramError: PTP, a spline motion, another tool, a call of RSI, a name or an interrupt that the correction
-            uses.
+            uses, a spindle that is started by a comment.
     """
+    refuse_only_said(lines, ";", where)
     for i, line in enumerate(map(_code, lines)):
         if not first_only and _POINT_TO_POINT.match(line):
             raise _no_ptp(where, i)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal
@@ -28,6 +29,12 @@ _BY_HAND: Final = frozenset({3, 4, 5, 6})
 TIMER: Final = 20
 """Number of the KRL timer that waits use."""
 SPEED, TOOL, DATA = "{s}", "{t}", "{d}"
+_CARRIED: Final = re.compile(r"(?:[A-Z]\s*[-+]?[\d.]+\s*)+", re.IGNORECASE)
+_STARTED: Final = re.compile(r"\bM0?[346](?!\d)", re.IGNORECASE)
+_NO_DEED: Final = re.compile(
+    r"\s*(?:S?PTP|S?LIN|S?CIRC|PTP_REL|LIN_REL|END\b|\$VEL|\$TOOL|\$BASE|MoveL|MoveC|MoveJ|MoveAbsJ|EGMMoveL|ENDPROC)",
+    re.IGNORECASE,
+)
 
 
 @dataclass(frozen=True)
@@ -156,6 +163,47 @@ def krl_wait(condition: str, limit_s: float, fault: str) -> list[str]:
         "WAIT SEC 0.012",
         "ENDWHILE",
     ]
+
+
+def only_said(lines: Sequence[str], comment: str) -> int | None:
+    """Where a robot program starts the spindle or changes the tool by a comment alone.
+
+    A block of the milling program that is carried as a comment (``; M3 S13000``) must be followed by something that
+    does it, or stops for a person to do it; a motion behind it would run over standing metal.
+
+    Args:
+        lines: Of the program.
+        comment: What begins a comment: ``;`` or ``!``.
+
+    Returns:
+        Index of the comment, or None.
+    """
+    for i, line in enumerate(lines):
+        text = re.sub(r"\([^)]*\)", "", line.strip().removeprefix(comment)).strip()
+        if not line.strip().startswith(comment) or not _CARRIED.fullmatch(text) or not _STARTED.search(text):
+            continue
+        code = (later.split(comment)[0].strip() for later in lines[i + 1 :])
+        following = next((later for later in code if later), "")
+        if not following or _NO_DEED.match(following):
+            return i
+    return None
+
+
+def refuse_only_said(lines: Sequence[str], comment: str, where: str) -> None:
+    """Refuse a program that starts the spindle or changes the tool by a comment alone.
+
+    Raises:
+        ProgramError: It does.
+    """
+    at = only_said(lines, comment)
+    if at is not None:
+        raise ProgramError(
+            "a comment alone stands where the spindle is started or the tool changed",
+            where=f"{where}:{at + 1}",
+            value=lines[at].strip()[:60],
+            limit="statements that do it, or a stop for a person",
+            hint="Say in [controller.spindle] of the cell file what does it, and compensate again",
+        )
 
 
 def _by_hand(code: int, rpm: float, tool: int) -> str:

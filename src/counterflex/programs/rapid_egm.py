@@ -8,6 +8,7 @@ from typing import Final
 
 from counterflex.core.arrays import as_positive
 from counterflex.core.errors import InputError, ProgramError
+from counterflex.programs.machine_functions import refuse_only_said
 
 IDENTITY: Final = "cfId"
 _PROC: Final = re.compile(r"\s*PROC\s+(\w+)\s*\(\s*\)\s*$", re.IGNORECASE)
@@ -186,6 +187,7 @@ def start_move(text: str, where: str) -> str:
 
 
 def _routine(lines: list[str], where: str) -> tuple[int, int, int]:
+    refuse_only_said(lines, "!", where)
     module = next((i for i, line in enumerate(lines) if _MODULE.match(_code(line))), None)
     begin = next((i for i, line in enumerate(lines) if _PROC.match(_code(line))), None)
     if module is None or begin is None:
