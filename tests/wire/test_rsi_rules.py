@@ -281,6 +281,8 @@ def test_a_limit_object_on_the_way() -> None:
         ("PTP XSTART", "first-motion"),
         ("$SEN_PREA[2]=", "enable-unset"),
         ("CF_CHECK(cfr)", "unchecked"),
+        ("WHILE NOT (($SEN_PREA[3]>1.5)", "blind-wait"),
+        ("WHILE NOT (CF_ZERO( ))", "blind-wait"),
     ],
 )
 def test_a_line_that_is_missing_in_the_program(gone: str, rule: str) -> None:

@@ -14,7 +14,7 @@ from counterflex.wire.rsi_context import decimal
 Mode = Literal["absolute", "relative"]
 _MOTION: Final = re.compile(r"(PTP_REL|PTP|LIN_REL|LIN|CIRC_REL|CIRC|SPTP|SLIN|SCIRC|SPL|SPLINE)\b", re.IGNORECASE)
 _CALL: Final = re.compile(r"\b(RSI_[A-Z0-9_]+)\s*\(([^()]*)\)", re.IGNORECASE)
-_WRITTEN: Final = re.compile(r"(\$(?:SEN_PREA|SEN_PINT|OUT|FLAG)\[\s*\d+\s*\])\s*=(?!=)", re.IGNORECASE)
+_WRITTEN: Final = re.compile(r"(\$(?:SEN_PREA|SEN_PINT|OUT|FLAG)\[\s*\d+\s*\])\s*=(?!=)\s*(.*)", re.IGNORECASE)
 _ROUTINE: Final = re.compile(r"(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+(\w+)\s*\(", re.IGNORECASE)
 _OPENS: Final = re.compile(r"(IF\b.*\bTHEN\b|CASE\b|DEFAULT\b)", re.IGNORECASE)
 _CLOSES: Final = re.compile(r"(ENDIF|ENDSWITCH)\b", re.IGNORECASE)
@@ -27,8 +27,9 @@ class Statement:
 
     Attributes:
         line: Number in the file, from 1.
-        what: ``RSI_ON``, ``LIN``, ``HALT``, ``WAIT``, ``CALL``, ``WRITE``, ``RSIOK``.
-        arguments: Of a call; name and arguments of a called routine; variable that is written.
+        what: ``RSI_ON``, ``LIN``, ``HALT``, ``WAIT``, ``WHILE`` (also REPEAT: a loop on a condition), ``CALL``,
+            ``WRITE``, ``RSIOK``.
+        arguments: Of a call; name and arguments of a called routine; variable that is written, and what with.
         guarded: It stands inside IF or CASE.
         result: Variable that takes the result of a call, or empty.
     """
@@ -146,9 +147,11 @@ def _statements(line: str, number: int, guarded: bool) -> list[Statement]:
         return [Statement(number, "HALT", (), guarded)]
     if re.match(r"WAIT\s+FOR\b", line, re.IGNORECASE):
         return [Statement(number, "WAIT", (), guarded)]
+    if re.match(r"(WHILE|REPEAT)\b", line, re.IGNORECASE):
+        return [Statement(number, "WHILE", (), guarded)]
     written = _WRITTEN.match(line)
     if written:
-        return [Statement(number, "WRITE", (re.sub(r"\s", "", written[1]).upper(),), guarded)]
+        return [Statement(number, "WRITE", (re.sub(r"\s", "", written[1]).upper(), written[2].strip()), guarded)]
     called = _NAMED.match(line)
     if called is None:
         return []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from counterflex.wire.rsi_context import decimal
 from counterflex.wire.rsi_setup import Finding, Rule, Setup
 
 _POINT_TO_POINT: Final = ("PTP", "PTP_REL", "SPTP")
@@ -159,17 +160,14 @@ def motions(setup: Setup) -> Iterator[Finding]:
 
 
 def enable_written(setup: Setup) -> Iterator[Finding]:
-    """The program sets the variable that Enable is wired to."""
-    enable, item = setup.sent.get("Enable"), setup.ethernet
-    if setup.program is None or setup.context is None or item is None or enable is None:
+    """The program sets the variable that Enable is wired to, and waits before it goes on."""
+    name = _enable_variable(setup)
+    if setup.program is None or name is None:
         return
-    wire = next((wire for wire in item.inputs if wire.index == enable.tag.channel), None)
-    source = setup.context.named(wire.source) if wire else None
-    variable = {"SEN_PREA": "$SEN_PREA", "SEN_PINT": "$SEN_PINT", "DIGOUT": "$OUT"}.get(source.kind if source else "")
-    if source is None or variable is None:
-        return
-    name = f"{variable}[{int(source.number('Index', 1.0))}]"
-    if not any(item.what == "WRITE" and item.arguments[0] == name for item in setup.program.statements):
+    items = setup.program.statements
+    written = [item for item in items if item.what == "WRITE" and item.arguments[0] == name]
+    writes = [item.line for item in written]
+    if not writes:
         yield Finding(
             "enable-unset",
             "warning",
@@ -179,6 +177,50 @@ def enable_written(setup: Setup) -> Iterator[Finding]:
             f"{name} = 1 before the path, 0 behind it",
             "Add both lines",
         )
+        return
+    on, off = setup.program.first("RSI_ON"), setup.program.first("RSI_OFF")
+    waits = [item.line for item in items if item.what in ("WAIT", "WHILE") and not item.guarded]
+    path = next((item.line for item in items if on and item.line > on.line and item.what in _PATH), None)
+    switched = [
+        item.line
+        for item in written
+        if on is not None
+        and item.line > on.line
+        and (path is None or item.line < path)
+        and decimal(item.arguments[1]) != 0.0
+        and item.arguments[1].upper() != "FALSE"
+    ]
+    if on is not None and switched and not any(on.line < line < switched[0] for line in waits):
+        yield Finding(
+            "blind-wait",
+            "warning",
+            setup.on_line(switched[0]),
+            "the correction is enabled without a look whether the loop is armed: the path may run without it",
+            f"no condition between RSI_ON and {name} = ...",
+            "WAIT FOR, or WHILE with a time-out, on the tag State",
+            "Wire State to $SEN_PREA and wait until it is 2",
+        )
+    if off is not None and writes[-1] < off.line and not any(writes[-1] < line < off.line for line in waits):
+        yield Finding(
+            "blind-wait",
+            "warning",
+            setup.on_line(off.line),
+            "RSI_OFF comes without a look whether the correction is back at zero",
+            f"no condition between {name} = 0 and RSI_OFF",
+            "WAIT FOR, or WHILE with a time-out, on the outputs of POSCORRMON or AXISCORRMON",
+            "Wire them to $SEN_PREA and wait until they are zero",
+        )
+
+
+def _enable_variable(setup: Setup) -> str | None:
+    """Variable of the program that Enable is wired to."""
+    enable, item = setup.sent.get("Enable"), setup.ethernet
+    if setup.context is None or item is None or enable is None:
+        return None
+    wire = next((wire for wire in item.inputs if wire.index == enable.tag.channel), None)
+    source = setup.context.named(wire.source) if wire else None
+    variable = {"SEN_PREA": "$SEN_PREA", "SEN_PINT": "$SEN_PINT", "DIGOUT": "$OUT"}.get(source.kind if source else "")
+    return None if source is None or variable is None else f"{variable}[{int(source.number('Index', 1.0))}]"
 
 
 def known_parameters(setup: Setup) -> Iterator[Finding]:
