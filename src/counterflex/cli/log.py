@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _log = typer.Typer(no_args_is_help=True, help="What an online run logged: show it, replay it, export it, repair it.")
 _SHOWN = 20
-INCOMPLETE: Final = 3
+INCOMPLETE: Final = 5
 """Exit status: what there is was read, but cycles are missing or something cannot be read."""
 
 Folder = Annotated[Path, typer.Argument(help="Folder of the run log.", metavar="DIR", callback=given.folder)]
@@ -35,7 +35,7 @@ def register(app: typer.Typer) -> None:
 def show(folder: Folder, as_json: AsJson = False) -> None:
     """Say what happened in a run: cycles, states, holds and faults with their causes, answering times, losses.
 
-    Ends with status 3 when cycles are missing or something cannot be read.
+    Ends with status 5 when cycles are missing or something cannot be read.
 
     Example: `counterflex log show log`
     """
@@ -200,7 +200,7 @@ def replay(
 ) -> None:
     """Feed the logged inputs through the loop again: its corrections and states must be the logged ones bit for bit.
 
-    Ends with status 1 when they are not, with 3 when cycles are missing, so that not every one could be compared.
+    Ends with status 1 when they are not, with 5 when cycles are missing, so that not every one could be compared.
 
     Example: `counterflex log replay log --cell cell.toml`
     """
@@ -283,7 +283,7 @@ def export(
     """Write every record as a line of CSV, in SI units and part axes; numbers read back bit for bit.
 
     With --incident only the cycles around one hold or fault, with units in the headings, and state and cause in words.
-    Ends with status 3 when cycles are missing in what was written.
+    Ends with status 5 when cycles are missing in what was written.
 
     Example: `counterflex log export log --csv run.csv`
     """
@@ -314,7 +314,7 @@ def export(
 def repair(folder: Folder) -> None:
     """Write segments that were cut short or are damaged anew, so that any MCAP reader takes them; originals are kept.
 
-    Ends with status 3 when cycles are missing all the same.
+    Ends with status 5 when cycles are missing all the same.
 
     Example: `counterflex log repair log`
     """

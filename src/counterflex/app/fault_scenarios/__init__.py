@@ -16,12 +16,13 @@ from counterflex.app.fault_scenarios import (
     processes,
     realtime,
     rubbish,
+    run_ends,
     sessions,
     strangers,
 )
 from counterflex.app.fault_scenarios.scenario import SENSORS, Scenario
 
-_FORCE_ONLY: Final = (*processes.SCENARIOS, *files.SCENARIOS, *realtime.SCENARIOS)
+_FORCE_ONLY: Final = (*processes.SCENARIOS, *files.SCENARIOS, *realtime.SCENARIOS, *run_ends.SCENARIOS)
 SCENARIOS: Final[tuple[Scenario, ...]] = tuple(
     sorted(
         (
