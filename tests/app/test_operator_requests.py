@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import socket
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,29 +10,12 @@ import numpy as np
 import pytest
 
 from counterflex.app.fault_scenarios.rig import Rig
-from counterflex.app.operator_requests import OperatorRequests, request
+from counterflex.app.operator_requests import Clock, ask, request
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
-from counterflex.links.control_array import Request
-from counterflex.links.operator_port import Asked
-from counterflex.runtime import record_ring as record
+from counterflex.core.errors import InputError, OutputError
+from counterflex.links.control_array import Life, Request
 from counterflex.runtime.supervisor import State
 from counterflex.twin.fake_rsi import RsiContext
-
-
-class Port:
-    """Stands for the port: requests of the test, answers for it."""
-
-    def __init__(self) -> None:
-        self.asked: list[Asked] = []
-        self.answers: list[dict[str, Any]] = []
-
-    def poll(self) -> list[Asked]:
-        found, self.asked = self.asked, []
-        return found
-
-    def answer(self, _: Asked, said: dict[str, Any]) -> None:
-        self.answers.append(said)
 
 
 def steady(_: float) -> Float:
@@ -40,35 +23,26 @@ def steady(_: float) -> Float:
 
 
 class Run:
-    """A rig whose control array the operator's requests write, with a clock of cycles."""
+    """A rig whose shared numbers the operator writes, with a clock of cycles."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, *, may_arm: bool = True) -> None:
+    def __init__(self, *, may_arm: bool = True) -> None:
         self.rig = Rig(force=steady, context=RsiContext())
-        self.port = Port()
-        self.requests = OperatorRequests(self.port, self.rig.control, may_arm=may_arm)  # type: ignore[arg-type]
-        monkeypatch.setattr(time, "monotonic", lambda: self.rig.now_s)
+        self.rig.control[Life.MAY_ARM] = int(may_arm)
+        self.cycles = 0
 
-    def ask(self, action: str, cycles: int = 90) -> dict[str, Any]:
-        self.port.asked.append(Asked(action, ("127.0.0.1", 1), self.rig.now_s))
-        for _ in range(cycles):
-            if self.requests.serve(self.row()):
-                self.rig.control[Request.ARM] = 1
-            if self.port.answers:
-                break
+    def ask(self, action: str) -> dict[str, Any]:
+        self.cycles = 0
+
+        def wait(_: float) -> None:
+            self.cycles += 1
             self.rig.cycle()
-        return self.port.answers.pop()
 
-    def row(self) -> Float:
-        loop = self.rig.loop
-        row = np.zeros(record.WIDTH)
-        row[record.RESULTS : record.OUTCOME] = loop.results
-        row[record.OUTCOME : record.MONITOR] = loop.outcome
-        return row
+        return ask(self.rig.control, action, clock=Clock(self.rig.clock_ns, wait))
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
-    made = Run(monkeypatch)
+def run() -> Iterator[Run]:
+    made = Run()
     yield made
     made.rig.close()
 
@@ -78,6 +52,7 @@ def test_stop_ramps_out_with_the_feed_held_and_only_arm_arms_again(run: Run) -> 
     rig.activate().run(200)
     said = run.ask("stop")
     assert (said["done"], said["state"], said["feed_hold"]) == (True, "ramp_out", True)
+    assert run.cycles <= 2  # the next cycle takes it
     rig.run(600)
     assert rig.loop.outcome[0] in (State.IDLE, State.READY, State.FAULT)
     assert np.linalg.norm(rig.robot.correction[:3]) < 1e-6
@@ -113,8 +88,8 @@ def test_a_reset_does_not_leave_a_fault_while_a_correction_is_in_force(run: Run)
     assert State.ACTIVE not in rig.seen.state[-450:]
 
 
-def test_what_only_watches_is_not_armed_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
-    run = Run(monkeypatch, may_arm=False)
+def test_what_only_watches_is_not_armed_from_outside() -> None:
+    run = Run(may_arm=False)
     run.rig.run(200)
     assert run.rig.state == State.READY
     said = run.ask("arm")
@@ -124,11 +99,61 @@ def test_what_only_watches_is_not_armed_from_outside(monkeypatch: pytest.MonkeyP
     run.rig.close()
 
 
-def test_status_says_why_and_what_is_no_request_is_refused(run: Run) -> None:
-    run.rig.run(10)
+def test_an_arm_that_was_refused_does_not_act_later(run: Run) -> None:
+    rig = run.rig
+    rig.run(200)
+    rig.enable = True  # the robot program has switched the correction on too early
+    rig.run(3)
+    said = run.ask("arm")
+    assert not said["done"]
+    rig.enable = False
+    rig.run(100)
+    assert rig.state == State.READY
+
+
+def test_status_says_why_how_old_and_how_hard(run: Run) -> None:
+    rig = run.rig
     said = run.ask("status")
-    assert (said["state"], said["done"], said["correction_mm"]) == ("idle", True, 0.0)
+    assert (said["state"], said["done"], said["correction_mm"], said["robot_heard"]) == ("idle", True, 0.0, False)
+    assert said["age_ms"] == {"robot": None, "force": None}
     assert not run.ask("arm")["done"]
-    assert run.ask("format the disk")["refused"] == "no such request"
+    rig.activate().run(300)
+    said = run.ask("status")
+    assert said["state"] == "active"
+    assert said["robot_heard"]
+    assert said["force_n"] == pytest.approx(450.0, rel=0.02)
+    assert (said["place"], said["planned_n"]) == (None, None)  # this loop has no plan
+    assert 0.0 <= said["age_ms"]["force"] <= 8.0
+    rig.sense = False
+    rig.run(5)
+    assert 16.0 <= run.ask("status")["age_ms"]["force"] <= 28.0
+    assert run.ask("status")["age_ms"]["robot"] <= 8.0
+    with pytest.raises(InputError):
+        run.ask("format the disk")
     with pytest.raises(InputError):
         request("log", "dance")
+
+
+def test_foreign_senders_are_counted_in_the_status(run: Run) -> None:
+    rig = run.rig
+    rig.run(100)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.bind(("127.0.0.1", 0))
+        for _ in range(7):
+            rig.to_loop(b"<Rob/>", stranger)
+        rig.run(3)
+    assert run.ask("status")["foreign"] == 7
+
+
+def test_a_loop_that_stands_still_does_not_take_a_stop_for_done(run: Run) -> None:
+    rig = run.rig
+    rig.activate().run(100)
+    rig.frozen = True
+    rig.run(20)
+    said = run.ask("stop")
+    assert not said["done"]
+    assert "not stopped yet" in said["refused"]
+    assert rig.control[Request.STOP] == 1  # it stays asked for
+    rig.run(300)
+    with pytest.raises(OutputError, match="does not answer"):
+        run.ask("status")

@@ -9,7 +9,6 @@ import numpy as np
 from counterflex.app.recorder import Recorder
 from counterflex.files.run_log import RunLog
 from counterflex.links.control_array import CONTROL
-from counterflex.links.operator_port import OperatorPort
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.layout import O_CAUSE, O_STATE
 from counterflex.runtime.record_ring import RecordRing
@@ -30,8 +29,8 @@ CAUSES = [
 
 def test_holds_and_faults_are_counted_by_cause_and_listed(tmp_path: Path) -> None:
     ring, control = RecordRing(), np.zeros(CONTROL, dtype=np.int64)
-    log, port = RunLog(tmp_path, {}), OperatorPort(tmp_path)
-    recorder = Recorder(ring.name, log, control, port, lambda _: None, arm=False)
+    log = RunLog(tmp_path, {})
+    recorder = Recorder(ring.name, log, control)
     try:
         for lap in range(100):
             for k, (state, cause) in enumerate(zip(STATES, CAUSES, strict=True)):
@@ -41,11 +40,10 @@ def test_holds_and_faults_are_counted_by_cause_and_listed(tmp_path: Path) -> Non
                 row[record.OUTCOME + O_STATE], row[record.OUTCOME + O_CAUSE] = state, cause
                 row[record.CYCLE] = lap * len(STATES) + k + 1
                 ring.commit()
-            recorder.work(end=False)
+            recorder.take()
         summary = recorder.summary()
     finally:
         recorder.close()
-        port.close()
         log.close()
         ring.close()
     assert summary["incidents_total"] == 300

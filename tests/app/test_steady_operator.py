@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,17 +9,13 @@ import numpy as np
 import pytest
 
 from counterflex.app.fault_scenarios.rig import PATIENT, Rig
-from counterflex.app.operator_requests import OperatorRequests
+from counterflex.app.operator_requests import Clock, ask
 from counterflex.app.soak_figures import figures
 from counterflex.app.steady_figures import active, in_standstill, micro
 from counterflex.app.steady_operator import PATIENCE, SteadyOperator, wanted
-from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError
-from counterflex.links.control_array import Request
-from counterflex.links.operator_port import Asked
+from counterflex.links.control_array import Life, Request
 from counterflex.links.realtime import locked_kb, prepared
-from counterflex.runtime import record_ring as record
-from counterflex.runtime.layout import O_CAUSE, O_FEED_HOLD, O_STATE
 from counterflex.runtime.supervisor import State
 from counterflex.twin.fake_rsi import RsiContext
 from counterflex.twin.played_program import Phase, PlayedProgram
@@ -34,51 +29,20 @@ def test_what_an_operator_asks_for(state: str) -> None:
     assert held == ("reset" if state in ("fault", "ready", "idle") else "")
 
 
-class Port:
-    """Stands for the operator's port."""
-
-    def __init__(self) -> None:
-        self.asked: list[Asked] = []
-        self.answers: list[dict[str, Any]] = []
-
-    def poll(self) -> list[Asked]:
-        found, self.asked = self.asked, []
-        return found
-
-    def answer(self, _: Asked, said: dict[str, Any]) -> None:
-        self.answers.append(said)
-
-
 class Kept:
     """A rig whose robot program obeys and is started again, and an operator who looks every half second, or never."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, *, attended: bool) -> None:
+    def __init__(self, *, attended: bool) -> None:
         self.rig = Rig(force=lambda _: np.array([0.0, 450.0, 0.0]), context=RsiContext(timeout=PATIENT))
         self.program = PlayedProgram(100, again=50, pause=100)
-        self.port, self.attended = Port(), attended
-        self.requests = OperatorRequests(self.port, self.rig.control, may_arm=True)  # type: ignore[arg-type]
+        self.attended = attended
+        self.rig.control[Life.MAY_ARM] = 1
         self.operator = SteadyOperator(self.ask)
         self.ends: list[str] = []
-        monkeypatch.setattr(time, "monotonic", lambda: self.rig.now_s)
 
     def ask(self, action: str) -> dict[str, Any]:
-        self.port.asked.append(Asked(action, ("127.0.0.1", 1), self.rig.now_s))
-        while not self.port.answers:
-            self.serve()
-            if not self.port.answers:
-                self.cycle()
-        return self.port.answers.pop()
-
-    def serve(self) -> None:
-        if self.requests.serve(self.row()):
-            self.rig.control[Request.ARM] = 1
-
-    def row(self) -> Float:
-        out, outcome = np.zeros(record.WIDTH), self.rig.loop.outcome
-        for column in (O_STATE, O_CAUSE, O_FEED_HOLD):
-            out[record.OUTCOME + column] = outcome[column]
-        out[record.RESULTS : record.RESULTS + 3] = self.rig.loop.correction[:3]
-        return out
+        clock = Clock(self.rig.clock_ns, lambda _: self.cycle())
+        return ask(self.rig.control, action, clock=clock)
 
     def cycle(self) -> None:
         rig, program = self.rig, self.program
@@ -113,8 +77,8 @@ class Kept:
 
 
 @pytest.fixture
-def kept(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[Kept]:
-    one = Kept(monkeypatch, attended=request.param)
+def kept(request: pytest.FixtureRequest) -> Iterator[Kept]:
+    one = Kept(attended=request.param)
     yield one
     one.rig.close()
 

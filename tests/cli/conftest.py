@@ -99,10 +99,10 @@ Refused = Callable[..., str]
 def refused(folder: Path, counterflex: Command) -> Refused:
     """Run a command that must be refused: status 2, one line on standard error, nothing printed or left behind."""
 
-    def call(*arguments: str) -> str:
+    def call(*arguments: str, status: int = 2) -> str:
         before = contents(folder)
         ended = counterflex(*arguments)
-        assert ended.status == 2, ended.out + ended.err
+        assert ended.status == status, ended.out + ended.err
         assert ended.out == ""
         assert ended.err.endswith("\n")
         assert ended.err.count("\n") == 1, ended.err

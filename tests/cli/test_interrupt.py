@@ -1,4 +1,4 @@
-"""Interrupted jobs: one line, status 2, nothing left behind, no process left running."""
+"""Interrupted jobs: one line, status 130 or 143, nothing left behind, no process left running."""
 
 from __future__ import annotations
 
@@ -34,25 +34,25 @@ def _stops_at(at: float) -> Any:
 @pytest.mark.parametrize("fraction", [0.0, 0.05, 0.4, 0.7, 1.0])
 def test_compensate(folder: Path, refused: Any, monkeypatch: pytest.MonkeyPatch, fraction: float) -> None:
     monkeypatch.setattr("counterflex.cli.program.progress_bar", _stops_at(fraction))
-    assert refused("compensate", "part.ngc", "--cell", "cell.toml", "--out", "new/out") == SAID
+    assert refused("compensate", "part.ngc", "--cell", "cell.toml", "--out", "new/out", status=130) == SAID
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.15, 0.85, 1.0])
 def test_prove(folder: Path, refused: Any, monkeypatch: pytest.MonkeyPatch, fraction: float) -> None:
     monkeypatch.setattr("counterflex.cli.prove.progress_bar", _stops_at(fraction))
-    assert refused("prove", "part.ngc", "--cell", "cell.toml", "--out", "new/out", "--workers", "1") == SAID
+    assert refused("prove", "part.ngc", "--cell", "cell.toml", "--out", "new/out", "--workers", "1", status=130) == SAID
 
 
 def test_demo(refused: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("counterflex.cli.demo.progress_bar", _stops_at(0.0))
-    assert refused("demo", "--out", "new/out") == SAID
+    assert refused("demo", "--out", "new/out", status=130) == SAID
 
 
 def test_results_of_an_earlier_run_stay(folder: Path, refused: Any, counterflex: Any, monkeypatch: Any) -> None:
     command = ("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out", "--no-report")
     assert counterflex(*command).status == 0
     monkeypatch.setattr("counterflex.cli.program.progress_bar", _stops_at(1.0))
-    refused(*command)
+    refused(*command, status=130)
 
 
 def test_failure_while_files_are_moved_puts_everything_back(folder: Path, refused: Any, counterflex: Any) -> None:
@@ -109,5 +109,5 @@ if sys.platform != "win32":  # where a terminal's Ctrl-C is a signal to a proces
         )
         # The streams end when the last process that holds them does, so no worker is left either.
         out, err = started.communicate(timeout=300)
-        assert (started.returncode, out, err) == (2, "", SAID)
+        assert (started.returncode, out, err) == ({"SIGINT": 130, "SIGTERM": 143}[number], "", SAID)
         assert sorted(folder.rglob("*")) == before

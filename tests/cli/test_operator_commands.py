@@ -16,7 +16,20 @@ SAID = {
     "feed_hold": True,
     "correction_mm": 0.4213,
     "robot_heard": True,
+    "age_ms": {"robot": 3.2, "force": 2.1, "tracker": None},
+    "place": 0.4271,
+    "force_n": 352.4,
+    "planned_n": 346.0,
+    "foreign": 12,
+    "log_trouble": "",
+    "records_lost": 0,
 }
+SEEN = """place: 42.7 % of the plan
+force: 352 N measured, 346 N planned
+age: robot 3 ms, force 2 ms, tracker nothing yet
+foreign telegrams dropped: 12
+records lost: 0
+"""
 
 
 @pytest.mark.parametrize("action", ["status", "stop", "reset", "arm"])
@@ -32,7 +45,7 @@ def test_what_came_of_it_is_one_line(
     monkeypatch.setattr("counterflex.app.operator_requests.request", request)
     ended = counterflex("operator", action, str(tmp_path))
     assert (ended.status, ended.err) == (0, "")
-    assert ended.out == "ramp out (operator), correction 0.421 mm, feed held\n"
+    assert ended.out == "ramp out (operator), correction 0.421 mm, feed held\n" + (SEEN if action == "status" else "")
     assert asked == [(tmp_path, action)]
     assert json.loads(counterflex("operator", action, str(tmp_path), "--json").out) == SAID
 

@@ -1,43 +1,98 @@
-"""What `run` says of a loop that ended by itself, and of one that died."""
+"""What `run` says of how it ended, in words and by its exit status."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 import counterflex
-from counterflex.app import online
+from counterflex.app import doctor, online
+from counterflex.app.run_end import End, RunEnd, ended_how
 from counterflex.cli.main import app
+from counterflex.core.arrays import Float
+from counterflex.runtime.layout import O_CAUSE, O_STATE
+from counterflex.runtime.record_ring import OUTCOME, WIDTH
+from counterflex.runtime.supervisor import Cause, State
 
 DEMO = Path(counterflex.__file__).parent / "app" / "demo"
 
 
-def summary(ended: str) -> dict[str, Any]:
+def summary(ended: str, by: str = "never", cause: str = "none", lost: int = 0) -> dict[str, Any]:
     return {
         "cycles": 10,
         "seconds": 0.1,
         "largest_correction_um": 0.0,
         "compute_us": {"p50": 1.0, "p99": 2.0},
-        "records_lost": 0,
+        "records_lost": lost,
         "states": {"idle": 10},
         "causes": [],
         "events": [],
         "wear": None,
         "slowed_share": 0.0,
         "loop_ended": ended,
+        "correction_ended": {"by": by, "cause": cause},
+        "log_trouble": "",
+        "recorder_died": False,
     }
 
 
+ENDS = [
+    ("as asked", "program", "program", 0, End.PLANNED, ""),
+    ("as asked", "never", "none", 0, End.NEVER_ARMED, "never armed"),
+    ("as asked", "armed", "none", 0, End.NEVER_ARMED, "never switched the correction on"),
+    ("as asked", "fault", "telegrams_stopped", 0, End.FAULT, "a fault ended the correction: telegrams stopped"),
+    ("as asked", "hold", "force_stale", 3, End.FAULT, "ended, not by the program: force stale"),
+    ("as asked", "acting", "none", 0, End.FAULT, "the robot fell silent"),
+    ("as asked", "program", "program", 7, End.LOG_LOST, "7 records are missing"),
+    ("as asked", "operator", "operator", 0, End.STOPPED, "before the program ended it"),
+    ("died (1)", "acting", "none", 0, End.DIED, "the loop died (1)"),
+]
+
+
 @pytest.mark.parametrize("as_json", [False, True])
-@pytest.mark.parametrize(("ended", "status"), [(online.AS_ASKED, 0), ("died (1)", 1)])
-def test_a_loop_that_died_is_no_success(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ended: str, status: int, as_json: bool
+@pytest.mark.parametrize(("ended", "by", "cause", "lost", "end", "words"), ENDS)
+def test_the_exit_status_tells_how_it_ended(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    ended: str,
+    by: str,
+    cause: str,
+    lost: int,
+    end: End,
+    words: str,
+    as_json: bool,
 ) -> None:
-    monkeypatch.setattr(online, "run", lambda *_, **__: summary(ended))
-    words = ["run", "--cell", DEMO / "cell.toml", "--rsi", DEMO / "rsi.xml", "--out", tmp_path / "log"]
-    result = CliRunner().invoke(app, [str(word) for word in [*words, *(["--json"] if as_json else [])]])
-    assert result.exit_code == status, result.output
-    assert ("the loop died (1)" in result.output) == bool(status)
+    found = summary(ended, by, cause, lost)
+    found["ended"] = ended_how(found, arm=True)
+    monkeypatch.setattr(online, "run", lambda *_, **__: found)
+    monkeypatch.setattr(doctor, "require_fit", lambda: None)
+    line = ["run", "--arm", "--cell", DEMO / "cell.toml", "--rsi", DEMO / "rsi.xml", "--out", tmp_path / "log"]
+    result = CliRunner().invoke(app, [str(word) for word in [*line, *(["--json"] if as_json else [])]])
+    assert result.exit_code == end, result.output
+    assert words in result.output
+
+
+def test_a_loop_that_only_watches_is_never_armed_on_purpose() -> None:
+    assert ended_how(summary("as asked"), arm=False)["status"] == 0
+
+
+def test_what_ended_the_correction_last_counts() -> None:
+    def rows(*states: tuple[State, Cause]) -> Float:
+        out = np.zeros((len(states), WIDTH))
+        for row, (state, cause) in zip(out, states, strict=True):
+            row[OUTCOME + O_STATE], row[OUTCOME + O_CAUSE] = state, cause
+        return out
+
+    end = RunEnd()
+    end.add(rows((State.READY, Cause.NONE), (State.ARMED, Cause.NONE), (State.ACTIVE, Cause.NONE)))
+    assert end.shown()["by"] == "acting"
+    end.add(rows((State.HOLD, Cause.CLOCK), (State.ACTIVE, Cause.NONE), (State.FAULT, Cause.WRONG_FRAME)))
+    assert end.shown() == {"by": "fault", "cause": "wrong_frame"}
+    end.add(rows((State.IDLE, Cause.NONE), (State.READY, Cause.NONE), (State.ARMED, Cause.NONE)))
+    end.add(rows((State.ACTIVE, Cause.NONE), (State.RAMP_OUT, Cause.PROGRAM), (State.READY, Cause.PROGRAM)))
+    end.add(rows((State.FAULT, Cause.TELEGRAMS_STOPPED)))  # the robot has ended its session: after the program
+    assert end.shown()["by"] == "program"

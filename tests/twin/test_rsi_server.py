@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.core.errors import SimulationError
+from counterflex.core.errors import OutputError, SimulationError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose
 from counterflex.twin.applied import COLUMNS, Applied
@@ -229,7 +229,9 @@ def test_nobody_there() -> None:
         deaf.bind(("127.0.0.1", 0))
         fake = FakeRsi(config, RsiContext(timeout=10))
         server = RobotServer(StandingRobot(PLACE, 0.004), fake, deaf.getsockname(), waiting_s=0.01)
-        assert server.run() == "no sensor program"
+        with pytest.raises(OutputError, match=r"no sensor program answers; got nothing for 0\.01 s"):
+            server.run()
+        assert server.cycles == 0
         server.close()
         fake = FakeRsi(config, RsiContext(timeout=10))
         server = RobotServer(StandingRobot(PLACE, 0.004), fake, deaf.getsockname(), waiting_s=0.0, patience_s=0.001)

@@ -52,6 +52,7 @@ class LiveSettings:
         force_faults: Of the force sensor and its records.
         seed: Of the instruments.
         realtime: Keep real time; else lockstep.
+        wait_s: How long it waits for the sensor program to answer before anything moves.
         gate_s: How long the robot program waits before it starts.
         context: Settings of RSI on the controller.
         answer: How the controller answers corrections.
@@ -76,6 +77,7 @@ class LiveSettings:
     force_faults: tuple[Fault, ...] = ()
     seed: int = 0
     realtime: bool = False
+    wait_s: float = 60.0
     gate_s: float = 0.8
     context: RsiContext = field(default_factory=lambda: RsiContext(timeout=100))
     answer: PathAnswer = field(default_factory=PathAnswer)
@@ -103,7 +105,7 @@ def run(
     started: Callable[[Addresses], None] = lambda _: None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Run the cell until its program has ended or its controller has stopped.
+    """Run the cell until its program has ended, its controller has stopped, or the sensor program has gone.
 
     Writes what ``simulate`` writes, so that ``evaluate`` and ``report`` judge the part.
 
@@ -115,6 +117,9 @@ def run(
 
     Returns:
         The summary.
+
+    Raises:
+        OutputError: No sensor program answers; nothing is written.
     """
     cell, truth = read_cell(settings.cell), read_truth(settings.truth)
     simulate.check_same_cell(cell, truth, str(settings.truth))
@@ -162,12 +167,14 @@ def run(
         instruments,
         own_force,
         realtime=settings.realtime,
+        waiting_s=settings.wait_s,
         gate_cycles=round(settings.gate_s / robot_controller.cycle_s),
     )
     begin = time.perf_counter()
     try:
         with atomic.atomic_folder(out) as staging:
             started(Addresses(netft.address if netft else None, netft.http_address if netft else None))
+            server.meet()
             why = server.run(progress=progress)
             record = live.record()
             summary = {

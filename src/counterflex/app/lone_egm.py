@@ -84,7 +84,7 @@ def run(
     Raises:
         InputError: The settings contradict each other.
         FileFormatError: A file cannot be used.
-        OutputError: The record cannot be written.
+        OutputError: No sensor program answers, or the record cannot be written.
     """
     cell = read_cell(settings.cell)
     changes: dict[str, Any] = {"dead_s": settings.dead_s}
@@ -102,7 +102,6 @@ def run(
         shift[0] = max(shift[0], float(np.linalg.norm(step)))
 
     with contextlib.ExitStack() as stack:
-        applied = Applied(None if record is None else stack.enter_context(open_record(record, encoding="ascii")))
         server = RobotServer(
             robot,
             egm,
@@ -116,6 +115,8 @@ def run(
         )
         stack.callback(server.close)
         started(server.address, server.peer)
+        server.meet()  # before anything is written
+        applied = Applied(None if record is None else stack.enter_context(open_record(record, encoding="ascii")))
         why = server.run(after=0, most_cycles=most, progress=progress)
     return {
         "job": "twin egm",

@@ -90,7 +90,7 @@ def run(
     Raises:
         InputError: The settings contradict each other.
         FileFormatError: A file cannot be used.
-        OutputError: The record cannot be written.
+        OutputError: No sensor program answers, or the record cannot be written.
     """
     config = read_config(settings.rsi)
     rsi = FakeRsi(config, settings.context)
@@ -100,7 +100,6 @@ def run(
     if settings.program is not None and settings.seconds is not None:
         most = max(1, round(settings.seconds / period_s))
     with contextlib.ExitStack() as stack:
-        applied = Applied(None if record is None else stack.enter_context(open_record(record, encoding="ascii")))
         server = RobotServer(
             robot,
             rsi,
@@ -110,12 +109,14 @@ def run(
             gate_cycles=round(settings.gate_s / period_s),
             answer_s=settings.answer_s,
             faults=settings.faults,
-            observe=applied.see,
+            observe=lambda seen: applied.see(seen),
         )
         stack.callback(server.close)
         started(server.address, server.peer)
         if priority:
             prepare()
+        server.meet()  # before anything is written
+        applied = Applied(None if record is None else stack.enter_context(open_record(record, encoding="ascii")))
         why = server.run(after=0, most_cycles=most, progress=progress)
     return {
         "job": "twin rsi",

@@ -1,4 +1,4 @@
-"""Correct while milling: the loop in a process of its own, beside it the recorder and what the operator asks for."""
+"""Correct while milling: the loop in a process of its own, the recorder in another, and this one that watches both."""
 
 from __future__ import annotations
 
@@ -9,23 +9,29 @@ import time
 from collections.abc import Callable
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
 
 from counterflex import __version__
 from counterflex.app.made_on import made_on
 from counterflex.app.online_process import END_S, loop_process
 from counterflex.app.online_session import RunSettings, one_protocol
-from counterflex.app.recorder import Recorder, Status
+from counterflex.app.recorder import SUMMARY, Recorder, recorder_process
+from counterflex.app.run_end import AS_ASKED, ended_how
+from counterflex.app.run_status import Status, StatusReader
+from counterflex.core.arrays import Int
 from counterflex.core.errors import OutputError
 from counterflex.files.run_log import RunLog
 from counterflex.files.summary_file import write_summary
-from counterflex.links.control_array import CONTROL, Request
-from counterflex.links.operator_port import OperatorPort
+from counterflex.links.control_array import CONTROL, Kept, Life, Request
+from counterflex.links.living import Beat
+from counterflex.links.operator_words import OperatorFile
+from counterflex.links.shared_words import SharedWords
 from counterflex.runtime.record_ring import RecordRing
 
-SUMMARY = "summary.json"
-AS_ASKED = "as asked"
-"""How a loop ended that ended by itself."""
+_POLL_S: Final = 0.02
+_SHOWN_S: Final = 0.5
 
 
 def run(
@@ -38,7 +44,7 @@ def run(
     ended: Callable[[], bool] = lambda: False,
     told: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
-    """Run the loop in a process of its own and record it from this one.
+    """Run the loop and the recorder in processes of their own and watch them from this one.
 
     Args:
         settings: See :class:`RunSettings`.
@@ -50,66 +56,195 @@ def run(
         told: Told of what is unusual in the cell file, a line each.
 
     Returns:
-        Summary: cycles, times, states, losses, what process monitoring found; also written as ``summary.json``.
+        Summary: cycles, times, states, losses, how it ended, what process monitoring found; also written as
+        ``summary.json``.
 
     Raises:
         CounterflexError: As :func:`open_session`, and when the log cannot be begun.
+        KeyboardInterrupt: The second one; after the first the correction is ramped out and the summary returned.
     """
     one_protocol(settings)
-    context = multiprocessing.get_context("spawn")
-    control = context.Array("q", CONTROL, lock=False)
-    parent, child = context.Pipe()
-    ring = RecordRing()
-    log: RunLog | None = None
-    operator: OperatorPort | None = None
-    process: BaseProcess | None = None
+    supervised = Supervised(settings, Path(out).absolute())
     try:
-        process = context.Process(target=loop_process, args=(settings, ring.name, control, child), daemon=True)
-        process.start()
-        child.close()
-        try:
-            said = parent.recv()
-        except EOFError:
-            raise OutputError("the loop's process died before it began", value=process.exitcode) from None
-        if isinstance(said, BaseException):
-            raise said
-        where, loop_sha256, unusual = said
+        where, unusual = supervised.begin()
         for line in unusual:
             told(line)
-        log = RunLog(out, _about(settings, loop_sha256))
         started(where)
-        operator = OperatorPort(Path(out))
-        recorder = Recorder(ring.name, log, control, operator, watch, arm=settings.arm)
         begin = time.monotonic()
-        try:
-            while process.is_alive():
-                with contextlib.suppress(EOFError):
-                    while parent.poll():
-                        recorder.hear(parent.recv())
-                over = most_s is not None and time.monotonic() - begin > most_s
-                recorder.work(end=over or ended())
-            recorder.last()
-            with contextlib.suppress(EOFError):
-                while parent.poll():
-                    recorder.hear(parent.recv())
-        finally:
-            recorder.close()
-        summary = {
-            **recorder.summary(),
-            "seconds": round(time.monotonic() - begin, 2),
-            "loop_ended": AS_ASKED if process.exitcode == 0 else f"died ({process.exitcode})",
-        }
-        write_summary(Path(out) / SUMMARY, {"job": "run", "cell": settings.cell.name, **summary})
+        supervised.watch(watch, ended, None if most_s is None else begin + most_s)
+        summary = supervised.summary() | {"seconds": round(time.monotonic() - begin, 2)}
+        summary["ended"] = ended_how(summary, arm=settings.arm)
+        with contextlib.suppress(OutputError):  # a folder that is gone is told as a log that is lost
+            write_summary(Path(out) / SUMMARY, {"job": "run", "cell": settings.cell.name, **summary})
         return summary
     finally:
-        control[Request.END] = 1
-        if operator is not None:
-            operator.close()
-        if log is not None:
-            log.close()
-        if process is not None:
+        supervised.close()
+
+
+class Supervised:
+    """The processes of a run, seen by the one that starts them.
+
+    Args:
+        settings: See :class:`RunSettings`.
+        out: Folder of the run log, absolute.
+
+    Attributes:
+        loop: Its process.
+        recorder: Its process.
+        control: See :mod:`counterflex.links.control_array`.
+    """
+
+    def __init__(self, settings: RunSettings, out: Path) -> None:
+        self._settings, self._out = settings, out
+        self._context = multiprocessing.get_context("spawn")
+        self._words = SharedWords(CONTROL)
+        self.control: Int = np.frombuffer(self._words.words, dtype=np.int64)
+        self._ring = RecordRing()
+        self._operator: OperatorFile | None = None
+        self._beat: Beat | None = None
+        self._status: StatusReader | None = None
+        self._about: dict[str, Any] = {}
+        self._trouble = ""
+        self._fault: BaseException | None = None
+        self._pipes: list[Any] = []
+        shared = (self._ring.name, self._words.path, out)
+        self.loop, self._loop_pipe = self._process("loop", loop_process, settings, *shared)
+        self.recorder, self._recorder_pipe = self._process("recorder", recorder_process, *shared)
+
+    def _process(self, name: str, target: Callable[..., None], *args: Any) -> tuple[BaseProcess, Any]:
+        ours, theirs = self._context.Pipe()
+        process = self._context.Process(target=target, name=name, args=(*args, theirs), daemon=True)
+        self._pipes += [ours, theirs]
+        return process, ours
+
+    def begin(self) -> tuple[tuple[str, int], list[str]]:
+        """Start them.
+
+        Returns:
+            Where telegrams are expected, and what is unusual in the cell file.
+
+        Raises:
+            CounterflexError: What the loop or the recorder could not do.
+        """
+        for process in (self.loop, self.recorder):
+            process.start()
+        for theirs in self._pipes[1::2]:
+            theirs.close()
+        where, loop_sha256, unusual = self._said(self.loop, self._loop_pipe, "the loop's process")
+        self._about = _about(self._settings, loop_sha256)
+        self._recorder_pipe.send(self._about)
+        self._about["run"] = self._said(self.recorder, self._recorder_pipe, "the recorder's process")
+        self._beat = Beat(self.control, Life.RUN_NS, Life.RUN_PID)
+        self.control[Life.MAY_ARM] = self.control[Request.ARM] = int(self._settings.arm)
+        self._operator = OperatorFile(self._out, self._words.path)
+        self._status = StatusReader(self._ring.name, self.control)
+        return where, unusual
+
+    @staticmethod
+    def _said(process: BaseProcess, pipe: Any, who: str) -> Any:
+        try:
+            said = pipe.recv()
+        except (EOFError, ConnectionError):
             process.join(END_S)
-        ring.close()
+            raise OutputError(f"{who} died before it began", value=process.exitcode) from None
+        if isinstance(said, BaseException):
+            raise said
+        return said
+
+    def watch(self, watch: Callable[[Status], None], ended: Callable[[], bool], end_s: float | None) -> None:
+        """Watch until the loop has ended; the first interrupt asks it to end.
+
+        Args:
+            watch: Told the status twice a second.
+            ended: Whether the robot is known to be gone.
+            end_s: When to ask it to end, monotonic; None: not by the time.
+
+        Raises:
+            KeyboardInterrupt: The second one.
+            CounterflexError: What ended the loop.
+        """
+        interrupted = False
+        while self.loop.is_alive():
+            try:
+                self._watch(watch, ended, end_s)
+            except KeyboardInterrupt:
+                if interrupted:
+                    raise
+                interrupted = True
+                self.control[Request.END] = 1  # the loop ramps out first; a second time it is left alone
+        self._hear()
+        if self._fault is not None:
+            raise self._fault
+
+    def _watch(self, watch: Callable[[Status], None], ended: Callable[[], bool], end_s: float | None) -> None:
+        shown = time.monotonic()
+        while self.loop.is_alive():
+            self._hear()
+            now = time.monotonic()
+            if now - shown > _SHOWN_S and self._status is not None:
+                shown = now
+                status = self._status.look(self._trouble)
+                if status is not None:
+                    watch(status)
+            if (end_s is not None and now > end_s) or ended():
+                self.control[Request.END] = 1
+            time.sleep(_POLL_S)
+
+    def _hear(self) -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while self._loop_pipe.poll():
+                said = self._loop_pipe.recv()
+                if isinstance(said, BaseException):
+                    self._fault = said
+                else:
+                    self._trouble = str(said)
+
+    def summary(self) -> dict[str, Any]:
+        """What the recorder counted; where it died, what is still there is written and counted here."""
+        found: dict[str, Any] | None = None
+        with contextlib.suppress(EOFError, OSError):
+            found = self._recorder_pipe.recv()
+        self.recorder.join(END_S)
+        died = found is None
+        if found is None:
+            found = self._inherit()
+        exit_code = self.loop.exitcode
+        return {
+            **found,
+            "trouble": self._trouble,
+            "recorder_died": died,
+            "loop_ended": AS_ASKED if exit_code == 0 and self.control[Life.ENDED] else f"died ({exit_code})",
+        }
+
+    def _inherit(self) -> dict[str, Any]:
+        """The recorder has died: go on with the log behind what it has taken, as far as the ring still has it."""
+        log = RunLog(self._out, self._about)
+        recorder = Recorder(self._ring.name, log, self.control, behind=int(self.control[Kept.TAKEN]))
+        try:
+            recorder.take()
+        finally:
+            log.close()
+            recorder.close()
+        return recorder.summary()
+
+    def close(self) -> None:
+        """Ask the loop to end, wait for it, free everything; what does not end is left alone and ends by itself."""
+        self.control[Request.END] = 1
+        if self._operator is not None:
+            self._operator.close()
+        self._recorder_pipe.close()
+        for process in (self.loop, self.recorder):
+            if process.pid is not None:
+                process.join(END_S)
+        self._loop_pipe.close()
+        if self._status is not None:
+            self._status.close()
+        if self._beat is not None:
+            self._beat.close()
+        self._ring.close()
+        del self.control
+        self._words.remove()
+        self._words.close()
 
 
 def _about(settings: RunSettings, loop_sha256: str) -> dict[str, Any]:

@@ -179,6 +179,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         checks=SessionChecks(
             hold_without_log=table.without_log == "hold",
             job=job_of(read, compensated=settings.compensated),
+            run_silent_s=None if settings.lockstep else SessionChecks.run_silent_s,
         ),
         watch=WatchSettings(clock=not settings.lockstep),
     )

@@ -1,109 +1,161 @@
-"""What an operator may ask of a run while it goes on: its state, a stop, a reset, to be armed. And what came of it."""
+"""What an operator may ask of a run while it goes on: its state, a stop, a reset, to be armed. And what came of it.
+
+Asked of the loop itself, by numbers that it shares: the processes that log and show may be dead or stand still. Imports
+nothing that is slow to load, because a stop must not wait for it.
+"""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
-from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
-from counterflex.core.units import MM
-from counterflex.links.control_array import Request
-from counterflex.links.operator_port import Asked, OperatorPort, ask
-from counterflex.runtime.layout import O_CAUSE, O_FEED_HOLD, O_HARD, O_SOFT, O_STATE
-from counterflex.runtime.record_ring import OUTCOME, RESULTS
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.core.errors import InputError, OutputError
+from counterflex.files.log_place import trouble_said
+from counterflex.files.machine_file import machine_file
+from counterflex.links.control_array import Kept, Life, Request, Shown, Tally
+from counterflex.links.operator_words import find
+from counterflex.runtime.states import Cause, State
 
 ACTIONS: Final = ("status", "stop", "reset", "arm")
-_ANSWERED_S: Final = 0.3
-"""When it is looked what came of a request."""
+WAIT_S: Final = 0.3
+"""When it is looked what came of a request that has had no effect before."""
+SILENT_S: Final = 1.0
+"""A loop that has said nothing for so long has died or stands still; it says 20 times a second that it lives."""
+_POLL_S: Final = 0.002
+_NS: Final = 1e-9
+_SOURCES: Final = {"robot": Shown.ROBOT_NS, "force": Shown.FORCE_NS, "tracker": Shown.TRACKER_NS}
 
 
-class OperatorRequests:
-    """The run's side: hands requests to the loop and answers what came of them.
+@dataclass(frozen=True)
+class Clock:
+    """Time as the operator's side keeps it; a test gives its own.
 
-    Args:
-        port: Where they come.
-        control: Shared with the loop.
-        may_arm: The run was started to correct; one that only watches is not armed from outside.
+    Attributes:
+        now_ns: Monotonic, the clock of the loop.
+        wait: Waits for so many s.
     """
 
-    def __init__(self, port: OperatorPort, control: Any, *, may_arm: bool) -> None:
-        self._port, self._control, self._may_arm = port, control, may_arm
-        self._open: list[tuple[Asked, State]] = []
-        self._last: Float | None = None
+    now_ns: Callable[[], int] = time.monotonic_ns
+    wait: Callable[[float], None] = time.sleep
 
-    def serve(self, row: Float | None) -> bool:
-        """Take requests and answer those whose time has come.
 
-        Args:
-            row: (WIDTH,) newest record, or None where there is no new one.
+def ask(words: Any, action: str, *, where: str = "", clock: Clock | None = None) -> dict[str, Any]:
+    """Ask something of a loop, and look what came of it.
 
-        Returns:
-            Whether the loop is to be armed.
-        """
-        self._last = self._last if row is None else row
-        arm = False
-        for asked in self._port.poll():
-            state = self._state()
-            self._open.append((asked, state))
-            if asked.action == "stop":
-                self._control[Request.STOP] = 1
-            elif asked.action == "reset":
-                self._control[Request.RESET] = 1
-            elif asked.action == "arm" and self._may_arm and state == State.READY:
-                self._control[Request.STOP] = 0
-                arm = True
-        now = time.monotonic()
-        due = [entry for entry in self._open if entry[0].action == "status" or now - entry[0].time_s > _ANSWERED_S]
-        for asked, before in due:
-            self._open.remove((asked, before))
-            self._port.answer(asked, self._answer(asked.action, before))
-        return arm
+    Args:
+        words: Shared, see :mod:`counterflex.links.control_array`.
+        action: One of :data:`ACTIONS`.
+        where: Folder of the run, for messages.
+        clock: Or None for the computer's.
 
-    def _state(self) -> State:
-        return State.IDLE if self._last is None else State(int(self._last[OUTCOME + O_STATE]))
+    Returns:
+        See :func:`request`.
 
-    def _answer(self, action: str, before: State) -> dict[str, Any]:
-        last = self._last
-        state = self._state()
-        cause, hard, held, correction = Cause.NONE, Cause.NONE, False, 0.0
-        if last is not None:
-            cause = Cause(int(last[OUTCOME + O_CAUSE]) or int(last[OUTCOME + O_SOFT]))
-            hard = Cause(int(last[OUTCOME + O_HARD]))
-            held = bool(last[OUTCOME + O_FEED_HOLD])
-            correction = float(np.linalg.norm(last[RESULTS : RESULTS + 3]))
-        refused = ""
-        if action not in ACTIONS:
-            refused = "no such request"
-        elif action == "stop" and state in (State.ACTIVE, State.HOLD):
-            refused = "not stopped yet"
-        elif action == "reset" and state == State.FAULT:
-            refused = (
-                "a correction is in force at the robot: end the robot program first"
-                if correction > 0.0
-                else f"its cause is still there: {(hard or cause).name.lower().replace('_', ' ')}"
-            )
-        elif action == "arm" and not self._may_arm:
-            refused = "the run only watches: start it with --arm"
-        elif action == "arm" and state < State.ARMED:
-            refused = (
-                f"not ready, but {before.name.lower()}"
-                if before != State.READY
-                else "a check fails, or the robot program has switched the correction on already"
-            )
-        return {
-            "done": not refused,
-            "refused": refused,
-            "state": state.name.lower(),
-            "cause": cause.name.lower(),
-            "feed_hold": held,
-            "correction_mm": round(correction / MM, 4),
-            "robot_heard": last is not None,
-        }
+    Raises:
+        InputError: No such request.
+        OutputError: The loop has died or stands still. A stop stays asked for.
+    """
+    if action not in ACTIONS:
+        raise InputError("no such request", value=action, limit=", ".join(ACTIONS))
+    clock = clock if clock is not None else Clock()
+    begin = clock.now_ns()
+    before = State(words[Shown.STATE])
+    refused = ""
+    if action == "stop":
+        words[Request.STOP] = 1
+    _require_living(words, begin, where)
+    if action == "reset":
+        words[Request.RESET] = 1
+    elif action == "arm":
+        refused = _may_not_arm(words, before)
+        if not refused:
+            words[Request.STOP] = 0
+            words[Request.ARM] = 1
+    while action != "status" and not refused and not _done(words, action, begin):
+        if (clock.now_ns() - begin) * _NS > WAIT_S:
+            refused = _why_not(words, action)
+            break
+        clock.wait(_POLL_S)
+    took_ms = round((clock.now_ns() - begin) * 1e-6, 2)
+    return {
+        "done": not refused,
+        "refused": refused,
+        **_looks(words, clock.now_ns()),
+        "took_ms": took_ms,
+    }
+
+
+def _require_living(words: Any, now_ns: int, where: str) -> None:
+    silent_s = (now_ns - words[Life.LOOP_NS]) * _NS
+    if silent_s > SILENT_S:
+        raise OutputError(
+            "the loop does not answer: its process has died or stands still",
+            where=where or None,
+            value=f"{silent_s:.1f} s without a sign of life",
+            hint="Stop the robot at its controller; without answers it stops by its own time-out",
+        )
+
+
+def _may_not_arm(words: Any, state: State) -> str:
+    if not words[Life.MAY_ARM]:
+        return "the run only watches: start it with --arm"
+    return "" if state in (State.READY, State.ARMED, State.ACTIVE) else f"not ready, but {state.name.lower()}"
+
+
+def _done(words: Any, action: str, begin_ns: int) -> bool:
+    state = words[Shown.STATE]
+    if words[Life.LOOP_NS] <= begin_ns:
+        return False
+    if action == "stop":
+        return state not in (State.ARMED, State.ACTIVE, State.HOLD)
+    if action == "reset":
+        return not words[Request.RESET] and state != State.FAULT
+    return bool(state in (State.ARMED, State.ACTIVE))
+
+
+def _why_not(words: Any, action: str) -> str:
+    """Why a request had no effect; one that waits for something else is taken back, but never a stop."""
+    if action == "stop":
+        return "not stopped yet: no telegram of the robot has come since; the loop does it with the next one"
+    if action == "arm":
+        words[Request.ARM] = 0
+        return "a check fails, or the robot program has switched the correction on already"
+    if words[Request.RESET]:
+        words[Request.RESET] = 0
+        return "no telegram of the robot has come since"
+    if words[Shown.CORRECTION_NM] > 0:
+        return "a correction is in force at the robot: end the robot program first"
+    cause = Cause(words[Shown.HARD] or words[Shown.CAUSE])
+    return f"its cause is still there: {cause.name.lower().replace('_', ' ')}"
+
+
+def _looks(words: Any, now_ns: int) -> dict[str, Any]:
+    def measured(place: Shown, digits: int, unit: float) -> float | None:
+        return round(words[place] * unit, digits) if words[place] >= 0 else None
+
+    ages = {
+        name: None if words[place] == 0 else round((now_ns - words[place]) * 1e-6, 1)
+        for name, place in _SOURCES.items()
+        if words[place] >= 0
+    }
+    return {
+        "state": State(words[Shown.STATE]).name.lower(),
+        "cause": Cause(words[Shown.CAUSE]).name.lower(),
+        "feed_hold": bool(words[Shown.FEED_HOLD]),
+        "correction_mm": round(words[Shown.CORRECTION_NM] * 1e-6, 4),
+        "robot_heard": words[Shown.CYCLES] > 0,
+        "cycles": words[Shown.CYCLES],
+        "age_ms": ages,
+        "place": measured(Shown.PLACE_PPM, 4, 1e-6),
+        "force_n": measured(Shown.FORCE_MN, 1, 1e-3),
+        "planned_n": measured(Shown.PLANNED_MN, 1, 1e-3),
+        "foreign": words[Tally.FOREIGN],
+        "log_trouble": trouble_said(words[Kept.TROUBLE]),
+        "records_lost": words[Kept.LOST],
+    }
 
 
 def request(folder: str | Path, action: str) -> dict[str, Any]:
@@ -114,13 +166,17 @@ def request(folder: str | Path, action: str) -> dict[str, Any]:
         action: One of :data:`ACTIONS`.
 
     Returns:
-        ``done``, or why not (``refused``); ``state``, ``cause``, ``feed_hold``, ``correction_mm``, ``robot_heard``.
+        ``done``, or why not (``refused``); ``state``, ``cause``, ``feed_hold``, ``correction_mm``, ``robot_heard``,
+        ``cycles``; ``age_ms`` of each source (None: nothing yet); ``place`` on the plan, 0 to 1, ``force_n`` measured
+        and ``planned_n`` there (None: not known); ``foreign`` telegrams dropped; ``log_trouble``, ``records_lost``;
+        ``took_ms`` from the request to its effect.
 
     Raises:
         InputError: No such request.
         FileFormatError: No run goes on there.
-        OutputError: It does not answer.
+        OutputError: The loop does not answer.
     """
     if action not in ACTIONS:
         raise InputError("no such request", value=action, limit=", ".join(ACTIONS))
-    return ask(Path(folder), action)
+    with find(Path(folder), machine_file().parent) as shared:
+        return ask(shared.words, action, where=str(folder))

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from counterflex.app import live, online, online_session, recorder
+from counterflex.app import live, online, online_session
+from counterflex.app.run_status import Status
 from counterflex.app.workers import end_with_parent, interrupts_held
 from counterflex.core.errors import CounterflexError, SimulationError
 from counterflex.core.progress import Progress, silent
@@ -91,7 +92,7 @@ def run(
     parent, child = context.Pipe(duplex=False)
     process = context.Process(target=_cell_process, args=(cell, part, child), daemon=True)
 
-    def watch(status: recorder.Status) -> None:
+    def watch(status: Status) -> None:
         if cycles:
             progress(min(0.99, status.cycles / cycles), f"{part.name}: {status.state.name.lower()}")
         if not process.is_alive() and parent.poll() and isinstance(fault := parent.recv(), BaseException):

@@ -177,7 +177,7 @@ def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress:
         loop.start()
         started.append(loop)
         address, pids = _said(run_end, loop)
-        pids = {"loop": pids[0], "recorder": loop.pid, "cell": cell.pid}
+        pids = {"loop": pids["loop"], "recorder": pids["recorder"], "cell": cell.pid}
         tracker = None if tracker_port is None else ("127.0.0.1", tracker_port)
         echo.start()  # it waits for 10 s at most
         timing_probe.await_echo(echo_address)
@@ -309,11 +309,11 @@ def _tell(queue: SimpleQueue[Any], pipe: Any) -> None:
 
 
 def _run_process(settings: online_session.RunSettings, log: Path, pipe: Any, gone: Any) -> None:
-    """The recorder, which starts the loop: what the command ``run`` does."""
+    """Starts loop and recorder: what the command ``run`` does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def started(address: tuple[str, int]) -> None:
-        pipe.send((address, [process.pid for process in multiprocessing.active_children()]))
+        pipe.send((address, {process.name: process.pid for process in multiprocessing.active_children()}))
 
     try:
         pipe.send(online.run(settings, log, started=started, ended=gone.is_set))

@@ -179,8 +179,6 @@ def rsi(
         print_json(found)
     else:
         _tell_rsi(found)
-    if found["ended"] == "no sensor program":
-        raise typer.Exit(1)
 
 
 def _tell_rsi(found: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Ctrl-C that always arrives, and only where Python can bear it."""
+"""Ctrl-C that always arrives, only where Python can bear it, and that is told in the exit status."""
 
 from __future__ import annotations
 
@@ -12,6 +12,28 @@ from types import FrameType
 from typing import Any, Final
 
 _AGAIN_S: Final = 0.05
+_SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+_came: list[int] = []
+_kept: list[str] = []
+
+
+def status() -> int | None:
+    """Exit status of a command that a signal has asked to end: 128 and its number (130 Ctrl-C); None: none has."""
+    return 128 + _came[0] if _came else None
+
+
+def keeps(what: str) -> None:
+    """Say what stays when this command is interrupted, because it writes while it goes on.
+
+    Args:
+        what: A clause, for example ``"the log is in out"``.
+    """
+    _kept[:] = [what]
+
+
+def left() -> str:
+    """What an interrupted command has left, for its last line."""
+    return _kept[0] if _kept else "nothing was written"
 
 
 def _later() -> None:
@@ -21,8 +43,9 @@ def _later() -> None:
     timer.start()
 
 
-def _interrupt(_: int, frame: FrameType | None) -> None:
+def _interrupt(number: int, frame: FrameType | None) -> None:
     """Raise KeyboardInterrupt, but not within an import: compiled modules do not survive it half-initialised."""
+    _came.append(number)
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
             _later()
@@ -33,15 +56,18 @@ def _interrupt(_: int, frame: FrameType | None) -> None:
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[None]:
-    """Let Ctrl-C, and a request to terminate, raise KeyboardInterrupt in the block; neither is ever lost.
+    """Let Ctrl-C, a request to terminate and a terminal that is closed raise KeyboardInterrupt; none is ever lost.
 
     An exception raised while foreign code calls back (the compiler of the kernels does) is not passed on by Python, so
-    an interrupt lost there is sent again a moment later. Outside the main thread nothing is changed.
+    an interrupt lost there is sent again a moment later. A signal that is ignored from outside (``nohup``) stays so.
+    Outside the main thread nothing is changed.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     report = sys.unraisablehook
+    _came.clear()
+    _kept.clear()
 
     def again(lost: Any) -> None:
         if issubclass(lost.exc_type, KeyboardInterrupt):
@@ -49,7 +75,8 @@ def interruptible() -> Iterator[None]:
         else:
             report(lost)
 
-    before = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard = [number for number in _SIGNALS if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, _interrupt) for number in heard}
     sys.unraisablehook = again
     try:
         yield

@@ -20,6 +20,7 @@ from counterflex.cli import (
     egm,
     faults,
     identify,
+    interrupt,
     log,
     online,
     operator,
@@ -33,7 +34,7 @@ from counterflex.cli import (
     twin,
 )
 from counterflex.cli.interrupt import interruptible
-from counterflex.core.errors import CounterflexError, InputError
+from counterflex.core.errors import CounterflexError, InputError, Interrupted
 
 _INTERRUPTED: Final = 130
 """Status that the command parser gives an interrupted command."""
@@ -115,7 +116,9 @@ def _main(
 def run() -> None:
     """Run the command line; faults of the user's making end in one line on standard error and exit status 2.
 
-    A fault of the program itself is not hidden: it shows its traceback and ends with status 1.
+    A fault of the program itself is not hidden: it shows its traceback and ends with status 1. A command that a signal
+    has asked to end ends with 128 and the signal's number, whatever else happened: 130 Ctrl-C, 143 request to
+    terminate, 129 terminal closed.
     """
     # Matrices are small here: on a busy machine the threads of BLAS wait for one another, fifty times longer than they
     # compute. Must be said before NumPy is imported.
@@ -124,12 +127,14 @@ def run() -> None:
         try:
             status = app(prog_name="counterflex", standalone_mode=False)
             sys.stdout.flush()  # a full disk behind it is told here
+        except KeyboardInterrupt:
+            status = _INTERRUPTED
+        except Interrupted as fault:
+            _end(str(fault), interrupt.status() or _INTERRUPTED)
         except CounterflexError as fault:
             _end(str(fault))
         except _CommandLineFault as fault:
             _end_usage(fault)
-        except KeyboardInterrupt:
-            status = _INTERRUPTED
         except BrokenPipeError:
             sys.stderr.close()
             sys.exit(0)
@@ -137,8 +142,11 @@ def run() -> None:
             if not fault.strerror:
                 raise
             _end(f"{fault.filename or 'counterflex'}: {fault.strerror}")
+        asked = interrupt.status()  # 128 and the number of the signal, whatever the command made of it
     if status == _INTERRUPTED:
-        _end("interrupted; nothing was written")
+        _end(f"interrupted; {interrupt.left()}", asked or _INTERRUPTED)
+    if asked is not None:
+        sys.exit(asked)
     sys.exit(status if isinstance(status, int) else 0)
 
 
@@ -154,6 +162,6 @@ def _end_usage(fault: Any) -> NoReturn:
     _end(f"{message}{stop} {command} --help shows how it is used")
 
 
-def _end(line: str) -> NoReturn:
+def _end(line: str, status: int = 2) -> NoReturn:
     print(f"error: {' '.join(line.split())}", file=sys.stderr)
-    sys.exit(2)
+    sys.exit(status)

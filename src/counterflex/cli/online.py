@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import given, interrupt
+from counterflex.cli.fake_options import WaitS
 from counterflex.cli.given import address
 from counterflex.cli.log import show_process
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
@@ -15,6 +16,10 @@ from counterflex.cli.program import CellFile, Out, Program
 from counterflex.core.errors import InputError
 from counterflex.core.units import MS
 
+if TYPE_CHECKING:
+    from counterflex.app.run_status import Status
+
+_STILL_S: Final = 0.5
 Rsi = Annotated[
     Path | None,
     typer.Option(
@@ -118,6 +123,11 @@ def run(
     Without --arm every answer is zero: watch first. A robot that does not wait is armed only on a machine that
     `doctor` has found fit. The log goes to DIR as run-000.mcap, run-001.mcap, ... While it runs, `operator stop DIR`,
     `operator reset DIR` and `operator arm DIR` from another terminal end the correction, acknowledge and arm again.
+    Ctrl-C ramps the correction out first and then ends.
+
+    Exit status: 0 the program ended as planned; 2 refused before it began; 3 a fault, or a hold that lasted, ended the
+    correction; 4 never armed; 5 records are missing in the log; 6 the operator ended the correction; 1 the loop died;
+    130 Ctrl-C, 143 request to terminate, 129 terminal closed.
 
     Example: `counterflex run --cell cell.toml --rsi rsi.xml --plan plan.parquet --force 192.168.1.1:49152 --out log`
     """
@@ -126,7 +136,6 @@ def run(
     from counterflex.app import online as job
     from counterflex.app.online_session import RunSettings
     from counterflex.app.process_events import shown_event
-    from counterflex.app.recorder import Status
     from counterflex.links.session import SessionChecks
     from counterflex.runtime.fusion import level
 
@@ -159,7 +168,10 @@ def run(
         if status.degraded:
             rests += f" ({status.degraded.name.lower().replace('_', ' ')})"
         trouble = "  feed held" if status.feed_hold else ""
-        trouble += f"  LOG LOST: {status.log_trouble}" if status.log_trouble else ""
+        if status.log_trouble or status.records_lost:
+            trouble += f"  LOG LOST: {status.log_trouble or 'it goes on'}, {status.records_lost} records lost"
+        if status.still_s > _STILL_S:
+            trouble += f"  THE LOOP STANDS STILL: no sign of life for {status.still_s:.1f} s; stop the robot"
         if status.tares:
             trouble += (
                 f"  NO ZERO: {status.idle_n:.1f} N and {status.idle_nm:.1f} N m without a cut, limits"
@@ -180,11 +192,13 @@ def run(
             )
         typer.echo(
             f"{status.state.name.lower():9s}{cause} {status.cycles:7d} cycles  "
-            f"correction {x:+6.0f} {y:+6.0f} {z:+6.0f} um  {status.compute_us:4.0f} us{rests}{speed}{trouble}",
+            f"correction {x:+6.0f} {y:+6.0f} {z:+6.0f} um  {status.compute_us:4.0f} us"
+            f"{_whereabouts(status)}{rests}{speed}{trouble}",
             err=True,
         )
 
     def started(where: tuple[str, int]) -> None:
+        interrupt.keeps(f"the log up to here is in {out}; the loop ramps the correction out and ends by itself")
         typer.echo(f"waiting for the robot at {where[0]}:{where[1]}", err=True)
 
     def told(line: str) -> None:
@@ -195,13 +209,19 @@ def run(
         print_json(summary)
     else:
         _show(summary, out)
-    if summary["loop_ended"] != job.AS_ASKED:
-        typer.echo(
-            f"the loop {summary['loop_ended']}: it did not end by itself, and ramped nothing out; what it said stands"
-            " above",
-            err=True,
-        )
-        raise typer.Exit(1)
+    if summary["ended"]["status"]:
+        typer.echo(f"ended: {summary['ended']['said']}", err=True)
+        raise typer.Exit(summary["ended"]["status"])
+
+
+def _whereabouts(status: Status) -> str:
+    """Place, force and the ages of the sources, as far as they are known."""
+    said = "" if status.place is None else f"  at {100.0 * status.place:.1f} %"
+    if status.force_n is not None:
+        said += f"  {status.force_n:.0f} N"
+        said += "" if status.planned_n is None else f" of {status.planned_n:.0f} planned"
+    ages = [f"{name} {'-' if age is None else f'{1e3 * age:.0f}'}" for name, age in status.ages_s]
+    return said + (f"  age ms: {' '.join(ages)}" if ages else "")
 
 
 def _show(summary: dict[str, Any], out: Path) -> None:
@@ -271,6 +291,7 @@ def cell(
         float, typer.Option("--tracker-late", help="How late they come, ms.", min=0.0, max=900.0)
     ] = 0.0,
     seed: Annotated[int, typer.Option("--seed", help="Of the instruments.", min=0)] = 0,
+    wait_s: WaitS = 60.0,
     gate_s: Annotated[float, typer.Option("--gate-s", help="Rest before the program starts.", min=0.0)] = 0.8,
     realtime: Annotated[
         bool, typer.Option("--realtime", help="Keep real time; else wait for every answer, as fast as both can.")
@@ -278,7 +299,8 @@ def cell(
 ) -> None:
     """Run a program on the simulated cell behind its real protocols: KUKA RSI or ABB EGM, Net F/T, tracker.
 
-    It begins to send at once: start `counterflex run` first. Writes into DIR what `simulate` writes.
+    It begins to send at once: start `counterflex run` first. Writes into DIR what `simulate` writes, and nothing where
+    nobody answers; it ends when its partner has ended.
 
     Example: `counterflex twin cell part.ngc --cell cell.toml --truth truth.toml --rsi rsi.xml --out part`
     """
@@ -301,6 +323,7 @@ def cell(
         tracker_hz=tracker_hz,
         tracker_faults=job.late(tracker_late_ms * MS),
         seed=seed,
+        wait_s=wait_s,
         gate_s=gate_s,
         realtime=realtime,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -30,7 +30,10 @@ def _group() -> None:
 
 
 def status(log: Log, as_json: AsJson = False) -> None:
-    """Say in what state a run is, and why.
+    """Say in what state a run is and why, where on the plan, under which force, how old what it knows is.
+
+    Foreign telegrams that were dropped and records that are lost are counted. Asked of the loop itself: it answers also
+    where the process that started it has died.
 
     Example: `counterflex operator status log`
     """
@@ -40,7 +43,8 @@ def status(log: Log, as_json: AsJson = False) -> None:
 def stop(log: Log, as_json: AsJson = False) -> None:
     """End the correction: a feed hold is asked for, the correction is ramped out, the robot is told to stop.
 
-    The run goes on and can be armed again. The robot's own stop is for emergencies; this is none.
+    The loop itself takes it in its next cycle, also where the process that started it, or the recorder, has died. The
+    run goes on and can be armed again. The robot's own stop is for emergencies; this is none.
 
     Example: `counterflex operator stop log`
     """
@@ -82,7 +86,30 @@ def _ask(log: Path, action: str, *, as_json: bool) -> None:
         typer.echo(
             f"{found['state'].replace('_', ' ')}{cause}, correction {found['correction_mm']:.3f} mm{held}{robot}"
         )
+        if action == "status":
+            for line in _seen(found):
+                typer.echo(line)
         if not found["done"]:
             typer.echo(f"{action} refused: {found['refused']}", err=True)
     if not found["done"]:
         raise typer.Exit(1)
+
+
+def _seen(found: dict[str, Any]) -> list[str]:
+    """What else is to be seen of a run: place, force, how old each source is, strangers, losses."""
+    lines = []
+    if found["place"] is not None:
+        lines.append(f"place: {100.0 * found['place']:.1f} % of the plan")
+    force = [
+        f"{found[key]:.0f} N {word}"
+        for key, word in (("force_n", "measured"), ("planned_n", "planned"))
+        if found[key] is not None
+    ]
+    if force:
+        lines.append("force: " + ", ".join(force))
+    ages = [f"{name} {'nothing yet' if age is None else f'{age:.0f} ms'}" for name, age in found["age_ms"].items()]
+    lines.append("age: " + ", ".join(ages))
+    lines.append(f"foreign telegrams dropped: {found['foreign']}")
+    lost = f" ({found['log_trouble']})" if found["log_trouble"] else ""
+    lines.append(f"{'LOG LOST, ' if lost or found['records_lost'] else ''}records lost: {found['records_lost']}{lost}")
+    return lines

@@ -9,6 +9,7 @@ whole state of the loop stands beside the records, so that they can be computed 
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import mmap
 import os
@@ -26,6 +27,7 @@ from mcap.writer import Writer
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, OutputError
+from counterflex.files.log_place import LOOKED_S, LogGone, LogPlace
 from counterflex.files.mcap_salvage import Salvaged, message, parsed, salvage
 from counterflex.files.run_log_segment import (
     CYCLE_CHANNEL,
@@ -63,8 +65,10 @@ class RunLog:
 
     Attributes:
         written: Records written.
-        lost: Records that could not be written.
+        lost: Records that could not be written, or whose file was removed while the run went on.
         trouble: Why writing does not work at the moment, or empty.
+        trouble_number: Of the system's error, or :data:`counterflex.files.log_place.GONE`; 0: it works.
+        first: Number of the run's first segment.
 
     Raises:
         OutputError: The folder cannot be written at the start.
@@ -75,16 +79,20 @@ class RunLog:
         self._about = dict(about)
         self._facts: dict[str, Any] = {}
         self.written = self.lost = 0
-        self.trouble = ""
-        self._number = self._first = 0
+        self.trouble, self.trouble_number = "", 0
+        self._number = self.first = 0
+        self._place: LogPlace | None = None
+        self._here = 0  # records in the present segment
+        self._before: list[tuple[Path, int]] = []  # segments that are finished, and their records
+        self._device: int | None = None
         self._stream: BufferedWriter | None = None
         self._writer: Writer | None = None
         self._channel = self._states = 0
-        self._retry = self._flushed = self._synced = 0.0
+        self._retry = self._flushed = self._synced = self._looked = 0.0
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             taken = [int(p.stem[4:]) for p in self.folder.glob("run-*.mcap") if p.stem[4:].isdigit()]
-            self._number = self._first = max(taken, default=-1) + 1
+            self._number = self.first = max(taken, default=-1) + 1
             self._begin()
         except OSError as fault:
             raise OutputError(
@@ -95,9 +103,13 @@ class RunLog:
 
     def _begin(self) -> None:
         path = self.folder / f"run-{self._number:03d}.mcap"
+        device = self.folder.stat().st_dev
+        if self._device not in (None, device):  # another disk, or none, where the log's was: not what was asked for
+            raise LogGone
+        self._device = device
         stream = path.open("wb")
         try:
-            self._facts = {"format": KIND, "version": VERSION, "run": self._first, "segment": self._number}
+            self._facts = {"format": KIND, "version": VERSION, "run": self.first, "segment": self._number}
             self._facts.update(self._about)
             writer, self._channel, self._states = begin_segment(stream, self._facts)
             writer.flush()
@@ -107,8 +119,9 @@ class RunLog:
             path.unlink(missing_ok=True)
             raise
         self._stream, self._writer = stream, writer
+        self._place, self._here = LogPlace(path, stream.fileno()), 0
         self._number += 1
-        self.trouble = ""
+        self.trouble, self.trouble_number = "", 0
 
     def add(self, rows: Float, now_s: float | None = None, *, state: LoopState | None = None) -> None:
         """Write records, flush when due, rotate when large or when the disk refuses; never raises for a full disk.
@@ -145,15 +158,32 @@ class RunLog:
                     os.fsync(stream.fileno())
                     self._synced = now
             self.written += len(rows)
+            self._here += len(rows)
+            if self._place is not None and now - self._looked >= LOOKED_S:
+                self._looked = now
+                self._place.check()
             if stream.tell() > SEGMENT_BYTES:
                 self._finish()
+                self._before.append((self.folder / f"run-{self._number - 1:03d}.mcap", self._here))
                 self._begin()
+        except LogGone as fault:
+            self._gone(fault, now)
         except OSError as fault:
             self._fail(fault, len(rows), now)
 
+    def _gone(self, fault: LogGone, now: float) -> None:
+        """Count as lost what is not there any more; what was moved away is finished where it is now."""
+        with contextlib.suppress(OSError):
+            self._finish()
+        lost = self._here + sum(count for path, count in self._before if not path.exists())
+        self._before = [(path, count) for path, count in self._before if path.exists()]
+        self._here = 0
+        self.written -= lost
+        self._fail(fault, lost, now)
+
     def _fail(self, fault: OSError, rows: int, now: float) -> None:
         self.lost += rows
-        self.trouble = fault.strerror or str(fault)
+        self.trouble, self.trouble_number = fault.strerror or str(fault), fault.errno or errno.EIO
         self._retry = now + _RETRY_S
         if self._stream is not None:
             with contextlib.suppress(OSError):
@@ -172,7 +202,11 @@ class RunLog:
     def close(self) -> None:
         """Finish the last segment; trouble is kept in :attr:`trouble`."""
         try:
+            if self._place is not None and self._stream is not None:
+                self._place.check()
             self._finish()
+        except LogGone as fault:
+            self._gone(fault, 0.0)
         except OSError as fault:
             self._fail(fault, 0, 0.0)
 

@@ -1,6 +1,7 @@
-"""The array that the loop shares with the operator's side and the recorder: requests in, tallies out.
+"""The array that the processes of a run share: requests in, tallies and what the loop is doing out, who lives.
 
-Whole 64-bit numbers, so that none is ever seen half written.
+Whole 64-bit numbers, so that none is ever seen half written. Times are of the monotonic clock, ns, which is the same
+for all processes of a computer. 0 of a time or a process number: nobody has said anything yet.
 """
 
 from __future__ import annotations
@@ -50,8 +51,56 @@ class Kept(IntEnum):
     TAKEN = 14
     """Records taken over from the loop."""
     TROUBLE = 15
-    """1: they cannot be written."""
+    """Why they cannot be written, see :func:`counterflex.files.log_place.trouble_said`; 0: they are."""
+    LOST = 16
+    """Records that could not be written, or whose file has gone."""
 
 
-CONTROL = REQUESTS + len(Tally) + len(Kept)
-"""Length of an array that holds requests, tallies and what the recorder says."""
+class Life(IntEnum):
+    """Who lives: places of the control array after those of :class:`Kept`."""
+
+    LOOP_NS = 17
+    """When the loop last said that it lives."""
+    RECORDER_NS = 18
+    RUN_NS = 19
+    """The process that started the others."""
+    LOOP_PID = 20
+    RECORDER_PID = 21
+    RUN_PID = 22
+    GONE = 23
+    """1: the operating system says that one of the other two has died; written by the loop."""
+    ENDED = 24
+    """1: the loop has ended by itself."""
+    MAY_ARM = 25
+    """1: the run was started to correct; one that only watches is not armed from outside."""
+
+
+class Shown(IntEnum):
+    """What the loop is doing: places of the control array after those of :class:`Life`."""
+
+    STATE = 26
+    CAUSE = 27
+    """Of the state, else what keeps the loop from being armed."""
+    HARD = 28
+    """Cause of a fault that is still there."""
+    FEED_HOLD = 29
+    CORRECTION_NM = 30
+    """Size of the correction that is sent."""
+    CYCLES = 31
+    """Telegrams so far."""
+    ROBOT_NS = 32
+    """When the last telegram came."""
+    FORCE_NS = 33
+    """When the last good force came; -1: there is no force sensor."""
+    TRACKER_NS = 34
+    """When the last good pose came; -1: there is no tracker."""
+    PLACE_PPM = 35
+    """Place on the plan, of its length in rows; -1: not on it, or there is no plan."""
+    FORCE_MN = 36
+    """Measured, filtered; -1: there is none."""
+    PLANNED_MN = 37
+    """Planned there, through the same filter; -1: there is no plan."""
+
+
+CONTROL = REQUESTS + len(Tally) + len(Kept) + len(Life) + len(Shown)
+"""Length of the whole array."""

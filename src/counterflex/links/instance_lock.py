@@ -7,7 +7,7 @@ import os
 import sys
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from counterflex.core.errors import OutputError
 
@@ -27,6 +27,7 @@ class InstanceLock:
     Args:
         folder: Of lock files of this user; made where it is missing.
         port: UDP port at which the robot's telegrams come.
+        about: What else it says of its holder, for whoever looks for him.
 
     Attributes:
         path: Of the lock file.
@@ -35,7 +36,7 @@ class InstanceLock:
         OutputError: Another process holds it, or the folder cannot be written.
     """
 
-    def __init__(self, folder: Path, port: int) -> None:
+    def __init__(self, folder: Path, port: int, **about: str) -> None:
         self.path = folder / f"robot-{port}.lock"
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -56,7 +57,7 @@ class InstanceLock:
         self._stream = stream
         stream.seek(0)
         stream.truncate()
-        stream.write(json.dumps({"pid": os.getpid(), "boot": boot_id()}) + "\n")
+        stream.write(json.dumps({"pid": os.getpid(), "boot": boot_id(), **about}) + "\n")
         stream.flush()
 
     def __enter__(self) -> Self:
@@ -73,6 +74,19 @@ class InstanceLock:
             self._stream.seek(0)
             self._stream.truncate()
             self._stream.close()
+
+
+def holders(folder: Path) -> list[dict[str, Any]]:
+    """What the lock files of a folder say of those who hold them now, or held them when they died."""
+    found = []
+    for path in sorted(folder.glob("robot-*.lock")):
+        try:
+            said = json.loads(path.read_text(encoding="utf-8")[:_LOCKED_AT])
+        except (ValueError, OSError):
+            continue
+        if isinstance(said, dict):
+            found.append(said)
+    return found
 
 
 def boot_id() -> str:

@@ -6,7 +6,6 @@ printing) is done by other processes.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,10 +15,11 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MS, NS
 from counterflex.geometry import pose
-from counterflex.links.control_array import CONTROL, REQUESTS, Kept, Request, Tally
+from counterflex.links.control_array import CONTROL, REQUESTS, Kept, Life, Request
 from counterflex.links.force_source import ForceSource
 from counterflex.links.robot_link import RobotLink
 from counterflex.links.session_record import write_record
+from counterflex.links.shown import Teller
 from counterflex.links.tare import Tare
 from counterflex.links.telegram_watch import TelegramWatch, WatchSettings
 from counterflex.links.tracker_link import TrackerLink
@@ -45,11 +45,12 @@ _SATURATED, _OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OFFSET)
 _INTERNAL, _LOG_LOST, _WRONG_JOB = int(Cause.INTERNAL), int(Cause.LOG_LOST), int(Cause.WRONG_JOB)
 _TRACKER_LOST, _FORCE_STALE = int(Cause.TRACKER_LOST), int(Cause.FORCE_STALE)
 _SCATTERED = int(Cause.TELEGRAMS_SCATTERED)
+_RUN_LOST = int(Cause.RUN_LOST)
 _LOG_LATE_ROWS = 125
 """Records that may wait before the loop is armed: half a second."""
 _ARM, _STOP, _RESET = int(Request.ARM), int(Request.STOP), int(Request.RESET)
-_TALLIES = REQUESTS + len(Tally)
 _TAKEN, _TROUBLE = int(Kept.TAKEN), int(Kept.TROUBLE)
+_RUN, _GONE = int(Life.RUN_NS), int(Life.GONE)
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,10 @@ class SessionChecks:
         job: Number of the job that the robot program must say it is of, where it says one
             (:func:`counterflex.programs.job_mark.job_number`); 0: none, the program is not a compensated one.
             None: not tested.
+        run_silent_s: The process that started the loop says many times a second that it lives; silent for so long it
+            counts as lost. Not tested where nobody has ever said so, and None: never, a robot that waits for every
+            answer has time. A process that has died is seen by the operating system, see
+            :class:`counterflex.links.living.Living`.
     """
 
     settle_cycles: int = 60
@@ -74,6 +79,7 @@ class SessionChecks:
     tare: bool = True
     hold_without_log: bool = False
     job: int | None = None
+    run_silent_s: float | None = 0.08
 
 
 class OnlineSession:
@@ -91,7 +97,7 @@ class OnlineSession:
         T_target_tcp: (4, 4) tool tip in the tracker's target; needed with ``tracker``.
         ring: Where records go, or None.
         control: Of :class:`Request`, written by the operator's side, and where it is long enough (:data:`CONTROL`) of
-            :class:`Tally`, written by the loop, and :class:`Kept`, written by the recorder; or None.
+            all that :mod:`counterflex.links.control_array` says; or None.
         checks: See :class:`SessionChecks`.
         watch: When telegrams are no longer good enough.
         clock_ns: Monotonic clock; time of day is never used.
@@ -149,6 +155,13 @@ class OnlineSession:
         self._clock_ns = clock_ns
         self._tare = Tare(self._checks.force_n, self._checks.moment_nm, keep=self._checks.tare)
         self._job = self._checks.job
+        silent_s = self._checks.run_silent_s
+        self._run_silent_ns = None if silent_s is None else round(silent_s * 1e9)
+        self._teller: Teller | None = None
+        if len(self.control) >= CONTROL:
+            self._teller = Teller(
+                self.control, loop, link.counters, self._tare, force=force is not None, tracker=tracker is not None
+            )
         self.trouble = ""
         self._time_zero_ns = clock_ns()
         self._silent_cycles = self._repeated = 0
@@ -211,7 +224,7 @@ class OnlineSession:
             self._failed(fault)
         if link.clamped and soft == 0:
             soft = _CLAMPED
-        soft, hard = self._watch_program(soft, hard)
+        soft, hard = self._watch_program(soft, hard, received)
         if soft == 0 and outcome[at.O_STATE] <= _READY:
             soft = self._lacking()
         control = self.control
@@ -258,8 +271,15 @@ class OnlineSession:
         self.cycles += int(came)
         if self.ring is not None:
             write_record(self.ring, link, loop, self.force, received, sent)
-        if len(control) >= CONTROL:
-            self._tally(control)
+        if self._teller is not None:
+            self._teller.tell(
+                sent,
+                came=came,
+                cycles=self.cycles,
+                clock_jumps=self.watch.clock_jumps,
+                force_age=self._force_age,
+                tracker_age=self._tracker_age,
+            )
         return came
 
     def _watch_telegrams(self, came: bool, received: int, hard: int) -> tuple[int, int]:
@@ -282,8 +302,8 @@ class OnlineSession:
         self._repeated = counters.repeated
         return soft, hard or found
 
-    def _watch_program(self, soft: int, hard: int) -> tuple[int, int]:
-        """What is wrong on this side: the loop's own program, the job, the log."""
+    def _watch_program(self, soft: int, hard: int, now_ns: int) -> tuple[int, int]:
+        """What is wrong on this side: the loop's own program, the job, the log, the other processes of the run."""
         if self.trouble and hard == 0 and not self.control[_RESET]:
             hard = _INTERNAL
         armed = self._outcome[at.O_STATE] > _ARMED
@@ -294,7 +314,14 @@ class OnlineSession:
                 soft = soft or _WRONG_JOB
         if soft == 0 and self.ring is not None and len(self.control) >= CONTROL and self._log_lost(armed):
             soft = _LOG_LOST
+        if self._teller is not None and self._run_lost(now_ns):
+            soft = _RUN_LOST  # before all else: nobody may be there to see what else is wrong
         return soft, hard
+
+    def _run_lost(self, now_ns: int) -> bool:
+        control, longest = self.control, self._run_silent_ns
+        said = int(control[_RUN])
+        return bool(control[_GONE]) or (longest is not None and said != 0 and now_ns - said > longest)
 
     def _log_lost(self, armed: bool) -> bool:
         control, ring = self.control, self.ring
@@ -317,22 +344,6 @@ class OnlineSession:
         idle = self._outcome[at.O_STATE] == _IDLE
         if idle and (reset or self._silent_cycles >= _FORGET_PEER_CYCLES):
             self.link.forget()
-
-    def _tally(self, control: Int) -> None:
-        counters = self.link.counters
-        tare = self._tare
-        control[REQUESTS:_TALLIES] = (
-            counters.foreign,
-            counters.malformed,
-            counters.old + counters.astray,
-            counters.drained,
-            counters.lost,
-            counters.late_at_robot,
-            self.watch.clock_jumps,
-            tare.refusals,
-            round(1e3 * math.hypot(*tare.mean[:3])),
-            round(1e3 * math.hypot(*tare.mean[3:])),
-        )
 
     def _read_force(self, soft: int, hard: int) -> tuple[int, int]:
         if self.force is None or self._wrench is None:

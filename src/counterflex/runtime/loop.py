@@ -278,6 +278,21 @@ class Loop:
         return self._state[at.S_IN_FORCE : at.S_IN_FORCE + 6]
 
     @property
+    def planned_force(self) -> Float:
+        """(3,) view: force that the plan expects here, through the filters of the measured one, N, part axes."""
+        return self._state[at.S_BEFORE : at.S_BEFORE + 3]
+
+    @property
+    def planned(self) -> bool:
+        """Whether there is a plan."""
+        return bool(self._choices[at.W_PLAN])
+
+    @property
+    def plan_rows(self) -> int:
+        """Rows of the plan; 2 without one."""
+        return len(self._plan)
+
+    @property
     def cycle(self) -> int:
         """Cycles run since the start or the last :meth:`reset`; after the first :meth:`run` it is 1."""
         return int(self._whole[at.N_CYCLES])

@@ -167,9 +167,13 @@ class RecordRing:
         self._read = count
         return out
 
-    def rewind(self) -> None:
-        """Reader: take also what was written before it joined."""
-        self._read = 0
+    def rewind(self, behind: int = 0) -> None:
+        """Reader: take also what was written before it joined.
+
+        Args:
+            behind: Rows at the beginning that are not taken.
+        """
+        self._read = behind
         self.states.rewind()
 
     def close(self) -> None:

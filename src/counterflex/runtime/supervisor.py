@@ -12,77 +12,14 @@ at zero. There is no way from FAULT to ACTIVE.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
 from counterflex.core.arrays import Int
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
-
-
-class State(IntEnum):
-    """What the loop may do."""
-
-    IDLE = 0
-    """Answers with zero; nothing is checked yet."""
-    READY = 1
-    """Telegrams and sensors are there and have passed their tests."""
-    ARMED = 2
-    """Answers with zero, all monitors live, waits for the robot program."""
-    ACTIVE = 3
-    """Corrects."""
-    HOLD = 4
-    """The output stands still, feed hold is requested."""
-    RAMP_OUT = 5
-    """The output goes slowly to zero."""
-    FAULT = 6
-    """The output is held, the robot is told to stop; a person must reset."""
-
-
-class Cause(IntEnum):
-    """Why a state was left; the first one of an incident is kept."""
-
-    NONE = 0
-    OPERATOR = 1
-    PROGRAM = 2
-    TELEGRAMS_LATE = 3
-    TELEGRAMS_STOPPED = 4
-    TELEGRAMS_SCATTERED = 5
-    TELEGRAM_MALFORMED = 6
-    SESSION_RESTARTED = 7
-    FORCE_STALE = 8
-    FORCE_INVALID = 9
-    FORCE_SATURATED = 10
-    TRACKER_LOST = 11
-    LIMIT_SOFT = 12
-    LIMIT_HARD = 13
-    CLAMPED_BY_ROBOT = 14
-    NOT_FINITE = 15
-    DIVERGENCE = 16
-    WRONG_FRAME = 17
-    WRONG_JOB = 18
-    OFF_PATH = 19
-    SINGULAR = 20
-    HELD_TOO_LONG = 21
-    """The robot went on although a feed hold was asked for."""
-    ENABLE_LOST = 22
-    """The robot program took the correction away in the cut, or wants it again without having been armed anew."""
-    LOG_LOST = 23
-    """Records are not written: nobody takes them, or the disk does not."""
-    CLOCK = 24
-    FOREIGN_PEER = 25
-    INTERNAL = 26
-    """The loop's own program failed."""
-    FORCE_OFFSET = 27
-    """The sensor shows a force without a cut: wrong load or zero."""
-    PROCESS_MISSING_CUT = 28
-    PROCESS_OVERLOAD = 29
-    PROCESS_WEAR = 30
-    PROCESS_BREAKAGE = 31
-    PROCESS_CHATTER = 32
-    PROCESS_LOW_CHATTER = 33
-
+from counterflex.runtime.states import Cause as Cause
+from counterflex.runtime.states import State as State
 
 # Inputs of a cycle.
 IN_TELEGRAM = 0  # 1: a valid telegram came in this cycle
@@ -156,7 +93,7 @@ _IDLE, _READY, _ARMED, _ACTIVE = int(State.IDLE), int(State.READY), int(State.AR
 _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
 _OPERATOR, _PROGRAM, _TOO_LONG = int(Cause.OPERATOR), int(Cause.PROGRAM), int(Cause.HELD_TOO_LONG)
 _STOPPED, _ENABLE_LOST = int(Cause.TELEGRAMS_STOPPED), int(Cause.ENABLE_LOST)
-_OF_PROCESS = int(Cause.PROCESS_MISSING_CUT)
+_OF_PROCESS, _RUN_LOST = int(Cause.PROCESS_MISSING_CUT), int(Cause.RUN_LOST)
 
 
 @kernel("void(int64[::1], int64[::1], int64[::1], int64, int64)")
@@ -239,7 +176,7 @@ def supervise(at: Int, given: Int, settings: Int) -> None:
             following, cause = _RAMP_OUT, _ENABLE_LOST if given[IN_AWAY] == 1 else _PROGRAM
     elif state == _HOLD:
         # The program that switches the correction off has left the cut, whatever it was held for.
-        may_return = cause < _OF_PROCESS and at[AT_RETURNS] < settings[SET_RETURNS]
+        may_return = (cause < _OF_PROCESS or cause == _RUN_LOST) and at[AT_RETURNS] < settings[SET_RETURNS]
         if given[IN_STOP] == 1 or given[IN_ENABLE] == 0:
             following = _RAMP_OUT
         elif at[AT_CYCLES] >= settings[SET_HOLD_CYCLES]:

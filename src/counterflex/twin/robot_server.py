@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError, SimulationError
+from counterflex.core.errors import InputError, OutputError, SimulationError
 from counterflex.core.progress import Progress, silent
 from counterflex.twin.commanded_motion import Report
 from counterflex.twin.exact_robot import ControlledRobot
@@ -28,6 +28,12 @@ from counterflex.twin.robot_controller import RobotController
 
 FAULTS: Final = ("silent", "dying", "counter")
 """Faults of the instrument itself that the controller can show."""
+_AGAIN_S: Final = 0.05
+_MOST_REFUSED: Final = 200
+"""Telegrams in a row to a port that is closed before the sensor program counts as gone; a controller's own time-out
+comes first."""
+_LONGEST_ALONE_S: Final = 15.0
+"""Lockstep: likewise, without an answer for so long."""
 _LATEST: Final = 0.5  # of a cycle: with less left for an answer, cycles are counted anew
 
 
@@ -81,7 +87,7 @@ class RobotServer:
     Attributes:
         cycles: Telegrams sent.
         stalls: Real time: how often this computer was too slow and a telegram left late.
-        stop_reason: Why it ended: ``finished``, ``cycles``, ``died``, ``no sensor program``, or what stopped the
+        stop_reason: Why it ended: ``finished``, ``cycles``, ``died``, ``sensor program gone``, or what stopped the
             controller.
     """
 
@@ -112,6 +118,8 @@ class RobotServer:
         self.realtime, self.patience_s, self.gate_cycles = realtime, patience_s, gate_cycles
         self.waiting_s, self.most_held_s = waiting_s, most_held_s
         self._held_cycles = 0
+        self._met = self._alone = False
+        self._refused, self._waited_s = 0, 0.0
         self.cycles = 0
         self.stop_reason = ""
         self.stalls = 0
@@ -143,11 +151,11 @@ class RobotServer:
             :attr:`stop_reason`.
 
         Raises:
+            OutputError: As :meth:`meet`, where that was not called before.
             SimulationError: In lockstep the sensor program holds the feed, and nobody gives it free.
         """
-        if not self._wait_for_peer():
-            self.stop_reason = "no sensor program"
-            return self.stop_reason
+        if not self._met:
+            self.meet()
         rest = after
         total = self.robot.cycles / self._per_telegram
         self._due = time.perf_counter()
@@ -172,6 +180,9 @@ class RobotServer:
                 progress(min(0.99, self.cycles / total), "milling")
             if self.controller.stopped:
                 self.stop_reason = self.controller.stopped
+                return self.stop_reason
+            if self._alone:
+                self.stop_reason = "sensor program gone"
                 return self.stop_reason
             if report.finished:
                 rest -= 1
@@ -201,10 +212,15 @@ class RobotServer:
             report = self.robot.advance(correction, controller.axes, override, guided)
         return report
 
-    def _wait_for_peer(self) -> bool:
-        """Repeat the first telegram until somebody answers; nothing moves, nothing is counted."""
+    def meet(self) -> None:
+        """Repeat the first telegram until the sensor program answers; nothing moves, nothing is counted.
+
+        Raises:
+            OutputError: It does not within ``waiting_s``.
+        """
+        self._met = True
         if self.waiting_s <= 0.0 or self.controller.only_sends:
-            return True
+            return
         end = time.perf_counter() + self.waiting_s
         nothing = np.zeros(6)
         report = self.robot.advance(nothing)
@@ -215,10 +231,18 @@ class RobotServer:
             self._send(first)
             try:
                 self._socket.recv(65536)
-            except (TimeoutError, ConnectionError):
+            except TimeoutError:
                 continue
-            return True
-        return False
+            except ConnectionError:  # its port is closed
+                time.sleep(_AGAIN_S)
+                continue
+            return
+        raise OutputError(
+            "no sensor program answers",
+            where=f"{self.peer[0]}:{self.peer[1]}",
+            value=f"nothing for {self.waiting_s:g} s",
+            hint="Start it first, for example counterflex run with the same address and port",
+        )
 
     def exchange(self, telegram: bytes, *, silent: bool = False) -> None:
         """Send a telegram and take what comes until the cycle is over.
@@ -255,17 +279,24 @@ class RobotServer:
         self._in.release(now_s, found.append)
         if not self._unharmed or self.controller.only_sends:
             return found[-1] if found else None
-        end = time.perf_counter() + self.patience_s
-        while (left := end - time.perf_counter()) > 0.0:
+        begin = time.perf_counter()
+        while (left := begin + self.patience_s - time.perf_counter()) > 0.0:
             self._socket.settimeout(left)
             try:
                 data = self._socket.recv(65536)
-            except (TimeoutError, ConnectionError):
+            except TimeoutError:
                 break
+            except ConnectionError:
+                self._refused += 1
+                break
+            self._refused = 0
             if self.controller.answers(data):
                 self._reply_s = time.perf_counter() - self._sent_at
                 self._in.put(data, now_s, found.append)
+                begin, self._waited_s = time.perf_counter(), 0.0
                 break
+        self._waited_s += time.perf_counter() - begin
+        self._alone = self._refused >= _MOST_REFUSED or self._waited_s >= _LONGEST_ALONE_S
         return found[-1] if found else None
 
     def _wait_realtime(self, now_s: float) -> bytes | None:

@@ -26,7 +26,9 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
 from counterflex.files.run_log import RunLog
 from counterflex.geometry import pose, rotation
-from counterflex.links.control_array import CONTROL, Kept, Request
+from counterflex.links.control_array import CONTROL, Kept, Life, Request
+from counterflex.links.living import Beat
+from counterflex.links.shared_words import SharedWords
 from counterflex.runtime.record_ring import OUTCOME, RecordRing
 from counterflex.runtime.supervisor import State
 from counterflex.twin.commanded_motion import Report
@@ -57,13 +59,13 @@ def write_files(folder: Path) -> tuple[Path, Path]:
     return folder / "cell.toml", folder / "rsi.xml"
 
 
-def keep_log(ring_name: str, folder: str, control: Any, largest_file: int) -> None:
+def keep_log(ring_name: str, folder: str, words: Path, largest_file: int) -> None:
     """A recorder's process: takes what the loop hands over, until it is killed.
 
     Args:
         ring_name: Of the ring.
         folder: Of the log.
-        control: Shared with the loop, which is told what was taken.
+        words: Shared with the loop, which is told what was taken and which process this is.
         largest_file: Bytes that a file may have before the operating system refuses more; 0: no limit.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -72,6 +74,8 @@ def keep_log(ring_name: str, folder: str, control: Any, largest_file: int) -> No
 
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file))
+    control = SharedWords(CONTROL, words).words
+    control[Life.RECORDER_PID] = os.getpid()
     reader = RecordRing(ring_name)
     reader.rewind()
     log = RunLog(folder, {})
@@ -81,8 +85,21 @@ def keep_log(ring_name: str, folder: str, control: Any, largest_file: int) -> No
         time.sleep(_POLL_S)
 
 
+def keep_beating(words: Path) -> None:
+    """The process that starts the others, played: says that it lives, until it is killed.
+
+    Args:
+        words: Shared with the loop.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    control: Any = SharedWords(CONTROL, words).words
+    Beat(control, Life.RUN_NS, Life.RUN_PID)
+    while True:
+        time.sleep(_PATIENCE_S)
+
+
 class ProcessRig:
-    """Robot, sensor, loop and recorder; the first two here, the others in processes of their own.
+    """Robot, sensor, loop, recorder and who started them; the first two here, the others in processes of their own.
 
     Args:
         folder: For cell, configuration and logs.
@@ -93,6 +110,7 @@ class ProcessRig:
         control: What the operator asks for.
         loop: The loop's process, or None.
         recorder: The recorder's process, or None.
+        starter: The process that plays who started the others, or None.
         corrections: (n, 3) m in force, one for every cycle.
     """
 
@@ -101,7 +119,8 @@ class ProcessRig:
         self.cell, self.rsi = write_files(folder)
         self._context = multiprocessing.get_context("forkserver")  # starts hundreds of processes: imports once
         self._context.set_forkserver_preload([__name__])
-        self.control = self._context.Array("q", CONTROL, lock=False)
+        self._words = SharedWords(CONTROL)
+        self.control = self._words.words
         self.ring = RecordRing()
         self._reader = RecordRing(self.ring.name)
         self.sensor = NetftServer()
@@ -111,6 +130,7 @@ class ProcessRig:
         self.robot = FakeRsi(demo_config(), RsiContext(), {"Enable": 0.0})
         self.loop: BaseProcess | None = None
         self.recorder: BaseProcess | None = None
+        self.starter: BaseProcess | None = None
         self._address: tuple[str, int] = ("127.0.0.1", 0)
         self.corrections: list[Float] = []
         self._cycles = 0
@@ -122,12 +142,14 @@ class ProcessRig:
 
     def __exit__(self, *_: object) -> None:
         """End the processes and free the sockets."""
-        for process in (self.loop, self.recorder):
+        for process in (self.loop, self.recorder, self.starter):
             if process is not None and process.pid is not None:
                 os.kill(process.pid, signal.SIGKILL) if process.is_alive() else None
                 process.join(_PATIENCE_S)
         self._reader.close()
         self.ring.close()
+        self._words.remove()
+        self._words.close()
         self.sensor.close()
         self._socket.close()
 
@@ -137,7 +159,12 @@ class ProcessRig:
         Raises:
             SimulationError: It did not begin.
         """
-        self.control[:] = [0] * CONTROL
+        kept = {Life.RECORDER_PID: self.recorder, Life.RUN_PID: self.starter}
+        numbers = {place: process.pid for place, process in kept.items() if process is not None and process.is_alive()}
+        for place in range(CONTROL):
+            self.control[place] = 0
+        for place, number in numbers.items():
+            self.control[place] = number or 0
         document = self.sensor.http_address
         settings = RunSettings(
             self.cell,
@@ -149,7 +176,8 @@ class ProcessRig:
             quiet_s=3600.0,
         )
         ours, theirs = self._context.Pipe()
-        self.loop = self._context.Process(target=loop_process, args=(settings, self.ring.name, self.control, theirs))
+        args = (settings, self.ring.name, self._words.path, self.folder, theirs)
+        self.loop = self._context.Process(target=loop_process, args=args)
         self.loop.daemon = True
         self.loop.start()
         theirs.close()
@@ -169,7 +197,7 @@ class ProcessRig:
         """
         folder = self.folder / name
         self.recorder = self._context.Process(
-            target=keep_log, args=(self.ring.name, str(folder), self.control, largest_file), daemon=True
+            target=keep_log, args=(self.ring.name, str(folder), self._words.path, largest_file), daemon=True
         )
         self.recorder.start()
         end = time.monotonic() + 300.0
@@ -178,6 +206,21 @@ class ProcessRig:
                 raise SimulationError("the recorder did not begin")
             time.sleep(_POLL_S)
         return folder
+
+    def start_starter(self) -> None:
+        """Start the process that plays who started the others.
+
+        Raises:
+            SimulationError: It did not begin.
+        """
+        self.control[Life.RUN_PID] = 0
+        self.starter = self._context.Process(target=keep_beating, args=(self._words.path,), daemon=True)
+        self.starter.start()
+        end = time.monotonic() + 300.0
+        while self.control[Life.RUN_PID] == 0:
+            if time.monotonic() > end or not self.starter.is_alive():
+                raise SimulationError("the process that plays who started the loop did not begin")
+            time.sleep(_POLL_S)
 
     def new_session(self) -> None:
         """The controller stops and begins another session: nothing is in force."""

@@ -1,4 +1,4 @@
-"""Processes that are killed, stopped, or cannot write: R12, R22 to R24, R28, R29."""
+"""Processes that are killed, stopped, or cannot write: R12, R22 to R24, R28, R29, R35."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import os
 import signal
 import tempfile
 import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +27,7 @@ from counterflex.runtime.supervisor import State
 
 _LOST_S: Final = 0.1
 _LIMIT_M: Final = 0.08 * MM
+_LONGEST_S: Final = 20.0
 _RECEIVED = 1
 
 
@@ -74,41 +78,83 @@ def _killed_loop(effort: Effort) -> Outcome:
     )
 
 
-def _killed_recorder(effort: Effort) -> Outcome:
-    """R24: killed at random; the loop goes on, at most 100 ms are missing."""
-    kills = effort.pick(100, 3)
-    rng = np.random.default_rng(effort.seed)
-    lost_s: list[float] = []
-    refused = 0
-    with tempfile.TemporaryDirectory() as place, ProcessRig(Path(place), effort.seed) as rig:
-        rig.start_loop()
-        rig.activate()
-        reader = RecordRing(rig.ring.name)
-        try:
+def _orphaned(who: str) -> Callable[[Effort], Outcome]:
+    """R24, R35: who started the loop, or who records it, is killed at random; the loop ends the cut by itself."""
+
+    def run(effort: Effort) -> Outcome:
+        kills = effort.pick(20, 2)
+        rng = np.random.default_rng(effort.seed)
+        seen = Killed()
+        with tempfile.TemporaryDirectory() as place, ProcessRig(Path(place), effort.seed) as rig:
             for k in range(kills):
                 folder = rig.start_recorder(f"log{k}")
-                reader.take()
-                rig.run(int(rng.integers(75, 300)), _push, period_s=PERIOD_S)
-                recorder = rig.recorder
-                if recorder is None or recorder.pid is None:
-                    continue
-                os.kill(recorder.pid, signal.SIGKILL)
-                recorder.join(5.0)
-                last = reader.take()[-1]
-                rows, _, _ = read_log(folder)
-                lost_s.append(float(last[_RECEIVED] - rows[-1, _RECEIVED]) * 1e-9)
-                refused += rig.state != State.ACTIVE
-        finally:
-            reader.close()
-        worst = float(rig.steps().max())
-    return Outcome(
-        max(lost_s) <= _LOST_S and refused == 0 and worst <= _LIMIT_M * 1.02,
-        f"{kills} kills: at most {1e3 * max(lost_s):.0f} ms of the log lost, median "
-        f"{1e3 * float(np.median(lost_s)):.0f} ms; the loop stayed active",
-        worst,
-        None,
-        {"kills": float(kills), "most_lost_s": max(lost_s)},
-    )
+                rig.start_starter()
+                rig.start_loop()
+                rig.activate()
+                rig.run(int(rng.integers(75, 200)), _push, period_s=PERIOD_S)
+                _kill(rig, rig.starter if who == "starter" else rig.recorder, folder, seen)
+                if rig.recorder is not None and rig.recorder.is_alive():
+                    os.kill(rig.recorder.pid or 0, signal.SIGKILL)
+                    rig.recorder.join(5.0)
+                rig.new_session()
+        log = f"; at most {1e3 * max(seen.lost_s):.0f} ms of the log lost" if who == "recorder" else ""
+        return Outcome(
+            seen.good == kills and max(seen.held_s) <= _LOST_S and seen.worst_m <= _LIMIT_M * 1.02,
+            f"{kills} kills: feed hold asked for after {1e3 * float(np.median(seen.held_s)):.0f} ms (median), at most "
+            f"{1e3 * max(seen.held_s):.0f} ms; ramped out to zero, robot told to stop, loop ended by itself "
+            f"{seen.good} times, within {max(seen.ended_s):.2f} s{log}",
+            seen.worst_m,
+            max(seen.held_s),
+            {"kills": float(kills), "most_held_s": max(seen.held_s), "most_lost_s": max(seen.lost_s)},
+        )
+
+    return run
+
+
+@dataclass
+class Killed:
+    """What came of several kills.
+
+    Attributes:
+        held_s: Until the robot was asked to hold its feed.
+        ended_s: Until the loop's process had ended.
+        lost_s: Of the log, at the moment of the kill.
+        worst_m: Largest step of the correction in force.
+        good: How often everything went as it should.
+    """
+
+    held_s: list[float] = field(default_factory=list)
+    ended_s: list[float] = field(default_factory=list)
+    lost_s: list[float] = field(default_factory=list)
+    worst_m: float = 0.0
+    good: int = 0
+
+
+def _kill(rig: ProcessRig, victim: BaseProcess | None, folder: Path, seen: Killed) -> None:
+    loop = rig.loop
+    if victim is None or victim.pid is None or loop is None:
+        return
+    reader = RecordRing(rig.ring.name)
+    reader.rewind(max(0, reader.count - 2))
+    first = len(rig.corrections)
+    begin = time.monotonic()
+    os.kill(victim.pid, signal.SIGKILL)
+    last = reader.take()[-1]
+    reader.close()
+    while not rig.robot.feed_hold and time.monotonic() < begin + 1.0:
+        due = time.monotonic() + PERIOD_S
+        rig.cycle(200.0)
+        time.sleep(max(0.0, due - time.monotonic()))
+    seen.held_s.append(time.monotonic() - begin)
+    while rig.cycle(0.0, patience_s=0.2) and time.monotonic() < begin + _LONGEST_S:
+        pass
+    loop.join(_LONGEST_S)
+    seen.ended_s.append(time.monotonic() - begin)
+    seen.worst_m = max(seen.worst_m, float(rig.steps(first).max(initial=0.0)))
+    rows, _, _ = read_log(folder)
+    seen.lost_s.append(float(last[_RECEIVED] - rows[-1, _RECEIVED]) * 1e-9)
+    left = float(np.linalg.norm(rig.robot.correction[:3]))
+    seen.good += rig.robot.stopped == "Stop" and left < 1e-6 and loop.exitcode == 0
 
 
 def _stopped_recorder(effort: Effort) -> Outcome:
@@ -233,8 +279,16 @@ SCENARIOS: Final = (
         "R24",
         "killed-recorder",
         "kill -9 of the recorder's process at random times while the loop corrects",
-        "at most 100 ms of the log are lost; the loop goes on",
-        _killed_recorder,
+        "at most 100 ms of the log are lost; within 100 ms the feed is held; ramped out, told to stop, loop ended",
+        _orphaned("recorder"),
+        realtime=True,
+    ),
+    Scenario(
+        "R35",
+        "killed-run",
+        "kill -9 of the process that started the loop, at random times while the loop corrects",
+        "within 100 ms the feed is held; ramped out, told to stop, loop ended by itself; the log goes on to the end",
+        _orphaned("starter"),
         realtime=True,
     ),
     Scenario(

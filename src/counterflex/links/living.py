@@ -1,0 +1,113 @@
+"""Whether the processes of a run live: each says so many times a second, and the operating system says who has died.
+
+What a process says of itself tells a stopped one from a running one, the system tells at once who has died. Neither
+waits: the loop asks in every cycle.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import threading
+import time
+from typing import Any, Final
+
+from counterflex.core.arrays import Int
+from counterflex.links.control_array import Life
+
+BEAT_S: Final = 0.01
+"""How often a process says that it lives."""
+
+
+class Living:
+    """Processes that are watched, once their numbers are known.
+
+    Where the system has no handles for processes (``pidfd``, Linux 5.3), a parent that has died is seen by the parent
+    having changed, another process by a signal that is none; on Windows by what they say of themselves only.
+
+    Args:
+        control: Shared, see :mod:`counterflex.links.control_array`.
+        numbers: Which ones: places of their process numbers.
+    """
+
+    def __init__(self, control: Int, *numbers: Life) -> None:
+        self._control, self._unknown = control, list(numbers)
+        self._handles = select.poll() if hasattr(select, "poll") and hasattr(os, "pidfd_open") else None
+        self._plain: list[int] = []
+        self._open: list[int] = []
+        self._gone = False
+
+    def gone(self) -> bool:
+        """Whether one of them has died; once it has, for ever."""
+        if self._gone:
+            return True
+        if self._unknown:
+            self._unknown = [place for place in self._unknown if not self._begin(int(self._control[place]))]
+        if self._handles is not None and self._open and self._handles.poll(0):
+            self._gone = True
+        if self._plain and not all(_lives(number) for number in self._plain):
+            self._gone = True
+        return self._gone
+
+    def _begin(self, number: int) -> bool:
+        if number == 0:
+            return False
+        if self._handles is None:
+            self._plain.append(number)
+            return True
+        try:
+            handle = os.pidfd_open(number)
+        except ProcessLookupError:
+            self._gone = True
+        except OSError:  # an older kernel, or one that forbids it
+            self._plain.append(number)
+        else:
+            self._open.append(handle)
+            self._handles.register(handle, select.POLLIN)
+        return True
+
+    def close(self) -> None:
+        """Give the handles back."""
+        for handle in self._open:
+            os.close(handle)
+        self._open.clear()
+
+
+def _lives(number: int) -> bool:
+    if sys.platform == "win32" or number == os.getppid():
+        return True
+    try:
+        os.kill(number, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+class Beat:
+    """Says that this process lives, from a thread of its own: a disk or a terminal that stands still does not stop it.
+
+    Args:
+        control: Shared.
+        time_place: Where the time is written.
+        number_place: Where the number of this process is written, once.
+    """
+
+    def __init__(self, control: Any, time_place: Life, number_place: Life) -> None:
+        self._control, self._place = control, int(time_place)
+        self._end = threading.Event()
+        control[self._place] = time.monotonic_ns()
+        control[number_place] = os.getpid()
+        self._thread = threading.Thread(target=self._go_on, name="beat", daemon=True)
+        self._thread.start()
+
+    def _go_on(self) -> None:
+        while not self._end.wait(BEAT_S):
+            self._control[self._place] = time.monotonic_ns()
+
+    def close(self) -> None:
+        """Say nothing any more."""
+        self._end.set()
+        self._thread.join()

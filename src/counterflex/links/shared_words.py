@@ -1,0 +1,96 @@
+"""Whole numbers of 64 bits in memory that several processes share, also such that were not started by one another.
+
+The memory is a file of its user only (mode 0600), on Linux one that never touches a disk. Who can open it can read and
+write it, nobody else. Needs no more than Python itself: a command that must be quick joins it in a millisecond.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+import os
+import tempfile
+from pathlib import Path
+from typing import Final, Self
+
+from counterflex.core.errors import InputError, OutputError
+
+_SHARED: Final = Path("/dev/shm")
+_PREFIX: Final = "counterflex-run-"
+_BYTES: Final = 8
+
+
+class SharedWords:
+    """Shared whole numbers, all 0 at first.
+
+    Args:
+        count: How many.
+        path: None makes them; the path of existing ones joins them.
+
+    Attributes:
+        path: Of the file, to join it.
+        words: (count,) view; each is written and read whole.
+
+    Raises:
+        InputError: There are none of that path, they are not as many, or they are another user's.
+        OutputError: There is no room for them.
+    """
+
+    def __init__(self, count: int, path: Path | None = None) -> None:
+        if path is None:
+            handle, self.path = _made(count * _BYTES)
+        else:
+            handle, self.path = _opened(path, count * _BYTES), path
+        try:
+            self._memory = mmap.mmap(handle, count * _BYTES)
+        finally:
+            os.close(handle)
+        self.words = memoryview(self._memory).cast("q")
+
+    def __enter__(self) -> Self:
+        """The words."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave them."""
+        self.close()
+
+    def close(self) -> None:
+        """Leave them; who still looks at them goes on seeing them."""
+        with contextlib.suppress(BufferError):
+            self.words.release()
+            self._memory.close()
+
+    def remove(self) -> None:
+        """Nobody can join them any more."""
+        with contextlib.suppress(OSError):
+            self.path.unlink(missing_ok=True)
+
+
+def _made(size: int) -> tuple[int, Path]:
+    folder = _SHARED if _SHARED.is_dir() and os.access(_SHARED, os.W_OK) else None
+    try:
+        handle, name = tempfile.mkstemp(prefix=_PREFIX, dir=folder)  # mode 0600
+        try:
+            os.write(handle, bytes(size))  # takes the room now: a hole that cannot be filled later ends a process
+        except OSError:
+            os.close(handle)
+            Path(name).unlink(missing_ok=True)
+            raise
+    except OSError as fault:
+        raise OutputError(
+            f"no shared memory: {fault.strerror or fault}", where=str(folder or "temporary files")
+        ) from fault
+    return handle, Path(name)
+
+
+def _opened(path: Path, size: int) -> int:
+    try:
+        handle = os.open(path, os.O_RDWR)
+    except OSError as fault:
+        raise InputError(f"no shared memory there: {fault.strerror or fault}", where=str(path)) from fault
+    found = os.fstat(handle)
+    if found.st_size != size or (hasattr(os, "getuid") and found.st_uid != os.getuid()):
+        os.close(handle)
+        raise InputError("not the shared memory of a run of yours", where=str(path), value=found.st_size, limit=size)
+    return handle
