@@ -15,7 +15,7 @@ from counterflex.files import dataset_units as units
 from counterflex.files.dataset_manifest import COLUMNS_OF, REPEATS, ChannelTable, Manifest
 from counterflex.files.dataset_rotation import faulty, matrices, rotation_sigma
 from counterflex.geometry import rotation
-from counterflex.identify.channels import ChannelKind
+from counterflex.identify.channels import CHANNELS, ChannelKind
 from counterflex.identify.dataset import Channel
 
 LARGEST: Final[dict[str, tuple[float, str]]] = {
@@ -321,6 +321,8 @@ def _check_natures(kind: ChannelKind, table: ChannelTable, where: str) -> None:
         raise FileFormatError("signs are for numbers, not for rotations", where=where)
     if table.acts_on == "surroundings" and kind.nature not in ("wrench", "vector"):
         raise FileFormatError("acts_on is for forces", where=where)
+    if table.axes != "sensor" and kind is not CHANNELS["w_sensor"]:
+        raise FileFormatError("axes is for w_sensor", where=f"{where}.axes", value=table.axes)
     if table.frame is not None and kind.nature in ("scalars", "joints"):
         raise FileFormatError("the channel has no frame", where=f"{where}.frame", value=table.frame)
 

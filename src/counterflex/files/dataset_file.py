@@ -88,6 +88,14 @@ def read_dataset(path: str | Path) -> Dataset:
         build(name, CHANNELS[name], table, manifest, joined.cells, n, f"{file}: channels.{name}")
         for name, table in manifest.channels.items()
     ]
+    turned = [name for name, table in manifest.channels.items() if table.axes != "sensor"]
+    if turned and manifest.kind not in ("sensor_poses", "sensor_motion"):
+        raise FileFormatError(
+            "such data need the wrench in the axes of the sensor",
+            where=f"{file}: channels.{turned[0]}.axes",
+            value="base",
+            limit="kind sensor_poses or sensor_motion",
+        )
     keep: Bool = np.ones(n, dtype=np.bool_)
     for raw in raws:
         gap, place = raw.missing()
@@ -109,7 +117,10 @@ def read_dataset(path: str | Path) -> Dataset:
         channels={raw.name: raw.channel(keep, group) for raw in raws},
         group=group,
         line=tables[0].lines[joined.rows[0]][keep],
-        settings=dict(settings_si(key, value) for key, value in manifest.settings.items()),
+        settings={
+            **dict(settings_si(key, value) for key, value in manifest.settings.items()),
+            **{f"{name}_axes": manifest.channels[name].axes for name in turned},
+        },
         fingerprint=_fingerprint(file, tables),
         where=str(file),
         file=str(tables[0].path),

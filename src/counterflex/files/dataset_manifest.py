@@ -73,6 +73,7 @@ class ChannelTable(Table):
     rotation: Rotation | None = None
     frame: str | None = None
     acts_on: Literal["tool", "surroundings"] = "tool"
+    axes: Literal["sensor", "base"] = "sensor"
     sigma: tuple[float, ...] | Literal["repeats"] | None = None
     sigma_columns: tuple[Any, ...] = ()
     sigma_unit: str | None = None

@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress
 from counterflex.core.units import DEG, MINUTE, MM
 from counterflex.geometry import pose, rotation
-from counterflex.identify import payload_checks
+from counterflex.identify import payload_checks, payload_weight
 from counterflex.identify.changes import BodyMass, Change, TableValues
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
@@ -106,6 +106,7 @@ def identify(
     blocks = [block_of(d, chain) for d in data]
     remarks = list(check_orientations(blocks, ", ".join(d.where or d.name for d in data)))
     for d in (*data, *holdout):
+        remarks += payload_weight.check(d, lambda x: block_of(x, chain), as_stated=bool(s["as_stated"]))
         remarks += payload_checks.check(d, sensor, lambda x: block_of(x, chain), as_stated=bool(s["as_stated"]))
     before = _at(sensor, reference_c)
     known = replace(
@@ -139,6 +140,7 @@ def identify(
     chosen = parameters(before, known, effects)
     blocks = [block_of(d, chain, rest.hose_from) for d in data]
     fit = solve(chosen, blocks)
+    remarks += payload_weight.check_rest(blocks, fit, as_stated=bool(s["as_stated"]))
     unseen = [block_of(d, chain, rest.hose_from) for d in holdout]
     if unseen:
         force = score_separate(chosen, blocks, unseen, needed=needed(), error=force_error)
@@ -283,6 +285,11 @@ def _remarks(cell: CellModel, found: FlangeSensor, fit: Fit, effects: Effects, r
             else "none is kept, as none helps on unseen orientations"
         )
         out.append(f"Orientation-dependent rest (hose pack), error on unseen orientations: {listed}; {kept}")
+        out += [
+            f"The rest of degree {degree} in {body} was not taken: it would make the standard deviation of the mass "
+            f"{cost:.0f} times larger"
+            for (body, degree), cost in rest.dear.items()
+        ]
     elif found.degree == 0 and not effects.inertia:
         out.append(
             "An orientation-dependent rest (hose pack) was not looked for; "

@@ -18,6 +18,7 @@ from counterflex.sensing.carrier import behind, carrier_pose, hose_rotation, seg
 from counterflex.sensing.flange_sensor import FlangeSensor
 
 KINDS = ("sensor_poses", "sensor_motion")
+CHANNEL = "w_sensor"
 _ORDER = 3
 _ALIKE = np.cos(np.radians(2.0))
 
@@ -95,14 +96,17 @@ def readings(
     Raises:
         FileFormatError: A channel is missing or holds values that are not numbers.
     """
-    w = _finite(data, "w_sensor")
-    sigma = data.channel("w_sensor").need_sigma()
+    w = _finite(data, CHANNEL)
+    sigma = data.channel(CHANNEL).need_sigma()
     zero = np.zeros((len(data), 3))
     time_s = _finite(data, "time_s")[:, 0] if data.has("time_s") else np.full(len(data), start_s)
     warmer = _finite(data, "temperature_c")[:, 0] - reference_c if data.has("temperature_c") else zero[:, 0]
     T_base_sensor = _pose(data, chain, sensor) @ sensor.T_seg_sensor
     R = T_base_sensor[:, :3, :3]
     R_t = np.swapaxes(R, -1, -2)
+    if axes_of(data) == "base":
+        w = (R_t[:, None] @ w.reshape(-1, 2, 3, 1)).reshape(-1, 6)
+        sigma = np.sqrt((R_t[:, None] ** 2 @ sigma.reshape(-1, 2, 3, 1) ** 2).reshape(-1, 6))
     gamma = R_t @ chain.gravity
     R_rest = R
     if sensor.hose_from:
@@ -157,6 +161,11 @@ def readings(
     keep = np.zeros(len(data), dtype=np.bool_)
     keep[width : len(data) - width : max(1, width // 2)] = True
     return block.subset(keep)
+
+
+def axes_of(data: Dataset) -> str:
+    """Axes that ``w_sensor`` is given in: ``sensor``, or ``base`` (moments about the sensor's origin all the same)."""
+    return str(data.settings.get(f"{CHANNEL}_axes", "sensor"))
 
 
 def clock(datasets: Sequence[Dataset], fallback_c: float) -> tuple[float, float]:

@@ -26,6 +26,9 @@ GAIN: Final = 0.95
 """A rest is kept where it lowers the held-out error below this share of that of a simpler one."""
 ROWS_PER_FUNCTION: Final = 2
 """Readings for each function of the rest, below which a degree is not tried: fewer are met exactly and say nothing."""
+MOST_COST: Final = 20.0
+"""How many times larger a rest may make the standard deviation of the mass. A rest of degree 1 in the base holds the
+weight itself, so that only priors tell the two apart; where weight leaves only noise, it is not worth that."""
 BASE: Final = "base"
 _DEGREES: Final = {"auto": (1, 2), "none": (), "0": (), "1": (1,), "2": (2,)}
 _ARM: Final = slice(2, 4)
@@ -40,11 +43,13 @@ class Rest:
         degree: Of the functions, 0 is none.
         hose_from: Body in which the sensor's rotation is taken; empty is the base.
         tried: Held-out forces by body (``base`` for the base) and degree, where that was tried.
+        dear: Those that would have helped and were not taken, with the factor of the mass' standard deviation.
     """
 
     degree: int = 0
     hose_from: str = ""
     tried: Mapping[tuple[str, int], HeldOut] = field(default_factory=dict)
+    dear: Mapping[tuple[str, int], float] = field(default_factory=dict)
 
     @property
     def key(self) -> tuple[str, int]:
@@ -111,6 +116,7 @@ def choose_rest(
     blocks = blocks_in("")
     rows = len(np.unique(np.concatenate([b.group for b in blocks])))
     tried: dict[tuple[str, int], HeldOut] = {}
+    dear: dict[tuple[str, int], float] = {}
     best = Rest()
     if not forced:
         tried[BASE, 0] = held_out_forces(parameters(sensor, known, replace(effects, degree=0)), blocks)
@@ -122,7 +128,17 @@ def choose_rest(
             tried[body or BASE, degree] = held_out_forces(chosen, blocks_in(body))
             progress(0.3 + 0.2 * (degree - 1) + 0.2 * (k + 1) / len(frames), f"hose pack of degree {degree}")
         error = {body: float(tried[body or BASE, degree].mean()[0]) for body in frames}
-        body = min(frames, key=lambda b: error[b])
-        if best.key not in tried or error[body] < GAIN * tried[best.key].mean()[0]:
+        for body in sorted(frames, key=lambda b: error[b]):
+            if best.key in tried and error[body] >= GAIN * tried[best.key].mean()[0]:
+                break
+            cost = 0.0 if forced else _mass_sigma(tried[body or BASE, degree]) / _mass_sigma(tried[BASE, 0])
+            if cost > MOST_COST:
+                dear[body or BASE, degree] = cost
+                continue
             best = Rest(degree, body)
-    return replace(best, tried=tried)
+            break
+    return replace(best, tried=tried, dear=dear)
+
+
+def _mass_sigma(held: HeldOut) -> float:
+    return float(np.median([fit.sigma_of("mass") for fit in held.fits]))

@@ -15,6 +15,7 @@ import numpy as np
 
 from counterflex.core import units
 from counterflex.core.arrays import Float, Int
+from counterflex.geometry import rotation
 from counterflex.identify.channels import CHANNELS
 from counterflex.identify.dataset import Dataset
 
@@ -162,6 +163,27 @@ def transposed(rotation: str) -> Reading:
         f"the rotations '{rotation}' are transposed",
         f"check the order of the columns and rotation = ... under [channels.{rotation}]",
         lambda d: _with(d, rotation, np.ascontiguousarray(np.swapaxes(d.values(rotation), 1, 2))),
+    )
+
+
+def quaternion_mistakes(channel: str) -> tuple[Reading, ...]:
+    """The real part of quaternions read as first for last, and the reverse."""
+
+    def change(shift: int) -> Change:
+        # Read as (w, x, y, z) or (x, y, z, w); the same numbers in the other order.
+        def again(d: Dataset) -> Dataset:
+            return _with(d, channel, rotation.from_quat_wxyz(np.roll(rotation.quat_wxyz(d.values(channel)), shift, -1)))
+
+        return again
+
+    return tuple(
+        Reading(
+            channel,
+            f"the quaternions '{channel}' are in the order {meant}, not {read}",
+            f'check the order of the columns, or write rotation = "quat_{meant}" under [channels.{channel}]',
+            change(shift),
+        )
+        for read, meant, shift in (("xyzw", "wxyz", -1), ("wxyz", "xyzw", 1))
     )
 
 
