@@ -40,7 +40,7 @@ def shape(value: Any) -> Any:
     """Which keys stand in which table, without values and without the coordinates that are zero when left out."""
     if isinstance(value, dict):
         return {key: shape(item) for key, item in value.items() if key not in COORDINATES}
-    return [shape(item) for item in value] if isinstance(value, list) and isinstance(value[0], dict) else None
+    return [shape(item) for item in value] if isinstance(value, list) and value and isinstance(value[0], dict) else None
 
 
 SHAPE = shape(tomllib.loads("\n".join(LINES)))
