@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from counterflex.core.errors import FileFormatError, InputError, ProgramError
-from counterflex.programs.rapid_egm import EgmSwitching, called, called_parts, part_with_egm, start_move, with_egm
+from counterflex.programs.egm_switching import EgmSwitching
+from counterflex.programs.rapid_egm import called, called_parts, part_with_egm, start_move, with_egm
 from counterflex.wire.egm_calls import parse_egm_calls
 from counterflex.wire.egm_rules import EgmWanted, check_egm
 

@@ -14,8 +14,8 @@ from counterflex.core.units import MS
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.cell_egm import EgmTable
 from counterflex.files.cell_online import OnlineTable
+from counterflex.programs.egm_switching import EgmSwitching
 from counterflex.programs.rapid_egm import (
-    EgmSwitching,
     called,
     called_parts,
     last_move,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from counterflex.files.cell_egm import EgmTable
 from counterflex.files.cell_online import OnlineTable
-from counterflex.programs.rapid_egm import EgmSwitching
+from counterflex.programs.egm_switching import EgmSwitching
 
 
 def readme(

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Final
 
-from counterflex.core.arrays import as_positive
-from counterflex.core.errors import InputError, ProgramError
+from counterflex.core.errors import ProgramError
+from counterflex.programs.egm_switching import EgmSwitching
 from counterflex.programs.machine_functions import refuse_only_said
 
 IDENTITY: Final = "cfId"
@@ -22,68 +21,6 @@ _WAIT: Final = re.compile(r"\s*WaitTime\b", re.IGNORECASE)
 _TAKEN: Final = re.compile(r"\bEGM\w*|\bcf(?:Id|Zero|Window|Turn|Key|Clock)\b|\bERROR\b", re.IGNORECASE)
 _PART: Final = re.compile(r"_\d{3}$")
 _CIRCLE: Final = re.compile(r"\s*MoveC\b", re.IGNORECASE)
-
-
-@dataclass(frozen=True)
-class EgmSwitching:
-    """What the RAPID program says to EGM.
-
-    Attributes:
-        mode: ``path`` or ``pose``.
-        device: UDP Unicast Device.
-        configuration: External Motion Interface Data.
-        period_ms: SampleRate.
-        timeout_s: CommTimeout.
-        armed_s: How long the program waits for the loop to be armed until it stops; path correction only.
-        zero_s: How long it waits for the correction to be back at zero; likewise.
-        zero_mm: Distance from the last point of the path within which the correction counts as zero; likewise.
-        low_pass_hz: LpFilter; guidance only, as what follows.
-        speed_deviation_deg_s: MaxSpeedDeviation.
-        ramp_in_s: RampInTime.
-        window_mm: egm_minmax of x, y, z, both ways.
-        window_deg: Of rx, ry, rz.
-        standing_s: CondTime.
-        end_mm: Distance from the end of the path within which the movement may have ended.
-        armed_signal: Digital input that says that the loop is armed; empty: a person is asked.
-        correction_signal: Digital output that is 1 while the correction may act; empty: none.
-    """
-
-    mode: str
-    device: str
-    configuration: str
-    period_ms: int
-    timeout_s: float
-    armed_s: float = 60.0
-    zero_s: float = 3.0
-    zero_mm: float = 0.05
-    low_pass_hz: float = 20.0
-    speed_deviation_deg_s: float = 20.0
-    ramp_in_s: float = 0.1
-    window_mm: float = 0.05
-    window_deg: float = 0.05
-    standing_s: float = 30.0
-    end_mm: float = 1.0
-    armed_signal: str = ""
-    correction_signal: str = ""
-
-    def __post_init__(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A value that is dangerous or that EGM does not take.
-        """
-        if self.mode not in ("path", "pose"):
-            raise InputError("mode of EGM", value=self.mode, limit="path or pose")
-        if not 0.0 < self.timeout_s <= 0.1:
-            raise InputError(
-                "CommTimeout of EGM",
-                value=f"{self.timeout_s:g} s",
-                limit="> 0 and <= 0.1 s",
-                hint="While nothing comes the robot goes on with the last value it was sent",
-            )
-        for name in ("armed_s", "zero_s", "zero_mm", "window_mm", "window_deg", "standing_s", "end_mm"):
-            as_positive(name, getattr(self, name))
-        as_positive("speed_deviation_deg_s", self.speed_deviation_deg_s)
 
 
 def with_egm(text: str, switching: EgmSwitching, where: str, last: str | None = None) -> str:
