@@ -406,6 +406,8 @@ def test_the_program_is_a_whole_rapid_module(tmp_path: Path, mode: str, signal: 
             known = RAPID_WORDS | declared | {"IF", "THEN", "WHILE", "DO", "AND", "OR"}
             assert name.upper() in known, code
     assert stack == []
+    assert max(map(len, re.findall(r'"([^"]*)"', module))) <= 80  # a string of RAPID
+    assert max(map(len, re.findall(r"\b[A-Za-z]\w*", module))) <= 32  # a name
     for setup in re.findall(r"EGMSetupUC.*", module):
         assert float(re.findall(r"CommTimeout:=([\d.]+)", setup)[0]) <= 0.1
     assert module.count("EGMGetId") == module.count("EGMSetupUC") == 1

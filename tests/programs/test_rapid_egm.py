@@ -224,6 +224,17 @@ def test_lesser_faults_are_warnings() -> None:
     assert colon == ()
 
 
+@pytest.mark.parametrize(
+    ("begin", "end"), [("    TPReadFK", "    SetDO"), ("    WHILE Distance", "  ERROR")], ids=["before", "behind"]
+)
+def test_a_path_without_a_look_at_a_condition_is_a_warning(begin: str, end: str) -> None:
+    text = with_egm(SIMPLE, replace(PATH, correction_signal="doCorrection"), "p.mod")
+    first = text.index(begin)
+    blind = text[:first] + "    WaitTime 5;\n" + text[text.index(end, first) :]
+    found = check_egm(parse_egm_calls(blind, "p.mod"), WANTED["path"])
+    assert ("blind-wait", "warning") in [(item.rule, item.severity) for item in found]
+
+
 def test_comments_and_strings_are_no_instructions() -> None:
     body = '    ! EGMReset x;\n    TPWrite "EGMReset; MoveL";\n    WaitTime\n      1;\n'
     text = f"MODULE m\n  PROC a()\n{body}  ENDPROC\nENDMODULE\n"

@@ -309,6 +309,22 @@ def test_a_dangerous_program(old: str, new: str, rule: str, severity: str) -> No
     assert (rule in rules(found(krl=changed(KRL, old, new)), severity)) == bool(severity)
 
 
+def test_a_name_with_an_ending_is_not_found_by_rsi_4() -> None:
+    """It adds .rsix to whatever it is given."""
+    new = replace(FILES, generation=4)
+    context = parse_context(new.context().encode(), "D:/x/counterflex.rsix")
+
+    def judged(created: str) -> set[str]:
+        krl = changed(KRL, '"counterflex.rsi"', f'"{created}"')
+        config = parse_config(ETHERNET.encode(), "counterflex_ethernet.xml")
+        return rules(check(Setup(config, context, parse_calls(krl, "groove.src"), LIMITS)))
+
+    assert judged("counterflex") == set()
+    assert judged("counterflex.rsi") == {"context-name"}
+    assert judged("counterflex.rsix") == {"context-name"}
+    assert judged("other") == {"context-name"}
+
+
 def test_relative_is_safe_against_losses_without_holdon_but_not_what_is_sent() -> None:
     findings = found(ETHERNET.replace('HOLDON="1"', 'HOLDON="0"'), krl=KRL.replace("#ABSOLUTE", "#RELATIVE"))
     assert {"relative"} <= rules(findings)

@@ -16,6 +16,7 @@ SHORTEST_STANDING_S: Final = 5.0
 _AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 _MOVES: Final = ("MOVEABSJ", "MOVEJ", "MOVEL", "MOVEC", "EGMMOVEL", "EGMMOVEC")
 _CORRECTED: Final = ("EGMMOVEL", "EGMMOVEC")
+_LOOKS: Final = ("WAITUNTIL", "WAITDI", "TPREADFK", "UIMESSAGEBOX", "IF", "WHILE")
 
 
 @dataclass(frozen=True)
@@ -261,5 +262,34 @@ def _handler(calls: EgmCalls) -> Iterator[Finding]:
         yield _finding("reset", "warning", calls.where, "EGM is never given back", "no EGMReset", "EGMReset at the end")
 
 
-_ALONE: Final = (_timeout, _fine, _handler)
+def _waits(calls: EgmCalls) -> Iterator[Finding]:
+    """A corrected path begins and ends with a look at a condition, not after a time."""
+    setup, moves = calls.of("EGMSETUPUC"), calls.of(*_CORRECTED)
+    if not setup or not moves or "pathcorr" not in setup[0].switches:
+        return
+    place = {id(item): k for k, item in enumerate(calls.instructions)}
+    first, last = place[id(moves[0])], place[id(moves[-1])]
+    handler = min((place[id(item)] for item in calls.of("ERROR") if place[id(item)] > last), default=len(place))
+    looks = [k for item in calls.of(*_LOOKS) if (k := place[id(item)]) < handler]
+    if not any(place[id(setup[0])] < k < first for k in looks):
+        yield _finding(
+            "blind-wait",
+            "warning",
+            _at(calls, moves[0]),
+            "the path begins without a look whether the loop is armed: it may run uncorrected",
+            "no condition between EGMSetupUC and the path",
+            "WaitUntil with MaxTime, or TPReadFK with MaxTime",
+        )
+    if not any(k > last for k in looks):
+        yield _finding(
+            "blind-wait",
+            "warning",
+            _at(calls, moves[-1]),
+            "the path ends without a look whether the correction is gone",
+            "no condition behind the path",
+            "the distance of the tool from the last point, in WHILE or IF",
+        )
+
+
+_ALONE: Final = (_timeout, _fine, _handler, _waits)
 _BESIDE: Final = (_mode, _rate, _guidance)
