@@ -86,10 +86,12 @@ def test_same_poses_by_joint_angles() -> None:
 
 def test_too_few_measurements(arm: Any) -> None:
     parameters = arm.parameters()
-    points = arm.points(parameters.nominal, np.random.default_rng(5), count=2)
-    check_enough(parameters, [points])
-    with pytest.raises(InputError, match="4 numbers in 2 rows; expected >= 5"):
-        check_enough(parameters, [points], ["link1.length", "link2.length"])
+    points = arm.points(parameters.nominal, np.random.default_rng(5), count=4)
+    check_enough(parameters, [points])  # eight numbers for eight that are looked for
+    with pytest.raises(InputError, match=r"6 numbers in 3 different postures \(3 rows\); expected >= 8"):
+        check_enough(parameters, [points.subset(np.arange(4) < 3)])
+    with pytest.raises(InputError, match="expected >= 9"):
+        check_enough(parameters, [points], ["axis1.offset"])
     with pytest.raises(InputError, match="--propose"):
         check_enough(parameters, [])
 

@@ -109,7 +109,7 @@ def test_points_of_three_reflectors_do_nearly_as_well_as_poses() -> None:
 
 def test_distances_and_planes_alone_and_mixed_with_poses() -> None:
     truth, lab = truth_of(FILE, 0), laboratory(0)
-    request = {k: v[:30] for k, v in propose(CELL, 45, {"seed": 3}).columns.items()}
+    request = {k: v[:46] for k, v in propose(CELL, 60, {"seed": 3}).columns.items()}
     bar = _dataset("distances", measure_distances.measure(truth, lab, request, {}, silent))
     z = float(CELL.T_base_part[2, 3]) + 0.1
     q = []

@@ -37,6 +37,7 @@ from counterflex.files.shop_unit import unit_of_name
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.recipe import Identification, Recipe
 from counterflex.identify.recipes import recipe as recipe_of
+from counterflex.identify.same_postures import joined
 
 CELL: Final = "cell.toml"
 RESULT: Final = "result.json"
@@ -102,7 +103,7 @@ def prepare(
                 limit=", ".join(recipe.kinds),
             )
     _check_apart((*fitted, *unseen))
-    return Task(recipe, known, fitted, unseen, chosen)
+    return Task(recipe, known, joined(fitted), unseen, chosen)
 
 
 def _check_apart(datasets: Sequence[Dataset]) -> None:

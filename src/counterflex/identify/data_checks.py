@@ -14,6 +14,7 @@ from counterflex.core.units import MM
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.parameters import Parameters
 from counterflex.identify.residuals import Residuals
+from counterflex.identify.same_postures import leaders
 
 SAME_POSE_RAD: Final = 1e-5
 """Joint angles nearer than this are the same pose."""
@@ -66,14 +67,7 @@ def check_moves(data: Dataset, channel: str, least: float) -> None:
 
 def same_poses(q: Float, tolerance: float = SAME_POSE_RAD) -> Int:
     """(n,) one id for all rows whose joint angles (n, 6) agree within a tolerance, numbered as they first come."""
-    ids = np.full(len(q), -1, dtype=np.int64)
-    found = 0
-    for i in range(len(q)):
-        if ids[i] < 0:
-            alike = (ids < 0) & (np.max(np.abs(q - q[i]), axis=1) <= tolerance)
-            ids[alike] = found
-            found += 1
-    return ids
+    return leaders(q / tolerance)
 
 
 def check_repeats(data: Dataset, channel: str, *, same: Sequence[str] = ("q",), gross: float = 100.0) -> None:
@@ -135,7 +129,7 @@ def check_repeats(data: Dataset, channel: str, *, same: Sequence[str] = ("q",), 
 
 
 def check_enough(parameters: Parameters, blocks: Sequence[Residuals], needed: Sequence[str] = ()) -> None:
-    """Refuse fewer measured numbers than parameters that nothing else is known of.
+    """Refuse fewer measured numbers than parameters; rows of one group (repeats of a posture) count once.
 
     Args:
         parameters: What to find.
@@ -145,14 +139,17 @@ def check_enough(parameters: Parameters, blocks: Sequence[Residuals], needed: Se
     Raises:
         InputError: Says how many numbers there are and how many are needed.
     """
-    names = {p.name for p in parameters if p.free and not p.has_prior} | set(needed)
-    count = sum(int(b.sigma.size) for b in blocks)
-    if count < len(names) or count == 0:
+    unknown = {p.name for p in parameters if p.free and not p.has_prior} | set(needed)
+    free = {p.name for p in parameters if p.free} | unknown
+    rows = sum(len(b.group) for b in blocks)
+    groups = [len(np.unique(b.group)) for b in blocks]
+    count = sum(n * len(b.components) for n, b in zip(groups, blocks, strict=True))
+    if count < len(free) or count == 0:
         raise InputError(
             "there are too few measurements",
-            value=f"{count} numbers in {sum(len(b.group) for b in blocks)} rows",
-            limit=f">= {max(len(names), 1)}, one for each parameter that nothing is known of, better twice as many",
-            hint="Measure more poses (counterflex identify ... --propose N says which)",
+            value=f"{count} numbers in {sum(groups)} different postures ({rows} rows)",
+            limit=f">= {max(len(free), 1)}, one for each number that is looked for, better twice as many",
+            hint="Measure more poses (counterflex identify ... --propose N says which); repeats of a pose do not count",
         )
 
 

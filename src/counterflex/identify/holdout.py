@@ -7,7 +7,7 @@ any use has to find first (frames and the like, named by the recipe), which both
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -148,6 +148,7 @@ def cross_validate(
     scored: Collection[int] | None = None,
     folds: int = FOLDS,
     seed: int = 0,
+    parts: Mapping[int, Int] | None = None,
     robust: bool = True,
     start: Float | None = None,
     stop: Stop | None = None,
@@ -163,6 +164,8 @@ def cross_validate(
         scored: Places of the blocks that are scored; None scores all. Blocks not scored always train.
         folds: How many.
         seed: Of the dealing.
+        parts: Per scored block (rows,) the part 0.. that each row is held out with (regions, files), in place of folds
+            of groups dealt at random.
         robust: As for the solver.
         start: (p,) SI to start the fits from; None is nominal.
         stop: As for the solver.
@@ -175,7 +178,10 @@ def cross_validate(
         InputError: Too few groups, or a name in ``needed`` that is no parameter.
     """
     judged = range(len(blocks)) if scored is None else sorted(scored)
-    dealt = dict(zip(judged, fold_of_groups([blocks[i].group for i in judged], folds, seed), strict=True))
+    if parts is None:
+        dealt = dict(zip(judged, fold_of_groups([blocks[i].group for i in judged], folds, seed), strict=True))
+    else:
+        dealt = {i: np.asarray(parts[i], dtype=np.int64) for i in judged}
     count = 1 + max(int(np.max(f, initial=0)) for f in dealt.values())
     pieces: list[tuple[int, Int, int, Float, Float]] = []
     fits = []

@@ -9,9 +9,10 @@ from typing import Any, Final, cast
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
+from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.progress import Progress
 from counterflex.core.units import MM, MRAD, URAD
+from counterflex.identify.arm_geometry import ArmGeometry
 from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model
 from counterflex.identify.changes import BodyMass, Calibration, Change, ElementCompliance
 from counterflex.identify.data_checks import check_enough, check_finite
@@ -36,7 +37,8 @@ from counterflex.identify.known_frames import KnownFrames, known_frames, tracker
 from counterflex.identify.model import CellModel
 from counterflex.identify.periodic_choice import choose_orders
 from counterflex.identify.pose_residuals import TrackerResiduals
-from counterflex.identify.recipe import Identification, Recipe
+from counterflex.identify.recipe import Figure, Identification, Recipe
+from counterflex.identify.same_postures import regions
 from counterflex.identify.solve import Stop, solve
 from counterflex.identify.suspicion import thinned
 from counterflex.identify.tracker_data import ROBOT_M, check_tracker_data, fixes_target, start_frames
@@ -44,6 +46,8 @@ from counterflex.robot.drive_error import DriveError
 
 SOURCE: Final = "counterflex identify kinematics"
 _NO_WEIGHT = 1e-10
+_REGIONS: Final = 5
+"""Regions of the joint space that are held out one after the other."""
 
 
 def identify(
@@ -92,11 +96,12 @@ def identify(
     told += _check_offsets(setup, everything, fit.values, options)
     progress(0.6, "fitted")
     held = _held(setup, holdout, int(options["folds"]), fit)
+    apart = () if holdout else _held_apart(setup, fit)
     return Identification(
         recipe="kinematics",
         fits={"kinematics": fit},
-        headline=headline(setup, held),
-        figures=figures(setup, fit, orders),
+        headline=headline(setup, held, separate=bool(holdout)),
+        figures=(*apart, *figures(setup, fit, orders)),
         changes=_changes(cell, setup, fit),
         remarks=(*told, *remarks(setup, fit, held, orders)),
         pictures=pictures(setup, fit, held),
@@ -224,6 +229,46 @@ def _held(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit) -> Hel
         setup.parameters, weighted, needed=setup.needed, error=position_error, scored=judged, folds=folds,
         start=fit.values, robust=False, stop=Stop(tolerance=1e-7),
     )  # fmt: skip
+
+
+def _held_apart(setup: Setup, fit: Fit) -> tuple[Figure, ...]:
+    """Error of whole regions of the joint space, and of whole files, that their fit had not seen."""
+    poses = {
+        i: b.arm.q
+        for i, b in enumerate(setup.blocks)
+        if isinstance(b, TrackerResiduals) and isinstance(b.arm, ArmGeometry)
+    }
+    if not poses:
+        return ()
+    weighted = [
+        replace(cast(Any, b), sigma=b.sigma / np.sqrt(np.maximum(w, _NO_WEIGHT))[:, None])
+        for b, w in zip(setup.blocks, fit.weights, strict=True)
+    ]
+    sizes = [len(q) for q in poses.values()]
+    every, group = np.concatenate(list(poses.values())), np.concatenate([setup.blocks[i].group for i in poses])
+    found = np.split(regions(every, group, _REGIONS), np.cumsum(sizes)[:-1])
+    ways = [("region", "whole regions of the joint space", dict(zip(poses, found, strict=True)))]
+    if len(poses) > 1 and not setup.local and len({setup.blocks[i].name for i in poses}) > 1:
+        ways.append(
+            ("file", "whole files", {i: np.full(n, k) for k, (i, n) in enumerate(zip(poses, sizes, strict=True))})
+        )
+    out = []
+    for name, what, parts in ways:
+        if len(np.unique(np.concatenate(list(parts.values())))) < 2:
+            continue
+        try:
+            held = cross_validate(
+                setup.parameters, weighted, needed=setup.needed, error=position_error, scored=list(poses), parts=parts,
+                start=fit.values, robust=False, stop=Stop(tolerance=1e-6),
+            )  # fmt: skip
+        except CounterflexError:
+            continue  # what is left without that part does not fix the frames
+        (mean, before), (worst, worst_before) = held.mean(), held.largest()
+        out.append(Figure(f"{name}_mean_mm", f"mean position error, {what} held out", mean / MM, before / MM))
+        out.append(
+            Figure(f"{name}_largest_mm", f"largest position error, {what} held out", worst / MM, worst_before / MM)
+        )
+    return tuple(out)
 
 
 def _changes(cell: CellModel, setup: Setup, fit: Fit) -> tuple[Change, ...]:

@@ -18,10 +18,17 @@ from counterflex.identify.recipe import Curve, Figure, Picture
 _MOST_NAMED = 10
 
 
-def headline(setup: Setup, held: HeldOut) -> tuple[Figure, ...]:
-    """Errors of held-out rows, with the nominal arm in frames of its own beside them."""
+def headline(setup: Setup, held: HeldOut, *, separate: bool = False) -> tuple[Figure, ...]:
+    """Errors of held-out rows, with the nominal arm in frames of its own beside them, and which rows these are.
+
+    Args:
+        setup: Of the fit.
+        held: Errors of the rows.
+        separate: They come from data given for that, else from folds of the postures.
+    """
     poses = any(isinstance(b, TrackerResiduals) for b in setup.blocks)
-    what = "position error of held-out poses" if poses else "error of held-out distances or planes"
+    which = "separate data" if separate else f"{len(held.fits)} folds of the postures"
+    what = f"position error of held-out poses ({which})" if poses else "error of held-out distances or planes"
     rows = (
         ("holdout_mean_mm", f"mean {what}", held.mean()),
         ("holdout_median_mm", f"median {what}", held.quantile(0.5)),
