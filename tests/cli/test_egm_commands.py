@@ -45,7 +45,13 @@ def test_make_writes_a_program_that_check_passes(tmp_path: Path, cell: Path) -> 
     files = {path.name for path in (tmp_path / "robot").iterdir()}
     assert files == {"p.mod", "README.txt", "summary.json"}
     summary = json.loads((tmp_path / "robot" / "summary.json").read_text(encoding="utf-8"))
-    assert (summary["mode"], summary["sample_ms"], summary["timeout_ms"], summary["warnings"]) == ("path", 24, 100, [])
+    assert (summary["mode"], summary["sample_ms"], summary["timeout_ms"]) == ("path", 24, 100)
+    assert [line for line in summary["warnings"] if "controller.correction_signal" not in line] == []
+    assert "no output tells a safety PLC" in said
+    text = cell.read_text(encoding="utf-8").replace("[controller]", '[controller]\ncorrection_signal = "doCorrection"')
+    cell.write_text(text, encoding="utf-8")
+    _, said = told("egm", "make", "--cell", cell, "--program", tmp_path / "p.mod", "--out", tmp_path / "robot")
+    assert "safety PLC" not in said
     readme = (tmp_path / "robot" / "README.txt").read_text(encoding="utf-8")
     assert max(map(len, readme.splitlines())) <= 120
     for word in ("UCdevice", "pathCorr", "Level               Path", "6510", "NOT TRIED ON A CONTROLLER"):

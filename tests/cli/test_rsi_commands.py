@@ -322,6 +322,7 @@ def test_around_a_program_that_compensate_wrote(shop: Path, counterflex: Callabl
     made_ = counterflex("rsi", "make", "--cell", "cell.toml", "--program", "comp/part.src", "--out", "robot")
     assert made_.status == 0
     assert "README.txt" in made_.out
+    assert "set controller.correction_output" in made_.out
     ended = counterflex(
         *("rsi", "check", "robot/counterflex_ethernet.xml", "--context", "robot/counterflex.rsix"),
         *("--krl", "robot/part.src", "--cell", "cell.toml"),

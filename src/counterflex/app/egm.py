@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app.egm_readme import readme
-from counterflex.app.robot_folder import read_program, refuse_errors, write_folder
+from counterflex.app.robot_folder import read_program, refuse_errors, unwatched, write_folder
 from counterflex.core.errors import FileFormatError, ProgramError
 from counterflex.core.units import MS
 from counterflex.files.cell import Cell, read_cell
@@ -127,7 +127,10 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         "files": list(files),
         "timeout_ms": table.timeout_ms,
         "sample_ms": online.period_ms,
-        "warnings": [item.line() for item in findings],
+        "warnings": [
+            *(item.line() for item in findings),
+            *unwatched(cell.tables.controller.correction_signal, "correction_signal"),
+        ],
         "counterflex": __version__,
     }
     about = readme(cell.name, table, online, switching, settings.host, tuple(files), elsewhere)

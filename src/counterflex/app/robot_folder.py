@@ -57,6 +57,20 @@ def refuse_errors(findings: Iterable[Finding]) -> None:
         raise InputError(bad.what, where=bad.where, value=bad.value, limit=bad.safe, hint=bad.hint)
 
 
+def unwatched(output: int | str | None, key: str) -> tuple[str, ...]:
+    """What to say where no output of the controller tells a safety PLC that the correction may act.
+
+    Args:
+        output: The output, or None.
+        key: Key of the table ``[controller]`` that names it.
+    """
+    if output is not None:
+        return ()
+    return (
+        f"warning: no output tells a safety PLC that the correction may act; set controller.{key} in the cell file",
+    )
+
+
 def write_folder(
     out: str | Path, programs: Mapping[str, str], texts: Mapping[str, str], summary: Mapping[str, Any]
 ) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
-from counterflex.app.robot_folder import read_program, refuse_errors, write_folder
+from counterflex.app.robot_folder import read_program, refuse_errors, unwatched, write_folder
 from counterflex.app.rsi_readme import readme
 from counterflex.core.errors import FileFormatError
 from counterflex.files.cell import read_cell
@@ -177,7 +177,10 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
             "cycle_ms": files.limits.period_ms,
             "timeout_cycles": files.timeout,
         },
-        "warnings": [item.line() for item in findings],
+        "warnings": [
+            *(item.line() for item in findings),
+            *unwatched(controller.correction_output, "correction_output"),
+        ],
         "counterflex": __version__,
     }
     write_folder(out, programs, texts, summary)
