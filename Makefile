@@ -8,6 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 demo: $(VENV)/.installed-run  ## Install, run the main job on embedded data, print a table, write an HTML report.
 	$(BIN)/counterflex demo --out out/demo
+	@echo "To use the command in this terminal: source $(BIN)/activate"
 
 test: $(VENV)/.installed-dev  ## Install, run the tests.
 	$(BIN)/python -m pytest -n auto --dist loadfile

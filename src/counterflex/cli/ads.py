@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import given
+from counterflex.cli.bounds import MOST_RECORDS
 from counterflex.cli.given import address
 from counterflex.cli.output import print_json, print_table
 from counterflex.cli.program import CellFile
@@ -96,7 +97,7 @@ def forward(
     ],
     cell: CellFile,
     readings: Annotated[
-        int | None, typer.Option("--readings", help="End after so many; else at Ctrl-C.", min=1)
+        int | None, typer.Option("--readings", help="End after so many; else at Ctrl-C.", min=1, max=MOST_RECORDS)
     ] = None,
     as_json: AsJson = False,
 ) -> None:

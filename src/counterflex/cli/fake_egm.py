@@ -47,7 +47,11 @@ def egm(
     robotware: Annotated[
         int,
         typer.Option(
-            "--robotware", help="6 or 7: how the own force is written.", callback=given.one_of((6, 7), "RobotWare")
+            "--robotware",
+            help="6 or 7: how the own force is written.",
+            min=6,
+            max=7,
+            callback=given.one_of((6, 7), "RobotWare"),
         ),
     ] = 7,
     force_n: Annotated[

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from counterflex.cli import given
+from counterflex.cli.bounds import LARGEST_SEED
 
 if TYPE_CHECKING:
     from counterflex.twin.faults import FaultSchedule
@@ -26,7 +27,10 @@ Fault = Annotated[
         callback=given.faults,
     ),
 ]
-Seed = Annotated[int | None, typer.Option("--seed", help="Of chance, instead of the file's; 0 without a file.", min=0)]
+Seed = Annotated[
+    int | None,
+    typer.Option("--seed", help="Of chance, instead of the file's; 0 without a file.", min=0, max=LARGEST_SEED),
+]
 Realtime = Annotated[
     bool, typer.Option("--realtime", help="Keep real time; else wait for every answer, as fast as both can.")
 ]

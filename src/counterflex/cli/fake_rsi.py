@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import given
+from counterflex.cli.bounds import MOST_RECORDS
 from counterflex.cli.fake_options import (
     Damping,
     DeadMs,
@@ -88,9 +89,17 @@ def rsi(
     ] = "absolute",
     cycle_ms: Annotated[
         int,
-        typer.Option("--cycle-ms", help="4 (#IPO_FAST) or 12 (#IPO).", callback=given.one_of((4, 12), "cycle of RSI")),
+        typer.Option(
+            "--cycle-ms",
+            help="4 (#IPO_FAST) or 12 (#IPO).",
+            min=4,
+            max=12,
+            callback=given.one_of((4, 12), "cycle of RSI"),
+        ),
     ] = 4,
-    timeout: Annotated[int, typer.Option("--timeout", help="ETHERNET: late answers at which it stops.", min=1)] = 100,
+    timeout: Annotated[
+        int, typer.Option("--timeout", help="ETHERNET: late answers at which it stops.", min=1, max=MOST_RECORDS)
+    ] = 100,
     precision: Annotated[int, typer.Option("--precision", help="ETHERNET: decimals sent.", min=0, max=9)] = 4,
     clamp_mm: Annotated[float, typer.Option("--clamp-mm", help="POSCORR: limit per axis, clamped in silence.")] = 5.0,
     clamp_deg: Annotated[float, typer.Option("--clamp-deg", help="POSCORR: MaxRotAngle.")] = 5.0,

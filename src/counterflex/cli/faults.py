@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import given
+from counterflex.cli.bounds import LARGEST_SEED
 from counterflex.cli.output import print_json, print_table, progress_bar
 from counterflex.cli.program import Out
 
@@ -33,7 +34,7 @@ def faults(
             callback=given.one_of(("force", "both"), "sensors"),
         ),
     ] = "force",
-    seed: Annotated[int, typer.Option("--seed", help="Of everything that is random.", min=0)] = 0,
+    seed: Annotated[int, typer.Option("--seed", help="Of everything that is random.", min=0, max=LARGEST_SEED)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Inject faults into the online loop over sockets: what was injected, what happened, the largest step at the robot.

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import given
+from counterflex.cli.bounds import LARGEST_SEED, MOST_PROPOSED
 from counterflex.cli.given import pairs
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
 from counterflex.core.errors import InputError
@@ -73,9 +74,14 @@ def identify(
         list[str] | None,
         typer.Option("--set", help="A setting of the recipe.", metavar="KEY=VALUE", callback=given.settings),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Of whatever is drawn: folds, starts, poses.", min=0)] = 0,
+    seed: Annotated[
+        int, typer.Option("--seed", help="Of whatever is drawn: folds, starts, poses.", min=0, max=LARGEST_SEED)
+    ] = 0,
     propose: Annotated[
-        int | None, typer.Option("--propose", help="Propose this many measurements instead.", metavar="N", min=1)
+        int | None,
+        typer.Option(
+            "--propose", help="Propose this many measurements instead.", metavar="N", min=1, max=MOST_PROPOSED
+        ),
     ] = None,
     archive: Annotated[
         Path | None,

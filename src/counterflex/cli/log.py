@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from counterflex.cli import given
+from counterflex.cli.bounds import MOST_RECORDS
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.program import CellFile
 
@@ -275,10 +276,15 @@ def export(
     csv: Annotated[Path, typer.Option("--csv", help="File to write.", metavar="FILE", callback=given.output_file)],
     incident: Annotated[
         int | None,
-        typer.Option("--incident", help="Only the cycles around this hold or fault, as `log show` counts.", min=1),
+        typer.Option(
+            "--incident",
+            help="Only the cycles around this hold or fault, as `log show` counts.",
+            min=1,
+            max=MOST_RECORDS,
+        ),
     ] = None,
-    before: Annotated[int, typer.Option("--before", help="Cycles before the incident.", min=0)] = 250,
-    after: Annotated[int, typer.Option("--after", help="Cycles behind its first one.", min=0)] = 250,
+    before: Annotated[int, typer.Option("--before", help="Cycles before the incident.", min=0, max=MOST_RECORDS)] = 250,
+    after: Annotated[int, typer.Option("--after", help="Cycles behind its first one.", min=0, max=MOST_RECORDS)] = 250,
 ) -> None:
     """Write every record as a line of CSV, in SI units and part axes; numbers read back bit for bit.
 

@@ -8,7 +8,7 @@ import sys
 from typing import Annotated, Any, Final, NoReturn
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
 from counterflex import __version__
 from counterflex.cli import (
@@ -62,10 +62,29 @@ def _with_finite_numbers(app: typer.Typer) -> None:
             _with_finite_numbers(group.typer_instance)
 
 
+PANELS: Final = {
+    "Plan": ("cell", "robots", "pose", "deflection", "path", "compensate"),
+    "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "report"),
+    "Identify": ("identify", "dataset", "campaign"),
+    "Online": ("run", "operator", "log", "rsi", "egm"),
+    "Devices": ("twin", "tracker", "ads"),
+    "Tools": ("doctor", "soak", "faults", "reproduce"),
+}
+"""Commands by what they are for, in the order of ``--help``."""
+
+
+class _Groups(TyperGroup):
+    """The commands in the order of :data:`PANELS`."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        names = [name for panel in PANELS.values() for name in panel]
+        return sorted(super().list_commands(ctx), key=names.index)
+
+
 app = typer.Typer(
     name="counterflex",
+    cls=_Groups,
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     help=(
@@ -76,25 +95,22 @@ app = typer.Typer(
         "`counterflex compensate part.ngc --cell cell.toml --out out` compensates your program."
     ),
 )
-question.register(app)
-program.register(app)
-prove.register(app)
-dataset.register(app)
-identify.register(app)
-twin.register(app)
-tracker.register(app)
-ads.register(app)
-campaign.register(app)
-online.register(app)
-operator.register(app)
-log.register(app)
-doctor.register(app)
-soak.register(app)
-faults.register(app)
-rsi.register(app)
-egm.register(app)
-reproduce.register(app)
-demo.register(app)
+
+
+def _in_panels(app: typer.Typer) -> None:
+    """Put every command under the heading of its use."""
+    panel_of = {name: panel for panel, names in PANELS.items() for name in names}
+    for command in app.registered_commands:
+        command.rich_help_panel = panel_of[str(command.name or getattr(command.callback, "__name__", ""))]
+    for group in app.registered_groups:
+        group.rich_help_panel = panel_of[str(group.name)]
+
+
+for room in (question, program, prove, dataset, identify, twin, tracker, ads, campaign):
+    room.register(app)
+for room in (online, operator, log, doctor, soak, faults, rsi, egm, reproduce, demo):
+    room.register(app)
+_in_panels(app)
 _with_finite_numbers(app)
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from counterflex.cli import given, interrupt
+from counterflex.cli.bounds import LARGEST_PORT, LARGEST_SEED
 from counterflex.cli.fake_options import WaitS
 from counterflex.cli.given import address
 from counterflex.cli.log import show_process
@@ -85,7 +86,9 @@ def run(
             callback=given.host_port,
         ),
     ] = None,
-    force_http: Annotated[int, typer.Option("--force-http", help="Port of its scaling document.", min=1)] = 80,
+    force_http: Annotated[
+        int, typer.Option("--force-http", help="Port of its scaling document.", min=1, max=LARGEST_PORT)
+    ] = 80,
     tracker: Annotated[
         int | None, typer.Option("--tracker", help="UDP port for tracker datagrams.", min=0, max=65535)
     ] = None,
@@ -278,8 +281,12 @@ def cell(
             "--peer", help="Where telegrams go, instead of RSI's own.", metavar="HOST:PORT", callback=given.host_port
         ),
     ] = None,
-    force_port: Annotated[int, typer.Option("--force-port", help="UDP port of the force sensor; 0: a free one.")] = 0,
-    force_http: Annotated[int, typer.Option("--force-http", help="Port of its scaling document; 0: a free one.")] = 0,
+    force_port: Annotated[
+        int, typer.Option("--force-port", help="UDP port of the force sensor; 0: a free one.", min=0, max=LARGEST_PORT)
+    ] = 0,
+    force_http: Annotated[
+        int, typer.Option("--force-http", help="Port of its scaling document; 0: a free one.", min=0, max=LARGEST_PORT)
+    ] = 0,
     tracker: Annotated[
         str | None,
         typer.Option("--tracker", help="Send tracker datagrams there.", metavar="HOST:PORT", callback=given.host_port),
@@ -290,7 +297,7 @@ def cell(
     tracker_late_ms: Annotated[
         float, typer.Option("--tracker-late", help="How late they come, ms.", min=0.0, max=900.0)
     ] = 0.0,
-    seed: Annotated[int, typer.Option("--seed", help="Of the instruments.", min=0)] = 0,
+    seed: Annotated[int, typer.Option("--seed", help="Of the instruments.", min=0, max=LARGEST_SEED)] = 0,
     wait_s: WaitS = 60.0,
     gate_s: Annotated[float, typer.Option("--gate-s", help="Rest before the program starts.", min=0.0)] = 0.8,
     realtime: Annotated[

@@ -117,7 +117,10 @@ def compensate(
     feed_for_tolerance_um: Annotated[
         float | None,
         typer.Option(
-            "--feed-for-tolerance-um", help="Lower the feed where the predicted error would be above this.", min=0.1
+            "--feed-for-tolerance-um",
+            help="Lower the feed where the predicted error would be above this.",
+            min=0.1,
+            max=10000.0,
         ),
     ] = None,
     least_feed_percent: Annotated[
@@ -129,7 +132,7 @@ def compensate(
         ),
     ] = 30.0,
     least_chip_um: Annotated[
-        float, typer.Option("--least-chip-um", help="With it: smallest chip that still cuts.", min=0.0)
+        float, typer.Option("--least-chip-um", help="With it: smallest chip that still cuts.", min=0.0, max=1000.0)
     ] = 10.0,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,

@@ -9,13 +9,16 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import given
+from counterflex.cli.bounds import LARGEST_SEED, MOST_WORKERS
 from counterflex.cli.output import keep_folders, keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.program import CellFile, Out, Program
 
 Seeds = Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)]
 Workers = Annotated[
     int | None,
-    typer.Option("--workers", help="Processes that machine at a time; by default one per core.", min=1),
+    typer.Option(
+        "--workers", help="Processes that machine at a time; by default one per core.", min=1, max=MOST_WORKERS
+    ),
 ]
 
 
@@ -35,7 +38,9 @@ def truth(
     ],
     seed: Annotated[
         int | None,
-        typer.Option("--seed", help="Put the truth off by this seed; left out, truth and cell agree.", min=0),
+        typer.Option(
+            "--seed", help="Put the truth off by this seed; left out, truth and cell agree.", min=0, max=LARGEST_SEED
+        ),
     ] = None,
 ) -> None:
     """Make the simulated cell that a program is proven on: a truth file, off from the cell file as a real cell is.

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import given
+from counterflex.cli.bounds import LARGEST_SEED, MOST_RECORDS
 from counterflex.cli.given import address
 from counterflex.core.units import MS
 
@@ -54,8 +55,10 @@ def proxy(
         str, typer.Option("--stall", help="Hold back COUNT datagrams from number FIRST on.", metavar="FIRST:COUNT")
     ] = "",
     period_ms: Annotated[float, typer.Option("--period-ms", help="Of --stall, between datagrams.", min=0.01)] = 4.0,
-    first: Annotated[int, typer.Option("--first", help="Number of the first datagram that may suffer.", min=0)] = 0,
-    seed: Annotated[int, typer.Option("--seed", help="Of chance.", min=0)] = 0,
+    first: Annotated[
+        int, typer.Option("--first", help="Number of the first datagram that may suffer.", min=0, max=MOST_RECORDS)
+    ] = 0,
+    seed: Annotated[int, typer.Option("--seed", help="Of chance.", min=0, max=LARGEST_SEED)] = 0,
     seconds: Annotated[float | None, typer.Option("--seconds", help="End after so long.", min=0.0)] = None,
 ) -> None:
     """Stand between two programs that talk over UDP and be a bad network: lose, delay, repeat and damage datagrams.

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import given
+from counterflex.cli.bounds import LARGEST_SEED
 from counterflex.cli.fake_egm import register as register_egm
 from counterflex.cli.fake_rsi import register as register_rsi
 from counterflex.cli.fakes import register as register_fakes
@@ -44,7 +45,10 @@ def measure(
     truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=given.file)],
     out: Out,
     seed: Annotated[
-        int, typer.Option("--seed", help="Of the laboratory: where its instruments stand, and their noise.", min=0)
+        int,
+        typer.Option(
+            "--seed", help="Of the laboratory: where its instruments stand, and their noise.", min=0, max=LARGEST_SEED
+        ),
     ] = 0,
     session: Annotated[
         str | None,

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TextIO
 
 from counterflex.core.errors import OutputError
+from counterflex.core.leftovers import SUFFIX, clear_leftovers, part_prefix
 from counterflex.core.output_place import Place, place_of
 
 _OTHER = "Choose another --out or make room there"
@@ -86,7 +87,8 @@ def atomic_path(target: str | os.PathLike[str]) -> Iterator[Path]:
 
 def _part_of(place: Place) -> Path:
     """An empty temporary file beside the place that it is made for."""
-    handle, name = tempfile.mkstemp(prefix=f".{place.path.name}.", suffix=".part", dir=place.path.parent)
+    clear_leftovers(place.path.parent, place.path.name)
+    handle, name = tempfile.mkstemp(prefix=part_prefix(place.path.name), suffix=SUFFIX, dir=place.path.parent)
     os.close(handle)
     return Path(name)
 
@@ -146,7 +148,9 @@ def atomic_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         with _parents_of(path):
             inside = path if path.exists() else path.parent
-            staging = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=inside))
+            for folder in {inside, path.parent}:
+                clear_leftovers(folder, path.name)
+            staging = Path(tempfile.mkdtemp(prefix=part_prefix(path.name), suffix=SUFFIX, dir=inside))
             try:
                 yield staging
                 if path.exists():

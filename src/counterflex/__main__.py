@@ -1,0 +1,8 @@
+"""``python -m counterflex``: the command line without its script."""
+
+from __future__ import annotations
+
+from counterflex.cli.main import run
+
+if __name__ == "__main__":
+    run()
