@@ -97,7 +97,7 @@ def test_right_data_pass_and_keep_no_rest_that_costs_the_mass() -> None:
 
 
 def test_a_rest_that_makes_the_mass_60_times_less_sure_is_not_taken() -> None:
-    """A ripple of the forces just above the noise, of the form of a rest in the base: it would help, and cost the mass."""
+    """A ripple of the forces just above the noise, of the form of a rest in the base: it would help."""
     R = _rotations(_angles())
     w = _shown(_angles(), ZERO)
     w[:, :3] += 0.36 * R[:, 0, :] + 0.3 * R[:, 1, ::-1]

@@ -195,4 +195,5 @@ def setting_of(
         normal_only=normal_only,
         orientation=orientation,
         allow_extrapolation=tables.material.allow_extrapolation,
+        drive_errors=cell.drive_errors,
     )

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import f
 
+from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.geometry import rotation
 from counterflex.geometry.rotation import skew
@@ -76,12 +77,13 @@ def plain_weight(block: SensorReadings) -> Plain:
     J[:, :3, 7:10] = -turn
     J[:, 3:, 10:] = -turn
     J, y = J / block.sigma[:, :, None], block.w_sensor / block.sigma
-    weight = np.ones(n)
-    x, sizes = np.zeros(_UNKNOWN), np.zeros(n)
+    weight: Float = np.ones(n)
+    x: Float = np.zeros(_UNKNOWN)
+    sizes: Float = np.zeros(n)
     for _ in range(_ROUNDS):
         root = np.sqrt(weight)[:, None]
         x, *_ = np.linalg.lstsq((J * root[:, :, None]).reshape(-1, _UNKNOWN), (y * root).reshape(-1), rcond=1e-10)
-        sizes = np.sqrt(np.mean((y - J @ x) ** 2, axis=1))
+        sizes = np.asarray(np.sqrt(np.mean((y - J @ x) ** 2, axis=1)), dtype=np.float64)
         usual = max(2.0 * float(np.median(sizes)), 1e-12)
         weight = np.minimum(1.0, usual / np.maximum(sizes, 1e-300))
     size = float(np.median(sizes))

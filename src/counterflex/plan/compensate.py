@@ -34,9 +34,11 @@ from counterflex.plan.tool_deviation import Robot, can_move, lost_motion, mode_o
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
 from counterflex.robot import compliance, gravity
 from counterflex.robot.chain import ElasticChain, forward
+from counterflex.robot.drive_error import DriveErrors
 from counterflex.robot.inverse import PathSolution, inverse_path
 from counterflex.signals.preview import Mode, Shaping, by_group
 
+_NO_ERRORS = DriveErrors()
 EXTRAPOLATED_SHARE = 0.02
 """Share of the force impulse that may come from chips outside the law's range before planning refuses."""
 _CONTACT_M3 = 1e-12
@@ -92,6 +94,7 @@ class Setting:
         normal_only: Correct square to the feed only (Haehn2020 eq. 10).
         orientation: Correct the orientation too.
         allow_extrapolation: Accept force from chips outside the law's range.
+        drive_errors: Periodic errors of the drives: what the links of ``chain`` truly do at commanded angles.
     """
 
     chain: ElasticChain
@@ -108,6 +111,7 @@ class Setting:
     normal_only: bool = False
     orientation: bool = False
     allow_extrapolation: bool = False
+    drive_errors: DriveErrors = _NO_ERRORS
 
 
 def plan(
@@ -293,8 +297,8 @@ def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:
 def residual_sag(p_part: Float, q: Float, setting: Setting) -> Float:
     """(n, 3) m, deviation of the unloaded tool along the path, see :mod:`counterflex.plan.part_frame`.
 
-    What the robot does at its commanded joint angles with nothing but its own weight on it: sag, and the difference
-    between its geometry and the one the controller has.
+    What the robot does at its commanded joint angles with nothing but its own weight on it: sag, periodic errors of its
+    drives, and the difference between its geometry and the one the controller has.
     """
     off = _unloaded_offset(setting, q)
     touched = touched_points(setting)
@@ -319,8 +323,9 @@ def touched_points(setting: Setting) -> tuple[Float, Float] | None:
 def _unloaded_offset(setting: Setting, q: Float) -> Float:
     """(n, 3) m, true minus believed position of the unloaded tool tip, base axes."""
     off: Float = gravity.sag(setting.chain, q)[..., :3]
-    if setting.controller_chain is not setting.chain:
-        off += forward(setting.chain, q)[..., :3, 3] - forward(setting.controller_chain, q)[..., :3, 3]
+    if setting.controller_chain is not setting.chain or setting.drive_errors.terms:
+        links = setting.drive_errors.link_angles(q)
+        off += forward(setting.chain, links)[..., :3, 3] - forward(setting.controller_chain, q)[..., :3, 3]
     return off
 
 

@@ -1,0 +1,131 @@
+"""What identification writes into a cell file changes the plan, or the page says that planning has no use for it."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+
+from counterflex.app.compensate import compensate
+from counterflex.app.inputs import setting_of
+from counterflex.core.arrays import Float
+from counterflex.core.units import UM
+from counterflex.files.cell import read_cell
+from counterflex.files.cell_schema import CellTables
+from counterflex.plan.compensate import residual_sag, solve_joints
+from counterflex.plan.lost_motion import corrected_joints
+from counterflex.plan.plan import Plan
+from counterflex.robot.chain import forward
+
+ProgramFile = Callable[..., Path]
+Change = Callable[[dict[str, object]], None]
+DATA = Path(__file__).resolve().parents[1] / "data" / "cells"
+DOCS = Path("docs/identify.md")
+
+
+def _set(*path: str | int, value: object) -> Change:
+    def change(cell: dict[str, object]) -> None:
+        place: object = cell
+        for key in path[:-1]:
+            place = place.setdefault(key, {}) if isinstance(place, dict) else place[key]  # type: ignore[index]
+        place[path[-1]] = value  # type: ignore[index]
+
+    return change
+
+
+USED: dict[str, Change] = {
+    "robot.calibration": _set("robot", "calibration", value=[{"segment": "axis2", "x_mm": 0.4}]),
+    "robot.play": _set(
+        "robot", "play", value=[{"axis": k, "friction_nm": [120.0], "slip_urad": [40.0]} for k in (1, 2, 3)]
+    ),
+    "robot.servo": _set(
+        "robot",
+        "servo",
+        value=[
+            {"axis": k, "position_gain_per_s": 15, "speed_gain_nm_s": 150000, "integral_time_ms": 60}
+            for k in range(1, 7)
+        ],
+    ),
+    "compliances": _set("end_effector", 0, "rx_urad_per_knm", value=9000.0),
+    "masses": _set("end_effector", 0, "mass_kg", value=110),
+    "material": _set("material", "kc11_n_mm2", value=900),
+    "drive_error": _set("drive_error", value={"axis1": [[90, 300.0, 0.0]], "axis2": [[120, 0.0, 200.0]]}),
+    "dynamics": _set("dynamics", value={"mode_hz": 6.0, "damping_ratio": 0.02}),
+}
+"""Of each table, a change that the plan of a groove must feel."""
+UNUSED = {"tracker", "sensor", "holder", "timing"}
+"""Tables for which planning has no use; the loop online and later identifications have."""
+
+
+def _cell(folder: Path, change: Change | None, name: str = "small.toml") -> Path:
+    cell = tomllib.loads((DATA / name).read_text())
+    if change is not None:
+        change(cell)
+    file = folder / f"cell{abs(hash(str(cell)))}.toml"
+    file.write_text(tomli_w.dumps(cell))
+    return file
+
+
+@cache
+def _base(folder: Path, program: Path) -> Plan:
+    return compensate(program, read_cell(_cell(folder, None)), predict=False).plan
+
+
+@pytest.mark.parametrize("table", sorted(USED))
+def test_what_was_identified_changes_the_plan(table: str, tmp_path: Path, program: ProgramFile) -> None:
+    file = program()
+    before = _base(tmp_path, file)
+    after = compensate(file, read_cell(_cell(tmp_path, USED[table])), predict=False).plan
+    assert float(np.max(np.abs(after.correction_part - before.correction_part))) > 2 * UM
+
+
+def test_the_page_lists_every_identified_table() -> None:
+    """Whoever adds a table that recipes write has to say whether planning uses it."""
+    text = DOCS.read_text()
+    section = text[text.index("## What planning uses") :]
+    for table in [*USED, *UNUSED]:
+        assert f"| `{table}` |" in section or f"| {table} |" in section, table
+    written = {"tracker", "sensor", "holder", "timing", "drive_error", "dynamics", "material"}
+    assert written <= set(CellTables.model_fields)
+    assert written <= set(USED) | UNUSED
+
+
+def _erring(angle: Float, rows: list[list[float]]) -> Float:
+    """Angle of a link by the words of docs/cell-file.md."""
+    return np.asarray(angle + sum(1e-6 * (s * np.sin(k * angle) + c * (np.cos(k * angle) - 1.0)) for k, s, c in rows))
+
+
+def test_a_rigid_arm_with_periodic_drives_meets_the_path_after_compensation(
+    tmp_path: Path, program: ProgramFile
+) -> None:
+    """Drives that err 60 and 200 times per turn: the commanded path puts the tool on the programmed one."""
+    rows = {"axis1": [[60, 100.0, 50.0]], "axis2": [[200, 0.0, 80.0]], "axis3": [[200, 60.0, 0.0]]}
+    plain = _cell(tmp_path, None, "rigid.toml")
+    erring = _cell(tmp_path, _set("drive_error", value=rows), "rigid.toml")
+    left = {}
+    for name, known in (("unknown", plain), ("known", erring)):
+        cell = read_cell(known)
+        plan = compensate(program(), cell, predict=False).plan
+        setting = setting_of(cell)
+        R = setting.T_base_part[:3, :3]
+        joints = solve_joints(plan.path, plan.line, setting)
+        contact = np.any(plan.w_tcp_part != 0.0, axis=1)
+        # Where the links of the erring robot put the tool, by the angles that the controller commands.
+        turn = np.zeros_like(plan.correction_part)
+        q = corrected_joints(setting.controller_chain, setting.T_base_part, joints.q, plan.correction_part, turn)
+        links = np.column_stack([_erring(q[:, k], rows.get(f"axis{k + 1}", [])) for k in range(6)])
+        off = forward(setting.chain, links)[:, :3, 3] - forward(setting.chain, joints.q)[:, :3, 3]
+        left[name] = float(np.sqrt(np.mean(np.sum((off[contact] @ R) ** 2, axis=1))))
+    assert left["unknown"] > 100 * UM
+    assert left["known"] < 0.1 * left["unknown"]
+
+
+def test_a_robot_without_periodic_errors_has_none_in_its_plan(tmp_path: Path, program: ProgramFile) -> None:
+    cell = read_cell(_cell(tmp_path, None, "rigid.toml"))
+    plan = compensate(program(), cell, predict=False).plan
+    assert not np.any(residual_sag(plan.path.p_part_tcp, plan.q, setting_of(cell)))
