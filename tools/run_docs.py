@@ -1,8 +1,19 @@
 """Run every command printed in the docs and every example, as a reader would, and fail when one fails.
 
 Commands are the lines that begin with ``$ `` in fenced ``console`` blocks of README.md, CONTRIBUTING.md and docs/. The
-commands of one page run in order in one fresh folder that holds a copy of ``examples/``, several pages at a time. A
-command that is meant to fail says so: ``$ counterflex pose nowhere  # exit 2``. Examples are ``examples/*.py``.
+commands of one page run in order in one fresh folder, several pages at a time; it holds a copy of ``examples/``, and
+for README.md nothing: what it uses, its own commands must have made. Examples are ``examples/*.py``.
+
+Lines that begin with ``1$ ``, ``2$ ``, ... belong in a terminal each: these run at the same time.
+
+What stands behind a command says how it is run here:
+
+- ``# exit 2``: it is meant to end so; ``# exit 0 or 1``: this depends on the machine.
+- ``# quick: --minutes 0.1``: it takes long, and is run with these options added.
+- ``# Ctrl-C``: it ends by that alone, here when the other terminals have ended.
+
+A ``counterflex`` command in any other block is not run. Why not is said before the block, ``<!-- not run: reason -->``;
+without a reason it is a fault.
 
     python tools/run_docs.py [PAGE ...]
 """
@@ -13,58 +24,188 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-_FENCE = re.compile(r"^[ \t]*```console\n(.*?)^[ \t]*```", re.MULTILINE | re.DOTALL)
-_EXIT = re.compile(r"\s+# exit (\d+)\s*$")
+FROM_NOTHING = ("README.md",)
+"""Pages that a reader follows from an empty folder."""
+_BLOCK = re.compile(r"^[ \t]*```(\w*)[^\n]*\n(.*?)^[ \t]*```|^((?:(?: {4}|\t)[^\n]*\n)+)", re.MULTILINE | re.DOTALL)
+_PROMPT = re.compile(r"(\d*)\$ (.*)")
+_MARK = re.compile(r"\s+# (exit (?P<exit>\d+(?: or \d+)*)|quick: (?P<quick>.*?)|(?P<stopped>Ctrl-C))\s*$")
+_REASON = re.compile(r"<!-- not run: (.+?) -->\s*\Z", re.DOTALL)
+_MOST_S = 900.0
+_AT_ONCE = threading.Lock()
+"""Programs of several terminals talk over fixed ports: one group at a time."""
 
 
-def commands(page: Path) -> list[tuple[str, int]]:
-    """Commands of a page with the exit status each should end with."""
-    found = []
-    for block in _FENCE.findall(page.read_text(encoding="utf-8")):
-        joined = block.replace("\\\n", " ")
-        for line in map(str.strip, joined.splitlines()):
-            if line.startswith("$ "):
-                wanted = _EXIT.search(line)
-                found.append((_EXIT.sub("", line[2:]).strip(), int(wanted.group(1)) if wanted else 0))
-    return found
+@dataclass(frozen=True)
+class Command:
+    """One printed command.
+
+    Attributes:
+        words: As it is run.
+        terminal: Number of its terminal; empty: the only one.
+        exits: Exit statuses that are right.
+        stopped: It is ended by Ctrl-C.
+    """
+
+    words: str
+    terminal: str = ""
+    exits: tuple[int, ...] = (0,)
+    stopped: bool = False
 
 
-def run(command: str, wanted: int, folder: Path) -> tuple[bool, str]:
-    """Run one command in a folder: whether it ended as wanted, and what to print: time, and else its output."""
+@dataclass
+class Page:
+    """What is printed on a page.
+
+    Attributes:
+        steps: Commands that run at the same time, by terminal; one after the other within it.
+        left_out: Reasons of commands that are not run.
+        unexplained: Commands that are not run without a reason.
+    """
+
+    steps: list[dict[str, list[Command]]] = field(default_factory=list)
+    left_out: Counter[str] = field(default_factory=Counter)
+    unexplained: list[str] = field(default_factory=list)
+
+
+def command_of(line: str) -> Command | None:
+    """The command of a line of a console block; None where it is output."""
+    found = _PROMPT.match(line)
+    if found is None:
+        return None
+    terminal, words = found.groups()
+    exits: tuple[int, ...] = (0,)
+    stopped = False
+    while mark := _MARK.search(words):
+        words = words[: mark.start()]
+        if mark["exit"]:
+            exits = tuple(int(part) for part in mark["exit"].split(" or "))
+        elif mark["quick"]:
+            words += f" {mark['quick']}"
+        else:
+            stopped = True
+    return Command(words.strip(), terminal, exits, stopped)
+
+
+def read_page(text: str) -> Page:
+    """Commands of a page in order."""
+    page = Page()
+    for block in _BLOCK.finditer(text):
+        language, body = block[1] or "", block[2] if block[2] is not None else block[3]
+        lines = [line.strip() for line in body.replace("\\\n", " ").splitlines()]
+        if language != "console":
+            plain = [line for line in lines if line.startswith("counterflex ")]
+            reason = _REASON.search(text[: block.start()])
+            if reason:
+                page.left_out[" ".join(reason[1].split())] += len(plain)
+            else:
+                page.unexplained += plain
+            continue
+        together = False
+        for command in filter(None, map(command_of, lines)):
+            if not (command.terminal and together):
+                page.steps.append({})
+            together = bool(command.terminal)
+            page.steps[-1].setdefault(command.terminal, []).append(command)
+    return page
+
+
+def _environment() -> dict[str, str]:
+    return dict(os.environ, PATH=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+
+
+class _Terminal(threading.Thread):
+    """Runs the commands of one terminal, one after the other."""
+
+    def __init__(self, commands: list[Command], folder: Path, alone: threading.Event) -> None:
+        super().__init__(daemon=True)
+        self.said: list[str] = []
+        self.faults = 0
+        self._commands, self._folder, self._alone = commands, folder, alone
+
+    @property
+    def waits(self) -> bool:
+        """Whether it ends by Ctrl-C alone."""
+        return any(command.stopped for command in self._commands)
+
+    def run(self) -> None:
+        for command in self._commands:
+            ok, said = _run(command, self._folder, self._alone)
+            self.faults += not ok
+            self.said.append(said)
+
+
+def _run(command: Command, folder: Path, alone: threading.Event) -> tuple[bool, str]:
+    """Run one command: whether it ended as wanted, and what to print: time, and else its output."""
     begin = time.perf_counter()
-    environment = dict(os.environ, PATH=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
-    result = subprocess.run(
-        shlex.split(command), cwd=folder, env=environment, capture_output=True, text=True, check=False
-    )
-    ok = result.returncode == wanted
-    said = f"  {'ok' if ok else 'FAILED'} {time.perf_counter() - begin:6.1f} s  {command}"
+    with tempfile.TemporaryFile("w+") as output:
+        process = subprocess.Popen(
+            shlex.split(command.words), cwd=folder, env=_environment(), stdout=output, stderr=subprocess.STDOUT
+        )
+        try:
+            if command.stopped:
+                alone.wait(_MOST_S)
+                process.send_signal(signal.SIGINT)
+            status: int | str = process.wait(_MOST_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            status = f"did not end in {_MOST_S:g} s"
+        output.seek(0)
+        printed = output.read()
+    ok = status in command.exits or (command.stopped and status == 130)
+    place = f"[{command.terminal}] " if command.terminal else ""
+    said = f"  {'ok' if ok else 'FAILED'} {time.perf_counter() - begin:6.1f} s  {place}{command.words}"
     if not ok:
-        said += f"\nexit {result.returncode}, wanted {wanted}\n{result.stdout[-3000:]}\n{result.stderr[-3000:]}"
+        said += f"\nexit {status}, wanted {' or '.join(map(str, command.exits))}\n{printed[-4000:]}"
     return ok, said
 
 
-def run_page(page: Path) -> tuple[int, int, str]:
-    """Run the commands of a page, or an example: how many, how many failed, what to print."""
-    named = str(page.relative_to(ROOT)) if page.is_relative_to(ROOT) else str(page)
-    script = f"{shlex.quote(sys.executable)} {shlex.quote(str(page))}"
-    found = [(script, 0)] if page.suffix == ".py" else commands(page)
-    lines, faults = [named], 0
-    with tempfile.TemporaryDirectory() as folder:
-        if found and page.suffix != ".py":
-            shutil.copytree(ROOT / "examples", Path(folder) / "examples")
-        for command, wanted in found:
-            ok, said = run(command, wanted, Path(folder))
-            faults += not ok
-            lines.append(said)
-    return len(found), faults, "\n".join(lines)
+def run_step(step: dict[str, list[Command]], folder: Path) -> tuple[int, list[str]]:
+    """Run the terminals of a step at the same time: how many commands failed, and what to print."""
+    alone = threading.Event()
+    terminals = [_Terminal(commands, folder, alone) for commands in step.values()]
+    with _AT_ONCE if len(terminals) > 1 else threading.Lock():
+        for terminal in terminals:
+            terminal.start()
+        for terminal in terminals:
+            if not terminal.waits:
+                terminal.join()
+        alone.set()
+        for terminal in terminals:
+            terminal.join()
+    return sum(terminal.faults for terminal in terminals), [line for terminal in terminals for line in terminal.said]
+
+
+def run_page(path: Path) -> tuple[int, int, Counter[str], str]:
+    """Run the commands of a page, or an example: how many, how many failed, what was left out, what to print."""
+    named = str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path)
+    if path.suffix == ".py":
+        page = Page([{"": [Command(f"{shlex.quote(sys.executable)} {shlex.quote(str(path))}")]}])
+    else:
+        page = read_page(path.read_text(encoding="utf-8"))
+    lines, count = [named], sum(len(commands) for step in page.steps for commands in step.values())
+    lines += [f"  FAILED: neither run nor said why: {words}" for words in page.unexplained]
+    faults = len(page.unexplained)
+    with tempfile.TemporaryDirectory() as name:
+        if path.suffix != ".py" and named not in FROM_NOTHING:
+            shutil.copytree(ROOT / "examples", Path(name) / "examples")
+        for step in page.steps:
+            failed, said = run_step(step, Path(name))
+            faults += failed
+            lines += said
+    return count, faults, page.left_out, "\n".join(lines) if len(lines) > 1 else ""
 
 
 def main(pages: list[str]) -> int:
@@ -75,13 +216,15 @@ def main(pages: list[str]) -> int:
         *sorted((ROOT / "docs").rglob("*.md")),
         *sorted((ROOT / "examples").glob("*.py")),
     ]
-    count, faults = 0, 0
+    count, faults, left_out = 0, 0, Counter[str]()
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for many, failed, said in pool.map(run_page, chosen):
-            count, faults = count + many, faults + failed
-            if many:
+        for many, failed, reasons, said in pool.map(run_page, chosen):
+            count, faults, left_out = count + many, faults + failed, left_out + reasons
+            if said:
                 print(said, flush=True)
-    print(f"documented commands and examples: {count} run, {faults} failed")
+    print(f"documented commands and examples: {count} run, {faults} failed, {left_out.total()} not run")
+    for reason, many in left_out.most_common():
+        print(f"  {many} not run: {reason}")
     return 1 if faults else 0
 
 

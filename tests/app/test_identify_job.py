@@ -347,13 +347,13 @@ def test_a_proposal_is_written_and_read_back_with_a_form_to_fill(tmp_path: Path)
     assert found.expected == pytest.approx(dict(asked.expected))
     header = (tmp_path / "p" / "proposal.csv").read_text().splitlines()[0]
     assert header == "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_n"
-    form = tmp_path / "p" / "measured.toml"
+    form = tmp_path / "p" / "springs.toml"
     assert tomllib.loads(form.read_text())["settings"] == {"payload_kg": 5.0}
-    with pytest.raises(FileFormatError, match=r"measured\.csv:2: column 'w_tcp_base_fx_n'"):
+    with pytest.raises(FileFormatError, match=r"springs\.csv:2: column 'w_tcp_base_fx_n'"):
         read_dataset(form)
-    lines = (tmp_path / "p" / "measured.csv").read_text().splitlines()
+    lines = (tmp_path / "p" / "springs.csv").read_text().splitlines()
     filled = [",".join(cell or "1" for cell in line.split(",")) for line in lines]
-    (tmp_path / "p" / "measured.csv").write_text("\n".join(filled) + "\n")
+    (tmp_path / "p" / "springs.csv").write_text("\n".join(filled) + "\n")
     data = read_dataset(form)
     np.testing.assert_allclose(data.values("q")[:, 2], asked.columns["q3_rad"], rtol=1e-11)
     assert not data.channel("d_tcp_base").sigma

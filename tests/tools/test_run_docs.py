@@ -1,8 +1,9 @@
-"""Documented commands are found wherever they stand, with the exit status they should end with."""
+"""Documented commands are found wherever they stand, and run as they say: exit status, terminals, quick forms."""
 
 from __future__ import annotations
 
 import importlib.util
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -13,6 +14,8 @@ Text with `$ not this`.
 $ counterflex robots
 its output
 $ counterflex pose nowhere  # exit 2
+$ counterflex soak --minutes 60 --out soak  # quick: --minutes 0.1
+$ counterflex doctor  # exit 0 or 1
 ```
 
 1. In a list:
@@ -20,45 +23,112 @@ $ counterflex pose nowhere  # exit 2
    ```console
    $ counterflex pose a \\
      --joints-deg 0,0
+   1$ counterflex run --out log
+   2$ counterflex twin cell
+   2$ counterflex log show log
+   3$ counterflex twin netft  # Ctrl-C
+   $ counterflex evaluate part
    ```
 
+<!-- not run: takes an
+hour -->
 ```sh
 $ not this either
+counterflex reproduce
+counterflex soak
 ```
+
+    counterflex indented
 """
 
 
 def _load() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("run_docs", Path(__file__).parents[2] / "tools" / "run_docs.py")
+    name = "run_docs"
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).parents[2] / "tools" / "run_docs.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    sys.modules[name] = module  # its dataclasses look it up
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        del sys.modules[name]
     return module
 
 
-def test_commands_and_their_exit_status(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text(PAGE, encoding="utf-8")
-    found = [(" ".join(command.split()), wanted) for command, wanted in _load().commands(page)]
-    assert found == [
-        ("counterflex robots", 0),
-        ("counterflex pose nowhere", 2),
-        ("counterflex pose a --joints-deg 0,0", 0),
+def test_commands_their_terminals_and_how_they_end() -> None:
+    page = _load().read_page(PAGE)
+    steps = [
+        {
+            terminal: [(" ".join(c.words.split()), c.exits, c.stopped) for c in commands]
+            for terminal, commands in s.items()
+        }
+        for s in page.steps
     ]
+    assert steps == [
+        {"": [("counterflex robots", (0,), False)]},
+        {"": [("counterflex pose nowhere", (2,), False)]},
+        {"": [("counterflex soak --minutes 60 --out soak --minutes 0.1", (0,), False)]},
+        {"": [("counterflex doctor", (0, 1), False)]},
+        {"": [("counterflex pose a --joints-deg 0,0", (0,), False)]},
+        {
+            "1": [("counterflex run --out log", (0,), False)],
+            "2": [("counterflex twin cell", (0,), False), ("counterflex log show log", (0,), False)],
+            "3": [("counterflex twin netft", (0,), True)],
+        },
+        {"": [("counterflex evaluate part", (0,), False)]},
+    ]
+    assert dict(page.left_out) == {"takes an hour": 2}
+    assert page.unexplained == ["counterflex indented"]
 
 
 def test_a_command_that_ends_otherwise_fails(tmp_path: Path) -> None:
     tool = _load()
-    assert tool.run("python -c 'raise SystemExit(2)'", 2, tmp_path)[0]
-    ended, said = tool.run("python -c 'print(1); raise SystemExit(1)'", 0, tmp_path)
-    assert not ended
-    assert "exit 1, wanted 0" in said
+    right, wrong = tool.Command("python -c 'raise SystemExit(2)'", exits=(1, 2)), tool.Command("python -c 1/0")
+    assert tool.run_step({"": [right]}, tmp_path)[0] == 0
+    faults, said = tool.run_step({"": [wrong]}, tmp_path)
+    assert faults == 1
+    assert "exit 1, wanted 0" in said[0]
+    assert "ZeroDivisionError" in said[0]
+
+
+def test_terminals_run_at_the_same_time_and_one_is_stopped(tmp_path: Path) -> None:
+    waiting = (
+        "import socket; s = socket.create_server(('127.0.0.1', 0)); open('part', 'w').write(str(s.getsockname()[1]));"
+        " import os; os.replace('part', 'port'); s.accept()[0].recv(1)"
+    )
+    asking = (
+        "import os, socket\nwhile not os.path.exists('port'): pass\n"
+        "socket.create_connection(('127.0.0.1', int(open('port').read()))).send(b'x')"
+    )
+    serving = "import threading; threading.Event().wait()"
+    tool = _load()
+    step = {
+        "1": [tool.Command(f"python -c '{waiting.replace(chr(39), chr(34))}'")],
+        "2": [tool.Command(f"python -c '{asking.replace(chr(39), chr(34))}'")],
+        "3": [tool.Command(f"python -c '{serving}'", stopped=True, exits=(1, -2))],
+    }
+    faults, said = tool.run_step(step, tmp_path)
+    assert faults == 0, said
 
 
 def test_a_page_counts_its_faults(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    page.write_text("```console\n$ python -c pass\n$ python -c pass  # exit 1\n```\n", encoding="utf-8")
-    count, faults, said = _load().run_page(page)
-    assert (count, faults) == (2, 1)
-    assert said.index("ok") < said.index("FAILED")
+    page.write_text(
+        "```console\n$ python -c pass\n$ python -c pass  # exit 1\n```\n\n```\ncounterflex robots\n```\n",
+        encoding="utf-8",
+    )
+    count, faults, left_out, said = _load().run_page(page)
+    assert (count, faults, left_out.total()) == (2, 2, 0)
+    assert "neither run nor said why: counterflex robots" in said
+    assert said.index("ok") < said.index("FAILED ")
+
+
+def test_every_page_says_of_each_command_whether_it_is_run() -> None:
+    tool = _load()
+    pages = [tool.ROOT / "README.md", *sorted((tool.ROOT / "docs").rglob("*.md"))]
+    found = {page.name: tool.read_page(page.read_text(encoding="utf-8")) for page in pages}
+    assert {name: page.unexplained for name, page in found.items() if page.unexplained} == {}
+    run = sum(len(commands) for page in found.values() for step in page.steps for commands in step.values())
+    left_out = sum(page.left_out.total() for page in found.values())
+    assert left_out < run / 4

@@ -1,17 +1,42 @@
-"""The demonstration cell and part that ship with the package."""
+"""The demonstration cell and part that ship with the package, and what a first try of everything needs."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
+from typing import Final
 
 from counterflex.core import atomic
 from counterflex.core.errors import OutputError
 
+_ONLINE: Final = """
+# How counterflex run corrects while milling. Where the force sensor sits and what hangs behind it is measured, not
+# known from a drawing: identify payload writes the table [sensor].
+[online]
+force = "pilot"
+"""
+_SMALL: Final = (
+    ("# Demonstration cell: ", "# Small blank, coarse height map, for quick trials with groove.ngc: "),
+    ('name = "KR 300 R2500 ultra, spindle across the flange"', 'name = "KR 300 R2500 ultra, small blank"'),
+    ("y_mm = -75", "y_mm = -30"),
+    ("[200, 0, 40], [200, 150, 40], [0, 150, 40]]", "[60, 0, 40], [60, 60, 40], [0, 60, 40]]"),
+    ("box_max_mm = [200, 150, 40]", "box_max_mm = [60, 60, 40]"),
+    ("cell_mm = 0.1", "cell_mm = 0.2"),
+)
+
 
 def text(name: str) -> str:
-    """Text of a file of the demonstration: ``cell.toml`` or ``part.ngc``."""
+    """Text of a file of the demonstration: ``cell.toml``, ``part.ngc``, ``groove.ngc`` or ``rsi.xml``."""
     return (resources.files("counterflex.app") / "demo" / name).read_text(encoding="utf-8")
+
+
+def small() -> str:
+    """Text of the demonstration cell with a blank of 60 x 60 x 40 mm, for ``groove.ngc``."""
+    found = text("cell.toml")
+    for old, new in _SMALL:
+        found = found.replace(old, new)
+    return found
 
 
 def write(cell: Path) -> list[Path]:
@@ -20,7 +45,32 @@ def write(cell: Path) -> list[Path]:
     Raises:
         OutputError: A file is there already, or the folder cannot be written.
     """
-    targets = {cell: text("cell.toml"), cell.parent / "part.ngc": text("part.ngc")}
+    return _write({cell: text("cell.toml"), cell.parent / "part.ngc": text("part.ngc")})
+
+
+def write_all(cell: Path) -> list[Path]:
+    """Write what the first steps need: a cell that also corrects online, its part, an RSI configuration, a small job.
+
+    Args:
+        cell: Of the cell file, ``NAME.toml``. Beside it: ``part.ngc``, ``rsi.xml``, and ``NAME-small.toml`` with
+            ``groove.ngc``, which take seconds where the others take minutes.
+
+    Raises:
+        OutputError: A file is there already, or the folder cannot be written.
+    """
+    beside = cell.parent
+    return _write(
+        {
+            cell: text("cell.toml") + _ONLINE,
+            beside / "part.ngc": text("part.ngc"),
+            beside / "rsi.xml": text("rsi.xml"),
+            beside / f"{cell.stem}-small{cell.suffix}": small() + _ONLINE,
+            beside / "groove.ngc": text("groove.ngc"),
+        }
+    )
+
+
+def _write(targets: Mapping[Path, str]) -> list[Path]:
     for path in targets:
         if path.exists():
             raise OutputError("the file exists and is kept", where=str(path), hint="Choose another --out")

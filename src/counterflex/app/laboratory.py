@@ -42,7 +42,7 @@ def measure(
         progress: Told the fraction done.
 
     Returns:
-        ``kind``, number of ``rows`` and ``channels``, path of the ``manifest``.
+        ``recipe``, ``kind``, number of ``rows`` and ``channels``, path of the ``manifest``.
 
     Raises:
         FileFormatError: A file cannot be used, or the truth belongs to another cell.
@@ -66,6 +66,7 @@ def measure(
         settings=measured.settings,
     )
     return {
+        "recipe": proposal.recipe,
         "kind": proposal.kind,
         "rows": len(measured.group),
         "channels": sorted(measured.channels),

@@ -127,21 +127,19 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
             hint="Give --force HOST:PORT, --tracker PORT, --plan FILE, or several of them",
         )
     motors = _motors(settings, cell, table, plan is not None)
-    without = (settings.force is None and not settings.egm) or sensor is None
-    if table.force != "none" and without and not (fused and settings.force is None):
-        raise InputError(
-            "the force is to be corrected from, but there is no force sensor",
-            where=str(settings.cell),
-            value=f'force = "{table.force}"',
-            hint='Give --force HOST:PORT and a table [sensor], or set force = "none"',
-        )
+    unreached = settings.force is None and not settings.egm
+    if table.force != "none" and (unreached or sensor is None) and not (fused and settings.force is None):
+        raise _no_sensor(settings, f'force = "{table.force}"', unreached=unreached, unknown=sensor is None)
     wanted = table.tracker != "none" or (fused and settings.tracker_port is not None)
     if wanted and (settings.tracker_port is None or cell.tables.tracker is None):
+        lacking = ["--tracker PORT"] if settings.tracker_port is None else []
+        lacking += ["a table [tracker] (counterflex identify tracker-frame)"] if cell.tables.tracker is None else []
         raise InputError(
             "the tracker is to be corrected from, but there is none",
             where=str(settings.cell),
             value=f'tracker = "{table.tracker}"',
-            hint='Give --tracker PORT and a table [tracker], or set tracker = "none"',
+            limit=" and ".join(lacking),
+            hint='Or set tracker = "none" in [online]',
         )
     link = _link(settings, cell, loop, planned)
     force: ForceSource | None = None
@@ -202,6 +200,19 @@ def _motors(settings: RunSettings, cell: Cell, table: OnlineTable, planned: bool
             f"the motor currents are to be used, but {lacking}", where=str(settings.cell), value="--currents", hint=hint
         )
     return MotorTorque(cell.chain, np.array(constants))
+
+
+def _no_sensor(settings: RunSettings, value: str, *, unreached: bool, unknown: bool) -> InputError:
+    """What of the force sensor is lacking: where it is, or how it sits in the robot."""
+    lacking = ["--force HOST:PORT"] if unreached else []
+    lacking += ["a table [sensor], which counterflex identify payload finds,"] if unknown else []
+    return InputError(
+        "the force is to be corrected from, but there is no force sensor",
+        where=str(settings.cell),
+        value=value,
+        limit=" and ".join(lacking).rstrip(","),
+        hint='Or set force = "none" in [online]',
+    )
 
 
 def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> RobotLink:

@@ -11,7 +11,7 @@ from counterflex.app.recipe_settings import Setting, read_settings
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.files.cell import read_cell
-from counterflex.files.proposal_file import MANIFEST, MEASURED, PROPOSAL, ROWS, write_proposal
+from counterflex.files.proposal_file import PROPOSAL, ROWS, form_names, write_proposal
 from counterflex.files.shop_unit import shop
 from counterflex.identify.channels import CHANNELS_OF
 from counterflex.identify.recipe import Proposal
@@ -51,7 +51,7 @@ def run(
     for key, sigma in found.expected.items():
         unit, factor = shop(found.units.get(key, "SI"))
         rows.append({"name": key, "unit": unit, "sigma": float(f"{sigma / factor:.6g}")})
-    form = [MANIFEST, MEASURED] if found.kind in CHANNELS_OF else []
+    form = list(form_names(found.recipe)) if found.kind in CHANNELS_OF else []
     return {
         "recipe": found.recipe,
         "kind": found.kind,

@@ -72,10 +72,15 @@ def show_proposal(found: dict[str, Any], out: Path) -> None:
     for remark in found["remarks"]:
         typer.echo(f"note: {remark}")
     typer.echo(f"wrote {out}: {', '.join(found['files'])}")
-    if "measured.toml" in found["files"]:
+    manifest = f"{found['recipe']}.toml"
+    if manifest in found["files"]:
         typer.echo(
-            f"next: measure the rows of proposal.csv in their order, fill measured.csv, state sigma in measured.toml, "
-            f"then counterflex identify {found['recipe']} {out / 'measured.toml'} --cell CELL --out DIR"
+            f"next: measure the rows of proposal.csv in their order, fill {found['recipe']}.csv, state sigma in"
+            f" {manifest}, then counterflex identify {found['recipe']} {out / manifest} --cell CELL --out DIR"
+        )
+        typer.echo(
+            f"or on a simulated cell: counterflex twin measure {out / 'proposal.toml'} --cell CELL --truth TRUTH"
+            f" --out DATA, which writes DATA/{manifest}"
         )
     else:
         typer.echo("next: measure the rows of proposal.csv in their order and write a manifest (docs/datasets.md)")

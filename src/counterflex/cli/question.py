@@ -285,11 +285,14 @@ def cell_example(
         Path, typer.Option("--out", help="Where to write it; an existing file is kept.", callback=given.output_file)
     ] = Path("cell.toml"),
 ) -> None:
-    """Write the demonstration cell (KR 300 with a spindle) as a file to start from, and its test part beside it.
+    """Write the demonstration cell (KR 300 with a spindle) as a file to start from, and beside it what to try it with.
+
+    Beside NAME.toml: its test part part.ngc, an RSI configuration rsi.xml, and NAME-small.toml with groove.ngc, a small
+    blank for quick trials.
 
     Example: `counterflex cell example --out cell.toml`
     """
     from counterflex.app import examples
 
-    for path in examples.write(out):
+    for path in examples.write_all(out):
         typer.echo(f"wrote {path}")

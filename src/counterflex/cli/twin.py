@@ -67,3 +67,4 @@ def measure(
     with progress_bar(f"measuring {proposal.name}") as progress:
         found = laboratory.measure(proposal, cell, truth, out, seed=seed, session=session, progress=progress)
     typer.echo(f"wrote {found['manifest']}: {found['rows']} rows of {found['kind']}, {', '.join(found['channels'])}")
+    typer.echo(f"next: counterflex identify {found['recipe']} {found['manifest']} --cell {cell} --out DIR")

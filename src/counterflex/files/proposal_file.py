@@ -25,8 +25,11 @@ KIND: Final = "counterflex-proposal"
 VERSION: Final = 1
 PROPOSAL: Final = "proposal.toml"
 ROWS: Final = "proposal.csv"
-MEASURED: Final = "measured.csv"
-MANIFEST: Final = "measured.toml"
+
+
+def form_names(recipe: str) -> tuple[str, str]:
+    """Manifest and table of what a recipe measures: of the form to fill, and of a simulated laboratory."""
+    return f"{recipe}.toml", f"{recipe}.csv"
 
 
 class ProposalTable(Versioned):
@@ -108,19 +111,20 @@ def _write_form(folder: Path, proposal: Proposal, proposed: Mapping[str, list[st
     channels = CHANNELS_OF.get(proposal.kind)
     if channels is None:
         return
+    manifest, measured = form_names(proposal.recipe)
     count = len(next(iter(proposed.values())))
     names: list[str] = []
     cells: list[list[str]] = []
     lines = [
-        f"# Fill {MEASURED}, state the standard deviations (sigma, in the channel's unit), then:",
-        f"# counterflex identify {proposal.recipe} {MANIFEST} --cell CELL --out DIR",
+        f"# Fill {measured}, state the standard deviations (sigma, in the channel's unit), then:",
+        f"# counterflex identify {proposal.recipe} {manifest} --cell CELL --out DIR",
         f'format = "{DATASET}"',
         f"version = {DATASET_VERSION}",
         f'name = "{proposal.recipe}"',
         f'kind = "{proposal.kind}"',
         "",
         "[[files]]",
-        f'path = "{MEASURED}"',
+        f'path = "{measured}"',
         '# separator = ";"',
         '# decimal = ","',
     ]
@@ -141,8 +145,8 @@ def _write_form(folder: Path, proposal: Proposal, proposed: Mapping[str, list[st
     if known:
         lines += ["", "[settings]"]
         lines += [f"{key} = {toml_line(value)}" for key, value in (settings_shop(k, v) for k, v in known.items())]
-    _write_csv(folder / MEASURED, names, cells)
-    atomic.write_text(folder / MANIFEST, "\n".join(lines) + "\n")
+    _write_csv(folder / measured, names, cells)
+    atomic.write_text(folder / manifest, "\n".join(lines) + "\n")
 
 
 def _write_csv(path: Path, names: list[str], columns: list[list[str]]) -> None:
