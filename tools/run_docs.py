@@ -2,7 +2,8 @@
 
 Commands are the lines that begin with ``$ `` in fenced ``console`` blocks of README.md, CONTRIBUTING.md and docs/. The
 commands of one page run in order in one fresh folder, several pages at a time; it holds a copy of ``examples/``, and
-for README.md nothing: what it uses, its own commands must have made. Examples are ``examples/*.py``.
+for README.md nothing: what it uses, its own commands must have made. A page with ``<!-- goes on from: README.md -->``
+begins with what the commands of that page have left. Examples are ``examples/*.py``.
 
 Lines that begin with ``1$ ``, ``2$ ``, ... belong in a terminal each: these run at the same time.
 
@@ -42,6 +43,7 @@ _BLOCK = re.compile(r"^[ \t]*```(\w*)[^\n]*\n(.*?)^[ \t]*```|^((?:(?: {4}|\t)[^\
 _PROMPT = re.compile(r"(\d*)\$ (.*)")
 _MARK = re.compile(r"\s+# (exit (?P<exit>\d+(?: or \d+)*)|quick: (?P<quick>.*?)|(?P<stopped>Ctrl-C))\s*$")
 _REASON = re.compile(r"<!-- not run: (.+?) -->\s*\Z", re.DOTALL)
+_BASE = re.compile(r"<!-- goes on from: (\S+) -->")
 _MOST_S = 900.0
 _AT_ONCE = threading.Lock()
 """Programs of several terminals talk over fixed ports: one group at a time."""
@@ -188,8 +190,23 @@ def run_step(step: dict[str, list[Command]], folder: Path) -> tuple[int, list[st
     return sum(terminal.faults for terminal in terminals), [line for terminal in terminals for line in terminal.said]
 
 
-def run_page(path: Path) -> tuple[int, int, Counter[str], str]:
-    """Run the commands of a page, or an example: how many, how many failed, what was left out, what to print."""
+def base_of(path: Path) -> Path | None:
+    """The page whose results a page begins with; None where it begins with none."""
+    found = _BASE.search(path.read_text(encoding="utf-8")) if path.suffix == ".md" else None
+    return ROOT / found[1] if found else None
+
+
+def _folder_of(path: Path, work: Path) -> Path:
+    return work / str(path).replace(os.sep, "-").strip("-")
+
+
+def run_page(path: Path, work: Path) -> tuple[int, int, Counter[str], str]:
+    """Run the commands of a page, or an example: how many, how many failed, what was left out, what to print.
+
+    Args:
+        path: Of the page.
+        work: Folder that holds the folders of all pages; the page that it goes on from has been run there.
+    """
     named = str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path)
     if path.suffix == ".py":
         page = Page([{"": [Command(f"{shlex.quote(sys.executable)} {shlex.quote(str(path))}")]}])
@@ -198,13 +215,16 @@ def run_page(path: Path) -> tuple[int, int, Counter[str], str]:
     lines, count = [named], sum(len(commands) for step in page.steps for commands in step.values())
     lines += [f"  FAILED: neither run nor said why: {words}" for words in page.unexplained]
     faults = len(page.unexplained)
-    with tempfile.TemporaryDirectory() as name:
-        if path.suffix != ".py" and named not in FROM_NOTHING:
-            shutil.copytree(ROOT / "examples", Path(name) / "examples")
-        for step in page.steps:
-            failed, said = run_step(step, Path(name))
-            faults += failed
-            lines += said
+    folder, base = _folder_of(path, work), base_of(path)
+    folder.mkdir()
+    if base is not None:
+        shutil.copytree(_folder_of(base, work), folder, dirs_exist_ok=True)
+    if page.steps and path.suffix != ".py" and named not in FROM_NOTHING:
+        shutil.copytree(ROOT / "examples", folder / "examples")
+    for step in page.steps:
+        failed, said = run_step(step, folder)
+        faults += failed
+        lines += said
     return count, faults, page.left_out, "\n".join(lines) if len(lines) > 1 else ""
 
 
@@ -217,11 +237,15 @@ def main(pages: list[str]) -> int:
         *sorted((ROOT / "examples").glob("*.py")),
     ]
     count, faults, left_out = 0, 0, Counter[str]()
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for many, failed, reasons, said in pool.map(run_page, chosen):
-            count, faults, left_out = count + many, faults + failed, left_out + reasons
-            if said:
-                print(said, flush=True)
+    later = [page for page in chosen if base_of(page) is not None]
+    first = [page for page in chosen if page not in later]
+    first += [base for base in dict.fromkeys(map(base_of, later)) if base is not None and base not in first]
+    with tempfile.TemporaryDirectory() as work, ThreadPoolExecutor(os.cpu_count()) as pool:
+        for pages_now in (first, later):
+            for many, failed, reasons, said in pool.map(run_page, pages_now, [Path(work)] * len(pages_now)):
+                count, faults, left_out = count + many, faults + failed, left_out + reasons
+                if said:
+                    print(said, flush=True)
     print(f"documented commands and examples: {count} run, {faults} failed, {left_out.total()} not run")
     for reason, many in left_out.most_common():
         print(f"  {many} not run: {reason}")

@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import pytest
+
 PAGE = """
 Text with `$ not this`.
 
@@ -118,7 +120,7 @@ def test_a_page_counts_its_faults(tmp_path: Path) -> None:
         "```console\n$ python -c pass\n$ python -c pass  # exit 1\n```\n\n```\ncounterflex robots\n```\n",
         encoding="utf-8",
     )
-    count, faults, left_out, said = _load().run_page(page)
+    count, faults, left_out, said = _load().run_page(page, tmp_path)
     assert (count, faults, left_out.total()) == (2, 2, 0)
     assert "neither run nor said why: counterflex robots" in said
     assert said.index("ok") < said.index("FAILED ")
@@ -132,3 +134,15 @@ def test_every_page_says_of_each_command_whether_it_is_run() -> None:
     run = sum(len(commands) for page in found.values() for step in page.steps for commands in step.values())
     left_out = sum(page.left_out.total() for page in found.values())
     assert left_out < run / 4
+
+
+def test_a_page_goes_on_from_another(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tool = _load()
+    tool.ROOT = tmp_path
+    (tmp_path / "examples").mkdir()
+    make, use = "open('made', 'w').write('x')", "assert open('made').read() == 'x'"
+    (tmp_path / "README.md").write_text(f'```console\n$ python -c "{make}"\n```\n', encoding="utf-8")
+    text = f'<!-- goes on from: README.md -->\n```console\n$ python -c "{use}"\n```\n'
+    (tmp_path / "page.md").write_text(text, encoding="utf-8")
+    assert tool.main([str(tmp_path / "page.md")]) == 0
+    assert "2 run, 0 failed" in capsys.readouterr().out
