@@ -136,9 +136,11 @@ def test_every_page_says_of_each_command_whether_it_is_run() -> None:
     assert left_out < run / 4
 
 
-def test_a_page_goes_on_from_another(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_page_goes_on_from_another(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     tool = _load()
-    tool.ROOT = tmp_path
+    monkeypatch.setattr(tool, "ROOT", tmp_path)
     (tmp_path / "examples").mkdir()
     make, use = "open('made', 'w').write('x')", "assert open('made').read() == 'x'"
     (tmp_path / "README.md").write_text(f'```console\n$ python -c "{make}"\n```\n', encoding="utf-8")

@@ -162,6 +162,7 @@ def run(
         peer=None if peer is None else address(peer, "--peer"),
         arm=arm,
         lockstep=lockstep,
+        force_wait_s=60.0 if lockstep else 10.0,
     )
 
     def watch(status: Status) -> None:
