@@ -62,7 +62,8 @@ WHAT THE PROGRAM WAITS FOR
 CHECK ON THE CONTROLLER, IN THIS ORDER
  1. The version of RSI. These files are for {reads}: look at Help, Info, Options. For another one change
     controller.rsi_version in the cell file and make them again.
- 2. RSI_CREATE succeeds. "Invalid index" means that context and ETHERNET file do not belong together.
+ 2. The editor RSIVisual opens the context and shows the objects below. RSI_CREATE succeeds; "Invalid index" means that
+    context and ETHERNET file do not belong together.
  3. RSI_SETPUBLICPAR succeeds: the parameters are marked public in the context, which has the same limits.
  4. {_output(switching)}
  5. The address of the controller's RSI interface lies in the network of {files.host}, no other device does.
