@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Final
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from counterflex.core.errors import FileFormatError
 from counterflex.files.cell_spindle import SpindleTable
 from counterflex.files.schema import Table
 
-_NAME: Final = r"^[A-Za-z][A-Za-z0-9_]{0,31}$"
-_VERSION: Final = r"^[0-9]{1,2}(\.[0-9]{1,4}){0,3}$"
+_DIGITS: Final = re.compile(r"[0-9]{1,2}(\.[0-9]{1,4}){0,3}", re.ASCII)
+_NAMED: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}", re.ASCII)
+
+
+def _version(text: str) -> str:
+    if not _DIGITS.fullmatch(text):
+        raise ValueError(f'not a version: {text!r}; expected numbers and dots, for example "4.1"')
+    return text
+
+
+def _name(text: str) -> str:
+    if not _NAMED.fullmatch(text):
+        raise ValueError(f"not the name of a signal: {text!r}; expected up to 32 letters, digits and _, a letter first")
+    return text
+
+
+Version = Annotated[str, AfterValidator(_version)]
+SignalName = Annotated[str, AfterValidator(_name)]
 
 
 def rsi_generation(rsi: str | None, kss: str | None) -> int | None:
@@ -57,11 +74,11 @@ class ControllerTable(Table):
     rapid_mm_s: Annotated[float, Field(ge=0.1, le=1e5)] = 250.0
     tool_number: Annotated[int, Field(ge=1, le=32)] = 1
     base_number: Annotated[int, Field(ge=1, le=64)] = 1
-    rsi_version: Annotated[str, Field(pattern=_VERSION)] | None = None
-    kss_version: Annotated[str, Field(pattern=_VERSION)] | None = None
+    rsi_version: Version | None = None
+    kss_version: Version | None = None
     correction_output: Annotated[int, Field(ge=1, le=8192)] | None = None
-    correction_signal: Annotated[str, Field(pattern=_NAME)] | None = None
-    armed_signal: Annotated[str, Field(pattern=_NAME)] | None = None
+    correction_signal: SignalName | None = None
+    armed_signal: SignalName | None = None
     spindle: SpindleTable = SpindleTable()
 
     @model_validator(mode="after")
