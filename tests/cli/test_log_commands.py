@@ -234,9 +234,10 @@ def test_a_cut_log_is_shown_repaired_and_replayed(folder: Path, logged: Float, c
 
 
 def test_bad_input_in_one_line(folder: Path, logged: Float, refused: Any) -> None:
-    assert "no run log" in refused("log", "show", "nowhere")
-    assert "no run log" in refused("log", "repair", "nowhere")
-    assert "no run log" in refused("log", "export", "nowhere", "--csv", "x.csv")
+    for words in (("show",), ("repair",), ("export", "--csv", "x.csv")):
+        assert "nowhere: no such folder" in refused("log", words[0], "nowhere", *words[1:])
+        (folder / "empty").mkdir(exist_ok=True)
+        assert "no run log" in refused("log", words[0], "empty", *words[1:])
     assert "nowhere.toml" in refused("log", "replay", "log", "--cell", "nowhere.toml")
     assert "replace" in refused("log", "export", "log", "--csv", "log/run-000.mcap")
     (folder / "log" / "run-000.mcap").write_bytes(b"hello world")

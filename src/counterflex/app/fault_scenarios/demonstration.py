@@ -15,6 +15,7 @@ from counterflex.links.netft_link import NetftLink
 from counterflex.links.rsi_link import RsiLink
 from counterflex.links.session import OnlineSession, SessionChecks
 from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.sensor_wrench import SensorWrench
 from counterflex.runtime.settings import ForceMode, OnlineSettings
 from counterflex.sensing.flange_sensor import FlangeSensor
@@ -82,17 +83,20 @@ def _sensor_wrench(cell: Cell) -> SensorWrench:
     return SensorWrench(cell.chain, FlangeSensor("sensor", np.eye(4), 0.0, np.zeros(3)), cell.T_base_part)
 
 
-def open_session(link: RsiLink, force: NetftLink, settings: OnlineSettings, **chosen: Any) -> OnlineSession:
+def open_session(
+    link: RsiLink, force: NetftLink, settings: OnlineSettings, *, plan: LoopPlan | None = None, **chosen: Any
+) -> OnlineSession:
     """The loop of the demonstration's cell, compiled and at its beginning.
 
     Args:
         link: To the robot.
         force: To the sensor.
         settings: Of the loop.
+        plan: What was planned, or None.
         chosen: Other arguments of :class:`OnlineSession`.
     """
     cell = demo_cell()
-    loop = Loop(cell.chain, settings, cell.T_base_part)
+    loop = Loop(cell.chain, settings, cell.T_base_part, plan)
     parts = {"force": force, "wrench": _sensor_wrench(cell), "checks": SessionChecks(), **chosen}
     session = OnlineSession(link, loop, **parts)
     loop.run()

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from counterflex.app.fault_scenarios.aftermath import aftermath, steady
+from counterflex.app.fault_scenarios.demonstration import PERIOD_S, sensor_reading
 from counterflex.app.fault_scenarios.rig import Rig
 from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
 from counterflex.app.fault_scenarios.tracked_tool import SimulatedTracker
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MS
 from counterflex.links.control_array import Request
+from counterflex.runtime.loop_plan import LoopPlan
+from counterflex.runtime.settings import ForceMode, OnlineSettings
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.twin.fake_rsi import RsiContext
 from counterflex.twin.netft_server import COUNTS
@@ -24,6 +28,8 @@ _SETTLED: Final = 250
 _AFTER: Final = 700
 _FOLLOWED_M: Final = 0.1 * MM
 """How far a correction may go with something that is not so, before it is not believed."""
+_SOON: Final = 125
+"""Cycles within which something must be said."""
 _RAIL_N: Final = (2**31 - 1) / COUNTS
 
 
@@ -190,6 +196,45 @@ def _units(effort: Effort) -> Outcome:
     )
 
 
+def _plan() -> LoopPlan:
+    """The path of the demonstration's robot, with the force that acts there."""
+    x = np.linspace(0.04, 0.12, 801)
+    w = np.zeros((801, 6))
+    w[:, :3] = steady(0.0)
+    return LoopPlan(np.stack([x, 0.0 * x, 0.0 * x], axis=1), (x - x[0]) / 0.025, w, np.ones(801), np.zeros((801, 6)))
+
+
+def _off(n: float, mode: ForceMode) -> Callable[[Effort], Outcome]:
+    """The force that the sensor shows is off by so much in the cut; what was planned is known."""
+
+    def run(effort: Effort) -> Outcome:
+        settings = OnlineSettings(force=mode)
+        add = sensor_reading() @ np.r_[0.0, n, 0.0, 0.0, 0.0, 0.0]
+        with Rig(
+            seed=effort.seed,
+            sensors=effort.sensors,
+            force=steady,
+            settings=settings,
+            plan=_plan(),
+            context=RsiContext(),
+        ) as rig:
+            rig.activate().run(150)
+            begin, told = rig.cycle_count, -1
+            rig.sensed = lambda w: w + add
+            seen = int(rig.loop.monitor.outcome[0])
+            for k in range(200):
+                rig.cycle()
+                event = int(rig.loop.monitor.outcome[0]) & ~seen
+                if told < 0 and (event or rig.seen.told[-1]):
+                    told = k + 1
+            found = aftermath(rig, begin)
+        done = found.outcome(0 < told <= _SOON)
+        when = f"told after {told * PERIOD_S:.3f} s" if told > 0 else "never told"
+        return replace(done, happened=f"{when}; {done.happened}")
+
+    return run
+
+
 _HELD: Final = "not followed by more than 0.1 mm, named; never the cut without its correction"
 
 
@@ -249,6 +294,17 @@ SCENARIOS: Final = (
         "the force sensor sends the same values again and again",
         "the same",
         _force(_same, (Cause.FORCE_STALE, Cause.FORCE_INVALID)),
+    ),
+    *(
+        Scenario(
+            "R17",
+            f"force-off-{mode.name.lower()}{n:+g}",
+            f"the force is off by {n:g} N in the cut, from now on; force = {mode.name.lower()}, 300 N are planned",
+            "told within 0.5 s",
+            _off(n, mode),
+        )
+        for mode in (ForceMode.MEASURED, ForceMode.PILOT)
+        for n in (150.0, -150.0)
     ),
     Scenario(
         "R17",
