@@ -75,7 +75,7 @@ class RunRig:
         self._noise = np.random.default_rng(seed)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
-        self.robot = FakeRsi(demo_config(), RsiContext(timeout=200), {"Enable": 0.0})
+        self.robot = FakeRsi(demo_config(), RsiContext(), {"Enable": 0.0})
         self.corrections: list[Float] = []
         self.held: list[bool] = []
         self.times: list[float] = []
@@ -114,6 +114,19 @@ class RunRig:
             return [int(word) for word in listed.read_text(encoding="ascii").split()]
         except OSError:
             return []
+
+    def recorder(self) -> int:
+        """Process number of the one that writes the log.
+
+        Raises:
+            SimulationError: None does.
+        """
+        for number in (*self.children(), self.process.pid):
+            folder = Path(f"/proc/{number}/fd")
+            with contextlib.suppress(OSError):
+                if any(self.log.resolve() in entry.readlink().parents for entry in folder.iterdir()):
+                    return number
+        raise SimulationError("no process writes the log", where=str(self.log))
 
     def cycle(self, *, enable: bool, force_n: float = 0.0) -> bool:
         """One cycle of the controller; returns whether an answer came."""
