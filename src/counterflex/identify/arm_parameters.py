@@ -68,11 +68,11 @@ class ArmModel:
         arm = ArmGeometry(self.chain, self.layout, np.asarray(q, dtype=np.float64))
         return arm if self.sag == "off" else arm.settled()
 
-    def with_periodic(self, orders: int, axes: Sequence[int], prior: float) -> ArmModel:
-        """The same with periodic errors of orders 1..orders of the given axes."""
+    def with_periodic(self, orders: int | Sequence[int], axes: Sequence[int], prior: float) -> ArmModel:
+        """The same with periodic errors of the given axes: of the orders named, or of 1 to a number."""
         items, terms, place = [], [], len(self.parameters)
         for axis in axes:
-            for k in range(1, orders + 1):
+            for k in range(1, orders + 1) if isinstance(orders, int) else orders:
                 terms.append(PeriodicTerm(axis, k, place, place + 1))
                 place += 2
                 items += [

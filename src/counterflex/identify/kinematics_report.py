@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -42,7 +42,7 @@ def headline(setup: Setup, held: HeldOut, *, separate: bool = False) -> tuple[Fi
     )
 
 
-def figures(setup: Setup, fit: Fit, orders: Mapping[int, int]) -> tuple[Figure, ...]:
+def figures(setup: Setup, fit: Fit, orders: Mapping[int, Sequence[int]]) -> tuple[Figure, ...]:
     """Residuals of the fit, factors of the stated standard deviations, sizes of what was found."""
     out = []
     for k, (block, residuals, factor) in enumerate(zip(setup.blocks, fit.residuals, fit.sigma_factors, strict=True)):
@@ -57,14 +57,14 @@ def figures(setup: Setup, fit: Fit, orders: Mapping[int, int]) -> tuple[Figure, 
             )
         out.append(Figure(f"{name}_factor", f"{block.name}: residuals by stated standard deviation", float(factor)))
     out += [
-        Figure(f"drive{axis + 1}_order", f"highest order of the periodic error of drive {axis + 1}", float(k))
+        Figure(f"drive{axis + 1}_order", f"highest order of the periodic error of drive {axis + 1}", float(max(k)))
         for axis, k in sorted(orders.items())
     ]
     out.append(Figure("outliers", "rows with less than half their weight", float(len(fit.outliers))))
     return tuple(out)
 
 
-def remarks(setup: Setup, fit: Fit, held: HeldOut, orders: Mapping[int, int]) -> tuple[str, ...]:
+def remarks(setup: Setup, fit: Fit, held: HeldOut, orders: Mapping[int, Sequence[int]]) -> tuple[str, ...]:
     """Sentences for the report."""
     out = []
     for o in fit.outliers[:_MOST_NAMED]:
@@ -83,10 +83,10 @@ def remarks(setup: Setup, fit: Fit, held: HeldOut, orders: Mapping[int, int]) ->
     }[setup.model.sag]
     out.append(how)
     if orders:
-        named = ", ".join(f"axis {axis + 1} up to order {k}" for axis, k in sorted(orders.items()))
+        named = ", ".join(f"axis {axis + 1}: {', '.join(map(str, k))}" for axis, k in sorted(orders.items()))
         out.append(
-            f"Periodic errors of the drives lower the error of held-out poses and were kept: {named}. They hold for "
-            "the angles that were measured."
+            "Periodic errors of the drives lower the error of held-out poses and were kept, periods per turn of "
+            f"{named}. They hold for the angles that were measured and fade beyond them."
         )
     if len(held.fits) > 1:
         out.append("What of the periodic errors is kept was decided on other folds of the same poses.")
