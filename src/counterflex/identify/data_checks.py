@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from counterflex.core.arrays import Float, Int
+from counterflex.core.batches import rows_of_each
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.identify.dataset import Dataset
@@ -101,8 +102,9 @@ def check_repeats(data: Dataset, channel: str, *, same: Sequence[str] = ("q",), 
         return
     squares, numbers = 0.0, 0
     worst, lines = 0.0, ""
-    for i in np.flatnonzero(np.bincount(ids) > 1):
-        rows = np.flatnonzero(ids == i)
+    for _, rows in rows_of_each(ids):
+        if len(rows) < 2:
+            continue
         off = (values[rows] - np.median(values[rows], axis=0)) / sigma[rows]
         bad = np.max(np.abs(off), axis=1) > gross
         if len(rows) > 2 and np.sum(bad) < 0.5 * len(rows):

@@ -9,6 +9,7 @@ from typing import Final, Literal
 import numpy as np
 
 from counterflex.core.arrays import Float
+from counterflex.core.batches import rows_of_each
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import DEG, MM, MRAD, URAD
 from counterflex.identify.dataset import Dataset
@@ -95,8 +96,7 @@ def motions(cell: CellModel, data: Sequence[Dataset], first_run: int = 0) -> lis
                 value=f"{np.round(q[int(np.argmax(far))] / DEG, 1).tolist()} deg",
                 hint=f'If the file is in deg, write unit = "deg" under [channels.{lead}]',
             )
-        for group in np.unique(dataset.group):
-            rows = np.flatnonzero(dataset.group == group)
+        for _, rows in rows_of_each(dataset.group):
             out.append(_motion(cell, dataset, rows, lead, seen, first_run + len(out)))
     return out
 

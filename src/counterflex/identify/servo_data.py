@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float
+from counterflex.core.batches import rows_of_each
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MS, URAD
 from counterflex.identify.dataset import Dataset
@@ -81,8 +82,8 @@ def load_steps(data: Sequence[Dataset], first_run: int = 0) -> list[LoadStep]:
                 raise InputError(
                     f"load steps need '{name}' of all six axes", where=dataset.where, value=values.shape[1]
                 )
-        for group in np.unique(dataset.group):
-            out.append(_step(dataset, np.flatnonzero(dataset.group == group), load, first_run + len(out)))
+        for _, rows in rows_of_each(dataset.group):
+            out.append(_step(dataset, rows, load, first_run + len(out)))
     return out
 
 

@@ -155,8 +155,8 @@ def _stretches(near: Bool, cycle_s: float, skip_air: bool) -> list[tuple[int, in
         return [(0, n - 1)]
     wanted = np.zeros(n, dtype=bool)
     lead_in, lead_out = round(LEAD_IN_S / cycle_s), round(LEAD_OUT_S / cycle_s)
-    for k in np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(np.int8)) == 1):
-        end = k + int(np.argmax(~near[k:])) if (~near[k:]).any() else n
+    change = np.diff(np.concatenate([[False], near, [False]]).astype(np.int8))
+    for k, end in zip(np.flatnonzero(change == 1), np.flatnonzero(change == -1), strict=True):
         wanted[max(0, k - lead_in) : min(n, end + lead_out)] = True
     edges = np.flatnonzero(np.diff(np.concatenate([[False], wanted, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - 1 > a]
