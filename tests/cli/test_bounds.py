@@ -55,6 +55,6 @@ def test_a_proposal_beyond_reason_is_refused_at_once(counterflex: Any, folder: A
     assert ended.status == 2
     assert "--propose" in ended.err
     assert any(
-        part in ended.err for part in ("less than or equal to 1000", "greater than or equal to 1", "valid integer")
+        part in ended.err for part in ("less than or equal to 500", "greater than or equal to 1", "valid integer")
     )
     assert not (folder / "proposal").exists()

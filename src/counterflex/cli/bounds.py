@@ -6,7 +6,7 @@ from typing import Final
 
 LARGEST_SEED: Final = 2**31 - 1
 MOST_WORKERS: Final = 256
-MOST_PROPOSED: Final = 1000
+MOST_PROPOSED: Final = 500
 """Measurements that a laboratory could still make."""
 MOST_RECORDS: Final = 100_000_000
 """Cycles, samples, datagrams: four days at 4 ms."""

@@ -2,12 +2,14 @@
 
 Each key has two windows. Outside the wider one no milling cell lies: such a file is refused. Outside the narrower one
 few lie: such a number is told. Both are decades wide, so they find a thousand where one was meant, not a third. A zero
-is no mistake of units. Numbers that an identification wrote are not told.
+is no mistake of units, and neither an angle nor one component of a place is too small by itself: it may be aligned.
+Numbers that an identification wrote are not told.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
@@ -63,9 +65,12 @@ def _window(low: float, high: float, least: float | None = None, most: float | N
 
 
 _ANY = 0.0
+_ROUNDED: Final = 1e-8
+"""Digits that an identified value keeps in the file."""
 _AMONG: Final = "the other rotational compliances of this element are far from it; is it in another unit?"
 _PLACE = _window(0.5, 1000.0, _ANY, 5000.0)
-_TURNED = _window(0.5, 360.0, _ANY, 720.0)
+_TURNED = _window(1e-3, 360.0, _ANY, 720.0)
+"""An angle that is meant to be zero is measured to be anything."""
 _ELEMENT = _window(1.0, 2e4, _ANY, 1e6)
 _TURNING = _window(10.0, 15e3, _ANY, 1e6)  # published elements of milling robots: 83 to 14925 (Haehn2020)
 _FRICTION = _window(0.5, 500.0, 0.2, 650.0)
@@ -161,6 +166,27 @@ WINDOWS: Final[dict[str, Window]] = {
 }
 """By the table and key, without the numbers of lists."""
 
+_PLACES: Final = frozenset(
+    (
+        *(f"{table}.{axis}_mm" for table in ("end_effector", "tcp", "part") for axis in "xyz"),
+        *(f"end_effector.com_{axis}_mm" for axis in "xyz"),
+        *("part.datum_points_mm", "stock.box_min_mm", "stock.box_max_mm"),
+    )
+)
+"""Components of places: one alone may be near zero."""
+_AXES: Final = frozenset(f"{axis}_mm" for axis in "xyz")
+_OFFSETS: Final = frozenset(f"end_effector.com_{axis}_mm" for axis in "xyz")
+"""Components that are near zero by design, whatever their digits."""
+_TYPED_DECIMALS: Final = 2
+"""Decimals of a length that was typed in m: 0.24; a small offset that was measured has more: 0.117."""
+_OWN: Final = "identified"
+"""Beginning of the source of what an identification wrote."""
+_WRITTEN: Final = re.compile(
+    r"com_[xyz]_mm|mass_kg|.*_um_per_kn|.*_urad_per_knm|dead_band_half_urad|friction_nm|slip_urad|speed_gain_nm_s|"
+    r"position_gain_per_s|integral_time_ms|k[tra]c.*|kc11_n_mm2|k[ra]_over_kc|m[cra]"
+)
+"""Keys of such tables that an identification writes."""
+
 _OTHER: Final[dict[str, tuple[tuple[float, str], ...]]] = {
     "mm": ((1.0 / MM, "m"), (INCH / MM, "inches"), (UM / MM, "um")),
     "um": ((MM / UM, "mm"), (1.0 / UM, "m")),
@@ -218,19 +244,35 @@ def unusual(tables: CellTables) -> list[Unusual]:
     Args:
         tables: As read.
     """
-    identified = {value.value for table in tables.identified for value in table.values}
+    identified = [value.value for table in tables.identified for value in table.values]
     given = tables.model_dump(exclude_unset=True, exclude={"identified", "calibration"})
-    found = [one for one in _apart(given) if one.value not in identified]
-    for key, name, value in _numbers(given):
+    own = set(_own(given))
+
+    def was_identified(value: float) -> bool:
+        return any(math.isclose(value, other, rel_tol=_ROUNDED) for other in identified)
+
+    found = [one for one in _apart(given) if one.key not in own and not was_identified(one.value)]
+    numbers = list(_numbers(given))
+    largest: dict[str, float] = {}
+    for key, name, value in numbers:
+        if name in _PLACES:
+            largest[_place(key)] = max(abs(value), largest.get(_place(key), 0.0))
+    for key, name, value in numbers:
         window = WINDOWS.get(name)
         size = abs(value)
-        if size == 0.0 or value in identified:
+        if size == 0.0 or was_identified(value):
             continue
+        if window is not None and size < window.low and name in _PLACES and largest[_place(key)] >= window.low:
+            typed = name not in _OFFSETS and round(size, _TYPED_DECIMALS) == size
+            if not typed:
+                continue
         unit = _unit(name)
         radian = unit == "deg" and _is_radian(size)
         if window is None or (window.low <= size <= window.high and not radian):
             continue
         refused = not window.least <= size <= window.most
+        if key in own and not refused:
+            continue
         hint = "is it in rad?" if radian else _meant(size, window, unit)
         low, high = (window.least, window.most) if refused else (window.low, window.high)
         found.append(Unusual(key, value, low, high, hint, refused))
@@ -292,6 +334,30 @@ def _apart(found: Any, path: str = "") -> Iterator[Unusual]:
     odd = max(turns, key=lambda key: abs(math.log(turns[key] / middle)))
     others = [value for key, value in turns.items() if key != odd]
     yield Unusual(f"{path}.{odd}", found[odd], max(others) / _APART, min(others) * _APART, _AMONG, refused=False)
+
+
+def _place(key: str) -> str:
+    """What components belong together: the table, and the keys that say one place in it."""
+    table, _, last = key.rpartition(".")
+    stem = re.sub(r"\[\d+\]", "", last)
+    if stem.startswith("box"):
+        return f"{table}.box"
+    return f"{table}.{'com' if stem.startswith('com') else 'place' if stem in _AXES else stem}"
+
+
+def _own(found: Any, path: str = "") -> Iterator[str]:
+    """Keys of numbers that an identification wrote, by the source that it gave their table."""
+    if isinstance(found, dict):
+        own = str(found.get("source", "")).startswith(_OWN)
+        for key, value in found.items():
+            place = f"{path}.{key}" if path else key
+            if own and _WRITTEN.fullmatch(key):
+                yield from (at for at, _, _ in _numbers(value, place, key))
+            else:
+                yield from _own(value, place)
+    elif isinstance(found, list | tuple):
+        for k, value in enumerate(found, start=1):
+            yield from _own(value, f"{path}[{k}]")
 
 
 def _unit(name: str) -> str:
