@@ -25,7 +25,7 @@ from counterflex.files.dataset_writer import write_dataset
 from counterflex.files.identification_file import covariance_shop, read_identification
 from counterflex.files.proposal_file import read_proposal
 from counterflex.identify.changes import Change, ElementCompliance
-from counterflex.identify.dataset import Dataset
+from counterflex.identify.dataset import Dataset, of_arrays
 from counterflex.identify.holdout import cross_validate, score_separate
 from counterflex.identify.model import CellModel
 from counterflex.identify.parameters import Parameter, Parameters
@@ -365,3 +365,27 @@ def test_covariance_is_in_the_units_of_the_table(tmp_path: Path) -> None:
     fit = solve(parameters, [block([data])])
     spread = np.sqrt(np.diag(covariance_shop(fit)))
     np.testing.assert_allclose(spread, [fit.sigma_of("a") / 1e-9, fit.sigma_of("b") / 1e-3], rtol=1e-9)
+
+
+def test_a_worst_error_that_grows_is_warned_of() -> None:
+    found = Identification(
+        recipe="stiffness",
+        fits={},
+        headline=(
+            Figure("holdout_median_mm", "median error", 0.10, 0.20),
+            Figure("holdout_largest_mm", "largest", 0.71, 0.48),
+        ),
+        figures=(Figure("count", "rows", 9.0, 3.0), Figure("same_mm", "same", 0.1, 0.1)),
+        changes=(),
+    )
+    identify.check_better(found)
+    (warning,) = identify.grown(found)
+    assert warning.startswith("Warning: largest grows from 0.48 to 0.71 mm")
+
+
+def test_datasets_of_one_name_are_told_apart_by_their_manifests() -> None:
+    a = replace(of_arrays("poses", "pulls", {"q": np.zeros((2, 6))}), where="day1/a.toml")
+    b = replace(of_arrays("poses", "pulls", {"q": np.ones((2, 6))}), where="day2/b.toml")
+    c = of_arrays("other", "pulls", {"q": np.ones((2, 6))})
+    (first, third), (second,) = identify._named_apart((a, c), (b,))
+    assert (first.name, second.name, third.name) == ("poses (a.toml)", "poses (b.toml)", "other")

@@ -187,6 +187,21 @@ def test_columns_of_standard_deviations_add_to_the_stated_one(tmp_path: Path) ->
     assert "not above zero" in line
 
 
+def test_columns_of_expanded_uncertainties_are_brought_to_one_standard_deviation(tmp_path: Path) -> None:
+    wide = PULL.replace("sigma = 2.0", 'sigma_columns = ["u", "v", "w"]\nsigma_coverage = 2')
+    data = read_dataset(lab(tmp_path, FILE + wide, a_csv="Fx,Fy,Fz,u,v,w\n1,2,3,4,1,8\n"))
+    np.testing.assert_array_equal(data.channel("f_tcp_base").sigma, [[2.0, 0.5, 4.0]])
+    assert "sigma_coverage" in fault(tmp_path, FILE + wide.replace("= 2", "= 0"), a_csv="Fx,Fy,Fz,u,v,w\n1,2,3,4,1,8\n")
+
+
+@pytest.mark.parametrize("first", [b"PK\x03\x04rest", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1rest"])
+def test_a_workbook_is_said_to_be_one(first: bytes, tmp_path: Path) -> None:
+    manifest = lab(tmp_path, FILE + PULL, a_csv="Fx,Fy,Fz\n1,2,3\n")
+    (tmp_path / "a.csv").write_bytes(first)
+    with pytest.raises(FileFormatError, match=r"a spreadsheet workbook is not read.*Save the sheet as CSV"):
+        read_dataset(manifest)
+
+
 def test_several_files_side_by_side_by_row_and_by_key(tmp_path: Path) -> None:
     files = '[[files]]\npath = "a.csv"\n[[files]]\npath = "b.csv"\n'
     moved = '[channels.d_tcp_base]\ncolumns = ["dx", "dy", "dz"]\nunit = "m"\nsigma = 1e-5\n'

@@ -201,6 +201,30 @@ def test_inertia_comes_from_a_motion() -> None:
         assert abs(fit.value(f"inertia.{entry}") - expected) < max(4.0 * fit.sigma_of(f"inertia.{entry}"), 0.03)
 
 
+@pytest.mark.parametrize(("count", "window_s"), [(900, 0.1), (1501, 0.06), (2000, 0.25)])
+def test_no_window_reaches_into_another_group(count: int, window_s: float) -> None:
+    step = 4e-3
+    t = step * np.arange(count, dtype=np.float64)
+    q = np.radians([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]) + 0.4 * np.sin(2.0 * t[:, None] + np.arange(6))
+    w = np.tile(np.arange(count, dtype=np.float64)[:, None], 6)  # a reading tells its own place
+    data = of_arrays("swing", "sensor_motion", {"q": q, "w_sensor": w, "time_s": t}, {"w_sensor": SIGMA})
+    from counterflex.identify.payload_data import readings
+    from counterflex.identify.payload_sensor import sensor_before
+
+    before = sensor_before(model())
+    block = readings(data, model().chain, before, reference_c=20.0, start_s=0.0, window_s=window_s)
+    width = 2 * round(0.5 * window_s / step) + 1
+    middle = np.rint(block.w_sensor[:, 0]).astype(int)
+    first, last = middle - width // 2, middle + width // 2
+    for group in np.unique(block.group):
+        mine = block.group == group
+        inside = set(np.concatenate([np.arange(a, b + 1) for a, b in zip(first[mine], last[mine], strict=True)]))
+        others = np.concatenate([np.arange(a, b + 1) for a, b in zip(first[~mine], last[~mine], strict=True)])
+        assert inside.isdisjoint(others)
+    shared = np.diff(middle) < width
+    assert np.count_nonzero(shared & (np.diff(block.group) == 0)) > 0.5 * len(block.group)
+
+
 def test_a_set_that_turns_only_about_the_vertical_says_so() -> None:
     q = np.tile(orientations(12)[0], (6, 1))
     q[:, 0] += np.linspace(-0.5, 0.5, 6)

@@ -7,8 +7,9 @@ import importlib.metadata
 import math
 import platform
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -45,6 +46,8 @@ REPORT: Final = "report.html"
 ARCHIVE: Final = "archive"
 FEW: Final = 10
 """Measurements (groups of rows) below which an error on data not used says little."""
+_GROWN: Final = 1.02
+"""Growth of an error on data not used below which it is called the same."""
 _LIBRARIES: Final = ("numpy", "scipy", "numba")
 
 
@@ -93,7 +96,7 @@ def prepare(
     recipe = recipe_of(name)
     chosen = read_settings(recipe, settings or {}, seed)
     known = read_cell(cell)
-    fitted, unseen = (tuple(read_dataset(path) for path in paths) for paths in (data, holdout))
+    fitted, unseen = _named_apart(*(tuple(read_dataset(path) for path in paths) for paths in (data, holdout)))
     for dataset in (*fitted, *unseen):
         if dataset.kind not in recipe.kinds:
             raise InputError(
@@ -104,6 +107,20 @@ def prepare(
             )
     _check_apart((*fitted, *unseen))
     return Task(recipe, known, joined(fitted), unseen, chosen)
+
+
+def _named_apart(*parts: tuple[Dataset, ...]) -> tuple[tuple[Dataset, ...], ...]:
+    """Datasets whose names differ: an outlier is named by its own file."""
+    count = Counter(dataset.name for part in parts for dataset in part)
+    return tuple(
+        tuple(
+            replace(dataset, name=f"{dataset.name} ({Path(dataset.where).name})")
+            if count[dataset.name] > 1
+            else dataset
+            for dataset in part
+        )
+        for part in parts
+    )
 
 
 def _check_apart(datasets: Sequence[Dataset]) -> None:
@@ -274,7 +291,7 @@ def result_of(task: Task, found: Identification, date: str) -> dict[str, Any]:
         "headline": figure_rows(found.headline),
         "figures": figure_rows(found.figures),
         "fits": {key: fit_table(fit, place) for key, fit in found.fits.items()},
-        "remarks": [*_few(task), *found.remarks],
+        "remarks": [*_few(task), *grown(found), *found.remarks],
         "settings": dict(task.settings),
         "versions": {
             "counterflex": __version__,
@@ -282,6 +299,16 @@ def result_of(task: Task, found: Identification, date: str) -> dict[str, Any]:
             **{library: importlib.metadata.version(library) for library in _LIBRARIES},
         },
     }
+
+
+def grown(found: Identification) -> list[str]:
+    """A warning for each figure of the data not used that has become worse, the largest error first of all."""
+    return [
+        f"Warning: {figure.text} grows from {figure.nominal:.3g} to {figure.value:.3g} {unit_of_name(figure.name)}: "
+        "the values fit most of the data and not all; look for what differs there (play, another posture, a bad row)."
+        for figure in (*found.headline, *found.figures)
+        if figure.nominal is not None and figure.value > _GROWN * figure.nominal and unit_of_name(figure.name)
+    ]
 
 
 def _few(task: Task) -> list[str]:

@@ -245,7 +245,7 @@ class Raw:
                     value=f"{columns[row, k]:g}",
                     hint="Give the least one as sigma = ... beside sigma_columns (the two add up as squares)",
                 )
-            variance += self._turned(raw, columns * scale * np.ones((n, count))) ** 2
+            variance += self._turned(raw, columns / table.sigma_coverage * scale * np.ones((n, count))) ** 2
         return np.sqrt(variance), ""
 
     def _sigma_factors(self, count: int) -> Float:

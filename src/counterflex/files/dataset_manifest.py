@@ -77,6 +77,7 @@ class ChannelTable(Table):
     sigma: tuple[float, ...] | Literal["repeats"] | None = None
     sigma_columns: tuple[Any, ...] = ()
     sigma_unit: str | None = None
+    sigma_coverage: Annotated[float, Field(ge=0.5, le=10.0)] = 1.0
     signs: tuple[Literal[-1, 1], ...] = ()
     offsets_deg: tuple[float, ...] = ()
     coupling: tuple[tuple[float, ...], ...] = ()

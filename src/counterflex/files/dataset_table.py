@@ -26,6 +26,8 @@ _MISSING: Final = frozenset({"", "nan", "#n/a", "n/a", "na", "#nv", "null", "non
 """Cells that hold no number, as spreadsheets and instruments write them."""
 _SPACES: Final = str.maketrans({"\u00a0": " ", "\u202f": " ", "\u2009": " ", "\u2212": "-"})
 _BOMS: Final = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"), (b"\xef\xbb\xbf", "utf-8-sig"))
+_WORKBOOKS: Final = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")
+"""First bytes of .xlsx and .ods, and of .xls."""
 Reference = str | int
 """A column: text of its header, or its number from 1."""
 
@@ -182,6 +184,13 @@ def read_table(path: Path, how: FileTable) -> TextTable:
         raise FileFormatError("no such file", where=str(path), hint=missing_file(path)) from fault
     except OSError as fault:
         raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
+    if data.startswith(_WORKBOOKS):
+        raise FileFormatError(
+            "a spreadsheet workbook is not read",
+            where=str(path),
+            limit="text (CSV) or Parquet",
+            hint="Save the sheet as CSV (UTF-8); separator and decimal go into the manifest",
+        )
     table = _parquet(path, how, data) if path.suffix.lower() == ".parquet" else _text(path, how, data)
     if len(table) == 0:
         raise FileFormatError("the file has no rows", where=str(path), hint="Check header_line and skip_lines")

@@ -57,7 +57,8 @@ class Fit:
         reason: Why the solver stopped, in words.
         evaluations: Number of evaluations.
         converged: Whether it came to rest (else ``reason`` says what it was doing).
-        at_bound: Names of the free parameters that rest against a bound: the data would have them beyond it.
+        at_bound: Names of the free parameters that rest against a bound and that the data see: they would have them
+            beyond it.
     """
 
     parameters: Parameters

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -20,6 +21,8 @@ from counterflex.sensing.flange_sensor import FlangeSensor
 KINDS = ("sensor_poses", "sensor_motion")
 CHANNEL = "w_sensor"
 _ORDER = 3
+_WINDOWS: Final = 8
+"""Windows after which another group of rows begins."""
 _ALIKE = np.cos(np.radians(2.0))
 
 
@@ -156,10 +159,13 @@ def readings(
         gamma=gamma,
         omega=omega,
         alpha=smooth(omega, 1),
-        group=np.arange(len(data), dtype=np.int64) // (4 * width),
+        group=np.arange(len(data), dtype=np.int64) // (_WINDOWS * width),
     )
     keep = np.zeros(len(data), dtype=np.bool_)
     keep[width : len(data) - width : max(1, width // 2)] = True
+    # A window that reaches into the next group holds readings of both: it would be predicted from itself.
+    row, half = np.arange(len(data), dtype=np.int64), width // 2
+    keep &= (row - half) // (_WINDOWS * width) == (row + half) // (_WINDOWS * width)
     return block.subset(keep)
 
 

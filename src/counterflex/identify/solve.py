@@ -240,7 +240,7 @@ def _fit(problem: Stacked, state: _State, reason: str, converged: bool) -> Fit:
         reason=reason,
         evaluations=problem.evaluations,
         converged=converged,
-        at_bound=at_bound,
+        at_bound=tuple(name for name in at_bound if found.seen[parameters.index(name)] == "determined"),
     )
 
 
