@@ -129,3 +129,12 @@ def test_a_robot_without_periodic_errors_has_none_in_its_plan(tmp_path: Path, pr
     cell = read_cell(_cell(tmp_path, None, "rigid.toml"))
     plan = compensate(program(), cell, predict=False).plan
     assert not np.any(residual_sag(plan.path.p_part_tcp, plan.q, setting_of(cell)))
+
+
+def test_a_path_beyond_the_measured_angles_is_told(tmp_path: Path, program: ProgramFile) -> None:
+    rows: dict[str, object] = {"axis1": [[60, 100.0, 50.0]], "measured_deg": [[40, 90]] + 5 * [[-350, 350]]}
+    told = compensate(program(), read_cell(_cell(tmp_path, _set("drive_error", value=rows))), predict=False)
+    assert any("axis 1 leaves the angles" in w for w in told.summary["written"]["warnings"])
+    rows["measured_deg"] = 6 * [[-350, 350]]
+    quiet = compensate(program(), read_cell(_cell(tmp_path, _set("drive_error", value=rows))), predict=False)
+    assert not any("leaves the angles" in w for w in quiet.summary["written"]["warnings"])

@@ -1,7 +1,8 @@
-"""Periodic errors of drives: few harmonics of any order, judged on data held out, used only where they were measured."""
+"""Periodic errors of drives: few harmonics of any order, judged on data held out, faded beyond what was measured."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,8 +14,10 @@ from counterflex.core.units import URAD
 from counterflex.files.cell import read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.identify.arm_geometry import ArmGeometry, ArmLayout
+from counterflex.identify.changes import TableValues
 from counterflex.identify.dataset import Dataset, of_arrays
 from counterflex.identify.kinematics import identify
+from counterflex.identify.known_drives import known_drive_errors
 from counterflex.identify.recipe import Identification
 
 CELL = model_of(read_cell("examples/cells/kr300_d10_ball.toml"))
@@ -72,3 +75,24 @@ def test_harmonics_that_the_held_out_session_does_not_bear_out_are_told_and_drop
     found = _found(_poses(220, 1), other)
     assert not _harmonics(found)
     assert any("were not kept" in r for r in found.remarks)
+
+
+def test_beyond_the_measured_angles_the_errors_fade() -> None:
+    found = _found(_poses(220, 1), _poses(80, 2))
+    (table,) = [c.values for c in found.changes if isinstance(c, TableValues) and c.table == "drive_error"]
+    q = _poses(220, 1).values("q")
+    low, high = np.array(table["measured_deg"]).T
+    assert np.all(low <= np.degrees(q.min(axis=0)))
+    assert np.all(np.degrees(q.max(axis=0)) <= high)
+    assert np.all(high - low < np.degrees(np.ptp(q, axis=0)) + 3.0)
+    errors = known_drive_errors(replace(CELL, tables={"drive_error": dict(table)}))
+    inside = np.radians(0.5 * (low + high))
+    past = inside.copy()
+    past[0] = np.radians(high[0] + 11.0)
+    assert errors.link_angles(past)[0] == past[0]
+    assert errors.outside(inside) == ()
+    assert errors.outside(past) == (0,)
+    # The edge is smooth, and the inverse holds across it.
+    across = np.tile(inside, (200, 1))
+    across[:, 0] = np.radians(np.linspace(high[0] - 5.0, high[0] + 15.0, 200))
+    np.testing.assert_allclose(errors.controller_angles(errors.link_angles(across)), across, atol=1e-12)

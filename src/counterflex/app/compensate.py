@@ -136,6 +136,7 @@ def compensate(
     written["tolerance_um"] = round(tolerance_m / UM, 3)
     written["lines_in"] = len("\n".join(job.program.lines).splitlines())
     written["lines_out"] = sum(len(text.splitlines()) for name, text in files.items() if not name.endswith(".dat"))
+    written["warnings"] = [*written.get("warnings", ()), *_beyond_measured(cell, plan)]
     parts[WRITING](1.0)
     about = {
         "job": "compensate",
@@ -152,6 +153,17 @@ def compensate(
         "counterflex": __version__,
     }
     return Compensated(plan, files, written, about, job.program.encoding)
+
+
+def _beyond_measured(cell: Cell, plan: Plan) -> list[str]:
+    """What is told where the path leaves the angles that periodic errors of the drives were measured at."""
+    known = cell.drive_errors
+    ranges = {axis: [f"{angle / DEG:.0f}" for angle in known.measured_rad[axis]] for axis in known.outside(plan.q)}
+    return [
+        f"axis {axis + 1} leaves the angles at which its periodic errors were measured ({low} to {high} deg, "
+        "[drive_error] measured_deg): there they fade to nothing"
+        for axis, (low, high) in ranges.items()
+    ]
 
 
 def run(

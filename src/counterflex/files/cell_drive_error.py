@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from counterflex.core.units import URAD
+from counterflex.core.units import DEG, URAD
 from counterflex.files.schema import Table
 from counterflex.robot.drive_error import DriveError, DriveErrors
 
@@ -14,6 +14,11 @@ Order = Annotated[int, Field(ge=1, le=1000)]
 Amplitude = Annotated[float, Field(ge=-1e5, le=1e5)]
 Harmonics = Annotated[tuple[tuple[Order, Amplitude, Amplitude], ...], Field(max_length=200)]
 """Rows ``[order, sine amplitude in urad, cosine amplitude in urad]``."""
+
+
+Angle = Annotated[float, Field(ge=-720.0, le=720.0)]
+Ranges = Annotated[tuple[tuple[Angle, Angle], ...], Field(max_length=6)]
+"""Lowest and highest angle of each of the six axes."""
 
 
 class DriveErrorTable(Table):
@@ -25,6 +30,7 @@ class DriveErrorTable(Table):
     axis4: Harmonics = ()
     axis5: Harmonics = ()
     axis6: Harmonics = ()
+    measured_deg: Ranges = ()
     source: str = ""
 
     def errors(self) -> DriveErrors:
@@ -35,5 +41,6 @@ class DriveErrorTable(Table):
                 DriveError(axis, order, sine * URAD, cosine * URAD)
                 for axis, harmonics in enumerate(rows)
                 for order, sine, cosine in harmonics
-            )
+            ),
+            tuple((low * DEG, high * DEG) for low, high in self.measured_deg),
         )

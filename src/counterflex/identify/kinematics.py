@@ -302,7 +302,8 @@ def _changes(cell: CellModel, setup: Setup, fit: Fit) -> tuple[Change, ...]:
         out.append(ElementCompliance(names[i], compliance))
     if lay.periodic:
         found = [DriveError(t.axis, t.order, float(x[t.sine]), float(x[t.cosine])) for t in lay.periodic]
-        out.append(drive_error_table(known_drive_errors(cell), found, SOURCE))
+        q = np.concatenate([arm.q for b in setup.blocks if isinstance(arm := getattr(b, "arm", None), ArmGeometry)])
+        out.append(drive_error_table(known_drive_errors(cell), found, q, SOURCE))
     tracker, target = setup.frames.get(TRACKER), setup.frames.get(TARGET)
     if tracker is not None:
         whole = target if target is not None and np.all(target.index >= 0) else None

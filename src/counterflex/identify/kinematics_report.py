@@ -88,9 +88,27 @@ def remarks(setup: Setup, fit: Fit, held: HeldOut, orders: Mapping[int, Sequence
             "Periodic errors of the drives lower the error of held-out poses and were kept, periods per turn of "
             f"{named}. They hold for the angles that were measured and fade beyond them."
         )
+        outside = _outside(setup, sorted(orders))
+        if outside > 0.0:
+            out.append(
+                f"{100.0 * outside:.0f} % of the poses held out lie beyond the angles that were measured, where "
+                "periodic errors fade; measure there too."
+            )
     if len(held.fits) > 1:
         out.append("What of the periodic errors is kept was decided on other folds of the same poses.")
     return tuple(out)
+
+
+def _outside(setup: Setup, axes: Sequence[int]) -> float:
+    """Share of the poses held out in which one of some axes is beyond the angles that were fitted."""
+    fitted, unseen = (
+        [arm.q[:, axes] for b in blocks if isinstance(arm := getattr(b, "arm", None), ArmGeometry)]
+        for blocks in (setup.blocks, setup.unseen)
+    )
+    if not fitted or not unseen:
+        return 0.0
+    q, other = np.concatenate(fitted), np.concatenate(unseen)
+    return float(np.mean(np.any((other < q.min(axis=0)) | (other > q.max(axis=0)), axis=1)))
 
 
 def pictures(setup: Setup, fit: Fit, held: HeldOut) -> tuple[Picture, ...]:

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
-from counterflex.core.units import URAD
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import DEG, URAD
 from counterflex.identify.changes import TableValues
 from counterflex.identify.model import CellModel
 from counterflex.robot.drive_error import DriveError, DriveErrors
@@ -21,12 +24,26 @@ def known_drive_errors(cell: CellModel) -> DriveErrors:
             DriveError(axis, int(order), float(sine) * URAD, float(cosine) * URAD)
             for axis in range(6)
             for order, sine, cosine in table.get(f"axis{axis + 1}") or ()
-        )
+        ),
+        tuple((float(low) * DEG, float(high) * DEG) for low, high in table.get("measured_deg") or ()),
     )
 
 
-def drive_error_table(known: DriveErrors, found: Iterable[DriveError], source: str) -> TableValues:
-    """The table with what was found added to what was known."""
+def drive_error_table(known: DriveErrors, found: Iterable[DriveError], q: Float, source: str) -> TableValues:
+    """The table with what was found added to what was known.
+
+    Args:
+        known: Before.
+        found: To be added.
+        q: (m, 6) rad, the angles it was found from; where something was known, both ranges have to hold.
+        source: Where the numbers come from.
+    """
+    low, high = np.floor(q.min(axis=0) / DEG), np.ceil(q.max(axis=0) / DEG)
+    if known.terms and known.measured_rad:
+        before = np.array(known.measured_rad) / DEG
+        both_low, both_high = np.maximum(low, before[:, 0]), np.minimum(high, before[:, 1])
+        apart = both_low > both_high
+        low, high = np.where(apart, low, both_low), np.where(apart, high, both_high)
     values: dict[str, float | str | bool | list[float] | list[list[float]]] = {}
     merged = known.merged(found)
     for axis in range(6):
@@ -37,5 +54,6 @@ def drive_error_table(known: DriveErrors, found: Iterable[DriveError], source: s
         ]
         if rows:
             values[f"axis{axis + 1}"] = rows
+    values["measured_deg"] = [[float(f"{a:.6g}"), float(f"{b:.6g}")] for a, b in zip(low, high, strict=True)]
     values["source"] = source
     return TableValues(TABLE, values)

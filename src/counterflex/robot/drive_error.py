@@ -1,7 +1,8 @@
 """Periodic errors of drives: the angle that a link truly has at the angle that the controller shows.
 
 ``q_link = q + sum_k (s_k sin(k q) + c_k (cos(k q) - 1))`` for each axis by itself: eccentric gears, encoder discs and
-cyclic errors of their reading. Zero at q = 0, which leaves constant offsets to the geometry.
+cyclic errors of their reading. Zero at q = 0, which leaves constant offsets to the geometry. What was fitted to a range
+of angles says nothing beyond it: there the error fades to zero within :data:`FADE_RAD`.
 """
 
 from __future__ import annotations
@@ -14,9 +15,13 @@ import numpy as np
 
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import ModelError
+from counterflex.core.units import DEG
 
 STEEPEST: Final = 0.5
 """Largest slope of the error that is accepted: beyond it the map from link to controller angle is in doubt."""
+FADE_RAD: Final = 10.0 * DEG
+"""Angle beyond the measured ones over which an error fades (a smooth step)."""
+_STEEP_FADE = 1.5 / FADE_RAD
 _ROUNDS = 60
 _REST_RAD = 1e-13
 
@@ -44,9 +49,11 @@ class DriveErrors:
 
     Attributes:
         terms: Any number per axis.
+        measured_rad: Lowest and highest angle of each axis that they were found from; empty where not known.
     """
 
     terms: tuple[DriveError, ...] = ()
+    measured_rad: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         """Check that each axis keeps turning forward.
@@ -54,11 +61,16 @@ class DriveErrors:
         Raises:
             ModelError: An axis that does not exist, an order below 1, or amplitudes that are far too large.
         """
+        if self.measured_rad and (len(self.measured_rad) != 6 or any(low > high for low, high in self.measured_rad)):
+            raise ModelError(
+                "the measured angles of drive errors are not six ranges", value=self.measured_rad, limit="low <= high"
+            )
         slope = np.zeros(6)
         for term in self.terms:
             if not 0 <= term.axis <= 5 or term.order < 1:
                 raise ModelError("a drive error names no harmonic of an axis", value=(term.axis + 1, term.order))
-            slope[term.axis] += term.order * float(np.hypot(term.sine_rad, term.cosine_rad))
+            size = float(np.hypot(term.sine_rad, term.cosine_rad))
+            slope[term.axis] += term.order * size + (2.0 * _STEEP_FADE * size if self.measured_rad else 0.0)
         if np.any(slope > STEEPEST):
             axis = int(np.argmax(slope))
             raise ModelError(
@@ -106,11 +118,30 @@ class DriveErrors:
         for term in (*self.terms, *others):
             s, c = sums.get((term.axis, term.order), (0.0, 0.0))
             sums[(term.axis, term.order)] = (s + term.sine_rad, c + term.cosine_rad)
-        return DriveErrors(tuple(DriveError(a, k, s, c) for (a, k), (s, c) in sorted(sums.items())))
+        return DriveErrors(tuple(DriveError(a, k, s, c) for (a, k), (s, c) in sorted(sums.items())), self.measured_rad)
+
+    def outside(self, q: Float) -> tuple[int, ...]:
+        """Axes 0..5 with errors that angles (..., 6) rad move beyond what was measured."""
+        if not self.measured_rad:
+            return ()
+        flat = as_float("q", q).reshape(-1, 6)
+        return tuple(
+            axis
+            for axis in sorted({term.axis for term in self.terms})
+            if len(flat)
+            and (
+                float(flat[:, axis].min()) < self.measured_rad[axis][0]
+                or float(flat[:, axis].max()) > self.measured_rad[axis][1]
+            )
+        )
 
     def _of(self, q: Float) -> Float:
         out = np.zeros_like(q)
         for term in self.terms:
             angle = term.order * q[..., term.axis]
             out[..., term.axis] += term.sine_rad * np.sin(angle) + term.cosine_rad * (np.cos(angle) - 1.0)
+        for axis, (low, high) in enumerate(self.measured_rad):
+            beyond = np.maximum(np.maximum(low - q[..., axis], q[..., axis] - high), 0.0)
+            share = np.clip(1.0 - beyond / FADE_RAD, 0.0, 1.0)
+            out[..., axis] *= share * share * (3.0 - 2.0 * share)
         return out
