@@ -195,7 +195,7 @@ def test_a_tracker_loop_of_the_wrong_sign_is_stopped(reports: bool, start_mm: fl
     plant = Plant(straight(), P=-np.eye(3), force=ForceMode.NONE, tracker=TrackerMode.INTEGRATOR).ready(reports=reports)
     least, k = np.inf, 0
     for k in range(1000):
-        state = plant.cycle(off=off, reports=reports)
+        state = plant.cycle(off=off * blend_in(k + 1, 5), reports=reports)
         size = float(np.linalg.norm(plant.y))
         if size > 0.05 * MM:
             least = min(least, k)

@@ -57,7 +57,7 @@ class _Robot:
         self.counter, self.elapsed = 1000, 0
         self.restarted = self.empty = self.clamped = False
         self.enable, self.job = False, 0
-        self.counters = type("Counters", (), {"malformed_in_a_row": 0, "late_at_robot": -1})()
+        self.counters = type("Counters", (), {"malformed_in_a_row": 0, "late_at_robot": -1, "repeated": 0})()
         self.x = 0.0
         self.waited = 1
         self.sent: list[Float] = []
@@ -265,7 +265,7 @@ def test_the_recorded_session_corrects() -> None:
     assert {State.READY, State.ARMED, State.ACTIVE} <= states
     assert np.linalg.norm(quiet[:, record.RESULTS : record.RESULTS + 3], axis=1).max() > 20e-6
     np.testing.assert_array_equal(np.array(sent), quiet[:, record.RESULTS : record.RESULTS + 6])
-    faulty, _ = recorded(loop(), loss=0.02, nan=0.003, cycles=1500)
+    faulty, _ = recorded(loop(), loss=0.02, nan=0.003, cycles=2500)
     assert {State.HOLD, State.FAULT} <= set(faulty[:, record.OUTCOME + at.O_STATE].astype(int))
 
 

@@ -13,7 +13,7 @@ from counterflex.evaluate.process_record import ProcessEvent, ProcessRecord
 from counterflex.files.log_place import trouble_said
 from counterflex.links.control_array import Kept, Life, Shown, Tally
 from counterflex.runtime.fusion import Source
-from counterflex.runtime.layout import O_CAUSE, O_DEGRADED, O_FEED_HOLD, O_SOFT, O_SOURCES, O_STATE
+from counterflex.runtime.layout import O_CAUSE, O_DEGRADED, O_FEED_HOLD, O_REJECTED, O_SOFT, O_SOURCES, O_STATE
 from counterflex.runtime.monitor_layout import R_SPEED
 from counterflex.runtime.record_ring import MONITOR, OUTCOME, RESULTS, RecordRing
 from counterflex.runtime.supervisor import Cause, State
@@ -46,6 +46,7 @@ class Status:
         force_n: Measured, filtered; None without a sensor.
         planned_n: Planned there, through the same filter; None without a plan.
         still_s: For how long the loop has not said that it lives.
+        rejected: Samples of the tracker that were rejected, so far.
     """
 
     state: State
@@ -70,6 +71,7 @@ class Status:
     force_n: float | None = None
     planned_n: float | None = None
     still_s: float = 0.0
+    rejected: int = 0
 
 
 class StatusReader:
@@ -127,6 +129,7 @@ class StatusReader:
             _shared(int(control[Shown.FORCE_MN]), 1e-3),
             _shared(int(control[Shown.PLANNED_MN]), 1e-3),
             (now - int(control[Life.LOOP_NS])) * NS,
+            int(last[OUTCOME + O_REJECTED]),
         )
 
 

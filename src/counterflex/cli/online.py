@@ -169,6 +169,8 @@ def run(
         x, y, z = status.correction_um
         cause = f" ({status.cause.name.lower().replace('_', ' ')})" if status.cause else ""
         rests = f"  from {level(status.sources)}" if status.sources else ""
+        if status.rejected:
+            rests += f"  {status.rejected} tracker samples rejected"
         if status.degraded:
             rests += f" ({status.degraded.name.lower().replace('_', ' ')})"
         trouble = "  feed held" if status.feed_hold else ""

@@ -14,6 +14,7 @@ from counterflex.runtime.fusion import FusionTuning
 from counterflex.runtime.settings import (
     Delays,
     ForceMode,
+    Lost,
     OnlineSettings,
     Output,
     Pilot,
@@ -42,6 +43,7 @@ class OnlineTable(Table):
 
     force: Literal["none", "measured", "pilot", "scale", "fused"] = "pilot"
     tracker: Literal["none", "integrator", "observer", "designed"] = "none"
+    tracker_lost: Literal["hold", "fallback"] = "hold"
     output: Literal["cartesian", "axes"] = "cartesian"
     mode: Literal["absolute", "relative"] = "absolute"
     axis_play: bool = False
@@ -122,6 +124,7 @@ class OnlineTable(Table):
             period_s=period,
             force=ForceMode[self.force.upper()],
             tracker=TrackerMode[self.tracker.upper()],
+            tracker_lost=Lost[self.tracker_lost.upper()],
             output=Output[self.output.upper()],
             axis_play=self.axis_play,
             own_play_rad=tuple(x * URAD for x in self.own_play_urad),  # type: ignore[arg-type]

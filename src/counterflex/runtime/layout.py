@@ -90,7 +90,9 @@ W_PLAY: Final = 15  # 1: send the correction of the plan that undoes play
 W_BRIDGE: Final = 16  # age of a force up to which the plan alone goes on
 W_REPORTED_BACK: Final = 17  # cycles back to the nominal pose that a reported one belongs to
 W_AHEAD: Final = 18  # column of the plan that is read ahead of time
-CHOICES: Final = 19
+W_TRACKER_LOST: Final = 19  # 1: a tracker that is not relied on any more holds; 0: its part stands still
+W_FORCE_UNEXPLAINED: Final = 20  # of a force that left the plan's: 0 told, 1 hold, 2 stop
+CHOICES: Final = 21
 
 # State, float64.
 S_Y: Final = 0  # 6: correction sent, m and rotation vector, part axes
@@ -195,4 +197,5 @@ O_HARD: Final = 8
 O_SOURCES: Final = 9  # bits of Source: what the estimate rests on
 O_DEGRADED: Final = 10  # cause for which a source of the cell is missing, or 0
 O_DOUBT: Final = 11  # bits of :mod:`counterflex.runtime.plausibility_kernel`
-OUTCOME: Final = 12
+O_REJECTED: Final = 12  # samples of the tracker that were rejected, in all
+OUTCOME: Final = 13

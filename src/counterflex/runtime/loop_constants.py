@@ -15,6 +15,7 @@ from counterflex.runtime.follow_kernel import PLAN_A, PLAN_W
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import (
     ForceMode,
+    Lost,
     OnlineSettings,
     TrackerMode,
     force_delay,
@@ -120,6 +121,7 @@ def pack_choices(settings: OnlineSettings, plan: LoopPlan | None) -> Int:
     out[at.W_FORCE], out[at.W_TRACKER] = settings.force, settings.tracker
     out[at.W_COMPENSATED], out[at.W_NORMAL] = settings.compensated, settings.normal_only
     out[at.W_ORIENTATION], out[at.W_PLAN] = settings.orientation, plan is not None
+    out[at.W_TRACKER_LOST] = settings.tracker_lost == Lost.HOLD or settings.force == ForceMode.NONE
     out[at.W_STALE], out[at.W_LOST] = settings.stale_cycles, settings.lost_cycles
     out[at.W_WINDOW] = _WINDOW
     bridged = plan is not None and settings.force in (ForceMode.PILOT, ForceMode.SCALE)

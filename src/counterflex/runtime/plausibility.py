@@ -35,6 +35,9 @@ class Plausibility:
         frame_rad: Likewise of orientation.
         return_m: Largest difference from the prediction when a tracker is back.
         return_s: How long it must hold.
+        rejected_share: Share of a tracker's samples that may be rejected before it is not relied on.
+        rejected_samples: Over how many samples, about.
+        silent_s: How long it may show nothing that is believed.
         angle_rad: Largest angle between measured and predicted force.
         force_n: Force below which a direction is not judged.
         direction_s: How long a wrong direction lasts before it is a fault.
@@ -56,6 +59,9 @@ class Plausibility:
     frame_rad: float = 0.2 * DEG
     return_m: float = 0.2 * MM
     return_s: float = 12.0 * MS
+    rejected_share: float = 0.3
+    rejected_samples: float = 60.0
+    silent_s: float = 100.0 * MS
     angle_rad: float = 60.0 * DEG
     force_n: float = 50.0
     direction_s: float = 250.0 * MS
@@ -102,6 +108,7 @@ class Plausibility:
             (pk.L_IDLE_NM, self.idle_nm),
             (pk.L_PERIOD, period_s),
             (pk.L_MIRRORED, self.mirrored),
+            (pk.L_SHARE, self.rejected_share),
         ):
             limits[place] = value
         times = np.zeros(pk.TIMES, dtype=np.int64)
@@ -112,6 +119,8 @@ class Plausibility:
             (pk.T_RETURN, self.return_s),
             (pk.T_DIRECTION, self.direction_s),
             (pk.T_IDLE, self.idle_s),
+            (pk.T_SHARE, self.rejected_samples * period_s),
+            (pk.T_SILENT, self.silent_s),
             (pk.T_WINDOW, min(100.0 * MS, pk.WINDOW_MOST * period_s)),
         ):
             times[place] = max(1, round(seconds / period_s))

@@ -38,7 +38,9 @@ L_IDLE_N: Final = 11
 L_IDLE_NM: Final = 12
 L_PERIOD: Final = 13
 L_MIRRORED: Final = 14  # share by which the residual's change may differ from the correction's mirrored one
-LIMITS: Final = 15
+L_SHARE: Final = 15  # share of a tracker's last samples that may be rejected
+L_LATE: Final = 16  # s, age of a tracker's sample that does not say it
+LIMITS: Final = 17
 
 # Limits in cycles, int64.
 T_ANSWER: Final = 0
@@ -49,7 +51,9 @@ T_DIRECTION: Final = 4
 T_IDLE: Final = 5
 T_WINDOW: Final = 6  # cycles over which changes of residual and correction are compared
 T_SIGN: Final = 7  # samples in a row that mirror the correction; 0: not judged
-TIMES: Final = 8
+T_SHARE: Final = 8  # samples over which the share of rejected ones is kept
+T_SILENT: Final = 9  # cycles without a believed sample after which the tracker is lost
+TIMES: Final = 10
 
 # What is remembered, float64.
 M_STANDING: Final = 0  # 3: reported minus commanded while nothing is corrected and the robot stands
@@ -60,7 +64,13 @@ M_MODEL: Final = 8  # 3: correction in effect plus expected deflection then
 M_RING: Final = 11  # WINDOW_MOST x 6: residual and correction in effect of the last cycles
 WINDOW_MOST: Final = 64
 M_FORCE: Final = M_RING + 6 * WINDOW_MOST  # 6: last wrench that was numbers
-REMEMBERED: Final = M_FORCE + 6
+M_POSE: Final = M_FORCE + 6  # 12: last sample as it came
+M_STOOD: Final = M_POSE + 12  # 6: commanded position and correction in effect then
+M_TURN: Final = M_STOOD + 6  # 3: orientation of the last believed deviation
+M_CLOCK: Final = M_TURN + 3  # when it was measured, cycles of the controller
+M_LATE: Final = M_CLOCK + 1  # how late it came, s
+M_SHARE: Final = M_LATE + 1  # share of rejected samples
+REMEMBERED: Final = M_SHARE + 1
 
 # Counters, int64.
 K_ANSWER: Final = 0
@@ -79,7 +89,11 @@ K_SOFT: Final = 12  # causes for the next cycle
 K_HARD: Final = 13
 K_EARLY: Final = 14  # doubts found before the step
 K_SIGN: Final = 15
-COUNTS: Final = 16
+K_REJECTED: Final = 16  # samples of the tracker that were rejected, in all
+K_WHY: Final = 17  # cause of the last one, 0 once one has been believed
+K_WITHOUT: Final = 18  # cycles since one was believed
+K_SAME: Final = 19  # samples in a row that repeat the one before although the tool moves
+COUNTS: Final = 20
 
 # Bits that say what is doubted.
 DOUBT_ANSWER: Final = 1
@@ -93,6 +107,13 @@ DOUBT_BRIDGED: Final = 128
 """No force: the plan alone goes on for a while."""
 DOUBT_RETURN: Final = 64
 """The sample is not what was predicted after a gap: it is not used."""
+
+DOUBT_JUMP: Final = 256
+"""The sample is not where the tool can be: it is not used."""
+DOUBT_FROZEN: Final = 512
+"""The sample is the last one bit for bit although the tool has moved: it is not used."""
+DOUBT_STAMP: Final = 1024
+"""The sample's time stamp cannot be: it is not used."""
 
 _FADE = 0.98
 _SETTLE = 0.05

@@ -26,6 +26,7 @@ class PlausibilityStage:
         integrates = settings.tracker in (TrackerMode.INTEGRATOR, TrackerMode.DESIGNED)
         gain = settings.tuning.gain if integrates else 0.0
         self._limits, self._times = settings.plausibility.packed(settings.period_s, gain)
+        self._limits[pk.L_LATE] = settings.delays.tracker_s
         settled = round((_SETTLED_S + 2.0 * settings.smoothing.delay_s) / settings.period_s)
         self._settled: Int = np.array([settled], dtype=np.int64)
         self.memory: Float = np.zeros(pk.REMEMBERED)

@@ -56,6 +56,7 @@ def _columns() -> tuple[str, ...]:
         "sources",
         "degraded",
         "doubt",
+        "rejected",
     )
     names += [f"out_{o}" for o in outcome]
     feed = ("feed", "across", "tool")

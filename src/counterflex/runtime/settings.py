@@ -42,6 +42,14 @@ class TrackerMode(IntEnum):
     """PI with a filter, gains from delay, lag and mode with stated margins; lag and play are undone ahead."""
 
 
+class Lost(IntEnum):
+    """What follows where a tracker is silent, repeats itself, or is rejected, and there is a force beside it."""
+
+    FALLBACK = 0
+    """Its part of the correction stands still, force and plan go on; it is said."""
+    HOLD = 1
+
+
 class Output(IntEnum):
     """How the correction is sent."""
 
@@ -142,6 +150,7 @@ class OnlineSettings:
         period_s: Cycle of the robot controller.
         force: See :class:`ForceMode`.
         tracker: See :class:`TrackerMode`.
+        tracker_lost: See :class:`Lost`; a cell file says hold where it says nothing. A tracker alone always holds.
         output: See :class:`Output`.
         axis_play: With output in axes, undo the play of the gears along program and correction together.
         own_play_rad: (6,) half the play that the controller itself adds in the direction of the programmed motion.
@@ -179,6 +188,7 @@ class OnlineSettings:
     period_s: float = 4.0 * MS
     force: ForceMode = ForceMode.PILOT
     tracker: TrackerMode = TrackerMode.NONE
+    tracker_lost: Lost = Lost.FALLBACK
     output: Output = Output.CARTESIAN
     axis_play: bool = False
     own_play_rad: tuple[float, float, float, float, float, float] = (0.0,) * 6

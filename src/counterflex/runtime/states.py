@@ -68,3 +68,13 @@ class Cause(IntEnum):
     PROCESS_LOW_CHATTER = 33
     RUN_LOST = 34
     """A process of the run has died or stands still: the one that started the loop, or the recorder."""
+    TRACKER_JUMP = 35
+    """The tracker shows the tool where it cannot be."""
+    TRACKER_FROZEN = 36
+    """It repeats its last pose while the tool moves."""
+    TRACKER_STAMP = 37
+    """Its time stamps cannot be."""
+    FORCE_UNEXPLAINED = 38
+    """In the cut the measured force has left the planned one by a step that the plan does not have."""
+    AXES_ASTRAY = 39
+    """Axis angles and pose of the same telegram do not belong together."""

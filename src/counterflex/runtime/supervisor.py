@@ -176,7 +176,7 @@ def supervise(at: Int, given: Int, settings: Int) -> None:
             following, cause = _RAMP_OUT, _ENABLE_LOST if given[IN_AWAY] == 1 else _PROGRAM
     elif state == _HOLD:
         # The program that switches the correction off has left the cut, whatever it was held for.
-        may_return = (cause < _OF_PROCESS or cause == _RUN_LOST) and at[AT_RETURNS] < settings[SET_RETURNS]
+        may_return = (cause < _OF_PROCESS or cause >= _RUN_LOST) and at[AT_RETURNS] < settings[SET_RETURNS]
         if given[IN_STOP] == 1 or given[IN_ENABLE] == 0:
             following = _RAMP_OUT
         elif at[AT_CYCLES] >= settings[SET_HOLD_CYCLES]:

@@ -27,11 +27,14 @@ from counterflex.runtime.plausibility_kernel import (
     K_EARLY,
     K_FRAME,
     K_HARD,
+    K_REJECTED,
     K_RESIDUAL,
     K_SIGN,
     K_SOFT,
     K_UNSEEN,
     K_WAITING,
+    K_WHY,
+    K_WITHOUT,
     M_FORCE,
     T_GAP,
     T_WINDOW,
@@ -43,13 +46,14 @@ from counterflex.runtime.plausibility_kernel import (
     return_is_believed,
 )
 from counterflex.runtime.supervisor import AT_STATE, Cause, State
+from counterflex.runtime.tracker_gate_kernel import REPEATED, count_sample, sample_doubt, stamped_pose, tracker_cause
 
 _ARMED, _ACTIVE = int(State.ARMED), int(State.ACTIVE)
 _WRONG_FRAME, _DIVERGENCE = int(Cause.WRONG_FRAME), int(Cause.DIVERGENCE)
 _OFFSET, _TRACKER_LOST = int(Cause.FORCE_OFFSET), int(Cause.TRACKER_LOST)
 _FORCE_INVALID, _MALFORMED = int(Cause.FORCE_INVALID), int(Cause.TELEGRAM_MALFORMED)
 _FAULT = int(State.FAULT)
-_FUSED = 4
+_FUSED, _DESIGNED = 4, 3
 _NO_CURRENTS = 10_000
 _STANDS_M = 20e-6
 _TURN_BACK = 3
@@ -282,22 +286,43 @@ def before_step(
         forget_doubts(counts)
     acts = whole[AT_STATE] > _ARMED
     tracked = choices[at.W_TRACKER] != 0  # the estimator of all sources judges its samples itself
+    if tracked:
+        counts[K_WITHOUT] += 1
     if tracked and flags[at.F_TRACKER_NEW] == 0:
         early = not_seen(whole[AT_STATE], times, counts)
     elif tracked:
-        deviation, expected = work[0, :3], work[0, 3:6]
+        deviation, expected, nothing, past = work[0, :6], work[0, 6:9], work[0, 6:12], work[1]
         back = choices[at.W_NOMINAL_BACK]
         row = (whole[at.N_RING] - back + at.RING_ROWS) % at.RING_ROWS
+        for k in range(12):
+            past[k] = given[at.G_NOMINAL + k] if back == 0 else ring[row, at.RING_NOMINAL + k]
+        stamped = choices[at.W_TRACKER] == _DESIGNED
+        if stamped:
+            stamped_pose(given, flags, ring, whole[at.N_RING], limits, state, past)
+        for k in range(6):
+            nothing[k] = 0.0
+        pose_deviation(given, at.G_ACTUAL, past, nothing, deviation)
         for k in range(3):
-            past = given[at.G_NOMINAL + 9 + k] if back == 0 else ring[row, at.RING_NOMINAL + 9 + k]
-            deviation[k] = given[at.G_ACTUAL + 9 + k] - past
             expected[k] = results[at.R_DEFLECTION + k]
-        in_force = state[at.S_IN_FORCE : at.S_IN_FORCE + 3]
-        believed = return_is_believed(deviation, in_force, expected, acts, limits, times, memory, counts)
-        flags[at.F_TRACKER_NEW] = 1 if believed else 2
-        early = 0 if believed else DOUBT_RETURN
+        early = sample_doubt(
+            given, deviation, stamped, flags, state, ring, whole[at.N_RING], acts, expected, limits, times, memory,
+            counts, past[:9],
+        )  # fmt: skip
+        flags[at.F_TRACKER_NEW] = 2
+        if early == REPEATED:
+            early = 0
+        else:
+            in_force = state[at.S_IN_FORCE : at.S_IN_FORCE + 3]
+            if early == 0 and not return_is_believed(
+                deviation[:3], in_force, expected, acts, limits, times, memory, counts
+            ):
+                early = DOUBT_RETURN
+            count_sample(early, given, deviation, flags, state, limits, times, memory, counts)
+            flags[at.F_TRACKER_NEW] = 1 if early == 0 else 2
     if early & DOUBT_RETURN and choices[at.W_FORCE] == 0 and soft == 0:
-        soft = _TRACKER_LOST
+        soft = counts[K_WHY] if counts[K_WHY] != 0 else _TRACKER_LOST
+    if tracked and choices[at.W_TRACKER_LOST] == 1 and soft == 0:
+        soft = tracker_cause(limits, times, memory, counts)
     if soft == 0:
         soft = counts[K_SOFT]
     flags[at.F_SOFT] = soft
@@ -375,5 +400,7 @@ def after_step(
         in_force = state[at.S_IN_FORCE : at.S_IN_FORCE + 3]
         if residual_grows(deviation, in_force, size, now == _ACTIVE, limits, times, memory, counts):
             doubt |= DOUBT_RESIDUAL
-    outcome[at.O_DOUBT] = doubt
+    outcome[at.O_DOUBT], outcome[at.O_REJECTED] = doubt, counts[K_REJECTED]
+    if choices[at.W_TRACKER] != 0 and outcome[at.O_DEGRADED] == 0:
+        outcome[at.O_DEGRADED] = counts[K_WHY] if counts[K_WHY] != 0 else tracker_cause(limits, times, memory, counts)
     counts[K_SOFT], counts[K_HARD] = causes(doubt, now)

@@ -1,0 +1,182 @@
+"""A tracker's sample against what the tool can have done: jumps, repeats, wrong stamps, silence, in every mode."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import counterflex
+from counterflex.core.units import MM, UM
+from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell_online import OnlineTable
+from counterflex.geometry import pose, rotation
+from counterflex.runtime import layout as at
+from counterflex.runtime import plausibility_kernel as pk
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.supervisor import Cause, State
+
+CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
+Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
+R = rotation.about_x(np.pi)
+OFF = np.array([0.0, 0.15, -0.1]) * MM
+MODES = ["integrator", "observer", "designed"]
+
+
+class Tracked:
+    """A robot that goes along x, answers as thought, is off by some tenths of a millimetre, and is tracked."""
+
+    def __init__(self, tracker: str, *, force: str = "none", noise_m: float = 10.0 * UM, **changes: Any) -> None:
+        table = OnlineTable(tracker=tracker, force=force, along_feed=True, tracker_age_ms=0.0, **changes)  # type: ignore[arg-type]
+        self.loop = Loop(CELL.chain, table.settings(None, compensated=False, mode=(8.5, 0.1)), CELL.T_base_part)
+        self.k, self.noise_m = 0, noise_m
+        self.rng = np.random.default_rng(5)
+        self.pose = np.eye(4)
+
+    def cycle(
+        self,
+        jump: Any = 0.0,
+        *,
+        seen: bool = True,
+        frozen: bool = False,
+        late_s: float | None = 0.0,
+        speed: float = 0.025,
+        turn: float = 0.0,
+    ) -> State:
+        self.k += 1
+        nominal = pose.make(R, np.array([speed * 4e-3 * self.k, 0.0, 0.0]))
+        actual = nominal[:3, 3] + self.loop.in_effect[:3] + OFF + jump + self.noise_m * self.rng.standard_normal(3)
+        if not frozen:
+            self.pose = pose.make(rotation.about_z(turn) @ R, actual)
+        self.loop.feed(
+            T_part_tcp=nominal, q=Q, w_tcp_part=np.zeros(6), T_part_actual=self.pose if seen else None,
+            arm=self.k == 70, enable=self.k > 80, tracker_age=0 if seen else 5, tracker_late_s=late_s,
+        )  # fmt: skip
+        self.loop.run()
+        return self.loop.state
+
+    def settled(self) -> Tracked:
+        for _ in range(1000):
+            self.cycle()
+        assert self.loop.state == State.ACTIVE
+        assert self.rejected == 0
+        return self
+
+    @property
+    def rejected(self) -> int:
+        return int(self.loop.outcome[at.O_REJECTED])
+
+    @property
+    def doubt(self) -> int:
+        return int(self.loop.outcome[at.O_DOUBT])
+
+    def learnt(self) -> Any:
+        """What the tracker's samples have moved so far."""
+        state = self.loop._state
+        return np.r_[state[at.S_SUM : at.S_SUM + 6], state[at.S_OFFSET : at.S_OFFSET + 6]]
+
+
+@pytest.mark.parametrize("tracker", MODES)
+@pytest.mark.parametrize("jump_mm", [0.5, 2.0, 1000.0])
+@pytest.mark.parametrize("axis", [1, 2])
+def test_one_sample_that_jumps_moves_nothing_and_is_counted(tracker: str, jump_mm: float, axis: int) -> None:
+    """A jump of 1 m drove the correction by 2 mm in 160 ms, one of 0.5 mm was followed without a word."""
+    robot = Tracked(tracker).settled()
+    before = robot.learnt()
+    robot.cycle(np.eye(3)[axis] * jump_mm * MM)
+    np.testing.assert_array_equal(robot.learnt(), before)
+    assert robot.doubt & pk.DOUBT_JUMP
+    assert robot.rejected == 1
+    assert robot.loop.outcome[at.O_DEGRADED] == Cause.TRACKER_JUMP
+    robot.cycle()
+    assert robot.rejected == 1
+    assert robot.loop.state == State.ACTIVE
+    assert robot.loop.outcome[at.O_DEGRADED] == Cause.NONE
+
+
+@pytest.mark.parametrize("tracker", MODES)
+@pytest.mark.parametrize("jump_mm", [0.5, 1000.0])
+def test_a_jump_that_stays_is_never_followed_and_holds(tracker: str, jump_mm: float) -> None:
+    robot = Tracked(tracker).settled()
+    before, correction = robot.learnt(), robot.loop.correction.copy()
+    begin = robot.k
+    while robot.cycle(np.array([0.0, jump_mm, 0.0]) * MM) != State.HOLD:
+        assert robot.k <= begin + 5
+    assert robot.loop.cause == Cause.TRACKER_JUMP
+    assert robot.loop.outcome[at.O_FEED_HOLD] == 1
+    np.testing.assert_array_equal(robot.learnt(), before)
+    assert np.linalg.norm(robot.loop.correction[:3] - correction[:3]) < 20 * UM
+
+
+@pytest.mark.parametrize("lost", ["hold", "fallback"])
+@pytest.mark.parametrize("fault", ["jump", "turn", "frozen", "stamp", "silent"])
+@pytest.mark.parametrize("tracker", MODES)
+def test_beside_a_force_a_tracker_that_is_lost_holds_or_is_left_out_as_set(tracker: str, fault: str, lost: str) -> None:
+    """Told in any case; the part of the correction that came from it stands still in any case."""
+    robot = Tracked(tracker, force="measured", tracker_lost=lost).settled()
+    before = robot.learnt()
+    cause = {
+        "jump": Cause.TRACKER_JUMP,
+        "turn": Cause.TRACKER_JUMP,
+        "frozen": Cause.TRACKER_FROZEN,
+        "stamp": Cause.TRACKER_STAMP,
+        "silent": Cause.TRACKER_LOST,
+    }[fault]
+    begin = robot.k
+    for _ in range(60):
+        state = robot.cycle(
+            np.array([0.0, 0.5, 0.0]) * MM if fault == "jump" else 0.0,
+            seen=fault != "silent",
+            frozen=fault == "frozen",
+            late_s=4.0 if fault == "stamp" else 0.0,
+            turn=0.01 if fault == "turn" else 0.0,
+        )
+        if state != State.ACTIVE:
+            break
+    assert robot.loop.outcome[at.O_DEGRADED] == cause
+    if lost == "hold":
+        assert (robot.loop.state, robot.loop.cause) == (State.HOLD, cause)
+        assert robot.k <= begin + 27
+    else:
+        assert robot.loop.state == State.ACTIVE
+    np.testing.assert_allclose(robot.learnt(), before, atol=3 * UM)
+
+
+@pytest.mark.parametrize("tracker", MODES)
+def test_stamps_that_go_back_are_not_believed(tracker: str) -> None:
+    robot = Tracked(tracker).settled()
+    robot.cycle(late_s=0.004)
+    robot.cycle(late_s=0.05)
+    assert robot.doubt & pk.DOUBT_STAMP
+    assert robot.rejected == 1
+
+
+@pytest.mark.parametrize("tracker", MODES)
+def test_what_the_tool_can_do_is_let_pass_pair(tracker: str) -> None:
+    """Forces that come and go within 20 ms, noise, stamps that jitter by a cycle."""
+    robot = Tracked(tracker, noise_m=20.0 * UM).settled()
+    for k in range(300):
+        bump = np.clip(min(k % 100, 50 - k % 100) / 5.0, 0.0, 1.0) * 0.6
+        robot.cycle(np.array([0.0, bump, 0.0]) * MM, late_s=0.004 * (k % 2))
+        assert robot.loop.state == State.ACTIVE
+    assert robot.rejected <= 3
+
+
+def test_a_pose_that_repeats_itself_at_rest_is_no_frozen_tracker() -> None:
+    robot = Tracked("integrator", force="measured", noise_m=0.0)
+    for _ in range(400):
+        robot.cycle(speed=0.0)
+    for _ in range(100):
+        robot.cycle(speed=0.0, frozen=True)
+    assert not robot.doubt & pk.DOUBT_FROZEN
+
+
+@pytest.mark.parametrize("tracker", MODES)
+def test_a_nan_is_not_used(tracker: str) -> None:
+    robot = Tracked(tracker).settled()
+    before = robot.learnt()
+    robot.cycle(np.array([0.0, np.nan, 0.0]))
+    np.testing.assert_array_equal(robot.learnt(), before)
+    assert (robot.loop.state, robot.loop.cause) == (State.HOLD, Cause.TRACKER_LOST)
