@@ -23,7 +23,7 @@ TAIL = ["$VEL.CP=0.025", "LIN {X 0,Y 0,Z 5,A 0,B 90,C 0}", "LIN {X 9,Y 0,Z 5,A 0
 )
 def test_it_is_switched_on_behind_the_last_ptp(approach: list[str]) -> None:
     """A point-to-point motion under correction is refused by the controller, or moves the arm with it."""
-    switching = RsiSwitching("counterflex.rsi", (), 4, 2, 1, 1.5)
+    switching = RsiSwitching("counterflex.rsi", (), 4, 2, 1, 3, 4, 60.0, 5.0)
     lines = with_correction("\n".join([*HEAD, *approach, *TAIL]), switching, "groove.src").splitlines()
     code = [line.split(";")[0] for line in lines]
     ptp = [i for i, line in enumerate(code) if re.match(r"\s*PTP\b", line, re.IGNORECASE)]

@@ -82,7 +82,8 @@ def plain_weight(block: SensorReadings) -> Plain:
     sizes: Float = np.zeros(n)
     for _ in range(_ROUNDS):
         root = np.sqrt(weight)[:, None]
-        x, *_ = np.linalg.lstsq((J * root[:, :, None]).reshape(-1, _UNKNOWN), (y * root).reshape(-1), rcond=1e-10)
+        rows = (J * root[:, :, None]).reshape(-1, _UNKNOWN)
+        x = np.asarray(np.linalg.lstsq(rows, (y * root).reshape(-1), rcond=1e-10)[0], dtype=np.float64)
         sizes = np.asarray(np.sqrt(np.mean((y - J @ x) ** 2, axis=1)), dtype=np.float64)
         usual = max(2.0 * float(np.median(sizes)), 1e-12)
         weight = np.minimum(1.0, usual / np.maximum(sizes, 1e-300))
