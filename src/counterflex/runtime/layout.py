@@ -91,8 +91,7 @@ W_BRIDGE: Final = 16  # age of a force up to which the plan alone goes on
 W_REPORTED_BACK: Final = 17  # cycles back to the nominal pose that a reported one belongs to
 W_AHEAD: Final = 18  # column of the plan that is read ahead of time
 W_TRACKER_LOST: Final = 19  # 1: a tracker that is not relied on any more holds; 0: its part stands still
-W_FORCE_UNEXPLAINED: Final = 20  # of a force that left the plan's: 0 told, 1 hold, 2 stop
-CHOICES: Final = 21
+CHOICES: Final = 20
 
 # State, float64.
 S_Y: Final = 0  # 6: correction sent, m and rotation vector, part axes

@@ -36,7 +36,7 @@ class Plausibility:
         return_m: Largest difference from the prediction when a tracker is back.
         return_s: How long it must hold.
         rejected_share: Share of a tracker's samples that may be rejected before it is not relied on.
-        rejected_samples: Over how many samples, about.
+        rejected_s: Over which time, about, with a sample in every cycle.
         silent_s: How long it may show nothing that is believed.
         angle_rad: Largest angle between measured and predicted force.
         force_n: Force below which a direction is not judged.
@@ -60,7 +60,7 @@ class Plausibility:
     return_m: float = 0.2 * MM
     return_s: float = 12.0 * MS
     rejected_share: float = 0.3
-    rejected_samples: float = 60.0
+    rejected_s: float = 240.0 * MS
     silent_s: float = 100.0 * MS
     angle_rad: float = 60.0 * DEG
     force_n: float = 50.0
@@ -119,7 +119,7 @@ class Plausibility:
             (pk.T_RETURN, self.return_s),
             (pk.T_DIRECTION, self.direction_s),
             (pk.T_IDLE, self.idle_s),
-            (pk.T_SHARE, self.rejected_samples * period_s),
+            (pk.T_SHARE, self.rejected_s),
             (pk.T_SILENT, self.silent_s),
             (pk.T_WINDOW, min(100.0 * MS, pk.WINDOW_MOST * period_s)),
         ):

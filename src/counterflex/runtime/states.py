@@ -74,7 +74,3 @@ class Cause(IntEnum):
     """It repeats its last pose while the tool moves."""
     TRACKER_STAMP = 37
     """Its time stamps cannot be."""
-    FORCE_UNEXPLAINED = 38
-    """In the cut the measured force has left the planned one by a step that the plan does not have."""
-    AXES_ASTRAY = 39
-    """Axis angles and pose of the same telegram do not belong together."""
