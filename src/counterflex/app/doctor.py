@@ -168,6 +168,7 @@ def probe(seconds: float, folder: Path, progress: Progress = silent) -> tuple[Lo
         loop = context.Process(target=_loop_process, args=(cycles, peer, theirs), daemon=True)
         before = processor_times()
         try:
+            progress(0.0, "starting the loop's process")
             other.start()
             loop.start()
             write_s, sync_s = _write_meanwhile(mine, folder, seconds, progress)

@@ -95,7 +95,9 @@ def prove(
     begin = time.perf_counter()
     progress(0.0, "planning")
     with faults_in(job):
-        plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell))
+        plan = make_plan(
+            job.path, job.line_of_motion, cell.stock(), setting_of(cell), progress=_shifted(progress, 0.0, 0.1)
+        )
     if not plan.cutting.any():
         raise InputError(
             "the program removes nothing from the blank: there is nothing to prove",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import sys
+import time
 from typing import Annotated, Any, Final, NoReturn
 
 import typer
@@ -34,6 +35,8 @@ from counterflex.cli import (
     twin,
 )
 from counterflex.cli.interrupt import interruptible
+from counterflex.cli.output import line_period_s
+from counterflex.core import compiling
 from counterflex.core.errors import CounterflexError, InputError, Interrupted
 
 _INTERRUPTED: Final = 130
@@ -139,6 +142,8 @@ def run() -> None:
     # Matrices are small here: on a busy machine the threads of BLAS wait for one another, fifty times longer than they
     # compute. Must be said before NumPy is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if line_period_s() > 0.0:
+        compiling.tell(_Compiling(line_period_s()))
     with interruptible():
         try:
             status = app(prog_name="counterflex", standalone_mode=False)
@@ -164,6 +169,28 @@ def run() -> None:
     if asked is not None:
         sys.exit(asked)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+class _Compiling:
+    """Tells that kernels are compiled: at the first one, and then now and then."""
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s, self._count = period_s, 0
+        self._begin = self._last = 0.0
+
+    def __call__(self) -> None:
+        self._count += 1
+        now = time.monotonic()
+        if self._count == 1:
+            self._begin = self._last = now
+            self._say("once on this computer: takes a minute or some")
+        elif now - self._last >= self._period_s:
+            self._last = now
+            self._say(f"{self._count} so far, in {now - self._begin:.0f} s")
+
+    @staticmethod
+    def _say(what: str) -> None:
+        print(f"compiling the numerical kernels, {what}", file=sys.stderr, flush=True)
 
 
 def _end_usage(fault: Any) -> NoReturn:

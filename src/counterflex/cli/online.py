@@ -210,6 +210,7 @@ def run(
     def told(line: str) -> None:
         typer.echo(f"warning: {line}", err=True)
 
+    typer.echo("preparing the loop: cell, plan, sensors", err=True)
     summary = job.run(settings, out, watch=watch, most_s=seconds, started=started, told=told)
     if as_json:
         print_json(summary)

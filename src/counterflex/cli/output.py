@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import sys
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from counterflex.core.errors import InputError
 from counterflex.core.output_place import is_printed
 from counterflex.core.progress import Progress
+
+if TYPE_CHECKING:
+    from counterflex.core.meter import Meter
 
 
 def print_json(data: Any) -> None:
@@ -105,21 +110,71 @@ def _is_number(text: str) -> bool:
 
 @contextlib.contextmanager
 def progress_bar(what: str, *, quiet: bool = False) -> Iterator[Progress]:
-    """A progress bar on standard error; yields the function jobs report to."""
-    if quiet or not sys.stderr.isatty():
-        from counterflex.core.progress import silent
+    """Progress on standard error, as a bar with the time left or, where that is no terminal, a line now and then.
 
-        yield silent
-        return
+    Yields the function jobs report to. A line comes every 10 s, also while a job says nothing; the environment variable
+    COUNTERFLEX_PROGRESS_S says another period, 0 none.
+    """
+    from counterflex.core.meter import Meter
+
+    meter = Meter(what)
+    if quiet:
+        yield meter.report
+    elif sys.stderr.isatty():
+        with _bar(meter) as report:
+            yield report
+    else:
+        with _lines(meter, line_period_s()):
+            yield meter.report
+
+
+def line_period_s() -> float:
+    """How often progress is told where there is no terminal, s; 0: never."""
+    try:
+        return max(0.0, float(os.environ.get("COUNTERFLEX_PROGRESS_S", "10")))
+    except ValueError:
+        return 10.0
+
+
+@contextlib.contextmanager
+def _lines(meter: Meter, period_s: float) -> Iterator[None]:
+    ended = threading.Event()
+
+    def tell() -> None:
+        while not ended.wait(period_s):
+            print(meter.line(), file=sys.stderr, flush=True)
+
+    teller = threading.Thread(target=tell, name="progress", daemon=True)
+    if period_s > 0.0:
+        teller.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        if period_s > 0.0:
+            teller.join()
+
+
+@contextlib.contextmanager
+def _bar(meter: Meter) -> Iterator[Progress]:
     from rich.console import Console
-    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, ProgressColumn, Task, TextColumn
     from rich.progress import Progress as Bar
+    from rich.text import Text
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
-    with Bar(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=1.0)
+    from counterflex.core.meter import duration
+
+    class Left(ProgressColumn):
+        def render(self, _: Task) -> Text:
+            left = meter.left_s()
+            return Text(f"{duration(meter.elapsed_s())}" if left is None else f"about {duration(left)} left")
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"), Left())
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(meter.what, total=1.0)
 
         def report(fraction: float, what: str = "") -> None:
-            bar.update(task, completed=fraction, description=what or None)
+            meter.report(fraction, what)
+            bar.update(task, completed=meter.fraction, description=meter.what)
 
         yield report

@@ -8,7 +8,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import rotation
@@ -82,8 +82,10 @@ def simulate(
     process = Process(blank, cutter, truth.cutting, step_s, T_base_part)
     near = near_stock(reference.p_part_command, blank, cutter.radius_m)
     run = _Run(plant, process, reference, path.spindle_rad_s[reference.source], near, substeps)
-    for first, last in _stretches(near, controller.cycle_s, skip_air):
-        run.stretch(first, last, progress)
+    stretches = _stretches(near, controller.cycle_s, skip_air)
+    parts = in_parts(progress, {str(first): float(last - first) for first, last in stretches} or {"": 1.0})
+    for first, last in stretches:
+        run.stretch(first, last, parts[str(first)])
     Rs_part_command = controller.tool_poses(reference.p_part_command, reference.axis_part)[:, :3, :3]
     kept = run.kept
     Rs_part_tcp = T_base_part[:3, :3].T @ run.R_base_tcp[kept]
@@ -196,7 +198,6 @@ class _Run:
 
     def stretch(self, first: int, last: int, progress: Progress) -> None:
         plant, process, reference = self.plant, self.process, self.reference
-        total = len(self.near)
         plant.reset(reference.q_ref[first], None, reference.qd_ref[first])
         turning, was_near = np.nan, False
         free: Float = np.zeros(6)
@@ -209,7 +210,7 @@ class _Run:
             if k == last:
                 break
             if (k - first) % _REPORT_EVERY == 0:
-                progress(k / total, "machining on the twin")
+                progress((k - first) / (last - first), "machining on the twin")
             near = bool(self.near[k])
             if near:
                 if not was_near:

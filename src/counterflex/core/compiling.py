@@ -1,0 +1,50 @@
+"""Who is told when kernels are compiled: once for a computer and a version, and it takes minutes."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Final
+
+_KERNELS: Final = "counterflex.core.jit"
+"""What every module with kernels imports, and nothing else does."""
+
+
+class _BeforeKernels:
+    """Sees the import of the first module with kernels, and has Numba tell about compilations from then on."""
+
+    def __init__(self, told: Callable[[], None]) -> None:
+        self._told = told
+
+    def find_spec(
+        self, fullname: str, _path: Sequence[str] | None = None, _target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if fullname == _KERNELS:
+            sys.meta_path.remove(self)
+            self._listen()
+        return None
+
+    def _listen(self) -> None:
+        from numba.core import event
+
+        def begins(_: object) -> None:
+            self._told()
+
+        class Heard(event.Listener):  # type: ignore[misc]
+            on_start = staticmethod(begins)
+
+            def on_end(self, event: object) -> None:
+                pass
+
+        event.register("numba:compile", Heard())
+
+
+def tell(told: Callable[[], None]) -> None:
+    """Have someone told whenever this process compiles a kernel instead of reading it from the cache.
+
+    Loads nothing by itself. Where kernels are loaded already, nothing is told any more.
+    """
+    if _KERNELS not in sys.modules:
+        sys.meta_path.insert(0, _BeforeKernels(told))
