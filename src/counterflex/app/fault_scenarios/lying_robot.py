@@ -1,4 +1,4 @@
-"""A controller that shows what is not so (R19), and a program whose Enable flickers (R35)."""
+"""A controller that shows what is not so (R19), and a program whose Enable flickers (R37)."""
 
 from __future__ import annotations
 
@@ -139,21 +139,21 @@ SCENARIOS: Final = (
         )
     ),
     Scenario(
-        "R35",
+        "R37",
         "enable-one-cycle",
         "Enable is low for one cycle in the cut",
         "the cut goes on corrected",
         _flickers(lambda k, _: k != 0, goes_on=True),
     ),
     Scenario(
-        "R35",
+        "R37",
         "enable-flickers",
         "Enable is low in every second cycle, by chance",
         "the cut goes on corrected, or the feed is held and it is said",
         _flickers(lambda _, rng: bool(rng.random() < 0.5), goes_on=False),
     ),
     Scenario(
-        "R35",
+        "R37",
         "enable-off",
         "Enable is low from now on, the program and the cut go on",
         "the feed is held while the correction is away, and it is said",

@@ -1,4 +1,4 @@
-"""How ``counterflex run`` ends in the cut: killed, interrupted, asked to, its log gone: R12, R23, R28, R38."""
+"""How ``counterflex run`` ends in the cut: killed, interrupted, asked to, its log gone: R12, R23, R28, R36."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _killed(effort: Effort) -> Outcome:
         end = time.monotonic() + _END_S
         died = begin
         while time.monotonic() < end and not rig.robot.stopped and _living(children):
-            rig.cycle(enable=True, force_n=300.0)
+            rig.cycle(enable=True, force_n=300.0, patience_s=1.0)
             died = died if rig.process.poll() is not None and died > begin else time.monotonic()
         held = next((k for k in range(first, len(rig.held)) if rig.held[k]), None)
         held_s = float("inf") if held is None else max(0.0, rig.times[held] - died)
@@ -190,7 +190,7 @@ _REQUIRED: Final = "ramped out with the feed held; exit status {}; the log reads
 SCENARIOS: Final = (
     Scenario(
         "R12",
-        "killed-run",
+        "killed-command",
         "kill -9 of counterflex run in the cut; the loop's process is left alone",
         "feed held within 100 ms of its end, ramped out or told to stop, no process left; log repair has every record",
         _killed,
@@ -205,7 +205,7 @@ SCENARIOS: Final = (
         realtime=True,
     ),
     Scenario(
-        "R38",
+        "R36",
         "power-loss",
         "all processes of counterflex run killed at once in the cut",
         "the correction at the robot stays, it stops by its timeout; log repair has every record but the last 100 ms",

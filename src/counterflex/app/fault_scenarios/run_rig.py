@@ -128,8 +128,14 @@ class RunRig:
                     return number
         raise SimulationError("no process writes the log", where=str(self.log))
 
-    def cycle(self, *, enable: bool, force_n: float = 0.0) -> bool:
-        """One cycle of the controller; returns whether an answer came."""
+    def cycle(self, *, enable: bool, force_n: float = 0.0, patience_s: float | None = None) -> bool:
+        """One cycle of the controller; returns whether an answer came.
+
+        Args:
+            enable: What the robot program says.
+            force_n: On the tool, as long as the robot goes on.
+            patience_s: How long to wait for the answer; None: a second while the command lives, else a cycle.
+        """
         begin = time.monotonic()
         stands = self.robot.feed_hold or bool(self.robot.stopped)
         self._gone += not stands
@@ -142,7 +148,8 @@ class RunRig:
         answer = None
         with contextlib.suppress(ConnectionError):
             self._socket.sendto(self.robot.telegram(report), self._address)
-            answer = self._answer(begin + (_PATIENCE_S if self.process.poll() is None else PERIOD_S))
+            usual = _PATIENCE_S if self.process.poll() is None else PERIOD_S
+            answer = self._answer(begin + (usual if patience_s is None else patience_s))
         self.robot.answer(answer)
         self.corrections.append(self.robot.correction[:3].copy())
         self.held.append(self.robot.feed_hold)
