@@ -31,6 +31,8 @@ END_S: Final = 5.0
 """How long ramping out may take before the loop ends all the same."""
 _SLICE_S: Final = 0.05
 """How long a loop in lockstep waits before it looks whether it is to end, or whether it is alone."""
+_SILENT_S: Final = 0.1
+"""A robot that is told to stop and sends nothing any more has stopped."""
 _ACTING: Final = (State.ACTIVE, State.HOLD, State.RAMP_OUT)
 _GONE, _LOOP_NS, _END = int(Life.GONE), int(Life.LOOP_NS), int(Request.END)
 
@@ -120,7 +122,7 @@ def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int, livin
                 _say(pipe, told)
         if control[_GONE] or living.gone():
             control[_GONE] = 1
-            if _at_rest(session) or quiet >= END_S:
+            if _at_rest(session) or quiet >= (END_S if session.loop.state in _ACTING else _SILENT_S):
                 return
         if control[_END]:
             end_ns = end_ns or time.monotonic_ns() + round(END_S * 1e9)

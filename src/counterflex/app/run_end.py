@@ -77,7 +77,8 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
         arm: It was started to correct.
 
     Returns:
-        ``status``, the exit status; ``how``, the name of :class:`End`; ``said``, in words.
+        ``status``, the exit status; ``how``, the name of :class:`End`; ``said``, in words; ``wrong``: it is told also
+        where a signal ended the run.
     """
     by, cause = summary["correction_ended"]["by"], summary["correction_ended"]["cause"].replace("_", " ")
     lost = summary["records_lost"]
@@ -101,4 +102,5 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
         end, said = End.NEVER_ARMED, f"{what}{'' if summary['cycles'] else ': no telegram came'}"
     else:
         end, said = End.PLANNED, "as planned"
-    return {"status": int(end), "how": end.name.lower(), "said": said}
+    wrong = end in (End.DIED, End.FAULT, End.LOG_LOST)
+    return {"status": int(end), "how": end.name.lower(), "said": said, "wrong": wrong}

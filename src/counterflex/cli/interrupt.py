@@ -15,11 +15,26 @@ _AGAIN_S: Final = 0.05
 _SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _came: list[int] = []
 _kept: list[str] = []
+_worse: list[int] = []
 
 
 def status() -> int | None:
-    """Exit status of a command that a signal has asked to end: 128 and its number (130 Ctrl-C); None: none has."""
+    """Exit status of a command that a signal has asked to end: 128 and its number (130 Ctrl-C); None: none has.
+
+    What went wrong before comes first, see :func:`went_wrong`.
+    """
+    if _came and _worse:
+        return _worse[0]
     return 128 + _came[0] if _came else None
+
+
+def went_wrong(status: int) -> None:
+    """Say that something went wrong that a script must learn also where a signal ended the command.
+
+    Args:
+        status: The command's own exit status for it.
+    """
+    _worse[:] = [status]
 
 
 def keeps(what: str) -> None:
@@ -68,6 +83,7 @@ def interruptible() -> Iterator[None]:
     report = sys.unraisablehook
     _came.clear()
     _kept.clear()
+    _worse.clear()
 
     def again(lost: Any) -> None:
         if issubclass(lost.exc_type, KeyboardInterrupt):

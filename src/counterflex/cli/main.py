@@ -146,7 +146,9 @@ def run() -> None:
         compiling.tell(_Compiling(line_period_s()))
     with interruptible():
         try:
-            status = app(prog_name="counterflex", standalone_mode=False)
+            status = operator.quick(sys.argv[1:])
+            if status is None:
+                status = app(prog_name="counterflex", standalone_mode=False)
             sys.stdout.flush()  # a full disk behind it is told here
         except KeyboardInterrupt:
             status = _INTERRUPTED

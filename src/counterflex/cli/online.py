@@ -130,7 +130,7 @@ def run(
 
     Exit status: 0 the program ended as planned; 2 refused before it began; 3 a fault, or a hold that lasted, ended the
     correction; 4 never armed; 5 records are missing in the log; 6 the operator ended the correction; 1 the loop died;
-    130 Ctrl-C, 143 request to terminate, 129 terminal closed.
+    130 Ctrl-C, 143 request to terminate, 129 terminal closed, unless a fault or a lost log is to be told.
 
     Example: `counterflex run --cell cell.toml --rsi rsi.xml --plan plan.parquet --force 192.168.1.1:49152 --out log`
     """
@@ -216,6 +216,8 @@ def run(
         print_json(summary)
     else:
         _show(summary, out)
+    if summary["ended"]["wrong"]:
+        interrupt.went_wrong(summary["ended"]["status"])
     if summary["ended"]["status"]:
         typer.echo(f"ended: {summary['ended']['said']}", err=True)
         raise typer.Exit(summary["ended"]["status"])
@@ -340,7 +342,7 @@ def cell(
     )
 
     def started(where: job.Addresses) -> None:
-        if where.netft and where.netft_http:
+        if where.netft and where.netft_http and 0 in (force_port, force_http):  # else the caller knows it
             typer.echo(
                 f"force sensor at {where.netft[0]}:{where.netft[1]}, scaling at port {where.netft_http[1]}", err=True
             )

@@ -1,0 +1,74 @@
+"""A simulated controller without a partner: one line, status 2, nothing written."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import counterflex as package
+from counterflex.app.truth import make_truth
+from counterflex.files.cell import read_cell
+from counterflex.twin.exact_robot import StandingRobot, Standstill
+from counterflex.twin.fake_rsi import FakeRsi, RsiContext
+from counterflex.twin.robot_server import RobotServer
+from counterflex.wire.rsi_config import read_config
+from counterflex.wire.rsi_telegram import answer_writer, robot_reader
+
+DEMO = Path(package.__file__).parent / "app" / "demo"
+
+
+def free_port(kind: socket.SocketKind) -> str:
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return str(probe.getsockname()[1])
+
+
+SAID = "no sensor program answers; got nothing for 0.1 s"
+
+
+@pytest.mark.parametrize("somebody", [False, True])
+def test_nobody_answers(folder: Path, refused: Any, counterflex: Any, somebody: bool) -> None:
+    """With nobody at the port, and with somebody there who says nothing."""
+    shutil.copy(DEMO / "rsi.xml", folder / "rsi.xml")
+    make_truth(read_cell(folder / "cell.toml"), 1, folder / "truth.toml")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as deaf:
+        deaf.bind(("127.0.0.1", 0))
+        peer = f"127.0.0.1:{deaf.getsockname()[1] if somebody else free_port(socket.SOCK_DGRAM)}"
+        where = ["--peer", peer, "--wait-s", "0.1"]
+        ports = ["--force-port", free_port(socket.SOCK_DGRAM), "--force-http", free_port(socket.SOCK_STREAM)]
+        cell = ["part.ngc", "--cell", "cell.toml", "--truth", "truth.toml", "--rsi", "rsi.xml"]
+        assert f"{peer}: {SAID}" in refused("twin", "cell", *cell, *ports, *where, "--out", "part")
+        alone = counterflex("twin", "rsi", "rsi.xml", *where, "--seconds", "1", "--record", "seen.csv")
+        assert (alone.status, alone.out) == (2, "")
+        assert f"{peer}: {SAID}" in alone.err.splitlines()[-1]
+        assert not (folder / "seen.csv").exists()
+
+
+def test_a_controller_ends_when_its_partner_has_gone() -> None:
+    """One that would wait for ever by its own time-out: the port is closed after ten answers."""
+    config = read_config(DEMO / "rsi.xml")
+    partner = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    partner.bind(("127.0.0.1", 0))
+    fake = FakeRsi(config, RsiContext(timeout=10**6))
+    server = RobotServer(StandingRobot(Standstill(np.eye(4), np.zeros(6), 1e6), 0.004), fake, partner.getsockname())
+    reader, writer = robot_reader(config), answer_writer(config)
+
+    def answer() -> None:
+        for _ in range(10):
+            data, peer = partner.recvfrom(65536)
+            reader.read_bytes(data)
+            partner.sendto(writer.telegram(reader.counter), peer)
+        partner.close()
+
+    answering = threading.Thread(target=answer, daemon=True)
+    answering.start()
+    assert server.run() == "sensor program gone"
+    answering.join(20.0)
+    assert server.cycles < 500
+    server.close()
