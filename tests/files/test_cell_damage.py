@@ -25,11 +25,11 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def refusal(file: Path, text: str) -> str | None:
-    """The line with which a text is refused as a cell; None where it is one."""
+    """The line with which a text is refused as a cell that mills; None where it is one."""
     file.write_text(text, encoding="utf-8")
     said = None
     try:
-        read_cell(file)
+        read_cell(file).require_milling()
     except CounterflexError as fault:
         said = str(fault)
     assert said is None or len(said.splitlines()) == 1

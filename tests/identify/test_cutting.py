@@ -67,7 +67,7 @@ class Cut:
 def cell_with(cutter: Cutter = D16, law: ForceLaw = KNOWN, **changes: Any) -> CellModel:
     blank = np.array([[0.0, 0.0, 0.0], [120.0, 100.0, 40.0]]) * MM
     return replace(
-        model_of(read_cell(CELL)), cutter_of=lambda _: cutter, force_law=law, **{"blank_part": blank, **changes}
+        model_of(read_cell(CELL)), cutter_of=lambda _: cutter, law_of=lambda: law, **{"blank_part": blank, **changes}
     )
 
 
@@ -316,7 +316,7 @@ MISTAKES: Mapping[str, tuple[str, Callable[[Float], Float], str]] = {
 def test_mistakes_are_named_not_fitted(name: str) -> None:
     channel, change, message = MISTAKES[name]
     T = pose.make(rotation.about_z(2.0), np.array([1.3, -0.2, 1.0]))
-    cell = cell_with(T_base_part=T)
+    cell = cell_with(frame_of=lambda: T)
     data = dataset(plan_of_cuts(), T_base_part=T)
     assert check(cell, data, None) == ()
     wrong = _changed(data, channel, change)

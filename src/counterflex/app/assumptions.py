@@ -49,19 +49,19 @@ def assumptions(cell: Cell) -> tuple[Fact, ...]:
         value = f"kc1.1 {kc:.0f}, kr1.1 {kr:.0f}, ka1.1 {ka:.0f} N/mm2; m {law.mc:g}, {law.mr:g}, {law.ma:g}"
     else:
         value = f"ktc {law.ktc_pa / N_PER_MM2:.0f}, krc {law.krc_pa / N_PER_MM2:.0f} N/mm2"
-    facts.append(Fact(f"Cutting constants: {tables.material.name or tables.material.catalog}", value, law.source))
+    facts.append(Fact(f"Cutting constants: {cell.material.name or cell.material.catalog}", value, law.source))
     facts.append(
         Fact(
             "Mean chip thickness allowed",
             f"{law.h_min_m / MM:g} to {law.h_max_m / MM:g} mm"
-            + (", and beyond" if tables.material.allow_extrapolation else ""),
-            "range of the constants" + (", extrapolated" if tables.material.allow_extrapolation else ""),
+            + (", and beyond" if cell.material.allow_extrapolation else ""),
+            "range of the constants" + (", extrapolated" if cell.material.allow_extrapolation else ""),
         )
     )
     for tool in tables.tools:
         shape = f"D{tool.diameter_mm:g} r{tool.corner_radius_mm:g}, {tool.flutes} flutes"
         facts.append(Fact(f"Tool T{tool.number}", shape, tool.name or "cell file"))
-    part = tables.part
+    part = cell.part
     how = "touched with the robot" if part.measured_with == "robot" else "measured from outside"
     facts.append(Fact("Part frame", how, f"{len(part.datum_points_mm)} datum points"))
     facts.append(Fact("Play and friction of the axes", *_known(tables.robot.play)))

@@ -101,6 +101,7 @@ def run(
         raise InputError("number of truth seeds is out of range", value=seeds, limit=">= 1")
     begin, begun = time.perf_counter(), time.time()
     folder, cell = Path(out), read_cell(cell_file)
+    cell.require_milling()
     steps = campaign_of(cell, recipes)
     if program is not None:
         read_job(program, cell)

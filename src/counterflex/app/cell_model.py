@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -35,14 +36,14 @@ def model_of(cell: Cell) -> CellModel:
         nominal_robot=cell.nominal_robot,
         nominal_end_effector=cell.nominal_end_effector,
         calibration=cell.calibration,
-        force_law=cell.force_law,
+        law_of=partial(getattr, cell, "force_law"),
         cutter_of=cell.cutter,
-        T_base_part=cell.T_base_part,
+        frame_of=partial(getattr, cell, "T_base_part"),
         branch=cell.tables.posture.branch,
         joint_margin_rad=cell.tables.limits.joint_margin_deg * DEG,
         rotation_about_tool_rad=cell.tables.posture.rotation_about_tool_deg * DEG,
         blank_part=_box(cell),
-        datum_points_part=cell.datum_points_part if cell.tables.part.measured_with == "robot" else None,
+        datum_points_part=_datum_points(cell),
         tables={
             **{name: tables[name] for name in tables if name not in _ELSEWHERE},
             **sensing_of(cell.tables.sensor, cell.tables.holder, cell.chain),
@@ -50,8 +51,14 @@ def model_of(cell: Cell) -> CellModel:
     )
 
 
+def _datum_points(cell: Cell) -> Float | None:
+    part = cell.tables.part
+    return cell.datum_points_part if part is not None and part.measured_with == "robot" else None
+
+
 def _box(cell: Cell) -> Float | None:
-    stock = cell.tables.part.stock
-    if stock.box_min_mm is None or stock.box_max_mm is None:
+    part = cell.tables.part
+    stock = None if part is None else part.stock
+    if stock is None or stock.box_min_mm is None or stock.box_max_mm is None:
         return None
     return np.array([stock.box_min_mm, stock.box_max_mm]) * MM

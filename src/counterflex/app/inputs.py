@@ -84,8 +84,10 @@ def read_job(file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_
     """Read a program and sample its path with the cell's rapid speed.
 
     Raises:
+        FileFormatError: The cell file describes no milling.
         ProgramError: The program cannot be read exactly, or makes no motion.
     """
+    cell.require_milling()
     program = reading.program(file)
     if len(program.motions) == 0:
         raise ProgramError("the program moves nothing", where=str(file))
@@ -177,7 +179,7 @@ def setting_of(
         chain=cell.chain if chain is None else chain,
         controller_chain=cell.controller_chain,
         T_base_part=cell.T_base_part,
-        datum_points_part=cell.datum_points_part if tables.part.measured_with == "robot" else None,
+        datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
         branch=tables.posture.branch,
         rotation_about_tool_rad=tables.posture.rotation_about_tool_deg * DEG,
         law=cell.force_law if law is None else law,
@@ -194,6 +196,6 @@ def setting_of(
         ),
         normal_only=normal_only,
         orientation=orientation,
-        allow_extrapolation=tables.material.allow_extrapolation,
+        allow_extrapolation=cell.material.allow_extrapolation,
         drive_errors=cell.drive_errors,
     )

@@ -134,7 +134,7 @@ def run(
         controller=simulate.controller(cell),
         stock=cell.stock(),
         cutter=cell.cutter(simulate.tool_of(job.path)),
-        datum_points_part=cell.datum_points_part if cell.tables.part.measured_with == "robot" else None,
+        datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
         answer=settings.answer,
         own_backlash=settings.own_backlash,
     )

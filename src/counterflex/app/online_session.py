@@ -108,6 +108,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         OutputError: A port or the sensor cannot be reached.
     """
     cell = read_cell(settings.cell)
+    cell.require_milling()
     require_plausible(cell)
     one_protocol(settings)
     read = None if settings.plan is None else read_plan(settings.plan)

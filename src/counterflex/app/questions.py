@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -119,12 +119,65 @@ def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> list[dict[str, A
 
 
 def check_cell(path: str) -> dict[str, Any]:
-    """Resolve a cell and judge it: reach of the stock's corners, compliance at the part, weakest element, warnings."""
+    """Resolve a cell and judge it: reach of the stock's corners, compliance at the part, weakest element, warnings.
+
+    A cell for calibration only, without blank, is judged without what is seen at the blank's corners: those entries are
+    None or empty, ``missing_for_milling`` names the tables.
+    """
     cell = read_cell(path)
     chain = cell.chain
     warnings: list[str] = [one.said() for one in unusual(cell.tables)]
-    stock = cell.stock()
-    law, tools = cell.force_law, [cell.cutter(tool.number) for tool in cell.tables.tools]
+    law = None if cell.tables.material is None else cell.force_law
+    missing = cell.missing_for_milling()
+    if missing:
+        warnings.append(f"no {', '.join(missing)}: good for calibration (counterflex identify), nothing can be milled")
+    has_blank = cell.tables.part is not None and cell.tables.part.stock is not None
+    return {
+        "cell": cell.name,
+        "robot": chain.name,
+        "segments": [
+            {
+                "segment": name,
+                "compliance": ComplianceTable.of(chain.compliance[i]),
+                "mass_kg": round(float(chain.mass[i]), 3),
+            }
+            for i, name in enumerate(chain.names)
+        ],
+        "mass_kg": round(float(chain.mass.sum()), 2),
+        "missing_for_milling": list(missing),
+        "force_law": None if law is None else {"law": type(law).__name__, "source": law.source, "status": law.status},
+        "tools": [
+            {"diameter_mm": tool.diameter_m / MM, "flutes": tool.flutes}
+            for tool in (cell.cutter(table.number) for table in cell.tables.tools)
+        ],
+        **(_at_the_blank(cell, path, warnings) if has_blank else _NO_BLANK),
+        "identified": [
+            {
+                "recipe": entry.recipe,
+                "date": entry.date,
+                "data": list(entry.data),
+                "holdout": entry.holdout,
+                "values": [value.model_dump() for value in entry.values],
+            }
+            for entry in cell.tables.identified
+        ],
+        "warnings": warnings,
+    }
+
+
+_NO_BLANK: Final[dict[str, Any]] = {
+    "stock_mm": None,
+    "at_corner": None,
+    "softness": [],
+    "sag_at_corners_um": [],
+    "sag_variation_um": None,
+    "smallest_joint_margin_deg": None,
+}
+
+
+def _at_the_blank(cell: Cell, path: str, warnings: list[str]) -> dict[str, Any]:
+    """Reach, compliance and sag at the corners of the blank; adds to the warnings."""
+    chain, stock = cell.chain, cell.stock()
     x, y, top = stock.x_m(), stock.y_m(), float(stock.z.max())
     corners = np.array([[a, b, top] for a in (x[0], x[-1]) for b in (y[0], y[-1])])
     axes = np.tile([0.0, 0.0, 1.0], (len(corners), 1))
@@ -168,19 +221,6 @@ def check_cell(path: str) -> dict[str, Any]:
     if known:
         warnings.append("a joint comes closer to its limit than limits.joint_margin_deg at a corner of the stock")
     return {
-        "cell": cell.name,
-        "robot": chain.name,
-        "segments": [
-            {
-                "segment": name,
-                "compliance": ComplianceTable.of(chain.compliance[i]),
-                "mass_kg": round(float(chain.mass[i]), 3),
-            }
-            for i, name in enumerate(chain.names)
-        ],
-        "mass_kg": round(float(chain.mass.sum()), 2),
-        "force_law": {"law": type(law).__name__, "source": law.source, "status": law.status},
-        "tools": [{"diameter_mm": tool.diameter_m / MM, "flutes": tool.flutes} for tool in tools],
         "stock_mm": {
             "low": _round(np.array([x[0], y[0], stock.bottom_m]) / MM, 3),
             "high": _round(np.array([x[-1], y[-1], top]) / MM, 3),
@@ -190,17 +230,6 @@ def check_cell(path: str) -> dict[str, Any]:
         "sag_at_corners_um": [_round(row / UM, 1) for row in sag],
         "sag_variation_um": round(float(np.max(np.linalg.norm(spread, axis=1)) / UM), 1),
         "smallest_joint_margin_deg": round(min(min(entry.values()) for entry in margins), 2),
-        "identified": [
-            {
-                "recipe": entry.recipe,
-                "date": entry.date,
-                "data": list(entry.data),
-                "holdout": entry.holdout,
-                "values": [value.model_dump() for value in entry.values],
-            }
-            for entry in cell.tables.identified
-        ],
-        "warnings": warnings,
     }
 
 

@@ -60,7 +60,7 @@ def _page(comparison: Comparison, plan: Plan, found: Mapping[str, Any], timing: 
         Fact("Robot", robot_name(cell)),
         Fact("Cell", cell.name),
         Fact("Tool", tool.name or f"D{tool.diameter_mm:g}", "", f"{tool.flutes} flutes"),
-        Fact("Material", cell.tables.material.name or str(cell.tables.material.catalog)),
+        Fact("Material", cell.material.name or str(cell.material.catalog)),
         Fact(
             "Peak force",
             f"{found['peak_force_n']['value']:.0f} N predicted",

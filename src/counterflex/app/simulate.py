@@ -65,7 +65,7 @@ def machine(job: Job, cell: Cell, truth: Truth, *, progress: Progress = silent) 
         controller=controller(cell),
         stock=cell.stock(),
         cutter=cell.cutter(tool_of(job.path)),
-        datum_points_part=cell.datum_points_part if cell.tables.part.measured_with == "robot" else None,
+        datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
         progress=progress,
     )
     if len(record.time_s) == 0:
@@ -148,9 +148,9 @@ def keep_inputs(cell: Cell, program: str | Path, original: str | Path, folder: P
 
 def _keep_cell(cell: Cell, folder: Path) -> None:
     """Write the cell file into a folder as it was; a blank that it names by a file goes along, under a new name."""
-    stock = cell.tables.part.stock
-    named = stock.stl or stock.result
-    if named is None:
+    stock = cell.part.stock
+    named = None if stock is None else stock.stl or stock.result
+    if stock is None or named is None:
         atomic.write_bytes(folder / CELL, _source(cell.path))
         return
     kept = BLANKS.replace(".*", Path(named).suffix)

@@ -114,7 +114,7 @@ def prepare(
         controller=simulate.controller(cell),
         stock=cell.stock(),
         cutter=cell.cutter(simulate.tool_of(job.path)),
-        datum_points_part=cell.datum_points_part if cell.tables.part.measured_with == "robot" else None,
+        datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
     )
     # The tracker was registered on the part as the robot found it, so that it shows what the cut does to the path.
     T_base_tracker = cell.T_base_part @ pose.inverse(live.T_base_part) @ room.T_base_tracker

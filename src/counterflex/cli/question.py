@@ -249,16 +249,17 @@ def cell_check(
             for row in answer["segments"]
         ],
     )
-    print_table(
-        f"Softness at the stock's corner {answer['at_corner']['xyz_mm']} mm",
-        ["direction", "um/N", "weakest element", "its share"],
-        [
-            [row["direction"], f"{row['um_per_n']:.2f}", row["weakest"], f"{100 * row['share']:.0f}%"]
-            for row in answer["softness"]
-        ],
-        note=f"Own-weight sag varies by {answer['sag_variation_um']:.0f} um over the stock. "
-        f"Smallest joint margin {answer['smallest_joint_margin_deg']:.1f} deg.",
-    )
+    if answer["at_corner"] is not None:
+        print_table(
+            f"Softness at the stock's corner {answer['at_corner']['xyz_mm']} mm",
+            ["direction", "um/N", "weakest element", "its share"],
+            [
+                [row["direction"], f"{row['um_per_n']:.2f}", row["weakest"], f"{100 * row['share']:.0f}%"]
+                for row in answer["softness"]
+            ],
+            note=f"Own-weight sag varies by {answer['sag_variation_um']:.0f} um over the stock. "
+            f"Smallest joint margin {answer['smallest_joint_margin_deg']:.1f} deg.",
+        )
     if answer["identified"]:
         print_table(
             "Identified from measurements",

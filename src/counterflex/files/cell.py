@@ -18,7 +18,7 @@ from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell_measured import CalibrationTable
-from counterflex.files.cell_schema import CellTables, MaterialTable, OpwTable, StockTable
+from counterflex.files.cell_schema import CellTables, MaterialTable, OpwTable, PartTable, StockTable
 from counterflex.files.plausible import require_units
 from counterflex.programs.machine_functions import Dialect, MachineFunctions
 from counterflex.robot import catalog, opw_chain
@@ -58,6 +58,64 @@ class Cell:
         """Name of the cell."""
         return self.tables.name
 
+    @property
+    def part(self) -> PartTable:
+        """Table ``[part]``.
+
+        Raises:
+            FileFormatError: The file has none.
+        """
+        if self.tables.part is None:
+            raise self._lacking("[part]")
+        return self.tables.part
+
+    @property
+    def material(self) -> MaterialTable:
+        """Table ``[material]``.
+
+        Raises:
+            FileFormatError: The file has none.
+        """
+        if self.tables.material is None:
+            raise self._lacking("[material]")
+        return self.tables.material
+
+    def missing_for_milling(self) -> tuple[str, ...]:
+        """Tables without which nothing can be milled and that the file does not have; calibration needs none of them.
+
+        Returns:
+            Some of ``[part]``, ``[part.stock]``, ``[[tools]]``, ``[material]``.
+        """
+        part = self.tables.part
+        return tuple(
+            name
+            for name, absent in (
+                ("[part]", part is None),
+                ("[part.stock]", part is not None and part.stock is None),
+                ("[[tools]]", not self.tables.tools),
+                ("[material]", self.tables.material is None),
+            )
+            if absent
+        )
+
+    def require_milling(self) -> None:
+        """Check that the file describes everything that cutting needs.
+
+        Raises:
+            FileFormatError: It does not; one line that names every table that is missing.
+        """
+        missing = self.missing_for_milling()
+        if missing:
+            raise self._lacking(*missing)
+
+    def _lacking(self, *tables: str) -> FileFormatError:
+        named = ", ".join(tables)
+        return FileFormatError(
+            f"the cell file has no {named}, which this job needs",
+            where=str(self.path),
+            hint="Only calibration does without; docs/cell-file.md lists the keys",
+        )
+
     @cached_property
     def controller_chain(self) -> ElasticChain:
         """The chain as the robot controller has it, without calibrations; ``chain`` itself where there are none."""
@@ -79,24 +137,26 @@ class Cell:
     @cached_property
     def T_base_part(self) -> Float:
         """(4, 4) part frame in the robot base, as the controller knows it."""
-        return self.tables.part.matrix()
+        return self.part.matrix()
 
     @cached_property
     def datum_points_part(self) -> Float:
         """(k, 3) m, points where the robot touched the part to measure its frame."""
-        return np.array(self.tables.part.datum_points_mm, dtype=np.float64).reshape(-1, 3) * MM
+        return np.array(self.part.datum_points_mm, dtype=np.float64).reshape(-1, 3) * MM
 
     @cached_property
     def force_law(self) -> ForceLaw:
         """Cutting law of the material."""
-        return _force_law(self.tables.material, str(self.path))
+        return _force_law(self.material, str(self.path))
 
     def cutter(self, number: int) -> Cutter:
         """The tool with the program's number.
 
         Raises:
-            FileFormatError: The cell has no such tool.
+            FileFormatError: The cell has no such tool, or none at all.
         """
+        if not self.tables.tools:
+            raise self._lacking("[[tools]]")
         for tool in self.tables.tools:
             if tool.number == number:
                 return Cutter(
@@ -127,10 +187,12 @@ class Cell:
         """A fresh blank in the part frame.
 
         Raises:
-            FileFormatError: The mesh or the earlier result cannot be used.
+            FileFormatError: There is no blank, or the mesh or the earlier result cannot be used.
         """
+        if self.part.stock is None:
+            raise self._lacking("[part.stock]")
         with _said_of(f"{self.path}: part.stock"):
-            return _stock(self.tables.part.stock, self.path.parent)
+            return _stock(self.part.stock, self.path.parent)
 
 
 def read_cell(path: str | Path) -> Cell:
@@ -176,8 +238,9 @@ def resolve(tables: CellTables, path: Path) -> Cell:
     with _said_of(where):
         chain = ElasticChain.build(true_robot, true_end_effector)
         cell = Cell(tables, path, true_robot, true_end_effector, chain, robot, end_effector)
-    with _said_of(f"{where}: material"):
-        _ = cell.force_law
+    if tables.material is not None:
+        with _said_of(f"{where}: material"):
+            _ = cell.force_law
     with _said_of(f"{where}: drive_error"):
         _ = cell.drive_errors
     for tool in tables.tools:

@@ -258,7 +258,7 @@ class PartTable(PoseTable):
 
     measured_with: Literal["robot", "external"] = "robot"
     datum_points_mm: Annotated[tuple[Vector, ...], Field(max_length=100)] = ()
-    stock: StockTable
+    stock: StockTable | None = None
 
     @model_validator(mode="after")
     def _datum(self) -> PartTable:
@@ -308,15 +308,15 @@ class LimitsTable(Table):
 
 
 class CellTables(Versioned):
-    """A whole cell file."""
+    """A whole cell file; ``part``, ``tools`` and ``material`` may be left out where nothing is milled (calibration)."""
 
     name: Annotated[str, Field(min_length=1)]
     robot: RobotTable
     end_effector: tuple[BodyTable, ...] = ()
     tcp: PoseTable
-    part: PartTable
-    tools: Annotated[list[ToolTable], Field(min_length=1)]
-    material: MaterialTable
+    part: PartTable | None = None
+    tools: tuple[ToolTable, ...] = ()
+    material: MaterialTable | None = None
     posture: PostureTable = PostureTable()
     controller: ControllerTable = ControllerTable()
     dynamics: DynamicsTable = DynamicsTable()

@@ -24,9 +24,9 @@ class CellModel:
         nominal_robot: As the robot controller has it, without calibrations.
         nominal_end_effector: Likewise.
         calibration: Earlier calibration by segment, (6,) displacements; empty where there is none.
-        force_law: Of the material.
+        law_of: Gives the force law of the material; raises where the cell file has no material.
         cutter_of: The tool with a program's number.
-        T_base_part: (4, 4) part frame.
+        frame_of: Gives the (4, 4) part frame in the robot base; raises where the cell file has no part.
         branch: Posture, one of :data:`counterflex.robot.opw.BRANCHES`.
         joint_margin_rad: Distance that measurements keep from the joint limits.
         rotation_about_tool_rad: Free rotation about the tool axis that programs are run with.
@@ -42,15 +42,25 @@ class CellModel:
     nominal_robot: Robot
     nominal_end_effector: EndEffector
     calibration: Mapping[str, Float]
-    force_law: ForceLaw
+    law_of: Callable[[], ForceLaw]
     cutter_of: Callable[[int], Cutter]
-    T_base_part: Float
+    frame_of: Callable[[], Float]
     branch: str
     joint_margin_rad: float
     rotation_about_tool_rad: float = 0.0
     blank_part: Float | None = None
     datum_points_part: Float | None = None
     tables: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def force_law(self) -> ForceLaw:
+        """Force law of the material. Raises FileFormatError where the cell file has none."""
+        return self.law_of()
+
+    @property
+    def T_base_part(self) -> Float:
+        """(4, 4) part frame in the robot base. Raises FileFormatError where the cell file has none."""
+        return self.frame_of()
 
     @property
     def chain(self) -> ElasticChain:
