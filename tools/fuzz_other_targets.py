@@ -1,8 +1,7 @@
-"""Further readers of what comes from outside: ADS, operator, requests to a force sensor, tracker logs, robot files."""
+"""Further readers of what comes from outside: ADS, requests to a force sensor, tracker logs, robot files."""
 
 from __future__ import annotations
 
-import json
 import math
 import struct
 from collections.abc import Callable
@@ -13,7 +12,6 @@ import numpy as np
 
 from counterflex.core.errors import CounterflexError, FileFormatError, ProtocolError
 from counterflex.files.tracker_log import measurements
-from counterflex.links.operator_port import read_request
 from counterflex.twin.ads_server import AdsServer, PlcVariable
 from counterflex.wire import ads, netft
 from counterflex.wire.egm_calls import parse_egm_calls
@@ -24,7 +22,6 @@ from counterflex.wire.rsi_setup import OnlineLimits
 from fuzz_target import Finding, Target
 
 _ROOT = Path(__file__).resolve().parents[1]
-_TOKEN = "0123456789abcdef0123456789abcdef"
 
 
 def _refused(read: Callable[[bytes], object]) -> Callable[[bytes], bool]:
@@ -79,25 +76,6 @@ def ads_frames(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of
         return True
 
     return Target(seeds, False, check, _refused(ads.read_frame))
-
-
-def operator(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of it is compiled
-    """Requests to the operator's port."""
-    seeds = [json.dumps({"token": _TOKEN, "do": do}).encode() for do in ("status", "stop", "reset", "arm")]
-    seeds += [json.dumps({"token": "x", "do": "arm"}).encode(), b"[]", b"1", b'{"token": 1, "do": [2]}']
-
-    def check(data: bytes) -> bool:
-        found = read_request(data, _TOKEN)
-        try:
-            said = json.loads(data)
-        except (ValueError, RecursionError):
-            said = None
-        fits = isinstance(said, dict) and said.get("token") == _TOKEN and isinstance(said.get("do"), str)
-        if fits != (found is not None):
-            raise Finding(f"read {found!r}")
-        return found is not None
-
-    return Target(seeds, True, check, lambda data: read_request(data, _TOKEN))
 
 
 def requests(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of it is compiled
@@ -205,7 +183,6 @@ def rapid(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of it i
 
 OTHERS: dict[str, Callable[..., Target]] = {
     "ads": ads_frames,
-    "operator": operator,
     "netft-request": requests,
     "tracker-log": tracker_log,
     "rsi-context": rsi_context,
