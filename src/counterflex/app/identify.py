@@ -39,6 +39,7 @@ from counterflex.identify.dataset import Dataset
 from counterflex.identify.recipe import Identification, Recipe
 from counterflex.identify.recipes import recipe as recipe_of
 from counterflex.identify.same_postures import joined
+from counterflex.identify.shared_rows import joined_by_rows, require_apart
 
 CELL: Final = "cell.toml"
 RESULT: Final = "result.json"
@@ -91,7 +92,7 @@ def prepare(
 
     Raises:
         FileFormatError: A file cannot be used.
-        InputError: Unknown recipe or setting, a dataset of a kind that the recipe does not use, the same rows twice.
+        InputError: Unknown recipe or setting, a dataset of a kind that the recipe does not use, a measurement twice.
     """
     recipe = recipe_of(name)
     chosen = read_settings(recipe, settings or {}, seed)
@@ -105,8 +106,8 @@ def prepare(
                 value=dataset.kind,
                 limit=", ".join(recipe.kinds),
             )
-    _check_apart((*fitted, *unseen))
-    return Task(recipe, known, joined(fitted), unseen, chosen)
+    require_apart(fitted, unseen)
+    return Task(recipe, known, joined_by_rows(joined(fitted)), unseen, chosen)
 
 
 def _named_apart(*parts: tuple[Dataset, ...]) -> tuple[tuple[Dataset, ...], ...]:
@@ -121,23 +122,6 @@ def _named_apart(*parts: tuple[Dataset, ...]) -> tuple[tuple[Dataset, ...], ...]
         )
         for part in parts
     )
-
-
-def _check_apart(datasets: Sequence[Dataset]) -> None:
-    """No row of a file is used twice: it would be counted twice, or predicted from itself."""
-    seen: dict[str, list[Dataset]] = {}
-    for dataset in datasets:
-        file = str(Path(dataset.file).resolve())
-        for other in seen.setdefault(file, []):
-            both = np.intersect1d(dataset.line, other.line)
-            if len(both):
-                raise InputError(
-                    "two datasets hold the same rows of a file",
-                    where=f"{dataset.file}:{int(both[0])}",
-                    value=f"{other.where} and {dataset.where}",
-                    hint="Divide the file by [rows] first_line, last_line, or give it once",
-                )
-        seen[file].append(dataset)
 
 
 def run(

@@ -148,7 +148,8 @@ class Raw:
         source = self._source()
         sigma, note = self._sigma(raw, numbers, values, rows, group)
         unit = " ".join(dict.fromkeys(self.kind.si_units(numbers.shape[1])))
-        return Channel(self.name, values, sigma, unit, source + note)
+        columns = self.cells.names if self.table.constant is None else ()
+        return Channel(self.name, values, sigma, unit, source + note, columns)
 
     def _source(self) -> str:
         return f"{self.where} ({', '.join(self.cells.names)})"

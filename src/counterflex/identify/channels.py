@@ -236,6 +236,21 @@ KINDS: Final[dict[str, str]] = {
 }
 """Kinds of datasets, in words."""
 
+MEASURED_IN: Final[dict[str, tuple[str, ...]]] = {
+    "tracker_poses": ("p_tracker_target", "R_tracker_target"),
+    "tracker_points": ("p_tracker_target",),
+    "distances": ("distance",),
+    "planes": ("q",),
+    "pulls": ("d_tcp_base", "d_tracker_target"),
+    "cubes": ("d_before_base", "d_after_base"),
+    "sensor_poses": ("w_sensor",),
+    "sensor_motion": ("w_sensor",),
+    "holder_loads": ("strain",),
+    "slots": ("f_tcp_part", "f_tcp_base", "w_sensor"),
+    "fiducials": ("p_tracker_fiducial",),
+}
+"""Channels that hold what was measured, the others saying at what; of kinds that are not here every channel counts."""
+
 CHANNELS_OF: Final[dict[str, tuple[str, ...]]] = {
     "tracker_poses": ("q", "p_tracker_target", "R_tracker_target"),
     "tracker_points": ("q", "p_tracker_target"),

@@ -24,6 +24,7 @@ class Channel:
         sigma: (n, k) standard deviations, SI (rad for rotations), or None where the file states none.
         unit: SI unit of the values.
         source: File and columns, for messages.
+        columns: Headers of the columns it was read from; empty for constants and for data made in memory.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Channel:
     sigma: Float | None
     unit: str
     source: str
+    columns: tuple[str, ...] = ()
 
     def need_sigma(self) -> Float:
         """The standard deviations.
