@@ -136,6 +136,15 @@ def test_every_page_says_of_each_command_whether_it_is_run() -> None:
     assert left_out < run / 4
 
 
+def test_a_reason_is_that_of_its_own_block_alone() -> None:
+    tool = _load()
+    text = (
+        "<!-- not run: takes an hour -->\n```\ncounterflex soak\n```\nWords between.\n\n"
+        "<!-- not run: needs a robot -->\n```\ncounterflex rsi check\n```\n"
+    )
+    assert dict(tool.read_page(text).left_out) == {"takes an hour": 1, "needs a robot": 1}
+
+
 def test_a_page_goes_on_from_another(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
