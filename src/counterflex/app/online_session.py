@@ -27,6 +27,7 @@ from counterflex.links.session import OnlineSession, SessionChecks, tracker_fram
 from counterflex.links.telegram_watch import WatchSettings
 from counterflex.links.tracker_link import TrackerLink
 from counterflex.plan.plan import Plan
+from counterflex.runtime.axis_check import AxisCheck
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.motor_torque import MotorTorque
 from counterflex.runtime.record_ring import RecordRing
@@ -170,6 +171,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         wrench=wrench,
         inertia=inertia,
         currents=motors,
+        angles=_axis_check(cell, table, loop),
         tracker=tracker,
         T_part_tracker=frames[0],
         T_target_tcp=frames[1],
@@ -182,6 +184,14 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         ),
         watch=WatchSettings(clock=not settings.lockstep),
     )
+
+
+def _axis_check(cell: Cell, table: OnlineTable, loop: Loop) -> AxisCheck | None:
+    """Axis angles against poses: by the geometry that the controller computes with."""
+    tolerance = table.axis_tolerance
+    if tolerance is None:
+        return None
+    return AxisCheck(cell.controller_chain, cell.T_base_part, loop.settings.period_s, tolerance)
 
 
 def _motors(settings: RunSettings, cell: Cell, table: OnlineTable, planned: bool) -> MotorTorque | None:

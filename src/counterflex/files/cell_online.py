@@ -10,6 +10,7 @@ from pydantic import Field, field_validator
 from counterflex.core.units import DEG, MM, MS, PERCENT, UM, URAD
 from counterflex.files.cell_timing import TimingTable
 from counterflex.files.schema import Table
+from counterflex.runtime.axis_tolerance import AxisTolerance
 from counterflex.runtime.fusion import FusionTuning
 from counterflex.runtime.settings import (
     Delays,
@@ -89,6 +90,11 @@ class OnlineTable(Table):
     hard_factor: Annotated[float, Field(ge=1.0, le=3.0)] = 1.5
     ramp_mm_s: Above = 2.0
     without_log: Literal["warn", "hold"] = "warn"
+    axis_check: bool = True
+    axis_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 2.0
+    axis_deg: Annotated[float, Field(gt=0.0, le=10.0)] = 0.2
+    frame_offset_mm: Annotated[float, Field(gt=0.0, le=1000.0)] = 20.0
+    frame_offset_deg: Annotated[float, Field(gt=0.0, le=45.0)] = 3.0
 
     @field_validator("mode")
     @classmethod
@@ -158,6 +164,15 @@ class OnlineTable(Table):
             hard_factor=self.hard_factor,
             ramp_m_s=self.ramp_mm_s * MM,
             supervisor=_supervisor(self.period_ms),
+        )
+
+    @property
+    def axis_tolerance(self) -> AxisTolerance | None:
+        """How far axis angles and pose of a telegram may disagree; None: they are not held against each other."""
+        if not self.axis_check:
+            return None
+        return AxisTolerance(
+            self.axis_mm * MM, self.axis_deg * DEG, self.frame_offset_mm * MM, self.frame_offset_deg * DEG
         )
 
     @property

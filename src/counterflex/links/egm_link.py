@@ -13,6 +13,7 @@ from counterflex.geometry import pose
 from counterflex.links.robot_port import Counters, RobotPort, Verdict
 from counterflex.links.session_counter import SessionCounter
 from counterflex.runtime import layout as at
+from counterflex.runtime.axis_check import ABSENT, EXACT
 from counterflex.wire.egm import RobotState, read_robot
 
 LARGEST_DATAGRAM: Final = 4096
@@ -42,6 +43,8 @@ class EgmLink:
         enable: The program runs a movement that can be corrected.
         clamped: The controller limits the motion (utilization above 100 %).
         force: (6,) N, N m that the robot measures itself, of the newest message, or None.
+        commanded_is: ABSENT: what is planned is not held against the angles, which are measured.
+        measured_is: EXACT: angles and pose of the feedback.
 
     Raises:
         OutputError: The port cannot be bound.
@@ -67,6 +70,7 @@ class EgmLink:
         self.job = 0
         self.clamped = False
         self.force: Float | None = None
+        self.commanded_is, self.measured_is = ABSENT, EXACT
         self._state: RobotState | None = None
         self._last: RobotState | None = None
         self._cycle_ms = max(1, round(self.period_s * 1e3))

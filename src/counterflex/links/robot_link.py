@@ -29,6 +29,11 @@ class RobotLink(Protocol):
     job: int
     """Number of the job that the robot program says it is of; 0: it says none."""
 
+    commanded_is: int
+    """How the commanded pose belongs to the axis angles, see :class:`counterflex.runtime.axis_check.AxisCheck`."""
+    measured_is: int
+    """Likewise the pose of :meth:`fill_actual`, or ABSENT: it is not held against them."""
+
     @property
     def address(self) -> tuple[str, int]:
         """Where telegrams are expected."""

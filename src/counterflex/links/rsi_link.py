@@ -13,6 +13,7 @@ from counterflex.links.robot_port import Counters, RobotPort, Verdict
 from counterflex.links.rsi_answer_kernel import answer
 from counterflex.links.session_counter import SessionCounter
 from counterflex.runtime import layout as at
+from counterflex.runtime.axis_check import ABOUT, ABSENT, EXACT
 from counterflex.runtime.supervisor import State
 from counterflex.wire.kuka_pose_kernel import read_pose, read_stand
 from counterflex.wire.rsi_config import RsiConfig
@@ -41,6 +42,8 @@ class RsiLink:
         enable: Free tag ``Enable`` of the robot program; True where the configuration has none.
         clamped: The controller says that it limits the correction (free tag ``....Stat`` above 1).
         job: Number of the job that the program says it is of: ``Enable`` above 1; 0: it says none.
+        commanded_is: Whether set angles come with a set pose or measured with measured ones (EXACT), or not (ABOUT).
+        measured_is: Likewise the measured pose; ABSENT without RIst.
 
     Raises:
         InputError: The configuration lacks what a correction needs.
@@ -72,6 +75,9 @@ class RsiLink:
         self._nominal = self._reader.place(*(f"{pose}.{a}" for a in "XYZABC"))
         self._axes = self._reader.place(*(f"{axes}.A{i}" for i in range(1, 7)))
         self._actual = self._reader.place(*(f"RIst.{a}" for a in "XYZABC")) if "RIst.X" in names else None
+        set_angles = axes == "ASPos"
+        self.commanded_is = EXACT if set_angles == (pose == "RSol") else ABOUT
+        self.measured_is = ABSENT if self._actual is None else ABOUT if set_angles else EXACT
         self._currents = self._reader.place(*_CURRENTS) if set(_CURRENTS) <= set(names) else None
         self._delay = self._reader.place("Delay.D")[0] if "Delay.D" in names else -1
         self._enable = self._reader.place("Enable")[0] if "Enable" in names else -1

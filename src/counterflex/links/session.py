@@ -25,6 +25,7 @@ from counterflex.links.telegram_watch import TelegramWatch, WatchSettings
 from counterflex.links.tracker_link import TrackerLink
 from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record
+from counterflex.runtime.axis_check import ABSENT, AxisCheck
 from counterflex.runtime.fusion import Source
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.motor_torque import MotorTorque
@@ -92,6 +93,7 @@ class OnlineSession:
         wrench: Its reading as process wrench; needed with ``force``.
         inertia: Takes the inertia of the spindle out of it, or None.
         currents: Torque of the motor currents that the robot sends, for the estimator; None leaves them.
+        angles: Holds the axis angles of each telegram against its poses; None: they are believed.
         tracker: Tracker, or None.
         T_part_tracker: (4, 4) tracker in the part frame; needed with ``tracker``.
         T_target_tcp: (4, 4) tool tip in the tracker's target; needed with ``tracker``.
@@ -118,6 +120,7 @@ class OnlineSession:
         wrench: SensorWrench | None = None,
         inertia: SpindleInertia | None = None,
         currents: MotorTorque | None = None,
+        angles: AxisCheck | None = None,
         tracker: TrackerLink | None = None,
         T_part_tracker: Float | None = None,
         T_target_tcp: Float | None = None,
@@ -129,12 +132,15 @@ class OnlineSession:
     ) -> None:
         self.link, self.loop, self.force, self.tracker, self.ring = link, loop, force, tracker, ring
         self._wrench, self._inertia, self._motors = wrench, inertia, currents
+        self._angles = angles
         self._current_age = _FORGET_CYCLES
         self._torque: Float = loop.given[at.G_TORQUE : at.G_TORQUE + 6]
         self._q: Float = loop.given[at.G_Q : at.G_Q + 6]
         self._w: Float = loop.given[at.G_W : at.G_W + 6]
         self._flags, self._outcome = loop.flags.data, loop.outcome.data  # read faster than arrays
         self._stand: Float = np.zeros(at.GIVEN)
+        self._commanded: Float = loop.given[at.G_NOMINAL : at.G_NOMINAL + 12]
+        self._reached: Float = self._stand[at.G_ACTUAL : at.G_ACTUAL + 12]
         self._since = 0
         self._T_part_tracker = np.eye(4) if T_part_tracker is None else np.ascontiguousarray(T_part_tracker)
         self._T_target_tcp = np.eye(4) if T_target_tcp is None else np.ascontiguousarray(T_target_tcp)
@@ -214,6 +220,8 @@ class OnlineSession:
             link.fill(given)
             flags[at.F_REPORTED] = int(link.fill_reported(given))
         soft, hard = self._watch_telegrams(came, received, hard)
+        if came and self._angles is not None:
+            soft = self._watch_angles(self._angles) or soft
         self._since += link.elapsed if came else 0
         new = 0
         try:
@@ -301,6 +309,20 @@ class OnlineSession:
         )
         self._repeated = counters.repeated
         return soft, hard or found
+
+    def _watch_angles(self, angles: AxisCheck) -> int:
+        """Cause of a hold where angles and poses of the telegram disagree: before a sensor is read by the angles."""
+        link = self.link
+        told = link.measured_is != ABSENT and link.fill_actual(self._stand)
+        return angles(
+            self._q,
+            self._commanded,
+            self.loop.correction,
+            learn=self._outcome[at.O_STATE] <= _READY,
+            commanded_is=link.commanded_is,
+            measured=self._reached if told else None,
+            measured_is=link.measured_is,
+        )
 
     def _watch_program(self, soft: int, hard: int, now_ns: int) -> tuple[int, int]:
         """What is wrong on this side: the loop's own program, the job, the log, the other processes of the run."""

@@ -74,3 +74,7 @@ class Cause(IntEnum):
     """It repeats its last pose while the tool moves."""
     TRACKER_STAMP = 37
     """Its time stamps cannot be."""
+    AXIS_ANGLES = 38
+    """Axis angles and pose of the same telegram do not belong together."""
+    FRAME_OFFSET = 39
+    """They do, but for an offset that is too large: BASE or TOOL of the program is not that of the cell file."""

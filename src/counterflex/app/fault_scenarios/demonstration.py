@@ -14,6 +14,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.links.netft_link import NetftLink
 from counterflex.links.rsi_link import RsiLink
 from counterflex.links.session import OnlineSession, SessionChecks
+from counterflex.robot.chain import forward
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.sensor_wrench import SensorWrench
@@ -41,6 +42,14 @@ def demo_config() -> RsiConfig:
     """Its RSI configuration."""
     with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as file:
         return read_config(file)
+
+
+@functools.cache
+def standing() -> Float:
+    """(4, 4) tool in the part frame at the angles :data:`Q`, by the geometry that its controller computes with."""
+    cell = demo_cell()
+    out: Float = pose.inverse(cell.T_base_part) @ forward(cell.controller_chain, Q)
+    return out
 
 
 def reported(robot: FakeRsi, cycle: int, running: bool, gone: int | None = None) -> Report:

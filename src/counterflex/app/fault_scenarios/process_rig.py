@@ -19,13 +19,12 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from counterflex.app.fault_scenarios.demonstration import PERIOD_S, Q, demo_config
+from counterflex.app.fault_scenarios.demonstration import PERIOD_S, Q, demo_config, standing
 from counterflex.app.online_process import loop_process
 from counterflex.app.online_session import RunSettings
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
 from counterflex.files.run_log import RunLog
-from counterflex.geometry import pose, rotation
 from counterflex.links.control_array import CONTROL, Kept, Life, Request
 from counterflex.links.living import Beat
 from counterflex.links.shared_words import SharedWords
@@ -236,7 +235,7 @@ class ProcessRig:
         self.sensor.poll()
         for _ in range(_SAMPLES):
             self.sensor.send(np.array([0.0, force_n, 0.0, 0.0, 0.0, 0.0]) + 0.3 * self._noise.standard_normal(6))
-        T = pose.make(rotation.about_x(np.pi), np.array([0.05, 0.0, 0.0]))
+        T = standing()
         corrected, offset = T.copy(), self.robot.pose_correction()
         corrected[:3, 3] += offset[:3]
         report = Report(self._cycles * PERIOD_S, T, corrected, Q, Q, force_n != 0.0, False)
