@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,7 +30,8 @@ A2 = 1
 
 def along(n: int = 600) -> Float:
     """(n, 6) rad, a motion of all axes, the tool turned by tens of degrees."""
-    return BEGIN + np.linspace(0.0, 1.0, n)[:, None] * (END - BEGIN)
+    out: Float = BEGIN + np.linspace(0.0, 1.0, n)[:, None] * (END - BEGIN)
+    return out
 
 
 def controller_poses(q: Float, *, base: Float | None = None, tool: Float | None = None) -> Float:
@@ -83,12 +85,17 @@ def test_geometry_of_the_controller_may_differ_by_tenths() -> None:
     assert {check(a.copy(), p, NO_CORRECTION, learn=False) for a, p in zip(q, shown, strict=True)} == {Cause.NONE}
 
 
+Wrong = Callable[[Float], Float]
+
+
 def _plus_20(q: Float) -> Float:
-    return q + 20.0 * DEG * np.eye(6)[A2]
+    out: Float = q + 20.0 * DEG * np.eye(6)[A2]
+    return out
 
 
 def _sign(q: Float) -> Float:
-    return q * np.where(np.arange(6) == 3, -1.0, 1.0)
+    out: Float = q * np.where(np.arange(6) == 3, -1.0, 1.0)
+    return out
 
 
 def _degrees(q: Float) -> Float:
@@ -103,11 +110,11 @@ def _swapped(q: Float) -> Float:
     return q[[0, 2, 1, 3, 4, 5]]
 
 
-WRONG = [_plus_20, _sign, _degrees, _radians_as_degrees, _swapped]
+WRONG: list[Wrong] = [_plus_20, _sign, _degrees, _radians_as_degrees, _swapped]
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_wrong_angles_in_one_telegram_are_told_in_it_and_not_used(wrong) -> None:  # type: ignore[no-untyped-def]
+def test_wrong_angles_in_one_telegram_are_told_in_it_and_not_used(wrong: Wrong) -> None:
     """The last angles that agreed stand in their place; the next telegram is believed again."""
     q = along()
     shown = controller_poses(q, tool=small(5.0, 0.0))
@@ -122,7 +129,7 @@ def test_wrong_angles_in_one_telegram_are_told_in_it_and_not_used(wrong) -> None
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_angles_that_were_never_right_are_told_before_arming(wrong) -> None:  # type: ignore[no-untyped-def]
+def test_angles_that_were_never_right_are_told_before_arming(wrong: Wrong) -> None:
     q = along()[300]
     shown = controller_poses(q[None])[0]
     check = AxisCheck(CELL.controller_chain, CELL.T_base_part, PERIOD_S)
@@ -192,6 +199,24 @@ def test_a_measured_pose_may_trail_the_commanded_one_but_not_lie_beside_it() -> 
     turned = shown[400 - lag].copy()
     turned[:9] = (rotation.about_z(90.0 * DEG) @ turned[:9].reshape(3, 3)).reshape(-1)
     assert told(401, turned) == Cause.AXIS_ANGLES
+
+
+def test_a_pose_that_jumps_beside_measured_angles_stays_told() -> None:
+    """RIst as the only pose beside set angles: 100 mm for a second are told in every cycle, then it goes on."""
+    q = along()
+    shown = controller_poses(q)
+    check = AxisCheck(CELL.controller_chain, CELL.T_base_part, PERIOD_S)
+
+    def told(k: int, at: Float, *, learn: bool = False) -> int:
+        return check(q[k].copy(), at, NO_CORRECTION, learn=learn, commanded_is=ABOUT)
+
+    for _ in range(60):
+        assert told(0, shown[0], learn=True) == Cause.NONE
+    assert {told(k, shown[max(0, k - 15)]) for k in range(200)} == {Cause.NONE}
+    jumped = shown[185].copy()
+    jumped[10] += 0.1
+    assert {told(200, jumped) for _ in range(250)} == {Cause.AXIS_ANGLES}
+    assert told(200, shown[185]) == Cause.NONE
 
 
 def test_what_is_no_number_is_left_to_the_step() -> None:

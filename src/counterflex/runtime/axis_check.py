@@ -54,7 +54,7 @@ class AxisCheck:
         ):
             self._limits[place] = value
         rows = max(2, round(_TRAIL_S / as_positive("period_s", period_s)))
-        self._trail: Float = np.zeros((rows, 12))
+        self._trail: Float = np.zeros((rows, 24))
         self._trig: Float = np.zeros(12)
         self._frame: Float = np.zeros((chain.compact.stations + 1, 12))
         self._work: Float = np.zeros((5, 12))

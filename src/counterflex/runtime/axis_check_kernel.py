@@ -51,17 +51,18 @@ _LEARN = 0.1
 _STANDS_M = 0.1e-3
 
 
-@kernel("void(float64[:, ::1], int64, float64[::1], float64[::1])")
-def _travelled(trail: Float, rows: int, pose: Float, out: Float) -> None:
-    """How far the commanded pose has gone from any of its last ones: (2,) m and rad."""
+@kernel("void(float64[:, ::1], int64, int64, float64[::1])")
+def _travelled(trail: Float, rows: int, last: int, out: Float) -> None:
+    """How far the last pose of the trail is from any before it, the commanded or that of the angles: (2,) m and rad."""
     way = turned = 0.0
     for i in range(rows):
-        p = t = 0.0
-        for k in range(9):
-            t += (pose[k] - trail[i, k]) ** 2
-        for k in range(9, 12):
-            p += (pose[k] - trail[i, k]) ** 2
-        way, turned = max(way, p), max(turned, t)
+        for begin in (0, 12):
+            p = t = 0.0
+            for k in range(begin, begin + 9):
+                t += (trail[last, k] - trail[i, k]) ** 2
+            for k in range(begin + 9, begin + 12):
+                p += (trail[last, k] - trail[i, k]) ** 2
+            way, turned = max(way, p), max(turned, t)
     out[0] = math.sqrt(way)
     out[1] = 2.0 * math.asin(min(1.0, math.sqrt(turned / 8.0)))
 
@@ -99,8 +100,8 @@ def angles_agree(
 
     c is the correction that was sent: whether a controller's set angles contain it differs. a is the angle and s the
     way from the pose at which the offset was learnt: a constant error of TOOL turns with the tool, one of BASE grows
-    with the way. w and u are way and turn of the commanded pose over the trail, for a pose that is only ABOUT that of
-    the angles. Until an offset is known its largest size takes the place of L and l.
+    with the way. w and u are 0; for a pose that is only ABOUT that of the angles, way and turn of the last poses that
+    agreed, over the trail. Until an offset is known its largest size takes the place of L and l.
 
     Args:
         q: (6,) rad.
@@ -116,7 +117,7 @@ def angles_agree(
         limits: (LIMITS,).
         trig: (12,) work space.
         frame: (m + 1, 12) work space.
-        trail: (n, 12) last commanded poses; changed.
+        trail: (n, 24) last commanded poses and those of the angles, that agreed; changed.
         work: (5, 12) work space.
         nothing: (6,) zeros.
         memory: (REMEMBERED,); changed.
@@ -143,17 +144,18 @@ def angles_agree(
             T_part_base[3 * i] * tip[9] + T_part_base[3 * i + 1] * tip[10] + T_part_base[3 * i + 2] * tip[11]
         )
     way, found, change = work[1, :2], work[2, :6], work[2, 6:12]
-    _travelled(trail, counts[N_TRAIL], commanded, way)
-    for k in range(12):
-        trail[counts[N_NEXT], k] = commanded[k]
-    counts[N_NEXT] = (counts[N_NEXT] + 1) % trail.shape[0]
-    counts[N_TRAIL] = min(counts[N_TRAIL] + 1, trail.shape[0])
     offset, place = memory[M_OFFSET : M_OFFSET + 6], memory[M_PLACE : M_PLACE + 12]
     lead = work[3]
     for k in range(12):
         lead[k] = measured[k] if measured_is == EXACT else commanded[k]
     exact = measured_is == EXACT or commanded_is == EXACT
-    if learn and (exact or way[0] < _STANDS_M):
+    rows = counts[N_TRAIL]
+    last = (counts[N_NEXT] + trail.shape[0] - 1) % trail.shape[0]
+    stands = exact
+    if learn and not exact:
+        _travelled(trail, rows, last, way)
+        stands = way[0] < _STANDS_M
+    if learn and stands:
         pose_deviation(lead, 0, own, nothing, found)
         share = _LEARN if counts[N_LEARNT] == 1 else 1.0
         for k in range(6):
@@ -189,8 +191,17 @@ def angles_agree(
         apart_m = math.sqrt(change[0] ** 2 + change[1] ** 2 + change[2] ** 2)
         apart_rad = math.sqrt(change[3] ** 2 + change[4] ** 2 + change[5] ** 2)
         memory[M_FOUND], memory[M_FOUND + 1] = max(memory[M_FOUND], apart_m), max(memory[M_FOUND + 1], apart_rad)
-        late_m, late_rad = (way[0], way[1]) if belongs == ABOUT else (0.0, 0.0)
-        wrong = wrong or not (apart_m <= least_m + late_m and apart_rad <= least_rad + late_rad)
+        agrees = apart_m <= least_m and apart_rad <= least_rad
+        if belongs == ABOUT and not agrees:
+            _travelled(trail, rows, last, way)
+            agrees = apart_m <= least_m + way[0] and apart_rad <= least_rad + way[1]
+        wrong = wrong or not agrees
+    if learn or not wrong:  # a pose that is doubted does not widen what is allowed
+        for k in range(12):
+            trail[counts[N_NEXT], k] = commanded[k]
+            trail[counts[N_NEXT], 12 + k] = own[k]
+        counts[N_NEXT] = (counts[N_NEXT] + 1) % trail.shape[0]
+        counts[N_TRAIL] = min(rows + 1, trail.shape[0])
     if learn and not (large_m <= limits[L_OFFSET_M] and large_rad <= limits[L_OFFSET_RAD]):
         return OFFSET_TOO_LARGE
     if wrong:
