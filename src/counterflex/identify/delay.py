@@ -16,6 +16,7 @@ from counterflex.identify.correlated import with_correlation
 from counterflex.identify.delay_residuals import Basis, DelayResiduals, Order, Places
 from counterflex.identify.fit import Fit
 from counterflex.identify.holdout import HeldOut, cross_validate
+from counterflex.identify.jackknife import stretches, widened, with_jackknife
 from counterflex.identify.parameters import Parameter, Parameters
 from counterflex.identify.solve import Stop, solve
 from counterflex.identify.stamped import Stamped
@@ -133,8 +134,10 @@ def find_delay(pair: Pair, order: Order | Literal["auto"] = "auto", *, robust: b
         robust: See :func:`counterflex.identify.solve.solve`.
 
     Returns:
-        The fit. Standard deviations are the larger of the sandwich estimate of
-        :mod:`counterflex.identify.correlated` and the jackknife over the held-out stretches.
+        The fit. Standard deviations are the largest of the sandwich estimate of
+        :mod:`counterflex.identify.correlated`, the jackknife over ten stretches in order of time
+        (:mod:`counterflex.identify.jackknife`: what the model lacks lasts as long as a motion does, which the
+        sandwich cuts off) and the jackknife over the folds held out.
 
     Raises:
         InputError: The reference does not move, or the records do not overlap.
@@ -244,7 +247,9 @@ def _fitted(pair: Pair, order: Order, shift: float, robust: bool) -> Delay:
         block = block.subset(size <= GROSS * float(np.median(size)))
         start = _refined(parameters, block, start)
     stop = Stop(tolerance=1e-9, evaluations=20)
-    fit = with_correlation(solve(parameters, [block], robust=False, start=start, stop=stop), [block])
+    independent = solve(parameters, [block], robust=False, start=start, stop=stop)
+    apart = with_jackknife(independent, [block], stretches([block]))
+    fit = widened(with_correlation(independent, [block]), np.diag(apart.covariance))
     held_out = cross_validate(
         parameters, [block], needed=needed, start=fit.values, robust=False, stop=Stop(tolerance=1e-7, evaluations=10)
     )

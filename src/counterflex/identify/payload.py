@@ -17,6 +17,7 @@ from counterflex.identify.changes import BodyMass, Change, TableValues
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
 from counterflex.identify.holdout import HeldOut, score_separate
+from counterflex.identify.jackknife import parts_of_groups, with_jackknife
 from counterflex.identify.model import CellModel
 from counterflex.identify.payload_choice import FORCE_N, HEIGHT_M, MOMENT_NM, NEAR_SHARE, propose
 from counterflex.identify.payload_data import KINDS, check_orientations, clock, readings, shared_mass, with_mass_behind
@@ -140,6 +141,7 @@ def identify(
     chosen = parameters(before, known, effects)
     blocks = [block_of(d, chain, rest.hose_from) for d in data]
     fit = solve(chosen, blocks)
+    fit = with_jackknife(fit, blocks, parts_of_groups(blocks))
     remarks += payload_weight.check_rest(blocks, fit, as_stated=bool(s["as_stated"]))
     unseen = [block_of(d, chain, rest.hose_from) for d in holdout]
     if unseen:
