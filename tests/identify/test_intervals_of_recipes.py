@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from counterflex.app.cell_model import model_of
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.files.cell import read_cell
 from counterflex.files.dataset_file import read_dataset
 from counterflex.geometry import rotation
@@ -47,7 +47,7 @@ def test_intervals_hold_with_what_the_model_of_the_kr300_lacks(kuka: Delay) -> N
     ideal, left = block.predict(truth), block.measured - block.predict(truth)
     rng, n = np.random.default_rng(0), len(left)
     wanted = [i for i, name in enumerate(kuka.parameters.names) if "delay" in name or "compliance" in name]
-    inside: dict[str, list[Float]] = {"before": [], "now": []}
+    inside: dict[str, list[Bool]] = {"before": [], "now": []}
     for _ in range(DRAWN):
         shifted = [np.roll(left[:, c], rng.integers(n)) * rng.choice([-1.0, 1.0]) for c in range(left.shape[1])]
         drawn = replace(block, measured=ideal + np.stack(shifted, axis=1))
@@ -107,7 +107,8 @@ def test_intervals_of_the_payload_hold_where_single_components_are_worse_than_st
     """Two components of the force are four times as noisy as stated: one factor for all six promises too much."""
     sigma = np.array([0.5, 0.5, 0.5, 0.1, 0.1, 0.1])
     free = parameters(SENSOR, Knowledge(), Effects())
-    before, now = [], []
+    before: list[list[bool]] = []
+    now: list[list[bool]] = []
     for seed in range(DRAWN):
         rng = np.random.default_rng(seed)
         noise = sigma * np.array([4.0, 4.0, 1.0, 1.0, 1.0, 1.0]) * rng.standard_normal((count, 6))
@@ -116,7 +117,7 @@ def test_intervals_of_the_payload_hold_where_single_components_are_worse_than_st
         wide = with_jackknife(fit, [block], parts_of_groups([block]))
         for one, into in ((fit, before), (wide, now)):
             off = np.abs(one.values - free.nominal)
-            into.append([off[i] < 1.96 * one.sigma[i] for i in (0, 1, 6)])
+            into.append([bool(off[i] < 1.96 * one.sigma[i]) for i in (0, 1, 6)])
     assert np.mean(before) < 0.9
     assert 0.92 < np.mean(now) < 0.99
 
@@ -138,9 +139,8 @@ class Line:
         out: Float = -np.stack([np.ones_like(self.t), self.t], axis=1).reshape(-1, 1, len(x))
         return out
 
-    def subset(self, rows: Float) -> Line:
-        kept = np.asarray(rows, dtype=bool)
-        return Line(self.t[kept], self.y[kept], self.group[kept])
+    def subset(self, rows: Bool) -> Line:
+        return Line(self.t[rows], self.y[rows], self.group[rows])
 
 
 def line(rng: np.random.Generator, noise: Float) -> tuple[Parameters, Line, Fit]:
