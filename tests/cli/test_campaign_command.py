@@ -35,7 +35,7 @@ def test_an_interrupted_campaign_keeps_what_it_has(
     with monkeypatch.context() as patched:
         patched.setattr("counterflex.cli.campaign.progress_bar", _stops_at(0.5))
         stopped = counterflex(*command, "--workers", "1")
-    assert stopped.status == 2
+    assert stopped.status == 130
     assert "finished steps are kept" in stopped.err
     assert "The same command goes on" in stopped.err
     assert not (folder / "out" / "summary.json").exists()
@@ -49,7 +49,7 @@ def test_an_interrupted_campaign_keeps_what_it_has(
     ("words", "said"),
     [
         ((), "--twin or --seeds"),
-        (("--seeds", "1", "--twin", "truth.toml"), "--twin or --seeds"),
+        (("--seeds", "1", "--twin", "cell.toml"), "--twin or --seeds"),
         (("--seeds", "1", "--recipe", "weather"), "weather"),
         (("--twin", "nowhere.toml"), "nowhere.toml"),
     ],

@@ -88,7 +88,8 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     small = {"cell.toml": (folder / "cell.toml").read_text(encoding="utf-8")}
     small["part.ngc"] = (folder / "part.ngc").read_text(encoding="utf-8")
     rsi = examples.text("rsi.xml")
-    monkeypatch.setattr(examples, "text", lambda name: small[name])
+    shipped = examples.text
+    monkeypatch.setattr(examples, "text", lambda name: small.get(name) or shipped(name))
     words = shlex.split(example)
     if words[0] == "rsi":
         (folder / "rsi.xml").write_text(rsi, encoding="utf-8")
@@ -98,6 +99,7 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     if words[:2] == ["cell", "example"]:
         (folder / "cell.toml").unlink()
         (folder / "part.ngc").unlink()
+        (folder / "rsi.xml").unlink(missing_ok=True)
     if words[0] == "simulate":
         assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out").status == 0
         shutil.copy(machined.folder / "truth.toml", folder)

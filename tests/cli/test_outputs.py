@@ -17,7 +17,6 @@ from counterflex.app import examples
 WRITERS = {
     "path": ("path", "part.ngc", "--csv"),
     "truth": ("truth", "cell.toml", "--seed", "1", "--out"),
-    "record": ("twin", "rsi", "rsi.xml", "--wait-s", "0.01", "--peer", "127.0.0.1:9", "--record"),
     "log": ("twin", "proxy", "--listen", "127.0.0.1:0", "--to", "127.0.0.1:9", "--seconds", "0.01", "--log"),
 }
 
