@@ -88,11 +88,11 @@ def test_the_page_lists_every_identified_table() -> None:
     """Whoever adds a table that recipes write has to say whether planning uses it."""
     text = DOCS.read_text()
     section = text[text.index("## What planning uses") :]
-    for table in [*USED, *UNUSED]:
+    for table in [*USED, *UNUSED, "axis_sag"]:
         assert f"| `{table}` |" in section or f"| {table} |" in section, table
-    written = {"tracker", "sensor", "holder", "timing", "drive_error", "dynamics", "material"}
+    written = {"tracker", "sensor", "holder", "timing", "drive_error", "dynamics", "material", "axis_sag"}
     assert written <= set(CellTables.model_fields)
-    assert written <= set(USED) | UNUSED
+    assert written <= set(USED) | UNUSED | {"axis_sag"}
 
 
 def _erring(angle: Float, rows: list[list[float]]) -> Float:
@@ -129,6 +129,22 @@ def test_a_robot_without_periodic_errors_has_none_in_its_plan(tmp_path: Path, pr
     cell = read_cell(_cell(tmp_path, None, "rigid.toml"))
     plan = compensate(program(), cell, predict=False).plan
     assert not np.any(residual_sag(plan.path.p_part_tcp, plan.q, setting_of(cell)))
+
+
+def test_sag_of_a_robot_without_masses_changes_the_plan(tmp_path: Path, program: ProgramFile) -> None:
+    """A frame from outside: the whole turn of axes 2 and 3 by weight is undone at the tool."""
+    sag: dict[str, object] = {"axis2_by_link3_mrad": [1.0, 0.2], "axis3_by_link3_mrad": [0.5, 0.8]}
+    cell = read_cell(_cell(tmp_path, _set("axis_sag", value=sag), "rigid.toml"))
+    plan = compensate(program(), cell, predict=False).plan
+    off = residual_sag(plan.path.p_part_tcp, plan.q, setting_of(cell))
+    assert np.all(np.linalg.norm(off, axis=1) > 100 * UM)
+    # Where they are undone the links are at the angles that the controller has.
+    setting = setting_of(cell)
+    true = forward(setting.chain, setting.drive_errors.link_angles(plan.q))[:, :3, 3]
+    expected = (true - forward(setting.chain, plan.q)[:, :3, 3]) @ setting.T_base_part[:3, :3]
+    np.testing.assert_allclose(off, expected, atol=1 * UM)
+    contact = np.any(plan.w_tcp_part != 0.0, axis=1)
+    np.testing.assert_allclose(plan.correction_part[contact], -off[contact], atol=40 * UM)
 
 
 def test_a_path_beyond_the_measured_angles_is_told(tmp_path: Path, program: ProgramFile) -> None:

@@ -130,9 +130,10 @@ class Cell:
 
     @cached_property
     def drive_errors(self) -> DriveErrors:
-        """Periodic errors of the drives: from controller angles to those of ``chain`` and back."""
-        table = self.tables.drive_error
-        return DriveErrors() if table is None else table.errors()
+        """Periodic errors and sag of the drives: from controller angles to those of ``chain`` and back."""
+        table, sag = self.tables.drive_error, self.tables.axis_sag
+        errors = DriveErrors() if table is None else table.errors()
+        return errors if sag is None else replace(errors, sag=sag.sag(self.controller_chain))
 
     @cached_property
     def T_base_part(self) -> Float:
@@ -241,7 +242,7 @@ def resolve(tables: CellTables, path: Path) -> Cell:
     if tables.material is not None:
         with _said_of(f"{where}: material"):
             _ = cell.force_law
-    with _said_of(f"{where}: drive_error"):
+    with _said_of(f"{where}: {'drive_error' if tables.drive_error is not None else 'axis_sag'}"):
         _ = cell.drive_errors
     for tool in tables.tools:
         with _said_of(f"{where}: tool T{tool.number}"):

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from counterflex.files.cell_ads import AdsTable
+from counterflex.files.cell_axis_sag import AxisSagTable
 from counterflex.files.cell_controller import ControllerTable
 from counterflex.files.cell_dh import DhTable
 from counterflex.files.cell_drive_error import DriveErrorTable
@@ -325,6 +326,7 @@ class CellTables(Versioned):
     holder: HolderTable | None = None
     tracker: TrackerTable | None = None
     drive_error: DriveErrorTable | None = None
+    axis_sag: AxisSagTable | None = None
     timing: TimingTable | None = None
     online: OnlineTable | None = None
     ads: AdsTable | None = None

@@ -5,10 +5,11 @@ displacement (:mod:`counterflex.robot.calibration`)::
 
     T_base_tcp = D_base prod_i (fixed_i Rz(theta_i) E_i(c_i l_i) D_i) T_last_tcp D_tcp
 
-    theta_i = sign_i (q_j + sum_k (g_jk,sin sin(k q_j) + g_jk,cos (cos(k q_j) - 1))) + offset_i
+    theta_i = sign_i (q_j + sum_k (g_jk,sin sin(k q_j) + g_jk,cos (cos(k q_j) - 1)) + sum_t a_t u_jt(q)) + offset_i
 
-``l_i`` are the loads of own weight on element i, ``c_i`` its compliance; ``g`` are periodic errors of the drives.
-Parameters are the displacements ``D``, single compliances, masses and the ``g``; derivatives are exact (loads
+``l_i`` are the loads of own weight on element i, ``c_i`` its compliance; ``g`` are periodic errors of the drives, ``a``
+what own weight turns axes 2 and 3 by where masses are not known (:mod:`counterflex.robot.axis_sag`). Parameters are the
+displacements ``D``, single compliances, masses, the ``g`` and the ``a``; derivatives are exact (loads
 are taken where bodies hang at the compliances known before: what a change of sag changes is of second order).
 """
 
@@ -22,6 +23,7 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.geometry import pose, rotation
 from counterflex.geometry.rotation_derivative import left_jacobian
 from counterflex.identify.placed_frame import NO_PARAMETERS, components
+from counterflex.robot.axis_sag import turned_axis
 from counterflex.robot.calibration import BASE, TCP, displacement
 from counterflex.robot.chain import ElasticChain
 from counterflex.robot.gravity import weight_loads
@@ -56,6 +58,7 @@ class ArmLayout:
         soft: Places of single compliances, by segment and direction 0..5.
         mass: Places of the masses of bodies, by segment.
         periodic: Errors of drives.
+        turns: (6,) places of what own weight turns axes 2 and 3 by, or None.
     """
 
     displaced: dict[str, Int] = field(default_factory=dict)
@@ -63,6 +66,7 @@ class ArmLayout:
     soft: dict[tuple[int, int], int] = field(default_factory=dict)
     mass: dict[int, int] = field(default_factory=dict)
     periodic: tuple[PeriodicTerm, ...] = ()
+    turns: Int | None = None
 
     def displacement_at(self, name: str, x: Float) -> Float | None:
         """(6,) m, rad at the values x, or None where nothing is displaced."""
@@ -84,6 +88,7 @@ class ArmGeometry:
         q: (m, 6) rad.
         loads: (m, n, 6) of own weight on each element, N, N m, or None where sag is left out.
         unit_loads: (m, b, n, 6) of one kilogram of each of the b bodies whose mass is a parameter, or None.
+        unit_turns: (m, 6) of :func:`counterflex.robot.axis_sag.unit_turns`, where the layout has their places.
     """
 
     chain: ElasticChain
@@ -91,6 +96,7 @@ class ArmGeometry:
     q: Float
     loads: Float | None = None
     unit_loads: Float | None = None
+    unit_turns: Float | None = None
 
     def subset(self, rows: Bool) -> ArmGeometry:
         """The marked poses only."""
@@ -99,6 +105,7 @@ class ArmGeometry:
             q=self.q[rows],
             loads=None if self.loads is None else self.loads[rows],
             unit_loads=None if self.unit_loads is None else self.unit_loads[rows],
+            unit_turns=None if self.unit_turns is None else self.unit_turns[rows],
         )
 
     def poses(self, x: Float) -> Float:
@@ -129,6 +136,9 @@ class ArmGeometry:
                     angle = term.order * self.q[:, term.axis]
                     amount = chain.sign[i] * np.stack([np.sin(angle), np.cos(angle) - 1.0], axis=-1)
                     found.turns(R[:, :, 2:] * amount[:, None, :], p, np.array([term.sine, term.cosine]))
+            places, turns = self._turns_of(i)
+            if len(places):
+                found.turns(R[:, :, 2:] * (chain.sign[i] * turns)[:, None, :], p, places)
             soft = {d: place for (segment, d), place in lay.soft.items() if segment == i}
             if loads is not None and (soft or (lay.mass and np.any(compliance[i] > 0.0))):
                 e = compliance[i] * loads[:, i]
@@ -215,8 +225,18 @@ class ArmGeometry:
             if term.axis == self.chain.joint[i]:
                 k = term.order
                 out = out + x[term.sine] * np.sin(k * q) + x[term.cosine] * (np.cos(k * q) - 1.0)
+        places, turns = self._turns_of(i)
+        if len(places):
+            out = out + turns @ x[places]
         angle: Float = self.chain.sign[i] * out + self.chain.offset[i]
         return angle
+
+    def _turns_of(self, i: int) -> tuple[Int, Float]:
+        """Places (k,) of what weight turns the axis of segment i by, and its turns (m, k) per unit of each."""
+        if self.layout.turns is None or self.unit_turns is None:
+            return np.zeros(0, dtype=np.int64), np.zeros((len(self.q), 0))
+        mine = turned_axis() == self.chain.joint[i]
+        return self.layout.turns[mine], self.unit_turns[:, mine]
 
 
 def displaced_arm(chain: ElasticChain, q: Float, known: dict[str, Float] | None = None) -> ArmGeometry:

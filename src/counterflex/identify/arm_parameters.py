@@ -1,10 +1,10 @@
-"""Parameters of an arm's geometry: displacements behind its driven segments, masses or torsion for its sag, drives."""
+"""Parameters of an arm's geometry: displacements behind its driven segments, its sag, its drives."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import Final, Literal, cast
 
 import numpy as np
 
@@ -15,11 +15,13 @@ from counterflex.identify.arm_geometry import ArmGeometry, ArmLayout, PeriodicTe
 from counterflex.identify.model import CellModel
 from counterflex.identify.parameters import Parameter, Parameters
 from counterflex.identify.placed_frame import COMPONENTS
+from counterflex.robot.axis_sag import LARGEST_RAD as LARGEST_SAG_RAD
+from counterflex.robot.axis_sag import TERMS, arm_is_heavy, unit_turns
 from counterflex.robot.calibration import BASE, LARGEST_M, LARGEST_RAD, TCP
 from counterflex.robot.chain import ElasticChain
 
-Sag = Literal["off", "cell", "masses", "torsion"]
-SAGS: Final = ("auto", "off", "cell", "masses", "torsion")
+Sag = Literal["off", "cell", "masses", "torsion", "axes"]
+SAGS: Final = ("auto", "off", "cell", "masses", "torsion", "axes")
 TORSION: Final = 5e-5
 """Prior standard deviation of an unknown torsion compliance, rad/(N m): 20 kN m/rad."""
 
@@ -33,16 +35,19 @@ class ArmPriors:
         angle_rad: Of each rotation.
         mass: Of each mass, relative.
         periodic_rad: Of each amplitude of a drive's periodic error.
+        sag_rad: Of each product of a compliance and a weight's first moment, where masses are not known. Arms of all
+            payload classes are built so that their weight turns axes 2 and 3 by some tenths of a mrad to some mrad.
     """
 
     length_m: float = 0.5 * MM
     angle_rad: float = 0.5 * MRAD
     mass: float = 0.1
     periodic_rad: float = 0.3 * MRAD
+    sag_rad: float = 1.0 * MRAD
 
     def __post_init__(self) -> None:
         """Check that all are above zero."""
-        for name in ("length_m", "angle_rad", "mass", "periodic_rad"):
+        for name in ("length_m", "angle_rad", "mass", "periodic_rad", "sag_rad"):
             if not getattr(self, name) > 0.0:
                 raise InputError("a prior standard deviation must be above zero", where=name, value=getattr(self, name))
 
@@ -66,6 +71,8 @@ class ArmModel:
     def at(self, q: Float) -> ArmGeometry:
         """The arm in poses q (m, 6) rad."""
         arm = ArmGeometry(self.chain, self.layout, np.asarray(q, dtype=np.float64))
+        if self.layout.turns is not None:
+            arm = replace(arm, unit_turns=unit_turns(self.chain, arm.q))
         return arm if self.sag == "off" else arm.settled()
 
     def with_periodic(self, orders: int | Sequence[int], axes: Sequence[int], prior: float) -> ArmModel:
@@ -98,7 +105,7 @@ def sag_of(chain: ElasticChain, asked: str) -> Sag:
     Args:
         chain: The chain.
         asked: ``auto`` finds masses where the cell knows how soft the arm is, torsion where it knows only masses, and
-            leaves sag out where it knows no masses; or one of the others.
+            finds what weight turns axes 2 and 3 by where it knows no masses of the arm; or one of the others.
 
     Raises:
         InputError: Another word, or one that the chain's masses and compliances do not allow.
@@ -107,7 +114,7 @@ def sag_of(chain: ElasticChain, asked: str) -> Sag:
         raise InputError("unknown treatment of own weight", where="sag", value=asked, limit=", ".join(SAGS))
     heavy, soft = bool(np.any(chain.mass > 0.0)), bool(np.any(chain.compliance > 0.0))
     if asked == "auto":
-        return "off" if not heavy else ("masses" if soft else "torsion")
+        return "axes" if not arm_is_heavy(chain) else ("masses" if soft else "torsion")
     if asked in ("masses", "cell") and not (heavy and soft):
         raise InputError(
             "the cell has no masses or no compliances to compute sag from",
@@ -116,7 +123,21 @@ def sag_of(chain: ElasticChain, asked: str) -> Sag:
         )
     if asked == "torsion" and not heavy:
         raise InputError("the cell has no masses", where="sag = torsion", hint="Give mass_kg in the cell file")
-    return "off" if asked == "off" else "cell" if asked == "cell" else "masses" if asked == "masses" else "torsion"
+    if asked == "axes" and arm_is_heavy(chain):
+        raise InputError(
+            "the robot has masses: their sag would count twice",
+            where="sag = axes",
+            hint="Set sag=masses or sag=torsion, or give the robot mass_kg = 0 from axis 2 on",
+        )
+    return cast(Sag, asked)
+
+
+def sag_as_known(chain: ElasticChain) -> Sag:
+    """How own weight is treated where nothing that is not known may be added to the parameters."""
+    how = sag_of(chain, "auto")
+    if how == "axes":  # what hangs on the flange may have a mass all the same
+        return "cell" if np.any(chain.mass > 0.0) and np.any(chain.compliance > 0.0) else "off"
+    return "off" if how == "torsion" else how
 
 
 def arm_model(
@@ -177,4 +198,19 @@ def arm_model(
                 Parameter(f"{chain.names[i]}.rz", "rad/(N m)", before_c, TORSION, 0.0,
                           label=f"torsion compliance of {chain.names[i]}")
             )  # fmt: skip
-    return ArmModel(chain, ArmLayout(displaced, known, soft, mass), Parameters.of(items), how)
+    turns = None
+    if how == "axes":
+        turns = np.arange(len(items), len(items) + len(TERMS), dtype=np.int64)
+        items += [
+            Parameter(
+                name=f"sag{axis + 1}.link{link + 1}_{direction}",
+                unit="rad",
+                nominal=0.0,
+                prior_sigma=priors.sag_rad,
+                lower=-LARGEST_SAG_RAD,
+                upper=LARGEST_SAG_RAD,
+                label=f"turn of axis {axis + 1} by the weight of link {link + 1} along its {direction}",
+            )
+            for axis, link, direction in TERMS
+        ]
+    return ArmModel(chain, ArmLayout(displaced, known, soft, mass, turns=turns), Parameters.of(items), how)

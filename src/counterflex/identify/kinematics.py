@@ -13,7 +13,7 @@ from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.progress import Progress
 from counterflex.core.units import MM, MRAD, URAD
 from counterflex.identify.arm_geometry import ArmGeometry
-from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model
+from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model, sag_as_known, sag_of
 from counterflex.identify.changes import BodyMass, Calibration, Change, ElementCompliance
 from counterflex.identify.data_checks import check_enough, check_finite
 from counterflex.identify.dataset import Dataset
@@ -32,7 +32,7 @@ from counterflex.identify.geometry_setup import (
 from counterflex.identify.holdout import HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.kinematics_proposal import propose
 from counterflex.identify.kinematics_report import figures, headline, pictures, remarks
-from counterflex.identify.known_drives import drive_error_table, known_drive_errors
+from counterflex.identify.known_drives import axis_sag_table, drive_error_table, known_drive_errors
 from counterflex.identify.known_frames import KnownFrames, known_frames, tracker_table
 from counterflex.identify.model import CellModel
 from counterflex.identify.periodic_choice import GAIN, Harmonics, choose_harmonics
@@ -57,7 +57,7 @@ def identify(
     settings: Mapping[str, Any],
     progress: Progress,
 ) -> Identification:
-    """Find the displacements behind the segments, masses or torsion for the sag, and periodic errors of the drives.
+    """Find the displacements behind the segments, what the sag needs, and periodic errors of the drives.
 
     Args:
         cell: The cell; earlier calibrations are where the displacements start.
@@ -77,13 +77,18 @@ def identify(
     told = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]), known=known)
     progress(0.1, "checked")
     priors = priors_of(options)
-    model = model_of_data(cell, [*data, *holdout], priors, str(options["sag"]), tied=known is not None)
+    sag = sag_as_known(cell.nominal_chain) if _tries_axes(cell, options) else str(options["sag"])
+    model = model_of_data(cell, [*data, *holdout], priors, sag, tied=known is not None)
     setup = set_up(cell, model, data, holdout, known=known)
     check_enough(setup.parameters, setup.blocks)
     everything = [*data, *holdout]
     told += _check_offsets(setup, everything, setup.parameters.nominal, options, least_m=ROBOT_M)
     fit = solve(setup.parameters.held(setup.local), setup.blocks)
-    progress(0.4, "geometry found")
+    progress(0.3, "geometry found")
+    if _tries_axes(cell, options):
+        setup, fit, said = _with_turns(cell, setup, fit, data, holdout, options, known)
+        model, told = setup.model, told + said
+    progress(0.4, "sag found")
     orders = _harmonics(str(options["periodic"]), setup, fit, priors)
     held: HeldOut | None = None
     if orders:
@@ -114,6 +119,38 @@ def identify(
         remarks=(*told, *remarks(setup, fit, held, orders)),
         pictures=pictures(setup, fit, held),
     )
+
+
+def _tries_axes(cell: CellModel, options: Mapping[str, Any]) -> bool:
+    """Whether what own weight turns axes 2 and 3 by is looked for, and kept where held-out poses bear it out."""
+    return options["sag"] == "auto" and sag_of(cell.nominal_chain, "auto") == "axes"
+
+
+def _with_turns(
+    cell: CellModel,
+    setup: Setup,
+    fit: Fit,
+    data: Sequence[Dataset],
+    holdout: Sequence[Dataset],
+    options: Mapping[str, Any],
+    known: KnownFrames | None,
+) -> tuple[Setup, Fit, tuple[str, ...]]:
+    """The fit with turns of axes 2 and 3 by own weight where folds of the data are predicted better, else as given."""
+    model = model_of_data(cell, [*data, *holdout], priors_of(options), "axes", tied=known is not None)
+    wider = set_up(cell, model, data, holdout, known=known)
+    try:
+        check_enough(wider.parameters, wider.blocks)
+    except InputError:
+        return setup, fit, ("Too few poses to find what own weight turns axes 2 and 3 by; measure more of them.",)
+    first = len(setup.model.parameters)
+    start = np.concatenate([fit.values[:first], np.zeros(len(model.parameters) - first), fit.values[first:]])
+    more = solve(wider.parameters.held(wider.local), wider.blocks, start=start)
+    folds = int(options["folds"])
+    without, held = _held(setup, (), folds, fit).mean()[0], _held(wider, (), folds, more).mean()[0]
+    compared = f"the mean error of poses held out is {held / MM:.3g} mm with and {without / MM:.3g} mm without"
+    if held > (1.0 - GAIN) * without:
+        return setup, fit, (f"What own weight turns axes 2 and 3 by is not seen: {compared}.",)
+    return wider, more, (f"Own weight turns axes 2 and 3: {compared}.",)
 
 
 def _check(
@@ -183,6 +220,7 @@ def priors_of(options: Mapping[str, Any]) -> ArmPriors:
         angle_rad=float(options["angle_sigma_mrad"]) * MRAD,
         mass=float(options["mass_sigma"]),
         periodic_rad=float(options["periodic_sigma_urad"]) * URAD,
+        sag_rad=float(options["sag_sigma_mrad"]) * MRAD,
     )
 
 
@@ -300,6 +338,8 @@ def _changes(cell: CellModel, setup: Setup, fit: Fit) -> tuple[Change, ...]:
         compliance = np.array(setup.model.chain.compliance[i])
         compliance[direction] = x[place]
         out.append(ElementCompliance(names[i], compliance))
+    if lay.turns is not None:
+        out.append(axis_sag_table(known_drive_errors(cell), x[lay.turns], SOURCE))
     if lay.periodic:
         found = [DriveError(t.axis, t.order, float(x[t.sine]), float(x[t.cosine])) for t in lay.periodic]
         q = np.concatenate([arm.q for b in setup.blocks if isinstance(arm := getattr(b, "arm", None), ArmGeometry)])
@@ -331,6 +371,7 @@ RECIPE: Final = Recipe(
         "angle_sigma_mrad": 0.5,
         "mass_sigma": 0.1,
         "periodic_sigma_urad": 60.0,
+        "sag_sigma_mrad": 1.0,
         "folds": 5,
         "as_stated": False,
         "seed": 0,

@@ -76,7 +76,9 @@ def remarks(setup: Setup, fit: Fit, held: HeldOut, orders: Mapping[int, Sequence
     if len(fit.outliers) > _MOST_NAMED:
         out.append(f"{len(fit.outliers) - _MOST_NAMED} further rows were given less than half their weight.")
     how = {
-        "off": "Own weight was left out: the cell file has no masses, or it was asked for.",
+        "off": "Own weight was left out: it was asked for, or nothing of it is seen in the data.",
+        "axes": "The cell file has no masses of the arm: what own weight turns axes 2 and 3 by was found as six "
+        "numbers and stands in [axis_sag]; whatever hung on the flange is part of it.",
         "cell": "Sag under own weight was taken from the cell file as it is.",
         "masses": "Sag under own weight was adapted by the masses of the bodies; compliances are the cell file's.",
         "torsion": "Sag under own weight was adapted by the torsion compliance of the driven axes.",

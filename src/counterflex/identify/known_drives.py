@@ -1,4 +1,4 @@
-"""Periodic errors of drives as the cell file's ``[drive_error]`` table has them, and back into that table."""
+"""Errors of drives as the cell file's ``[drive_error]`` and ``[axis_sag]`` tables have them, and back into these."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.units import DEG, URAD
+from counterflex.core.units import DEG, MRAD, URAD
 from counterflex.identify.changes import TableValues
 from counterflex.identify.model import CellModel
+from counterflex.robot.axis_sag import AxisSag
 from counterflex.robot.drive_error import DriveError, DriveErrors
 
 TABLE: Final = "drive_error"
+SAG_TABLE: Final = "axis_sag"
+_SAG_KEYS: Final = ("axis2_by_link2_mrad", "axis2_by_link3_mrad", "axis3_by_link3_mrad")
 
 
 def known_drive_errors(cell: CellModel) -> DriveErrors:
@@ -26,7 +29,32 @@ def known_drive_errors(cell: CellModel) -> DriveErrors:
             for order, sine, cosine in table.get(f"axis{axis + 1}") or ()
         ),
         tuple((float(low) * DEG, float(high) * DEG) for low, high in table.get("measured_deg") or ()),
+        _known_sag(cell),
     )
+
+
+def _known_sag(cell: CellModel) -> AxisSag | None:
+    table: Mapping[str, Any] = cell.tables.get(SAG_TABLE) or {}
+    if not table:
+        return None
+    rows = [table.get(key) or (0.0, 0.0) for key in _SAG_KEYS]
+    return AxisSag(cell.nominal_chain, np.array(rows, dtype=np.float64).ravel() * MRAD)
+
+
+def axis_sag_table(known: DriveErrors, found_rad: Float, source: str) -> TableValues:
+    """The table of sag with what was found added to what was known.
+
+    Args:
+        known: Before.
+        found_rad: (6,) rad, to be added, in the order of :data:`counterflex.robot.axis_sag.TERMS`.
+        source: Where the numbers come from.
+    """
+    whole = found_rad if known.sag is None else found_rad + known.sag.moments_rad
+    values: dict[str, float | str | bool | list[float] | list[list[float]]] = {
+        key: [float(f"{v / MRAD:.6g}") for v in pair] for key, pair in zip(_SAG_KEYS, whole.reshape(3, 2), strict=True)
+    }
+    values["source"] = source
+    return TableValues(SAG_TABLE, values)
 
 
 def drive_error_table(known: DriveErrors, found: Iterable[DriveError], q: Float, source: str) -> TableValues:

@@ -12,7 +12,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress
 from counterflex.core.units import MM, UM, URAD
 from counterflex.identify.arm_geometry import ArmGeometry
-from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model, sag_of
+from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model, sag_as_known
 from counterflex.identify.data_checks import check_finite, check_spread
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fiducials import (
@@ -196,9 +196,8 @@ def _arm(cell: CellModel, data: Sequence[Dataset]) -> ArmModel | None:
     """The arm with its errors as parameters, where poses are given by joint angles."""
     if not any(d.kind == "tracker_poses" and d.has("q") for d in data):
         return None
-    how = sag_of(cell.nominal_chain, "auto")
     fiducials = any(d.kind == "fiducials" for d in data)  # known in the base: the arm may stand off in it
-    return arm_model(cell, ArmPriors(), sag="off" if how == "torsion" else how, base=fiducials)
+    return arm_model(cell, ArmPriors(), sag=sag_as_known(cell.nominal_chain), base=fiducials)
 
 
 def _drift(data: Sequence[Dataset]) -> tuple[Drift, ...]:

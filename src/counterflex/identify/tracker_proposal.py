@@ -10,7 +10,7 @@ import numpy as np
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, UM
 from counterflex.geometry import pose
-from counterflex.identify.arm_parameters import ArmPriors, arm_model, sag_of
+from counterflex.identify.arm_parameters import ArmPriors, arm_model, sag_as_known
 from counterflex.identify.choice import candidates_of, expected_sigma, prior_information
 from counterflex.identify.fiducials import FiducialResiduals
 from counterflex.identify.kinematics_proposal import foreseen
@@ -58,7 +58,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
         p_tcp_target=None if known is None else known.T_tcp_target[:3, 3],
     )
     q = in_order(cell.nominal_chain, q)
-    model = arm_model(cell, ArmPriors(), sag="off" if sag_of(cell.nominal_chain, "auto") == "torsion" else "auto")
+    model = arm_model(cell, ArmPriors(), sag=sag_as_known(cell.nominal_chain))
     parameters, block = foreseen(model, q, known)
     expected = _expected(parameters, block)
     expected = {name: sigma for name, sigma in expected.items() if name.startswith("T_")}

@@ -94,7 +94,7 @@ class Setting:
         normal_only: Correct square to the feed only (Haehn2020 eq. 10).
         orientation: Correct the orientation too.
         allow_extrapolation: Accept force from chips outside the law's range.
-        drive_errors: Periodic errors of the drives: what the links of ``chain`` truly do at commanded angles.
+        drive_errors: Periodic errors and sag of the drives: what the links of ``chain`` truly do at commanded angles.
     """
 
     chain: ElasticChain
@@ -323,7 +323,7 @@ def touched_points(setting: Setting) -> tuple[Float, Float] | None:
 def _unloaded_offset(setting: Setting, q: Float) -> Float:
     """(n, 3) m, true minus believed position of the unloaded tool tip, base axes."""
     off: Float = gravity.sag(setting.chain, q)[..., :3]
-    if setting.controller_chain is not setting.chain or setting.drive_errors.terms:
+    if setting.controller_chain is not setting.chain or setting.drive_errors:
         links = setting.drive_errors.link_angles(q)
         off += forward(setting.chain, links)[..., :3, 3] - forward(setting.controller_chain, q)[..., :3, 3]
     return off

@@ -1,14 +1,15 @@
-"""Periodic errors of drives: the angle that a link truly has at the angle that the controller shows.
+"""Errors of drives: the angle that a link truly has at the angle that the controller shows.
 
 ``q_link = q + sum_k (s_k sin(k q) + c_k (cos(k q) - 1))`` for each axis by itself: eccentric gears, encoder discs and
 cyclic errors of their reading. Zero at q = 0, which leaves constant offsets to the geometry. What was fitted to a range
-of angles says nothing beyond it: there the error fades to zero within :data:`FADE_RAD`.
+of angles says nothing beyond it: there the error fades to zero within :data:`FADE_RAD`. Where the cell has it, what own
+weight turns axes 2 and 3 by (:mod:`counterflex.robot.axis_sag`) is added; that holds at all angles.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG
+from counterflex.robot.axis_sag import AxisSag
 
 STEEPEST: Final = 0.5
 """Largest slope of the error that is accepted: beyond it the map from link to controller angle is in doubt."""
@@ -45,15 +47,21 @@ class DriveError:
 
 @dataclass(frozen=True)
 class DriveErrors:
-    """The periodic errors of all axes.
+    """The errors of all axes.
 
     Attributes:
         terms: Any number per axis.
         measured_rad: Lowest and highest angle of each axis that they were found from; empty where not known.
+        sag: What own weight turns axes 2 and 3 by, where masses are not known; or None.
     """
 
     terms: tuple[DriveError, ...] = ()
     measured_rad: tuple[tuple[float, float], ...] = ()
+    sag: AxisSag | None = None
+
+    def __bool__(self) -> bool:
+        """Whether links are anywhere else than the controller shows."""
+        return bool(self.terms) or self.sag is not None
 
     def __post_init__(self) -> None:
         """Check that each axis keeps turning forward.
@@ -118,7 +126,8 @@ class DriveErrors:
         for term in (*self.terms, *others):
             s, c = sums.get((term.axis, term.order), (0.0, 0.0))
             sums[(term.axis, term.order)] = (s + term.sine_rad, c + term.cosine_rad)
-        return DriveErrors(tuple(DriveError(a, k, s, c) for (a, k), (s, c) in sorted(sums.items())), self.measured_rad)
+        terms = tuple(DriveError(a, k, s, c) for (a, k), (s, c) in sorted(sums.items()))
+        return replace(self, terms=terms)
 
     def outside(self, q: Float) -> tuple[int, ...]:
         """Axes 0..5 with errors that angles (..., 6) rad move beyond what was measured."""
@@ -144,4 +153,4 @@ class DriveErrors:
             beyond = np.maximum(np.maximum(low - q[..., axis], q[..., axis] - high), 0.0)
             share = np.clip(1.0 - beyond / FADE_RAD, 0.0, 1.0)
             out[..., axis] *= share * share * (3.0 - 2.0 * share)
-        return out
+        return out if self.sag is None else out + self.sag.turns(q)
