@@ -15,6 +15,8 @@ from counterflex.links.netft_link import NetftLink
 from counterflex.links.rsi_link import RsiLink
 from counterflex.links.session import OnlineSession, SessionChecks
 from counterflex.robot.chain import forward
+from counterflex.robot.inverse import inverse_path
+from counterflex.runtime.axis_check import AxisCheck
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.sensor_wrench import SensorWrench
@@ -28,6 +30,7 @@ from counterflex.wire.rsi_config import RsiConfig, read_config
 
 Q: Final = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
 PERIOD_S: Final = 4e-3
+_STEPS: Final = 500
 
 
 @functools.cache
@@ -52,6 +55,27 @@ def standing() -> Float:
     return out
 
 
+@functools.cache
+def _path() -> Float:
+    """(n, 4, 4) poses of the path, part frame."""
+    out: Float = np.tile(pose.make(rotation.about_x(np.pi), np.array([0.05, 0.0, 0.0])), (_STEPS, 1, 1))
+    out[:, 0, 3] += 1e-4 * np.arange(_STEPS)
+    return out
+
+
+@functools.cache
+def _program_base() -> Float:
+    """(4, 4) BASE of the program in the robot base: the path begins at the angles :data:`Q`."""
+    out: Float = forward(demo_cell().controller_chain, Q) @ pose.inverse(_path()[0])
+    return out
+
+
+@functools.cache
+def _angles() -> Float:
+    """(n, 6) rad, angles of the path, by the geometry that its controller computes with."""
+    return inverse_path(demo_cell().controller_chain, _program_base() @ _path(), Q).q
+
+
 def reported(robot: FakeRsi, cycle: int, running: bool, gone: int | None = None) -> Report:
     """What a robot on a straight path shows that follows its correction at once.
 
@@ -61,14 +85,14 @@ def reported(robot: FakeRsi, cycle: int, running: bool, gone: int | None = None)
         running: The program runs.
         gone: Cycles in which the robot went on; None: all of them. It begins anew every 50 mm.
     """
-    T = pose.make(
-        rotation.about_x(np.pi), np.array([0.05 + 1e-4 * ((cycle if gone is None else gone) % 500), 0.0, 0.0])
-    )
+    at = (cycle if gone is None else gone) % _STEPS
+    T = _path()[at]
+    q = _angles()[at]
     corrected, offset = T.copy(), robot.pose_correction()
     corrected[:3, 3] += offset[:3]
     if offset[3:].any():
         corrected[:3, :3] = rotation.exp(offset[3:]) @ T[:3, :3]
-    return Report(cycle * PERIOD_S, T, corrected, Q, Q, running, False)
+    return Report(cycle * PERIOD_S, T, corrected, q, q, running, False)
 
 
 def force_only(**changes: Any) -> OnlineSettings:
@@ -106,7 +130,8 @@ def open_session(
     """
     cell = demo_cell()
     loop = Loop(cell.chain, settings, cell.T_base_part, plan)
-    parts = {"force": force, "wrench": _sensor_wrench(cell), "checks": SessionChecks(), **chosen}
+    angles = AxisCheck(cell.controller_chain, _program_base(), settings.period_s)
+    parts = {"force": force, "angles": angles, "wrench": _sensor_wrench(cell), "checks": SessionChecks(), **chosen}
     session = OnlineSession(link, loop, **parts)
     loop.run()
     loop.reset()
