@@ -75,6 +75,8 @@ def identify(
         raise InputError("unknown setting", where="frames", value=options["frames"], limit="free or known")
     known = known_frames(cell) if options["frames"] == "known" else None
     told = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]), known=known)
+    if known_drive_errors(cell).sag is not None:
+        told += ("The cell file's [axis_sag] holds for all poses; what is found here is what it leaves.",)
     progress(0.1, "checked")
     priors = priors_of(options)
     sag = sag_as_known(cell.nominal_chain) if _tries_axes(cell, options) else str(options["sag"])
