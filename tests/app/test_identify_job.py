@@ -375,7 +375,13 @@ def test_a_worst_error_that_grows_is_warned_of() -> None:
             Figure("holdout_median_mm", "median error", 0.10, 0.20),
             Figure("holdout_largest_mm", "largest", 0.71, 0.48),
         ),
-        figures=(Figure("count", "rows", 9.0, 3.0), Figure("same_mm", "same", 0.1, 0.1)),
+        figures=(
+            Figure("count", "rows", 9.0, 3.0),
+            Figure("holdout_same_mm", "same", 0.1, 0.1),
+            Figure("holdout_explained_percent", "better when larger", 80.0, 40.0),
+            Figure("mass_kg", "an identified value, no error", 80.8, 75.0),
+            Figure("mounting_deg", "another", 0.35, 0.0),
+        ),
         changes=(),
     )
     identify.check_better(found)
