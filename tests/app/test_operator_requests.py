@@ -67,6 +67,32 @@ def test_stop_ramps_out_with_the_feed_held_and_only_arm_arms_again(run: Run) -> 
     assert run.ask("arm")["state"] == "armed"
 
 
+def test_arm_of_a_run_that_acts_does_not_arm_it_again_later(run: Run) -> None:
+    """Once the program has switched the correction off, only a new request arms."""
+    rig = run.rig
+    rig.activate().run(200)
+    said = run.ask("arm")
+    assert (said["done"], said["state"]) == (True, "active")
+    assert not rig.control[Request.ARM]
+    rig.control[Request.ARM] = 1  # by whatever wrote it: overtaken, as it acts
+    rig.run(2)
+    assert not rig.control[Request.ARM]
+    rig.sense, rig.enable = False, False
+    rig.run(900)
+    assert rig.state in (State.READY, State.IDLE)
+    assert not rig.control[Request.ARM]
+
+
+def test_arm_does_not_take_back_a_stop_that_is_on_its_way(run: Run) -> None:
+    rig = run.rig
+    rig.activate().run(200)
+    rig.control[Request.STOP] = 1
+    run.ask("arm")
+    rig.run(5)
+    assert rig.control[Request.STOP]
+    assert rig.state == State.RAMP_OUT
+
+
 def test_a_reset_does_not_leave_a_fault_while_a_correction_is_in_force(run: Run) -> None:
     rig = run.rig
     rig.activate().run(200)

@@ -96,3 +96,7 @@ def test_what_ended_the_correction_last_counts() -> None:
     end.add(rows((State.ACTIVE, Cause.NONE), (State.RAMP_OUT, Cause.PROGRAM), (State.READY, Cause.PROGRAM)))
     end.add(rows((State.FAULT, Cause.TELEGRAMS_STOPPED)))  # the robot has ended its session: after the program
     assert end.shown()["by"] == "program"
+    end.add(rows((State.IDLE, Cause.NONE), (State.READY, Cause.NONE), (State.ARMED, Cause.NONE)))
+    assert end.shown()["by"] == "armed"  # armed anew, and never switched on: not as planned
+    end.add(rows((State.FAULT, Cause.WRONG_FRAME)))
+    assert end.shown() == {"by": "fault", "cause": "wrong_frame"}

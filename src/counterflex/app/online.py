@@ -126,6 +126,8 @@ class Supervised:
         Raises:
             CounterflexError: What the loop or the recorder could not do.
         """
+        # From the beginning: a loop whose run is killed while it compiles must see that, too.
+        self._beat = Beat(self.control, Life.RUN_NS, Life.RUN_PID)
         for process in (self.loop, self.recorder):
             process.start()
         for theirs in self._pipes[1::2]:
@@ -134,7 +136,6 @@ class Supervised:
         self._about = _about(self._settings, loop_sha256)
         self._recorder_pipe.send(self._about)
         self._about["run"] = self._said(self.recorder, self._recorder_pipe, "the recorder's process")
-        self._beat = Beat(self.control, Life.RUN_NS, Life.RUN_PID)
         self.control[Life.MAY_ARM] = self.control[Request.ARM] = int(self._settings.arm)
         self._operator = OperatorFile(self._out, self._words.path)
         self._status = StatusReader(self._ring.name, self.control)

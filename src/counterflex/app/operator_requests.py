@@ -71,7 +71,7 @@ def ask(words: Any, action: str, *, where: str = "", clock: Clock | None = None)
         words[Request.RESET] = 1
     elif action == "arm":
         refused = _may_not_arm(words, before)
-        if not refused:
+        if not refused and before == State.READY:  # armed already: there is nothing to ask for, and no stop to undo
             words[Request.STOP] = 0
             words[Request.ARM] = 1
     while action != "status" and not refused and not _done(words, action, begin):

@@ -54,12 +54,12 @@ class RunEnd:
             self._state, self._cause = state, int(causes[k])
             if state == State.ACTIVE:
                 self._how, self._why = "acting", int(Cause.NONE)
-            elif state == State.ARMED and self._how == "never":
-                self._how = "armed"
+            elif state == State.ARMED and self._how in ("never", "program"):  # again: what comes now is judged
+                self._how, self._why = "armed", int(Cause.NONE)
             elif before in (State.ACTIVE, State.HOLD) and state == State.RAMP_OUT:
                 words = {Cause.PROGRAM: "program", Cause.OPERATOR: "operator"}
                 self._how, self._why = words.get(Cause(self._cause), "hold"), self._cause
-            elif state == State.FAULT and before in (State.ACTIVE, State.HOLD, State.RAMP_OUT):
+            elif state == State.FAULT and before in (State.ARMED, State.ACTIVE, State.HOLD, State.RAMP_OUT):
                 self._how, self._why = "fault", self._cause
         if self._how == "program" and np.any(causes == Cause.ENABLE_LOST):  # it went on cutting
             self._how, self._why = "hold", int(Cause.ENABLE_LOST)

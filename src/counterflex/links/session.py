@@ -246,7 +246,7 @@ class OnlineSession:
         flags[at.F_SOFT], flags[at.F_HARD] = soft, hard
         flags[at.F_SOURCES], flags[at.F_CURRENT_AGE] = self._sources, self._current_age
         loop.run()
-        if outcome[at.O_STATE] == _ARMED:
+        if outcome[at.O_STATE] >= _ARMED:  # served, or overtaken by what happened: it must not arm later by itself
             control[_ARM] = 0
         if control[_RESET]:
             self._reset()
