@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +14,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+from counterflex.app.run_log import repair
 from counterflex.app.run_log_missing import LogMissing
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
@@ -210,9 +213,40 @@ def test_one_bad_chunk_costs_itself_and_is_counted(tmp_path: Path, finished: boo
     assert found.damage[0].missing == BLOCK
     assert found.incomplete
     assert any(f"{BLOCK} cycles missing after cycle" in line for line in found.lines())
-    repair_segment(file, LATER)
+    done = repair_segment(file, LATER)
+    assert done is not None
+    assert done.missing == read_segment(file).about["repaired"]["missing"] == BLOCK
     again = missing(tmp_path)
     assert (again.missing, again.damage, again.cut) == (BLOCK, [], [])
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_repair_counts_what_is_missing_before_each_segment_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    """A later segment of a run begins above cycle 1 and misses nothing before it."""
+    log = RunLog(tmp_path, {"seed": 3})
+    for k in range(1, CYCLES, BLOCK):
+        with monkeypatch.context() as patch:
+            if k + BLOCK > CYCLES // 2:
+                patch.setattr("counterflex.files.run_log.SEGMENT_BYTES", 1 if log.written < CYCLES // 2 else 1 << 30)
+            log.add(rows(k, k + BLOCK - 1), 0.1 * k)
+    log.close()
+    files = sorted(tmp_path.glob("run-*.mcap"))
+    assert [len(s.rows) for s in segments(tmp_path)] == [CYCLES // 2, CYCLES // 2]
+    damage_chunk(files[number], 0)
+    (alone,) = (repair_segment(copy, LATER) for copy in [_copied(files[number], tmp_path / "alone")])
+    os.utime(files[number], (1000.0, 1000.0))
+    done, found = repair(tmp_path)
+    assert [(one.name, one.missing) for one in done] == [(files[number].name, BLOCK)]
+    assert found.missing == missing(tmp_path).missing == BLOCK
+    assert alone is not None
+    assert alone.missing == (0 if number else BLOCK)  # a later one by itself does not know where it should begin
+
+
+def _copied(file: Path, folder: Path) -> Path:
+    folder.mkdir()
+    return Path(shutil.copy2(file, folder))
 
 
 def test_a_sound_log_misses_nothing(tmp_path: Path) -> None:

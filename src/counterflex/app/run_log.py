@@ -300,10 +300,14 @@ def repair(folder: str | Path) -> tuple[list[Repaired], LogMissing]:
         OutputError: The folder cannot be written.
     """
     done, missing = [], LogMissing()
+    told: dict[int, int] = {}  # last cycle of each run that is there, or counted as missing
     for segment in segments(folder):
         missing.add(segment)
         if not segment.whole:
-            found = repair_segment(Path(folder) / segment.name, about=segment.about)
+            before = told.get(segment.run, 0)
+            found = repair_segment(Path(folder) / segment.name, about=segment.about, cycle=before)
             if found is not None:
                 done.append(found)
+        if len(segment.rows):
+            told[segment.run] = int(segment.rows[-1, CYCLE]) + segment.lost_at_end
     return done, missing.end()

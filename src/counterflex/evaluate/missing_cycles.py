@@ -33,22 +33,26 @@ class MissingCycles:
 class MissingFinder:
     """Takes the records of one run piece by piece, in order.
 
+    Args:
+        cycle: Last cycle before the first record it is given; None where that is not known: nothing is missing before.
+
     Attributes:
         found: The first :data:`MOST_GAPS`.
         total: Cycles without a record, all of them.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, cycle: int | None = 0) -> None:
         self.found: list[MissingCycles] = []
         self.total = 0
-        self._cycle = 0
+        self._cycle = cycle
         self._time_ns: float | None = None
 
     def add(self, rows: Float) -> None:
         """Take records, (n, WIDTH) of :class:`counterflex.runtime.record_ring.RecordRing`."""
         if len(rows) == 0:
             return
-        cycles = np.r_[self._cycle, rows[:, CYCLE]].astype(np.int64)
+        begin = int(rows[0, CYCLE]) - 1 if self._cycle is None else self._cycle
+        cycles = np.r_[begin, rows[:, CYCLE]].astype(np.int64)
         for k in np.flatnonzero(np.diff(cycles) > 1):
             before = self._time_ns if k == 0 else float(rows[k - 1, _RECEIVED])
             time_s = 0.0 if before is None else (float(rows[k, _RECEIVED]) - before) * NS
@@ -58,7 +62,7 @@ class MissingFinder:
     def end(self, lost: int) -> None:
         """Say that so many records are known to be missing behind the last one."""
         if lost:
-            self._found(self._cycle, lost, 0.0)
+            self._found(self._cycle or 0, lost, 0.0)
 
     def _found(self, after: int, count: int, time_s: float) -> None:
         self.total += count

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError, InputError, OutputError
-from counterflex.files.run_log import read_segment
+from counterflex.evaluate.missing_cycles import MissingFinder
+from counterflex.files.run_log import Segment, read_segment
 from counterflex.files.run_log_segment import KIND, VERSION, add_about, add_record, add_state, begin_segment
 from counterflex.runtime.record_ring import CYCLE
 
@@ -33,7 +32,8 @@ class Repaired:
         kept: Name under which the original is kept; empty where nothing was done.
         records: Records it now holds.
         note: Why nothing was done, or empty.
-        missing: Cycles between its records, and behind the last one by its own index, that it does not hold.
+        missing: Cycles that it should hold and does not: before its first record, between its records, and behind the
+            last one by its own index.
         damage: Stretches that could not be read.
     """
 
@@ -46,7 +46,10 @@ class Repaired:
 
 
 def repair_segment(
-    path: str | Path, now_s: float | None = None, about: Mapping[str, Any] | None = None
+    path: str | Path,
+    now_s: float | None = None,
+    about: Mapping[str, Any] | None = None,
+    cycle: int | None = None,
 ) -> Repaired | None:
     """Write a segment anew, finished, with all records that can be read; the original keeps another name.
 
@@ -57,6 +60,8 @@ def repair_segment(
         path: ``run-NNN.mcap``.
         now_s: Time by the wall clock; None is now.
         about: What the run was made of, where the segment itself no longer says it.
+        cycle: Last cycle of its run that earlier segments account for; None where that is not known: then cycles before
+            its first record are counted in the first segment of a run only, which begins with cycle 1.
 
     Returns:
         What was done; None where the segment is whole.
@@ -86,11 +91,14 @@ def repair_segment(
         )
     kept = _free_name(file)
     rows, states = found.rows, sorted(found.states, key=lambda state: state.cycle)
-    step = np.diff(rows[:, CYCLE])
-    missing = int(np.sum(step[step > 1] - 1)) + found.lost_at_end
+    made_of = found.about or about or {}
+    finder = MissingFinder(_begin(found, made_of) if cycle is None else cycle)
+    finder.add(rows)
+    finder.end(found.lost_at_end)
+    missing = finder.total
     facts = {
         **_BARE,
-        **(found.about or about or {}),
+        **made_of,
         "repaired": {
             "records": len(rows),
             "original": kept.name,
@@ -114,6 +122,13 @@ def repair_segment(
             os.fsync(stream.fileno())
         _keep(file, kept)
     return Repaired(file.name, kept.name, len(rows), "", missing, len(found.damage))
+
+
+def _begin(segment: Segment, about: Mapping[str, Any]) -> int | None:
+    """Cycle before the first one of a segment by itself: 0 for the first segment of a run, else not known."""
+    number = segment.name[4:].partition(".")[0]
+    own = about.get("segment", int(number) if number.isdigit() else 0)
+    return 0 if own == about.get("run", 0) else None
 
 
 def _free_name(file: Path) -> Path:
