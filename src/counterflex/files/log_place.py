@@ -1,4 +1,4 @@
-"""Whether the file that a run log is written to is still where it was begun, so that somebody will find it."""
+"""Whether the files that a run log was and is written to are still where they were begun, so that they are found."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ GONE: Final = -1
 _SAID: Final = "its folder or file was removed, moved or replaced"
 LOOKED_S: Final = 0.5
 """How often it is looked for."""
+_NOT_THERE: Final = (errno.ENOENT, errno.ENOTDIR, errno.ESTALE)
 
 
 class LogGone(OSError):
@@ -27,10 +28,13 @@ class LogPlace:
     Args:
         path: Of the file.
         handle: Of the open file.
+
+    Attributes:
+        path: Of the file.
     """
 
     def __init__(self, path: Path, handle: int) -> None:
-        self._path, self._file = path, os.fstat(handle)
+        self.path, self._file = path, os.fstat(handle)
         self._folder = path.parent.stat()
         self._handle = handle
 
@@ -42,14 +46,44 @@ class LogPlace:
                 or to another device.
         """
         try:
-            file, folder = self._path.stat(), self._path.parent.stat()
+            file, folder = self.path.stat(), self.path.parent.stat()
         except OSError as fault:
-            if fault.errno in (errno.ENOENT, errno.ENOTDIR, errno.ESTALE):
+            if fault.errno in _NOT_THERE:
                 raise LogGone from fault
             raise
         same = os.path.samestat(file, self._file) and os.path.samestat(folder, self._folder)
         if not same or os.fstat(self._handle).st_nlink == 0:
             raise LogGone
+
+
+class LogBefore:
+    """The files of a log that are not written to any more."""
+
+    def __init__(self) -> None:
+        self._files: list[tuple[Path, int]] = []
+
+    def add(self, path: Path, records: int) -> None:
+        """Take a closed file with the number of records that were written to it."""
+        if records:
+            self._files.append((path, records))
+
+    def gone(self) -> int:
+        """Records of the files that are no longer where they were written; each file is told once.
+
+        A file of which the system cannot say at the moment whether it is there is taken to be there.
+        """
+        there = [one for one in self._files if _may_be_there(one[0])]
+        lost = sum(records for _, records in self._files) - sum(records for _, records in there)
+        self._files = there
+        return lost
+
+
+def _may_be_there(path: Path) -> bool:
+    try:
+        path.stat()
+    except OSError as fault:
+        return fault.errno not in _NOT_THERE
+    return True
 
 
 def trouble_said(number: int) -> str:

@@ -22,12 +22,12 @@ from typing import Any, Final
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Channel, MessageIndex, Schema
+from mcap.records import Channel, Schema
 from mcap.writer import Writer
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, OutputError
-from counterflex.files.log_place import LOOKED_S, LogGone, LogPlace
+from counterflex.files.log_place import LOOKED_S, LogBefore, LogGone, LogPlace
 from counterflex.files.mcap_salvage import Salvaged, message, parsed, salvage
 from counterflex.files.run_log_segment import (
     CYCLE_CHANNEL,
@@ -38,10 +38,12 @@ from counterflex.files.run_log_segment import (
     STATES,
     TOPIC,
     VERSION,
+    Unreadable,
     add_about,
     add_record,
     add_state,
     begin_segment,
+    lost_at_end,
     read_about,
 )
 from counterflex.runtime.record_ring import COLUMNS, CYCLE
@@ -83,7 +85,7 @@ class RunLog:
         self._number = self.first = 0
         self._place: LogPlace | None = None
         self._here = 0  # records in the present segment
-        self._before: list[tuple[Path, int]] = []  # segments that are finished, and their records
+        self._before = LogBefore()
         self._device: int | None = None
         self._stream: BufferedWriter | None = None
         self._writer: Writer | None = None
@@ -132,6 +134,11 @@ class RunLog:
             state: Of the loop, or None.
         """
         now = time.monotonic() if now_s is None else now_s
+        left = len(rows)
+        look = now - self._looked >= LOOKED_S
+        if look:
+            self._looked = now
+            self._look_back()
         if self._writer is None:
             if now < self._retry:
                 self.lost += len(rows)
@@ -139,7 +146,7 @@ class RunLog:
             try:
                 self._begin()
             except OSError as fault:
-                self._fail(fault, len(rows), now)
+                self._fail(fault, left, now)
                 return
         writer, stream = self._writer, self._stream
         if writer is None or stream is None:
@@ -157,29 +164,40 @@ class RunLog:
                 if now - self._synced >= SYNC_S:
                     os.fsync(stream.fileno())
                     self._synced = now
-            self.written += len(rows)
-            self._here += len(rows)
-            if self._place is not None and now - self._looked >= LOOKED_S:
-                self._looked = now
+            self.written += left
+            self._here += left
+            left = 0
+            if self._place is not None and look:
                 self._place.check()
             if stream.tell() > SEGMENT_BYTES:
                 self._finish()
-                self._before.append((self.folder / f"run-{self._number - 1:03d}.mcap", self._here))
+                self._leave()
                 self._begin()
         except LogGone as fault:
             self._gone(fault, now)
         except OSError as fault:
-            self._fail(fault, len(rows), now)
+            self._fail(fault, left, now)
 
     def _gone(self, fault: LogGone, now: float) -> None:
         """Count as lost what is not there any more; what was moved away is finished where it is now."""
         with contextlib.suppress(OSError):
             self._finish()
-        lost = self._here + sum(count for path, count in self._before if not path.exists())
-        self._before = [(path, count) for path, count in self._before if path.exists()]
-        self._here = 0
+        lost, self._here = self._here, 0
         self.written -= lost
+        self._look_back()
         self._fail(fault, lost, now)
+
+    def _leave(self) -> None:
+        """The present segment is closed: from now on it is one of those before."""
+        if self._place is not None:
+            self._before.add(self._place.path, self._here)
+        self._here = 0
+
+    def _look_back(self) -> None:
+        """Count as lost the records of earlier segments that are not there any more."""
+        lost = self._before.gone()
+        self.written -= lost
+        self.lost += lost
 
     def _fail(self, fault: OSError, rows: int, now: float) -> None:
         self.lost += rows
@@ -189,6 +207,7 @@ class RunLog:
             with contextlib.suppress(OSError):
                 self._stream.close()
         self._writer = self._stream = None
+        self._leave()
 
     def _finish(self) -> None:
         if self._writer is not None and self._stream is not None:
@@ -209,21 +228,7 @@ class RunLog:
             self._gone(fault, 0.0)
         except OSError as fault:
             self._fail(fault, 0, 0.0)
-
-
-@dataclass(frozen=True)
-class Unreadable:
-    """A stretch of a segment that cannot be read; what is behind it can.
-
-    Attributes:
-        begin: First byte.
-        end: First byte behind it.
-        after: Records of the segment before it.
-    """
-
-    begin: int
-    end: int
-    after: int
+        self._look_back()
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,7 +310,7 @@ def read_segment(path: str | Path) -> Segment:
         raise FileFormatError(said, where=str(file), nothing=True)
     damage = tuple(Unreadable(d.begin, d.end, before[d.chunks]) for d in found.damage)
     table = np.array(rows).reshape(-1, len(COLUMNS))
-    lost = _lost_at_end(found, table) + int(about.get("repaired", {}).get("missing_at_end", 0))
+    lost = lost_at_end(found, table) + int(about.get("repaired", {}).get("missing_at_end", 0))
     return Segment(file.name, table, about, found.finished, tuple(states), damage, lost)
 
 
@@ -328,18 +333,6 @@ def _require_columns(schema: Schema | None, file: Path) -> None:
     columns = json.loads(schema.data)["columns"]
     if tuple(columns) != COLUMNS:
         raise FileFormatError("the run log has other columns", where=str(file), value=len(columns), limit=len(COLUMNS))
-
-
-def _lost_at_end(found: Salvaged, rows: Float) -> int:
-    """Cycles that the indexes beside the chunks name behind the last record: the index of a chunk stands outside it."""
-    last = int(rows[-1, 1]) if len(rows) else -1
-    stamps = {
-        time_ns
-        for record in found.records
-        if isinstance(record, MessageIndex) and record.channel_id == CYCLE_CHANNEL
-        for time_ns, _ in record.records
-    }
-    return sum(time_ns > last for time_ns in stamps)
 
 
 def segments(folder: str | Path) -> Iterator[Segment]:

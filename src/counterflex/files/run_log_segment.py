@@ -7,9 +7,10 @@ import json
 import struct
 import zlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, BinaryIO, Final
 
-from mcap.records import Metadata
+from mcap.records import MessageIndex, Metadata
 from mcap.writer import CompressionType, Writer
 
 from counterflex.core.arrays import Float
@@ -28,6 +29,21 @@ CYCLES: Final = "counterflex.cycle"
 _ABOUT: Final = "about"
 _CHECKSUM: Final = "crc32"
 STATE_HEAD: Final = struct.Struct("<qq")
+
+
+@dataclass(frozen=True)
+class Unreadable:
+    """A stretch of a segment that cannot be read; what is behind it can.
+
+    Attributes:
+        begin: First byte.
+        end: First byte behind it.
+        after: Records of the segment before it.
+    """
+
+    begin: int
+    end: int
+    after: int
 
 
 def begin_segment(stream: BinaryIO, about: Mapping[str, Any]) -> tuple[Writer, int, int]:
@@ -82,6 +98,18 @@ def read_about(found: Salvaged) -> dict[str, Any]:
                 with contextlib.suppress(ValueError):
                     return {key: json.loads(value) for key, value in values.items()}
     return {}
+
+
+def lost_at_end(found: Salvaged, rows: Float) -> int:
+    """Cycles that the indexes beside the chunks name behind the last record: the index of a chunk stands outside it."""
+    last = int(rows[-1, 1]) if len(rows) else -1
+    stamps = {
+        time_ns
+        for record in found.records
+        if isinstance(record, MessageIndex) and record.channel_id == CYCLE_CHANNEL
+        for time_ns, _ in record.records
+    }
+    return sum(time_ns > last for time_ns in stamps)
 
 
 def _checksum(values: Mapping[str, str]) -> str:
