@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from counterflex.app.run_log_missing import LogMissing
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.files.run_log import RunLog, read_log, read_segment
-from counterflex.runtime.record_ring import COLUMNS, ROWS, WIDTH, RecordRing
+from counterflex.files.run_log import RunLog, read_log, read_segment, segments
+from counterflex.runtime.record_ring import COLUMNS, CYCLE, ROWS, WIDTH, RecordRing
 
 
 def rows(n: int, start: int = 0) -> Float:
@@ -100,6 +101,43 @@ def test_a_new_run_leaves_the_old_segments_alone(tmp_path: Path) -> None:
         log.add(rows(10, k), 0.2)
         log.close()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run-000.mcap", "run-001.mcap"]
+
+
+def test_two_runs_that_write_to_one_folder_at_once_keep_their_own_segments(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("counterflex.files.run_log.SEGMENT_BYTES", 1)
+    logs = [RunLog(tmp_path, {"who": k}) for k in range(2)]
+    data = [rows(40, 1), rows(40, 1001)]
+    for one in data:
+        one[:, CYCLE] = np.arange(1, 41)
+    for k in range(0, 40, 10):
+        for log, one in zip(logs, data, strict=True):
+            log.add(one[k : k + 10], 0.1 * (k + 1))
+    for log in logs:
+        log.close()
+    assert [(log.written, log.lost, log.trouble) for log in logs] == [(40, 0, "")] * 2
+    assert [log.first for log in logs] == [0, 1]
+    missing = LogMissing()
+    for segment in segments(tmp_path):
+        missing.add(segment)
+    assert missing.end().lines() == []
+    for who, one in enumerate(data):
+        own = [s.rows for s in segments(tmp_path) if s.about["who"] == who and s.run == who]
+        np.testing.assert_array_equal(np.concatenate(own), one)
+
+
+def test_a_number_that_is_taken_while_a_log_begins_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "run-000.mcap").write_bytes(b"another run's")
+    monkeypatch.setattr("counterflex.files.run_log.Path.glob", lambda *_: iter(()))  # not there yet when looked for
+    log = RunLog(tmp_path, {})
+    log.add(rows(10), 0.2)
+    log.close()
+    assert (tmp_path / "run-000.mcap").read_bytes() == b"another run's"
+    segment = read_segment(tmp_path / "run-001.mcap")
+    assert (len(segment.rows), segment.run, log.first) == (10, 1, 1)
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + b"\0" * 500])

@@ -31,7 +31,7 @@ class Damaged:
 
 @dataclass(eq=False)
 class LogMissing:
-    """Takes the segments of a folder in order; then call :meth:`end`.
+    """Takes the segments of a folder in order, also where those of several runs alternate; then call :meth:`end`.
 
     Attributes:
         cut: Segments that were cut short or are being written.
@@ -46,10 +46,8 @@ class LogMissing:
     damage: list[Damaged] = field(default_factory=list)
     gaps: dict[int, list[MissingCycles]] = field(default_factory=dict)
     at_end: dict[int, int] = field(default_factory=dict)
-    _finder: MissingFinder = field(default_factory=MissingFinder)
-    _last: Segment | None = None
-    _cycle: int = 0
-    _total: int = 0
+    _finders: dict[int, MissingFinder] = field(default_factory=dict)
+    _cycle: dict[int, int] = field(default_factory=dict)
 
     def add(self, segment: Segment) -> None:
         """Take the next segment."""
@@ -58,42 +56,33 @@ class LogMissing:
             return
         if not segment.finished:
             self.cut.append(segment.name)
-        if self._last is None or segment.run != self._last.run:
-            self._end_run()
-            self._finder, self._cycle = MissingFinder(), 0
-        cycles = segment.rows[:, CYCLE]
+        run, cycles = segment.run, segment.rows[:, CYCLE]
         for stretch in segment.damage:
             at = stretch.after
-            before = int(cycles[at - 1]) if at else self._cycle
+            before = int(cycles[at - 1]) if at else self._cycle.get(run, 0)
             missing = segment.lost_at_end if at == len(cycles) else max(0, int(cycles[at]) - before - 1)
             self.damage.append(Damaged(segment.name, stretch.begin, stretch.end, before, missing))
-        self._finder.add(segment.rows)
-        self._last = segment
-        self._cycle = int(cycles[-1]) if len(cycles) else self._cycle
+        self._finders.setdefault(run, MissingFinder()).add(segment.rows)
+        self.at_end[run] = segment.lost_at_end
+        if len(cycles):
+            self._cycle[run] = int(cycles[-1])
 
     def end(self) -> LogMissing:
         """All segments were taken."""
-        self._end_run()
-        self._last = None
+        for run, finder in self._finders.items():
+            finder.end(self.at_end[run])
+            self.gaps[run] = finder.found
         return self
-
-    def _end_run(self) -> None:
-        if self._last is None:
-            return
-        self._finder.end(self._last.lost_at_end)
-        self.gaps[self._last.run] = self._finder.found
-        self.at_end[self._last.run] = self._last.lost_at_end
-        self._total += self._finder.total
 
     @property
     def missing(self) -> int:
         """Cycles without a record, of all runs; a cut end is not known and not counted."""
-        return self._total
+        return sum(finder.total for finder in self._finders.values())
 
     @property
     def incomplete(self) -> bool:
         """Something within the log is missing or cannot be read; a cut end alone is what every killed run leaves."""
-        return bool(self._total or self.damage or self.empty)
+        return bool(self.missing or self.damage or self.empty)
 
     def shown(self) -> dict[str, Any]:
         """Plain values."""

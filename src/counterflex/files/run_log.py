@@ -82,9 +82,8 @@ class RunLog:
         self._facts: dict[str, Any] = {}
         self.written = self.lost = 0
         self.trouble, self.trouble_number = "", 0
-        self._number = self.first = 0
         self._place: LogPlace | None = None
-        self._here = 0  # records in the present segment
+        self._number = self.first = self._here = 0  # the last: records in the present segment
         self._before = LogBefore()
         self._device: int | None = None
         self._stream: BufferedWriter | None = None
@@ -104,13 +103,14 @@ class RunLog:
             ) from fault
 
     def _begin(self) -> None:
-        path = self.folder / f"run-{self._number:03d}.mcap"
         device = self.folder.stat().st_dev
         if self._device not in (None, device):  # another disk, or none, where the log's was: not what was asked for
             raise LogGone
         self._device = device
-        stream = path.open("wb")
+        path, stream = self._next_file()
         try:
+            if self._place is None:
+                self.first = self._number
             self._facts = {"format": KIND, "version": VERSION, "run": self.first, "segment": self._number}
             self._facts.update(self._about)
             writer, self._channel, self._states = begin_segment(stream, self._facts)
@@ -125,6 +125,15 @@ class RunLog:
         self._number += 1
         self.trouble, self.trouble_number = "", 0
 
+    def _next_file(self) -> tuple[Path, BufferedWriter]:
+        """A new file of the next number that is free: another run may write to the same folder."""
+        while True:
+            path = self.folder / f"run-{self._number:03d}.mcap"
+            try:
+                return path, path.open("xb")
+            except FileExistsError:
+                self._number += 1
+
     def add(self, rows: Float, now_s: float | None = None, *, state: LoopState | None = None) -> None:
         """Write records, flush when due, rotate when large or when the disk refuses; never raises for a full disk.
 
@@ -134,8 +143,7 @@ class RunLog:
             state: Of the loop, or None.
         """
         now = time.monotonic() if now_s is None else now_s
-        left = len(rows)
-        look = now - self._looked >= LOOKED_S
+        left, look = len(rows), now - self._looked >= LOOKED_S
         if look:
             self._looked = now
             self._look_back()
