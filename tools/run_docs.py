@@ -45,6 +45,8 @@ _MARK = re.compile(r"\s+# (exit (?P<exit>\d+(?: or \d+)*)|quick: (?P<quick>.*?)|
 _REASON = re.compile(r"<!-- not run: ((?:(?!-->).)+?) -->\s*\Z", re.DOTALL)
 _BASE = re.compile(r"<!-- goes on from: (\S+) -->")
 _MOST_S = 900.0
+_STOPPED_S = 60.0
+"""How long a command may take to end once it has been interrupted."""
 _AT_ONCE = threading.Lock()
 """Programs of several terminals talk over fixed ports: one group at a time."""
 
@@ -159,11 +161,11 @@ def _run(command: Command, folder: Path, alone: threading.Event) -> tuple[bool, 
             if command.stopped:
                 alone.wait(_MOST_S)
                 process.send_signal(signal.SIGINT)
-            status: int | str = process.wait(_MOST_S)
+            status: int | str = process.wait(_STOPPED_S if command.stopped else _MOST_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-            status = f"did not end in {_MOST_S:g} s"
+            status = f"did not end in {_STOPPED_S if command.stopped else _MOST_S:g} s"
         output.seek(0)
         printed = output.read()
     ok = status in command.exits or (command.stopped and status == 130)
@@ -236,6 +238,8 @@ def main(pages: list[str]) -> int:
         *sorted((ROOT / "docs").rglob("*.md")),
         *sorted((ROOT / "examples").glob("*.py")),
     ]
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # started in the background: what is run here inherits that
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     count, faults, left_out = 0, 0, Counter[str]()
     later = [page for page in chosen if base_of(page) is not None]
     first = [page for page in chosen if page not in later]

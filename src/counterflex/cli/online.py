@@ -12,7 +12,7 @@ from counterflex.cli.bounds import LARGEST_PORT, LARGEST_SEED
 from counterflex.cli.fake_options import WaitS
 from counterflex.cli.given import address
 from counterflex.cli.log import show_process
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, line_period_s, print_json, print_table, progress_bar
 from counterflex.cli.program import CellFile, Out, Program
 from counterflex.core.errors import InputError
 from counterflex.core.units import MS
@@ -210,7 +210,8 @@ def run(
     def told(line: str) -> None:
         typer.echo(f"warning: {line}", err=True)
 
-    typer.echo("preparing the loop: cell, plan, sensors", err=True)
+    if line_period_s() > 0.0:
+        typer.echo("preparing the loop: cell, plan, sensors", err=True)
     summary = job.run(settings, out, watch=watch, most_s=seconds, started=started, told=told)
     if as_json:
         print_json(summary)
