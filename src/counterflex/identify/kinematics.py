@@ -268,6 +268,14 @@ def _not_kept(orders: Harmonics, held: HeldOut, without: HeldOut) -> str:
     )
 
 
+def _weighted(setup: Setup, fit: Fit) -> list[Any]:
+    """The blocks with the weights that the fit gave their rows: gross errors count as little in every fold."""
+    return [
+        replace(cast(Any, b), sigma=b.sigma / np.sqrt(np.maximum(w, _NO_WEIGHT))[:, None])
+        for b, w in zip(setup.blocks, fit.weights, strict=True)
+    ]
+
+
 def _held(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit) -> HeldOut:
     if holdout:
         return score_separate(
@@ -277,10 +285,7 @@ def _held(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit) -> Hel
     scored = [i for i, b in enumerate(setup.blocks) if isinstance(b, TrackerResiduals)]
     judged = scored or [i for i, b in enumerate(setup.blocks) if b.components[0] in ("distance m", "height m")]
     # What is a gross error has been decided with all rows; the folds only have to stay clear of it.
-    weighted = [
-        replace(cast(Any, b), sigma=b.sigma / np.sqrt(np.maximum(w, _NO_WEIGHT))[:, None])
-        for b, w in zip(setup.blocks, fit.weights, strict=True)
-    ]
+    weighted = _weighted(setup, fit)
     return cross_validate(
         setup.parameters, weighted, needed=setup.needed, error=position_error, scored=judged, folds=folds,
         start=fit.values, robust=False, stop=Stop(tolerance=1e-7),
@@ -296,10 +301,7 @@ def _held_apart(setup: Setup, fit: Fit) -> tuple[Figure, ...]:
     }
     if not poses:
         return ()
-    weighted = [
-        replace(cast(Any, b), sigma=b.sigma / np.sqrt(np.maximum(w, _NO_WEIGHT))[:, None])
-        for b, w in zip(setup.blocks, fit.weights, strict=True)
-    ]
+    weighted = _weighted(setup, fit)
     sizes = [len(q) for q in poses.values()]
     every, group = np.concatenate(list(poses.values())), np.concatenate([setup.blocks[i].group for i in poses])
     found = np.split(regions(every, group, _REGIONS), np.cumsum(sizes)[:-1])
