@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from counterflex.app.compensate import check_machine, compensate, tool_data
+from counterflex.app.compensate import compensate
 from counterflex.app.inputs import read_job
+from counterflex.app.robot_program import check_machine, other_lengths, routine_name, tool_data
 from counterflex.core.errors import ProgramError
 from counterflex.files.cell import Cell, resolve
 from counterflex.files.cell_schema import CellTables
@@ -82,3 +83,31 @@ def test_a_part_per_tool(tmp_path: Path) -> None:
     assert "$TOOL=TOOL_DATA[4]" in second
     assert "HALT ; change to tool T2, then press start" in second[: second.index("$TOOL=TOOL_DATA[4]")]
     assert "HALT ; stop the spindle, then press start" in found.files["two_001.src"]  # M6 stops it on a machine
+
+
+def test_a_tool_is_not_changed_in_the_cut(tmp_path: Path) -> None:
+    """M6 takes a milling machine out of the material first; a robot would stand there, and come back into it."""
+    job_cell = cell({"tool_data": 3}, {"tool_data": 4}, krl=MAPPED)
+    text = TWO.replace("G1 X2 F1500\nG0 Z50\n", "G1 X2 F1500\n")
+    with pytest.raises(ProgramError, match="changed in the cut") as caught:
+        check_machine(read_job(program(tmp_path, text), job_cell), job_cell, "krl")
+    assert caught.value.where == "two.ngc:7"
+    above = TWO.replace("G1 X2 F1500\nG0 Z50\n", "G1 X2 F1500\nG1 Z50\n")
+    check_machine(read_job(program(tmp_path, above), job_cell), job_cell, "krl")
+
+
+def test_another_length_than_that_of_the_tool_is_said(tmp_path: Path) -> None:
+    job_cell = cell({"tool_data": 3}, {"tool_data": 4}, krl=MAPPED)
+    text = TWO.replace("T1 M6\n", "T1 M6\nG43 H7\n").replace("T2 M6\n", "T2 M6\nG43 H2\n")
+    (said,) = other_lengths(read_job(program(tmp_path, text), job_cell).program)
+    assert "G43 H7 in line 3" in said
+    assert "T1" in said
+
+
+@pytest.mark.parametrize(
+    ("stem", "name"),
+    [("part", "part"), ("4 holes", "p_4_holes"), ("lin", "p_lin"), ("Bas", "p_Bas"), ("main", "p_main"), ("", "p_")],
+)
+def test_no_program_is_called_like_a_word_of_the_language(stem: str, name: str) -> None:
+    """A cell.src would replace the controller's own; DEF lin( ) is none."""
+    assert routine_name(stem) == name

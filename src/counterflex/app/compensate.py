@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,8 +14,9 @@ from counterflex import __version__
 from counterflex.app.feed_for_tolerance import lowered_plan, shown_feed
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
 from counterflex.app.prediction import figures, prediction
+from counterflex.app.robot_program import check_machine, left_out, other_lengths, routine_name, tool_data
 from counterflex.core import atomic
-from counterflex.core.errors import InputError, ProgramError
+from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import DEG, MM, MS, UM
 from counterflex.files.cell import Cell, read_cell
@@ -29,17 +29,12 @@ from counterflex.plan.job_hash import job_hash
 from counterflex.plan.plan import Plan
 from counterflex.plan.tool_frame import tool_orientation
 from counterflex.programs.compensated import CompensatedPath
-from counterflex.programs.gcode_motion import UNKNOWN_PLACE
 from counterflex.programs.gcode_writer import write_gcode
-from counterflex.programs.implied_stops import implied_stops
 from counterflex.programs.job_mark import marks
 from counterflex.programs.krl_writer import KrlSettings, write_krl
-from counterflex.programs.machine_functions import Dialect
-from counterflex.programs.program import Program
 from counterflex.programs.rapid_writer import RapidSettings, write_rapid
 
 Language = Literal["gcode", "krl", "rapid"]
-_HOMING: Final = frozenset((28.0, 30.0, 53.0))
 TOLERANCE_M = (0.1 * UM, 1000.0 * UM)
 """Smallest and largest tolerance of the written path."""
 READING, PLANNING, WRITING = "reading the program", "planning", "writing the program"
@@ -222,7 +217,7 @@ def write(
     Rs_part_nominal = tool_orientation(plan.path.axis_part, cell.tables.posture.rotation_about_tool_deg * DEG)
     Ts_part_tcp = commanded.poses(Rs_part_nominal)
     controller = cell.tables.controller
-    name = _routine_name(Path(job.program.name).stem)
+    name = routine_name(Path(job.program.name).stem)
     lines = cell.machine_functions(language).lines
     data = tool_data(job, cell, language)
     if language == "krl":
@@ -268,79 +263,11 @@ def write(
             tolerance_m=tolerance_m,
             block_lines=lines,
         )
-    robot_text = replace(robot_text, warnings=(*robot_text.warnings, *homing(job.program)))
+    robot_text = replace(
+        robot_text, warnings=(*robot_text.warnings, *left_out(job.program), *other_lengths(job.program))
+    )
     said = {key: value for key, value in dataclasses.asdict(robot_text).items() if key != "files"}
     return robot_text.files, _shop(said)
-
-
-def check_machine(job: Job, cell: Cell, language: Dialect) -> None:
-    """Refuse, before anything is planned, a program whose spindle, coolant or tools the robot cannot be told.
-
-    Raises:
-        ProgramError: An M-code or a tool frame that the cell file does not map; names line and key.
-    """
-    functions = cell.machine_functions(language)
-    with faults_in(job):
-        for block in (*job.program.blocks, *implied_stops(job.program).all()):
-            functions.lines(block)
-    tool_data(job, cell, language)
-    homing(job.program)
-
-
-def homing(program: Program) -> list[str]:
-    """What a robot program leaves out of one that goes to places of the milling machine (G28, G30, G53), in words.
-
-    Raises:
-        ProgramError: That was the way out of the cut: the robot would stay there.
-    """
-    out = []
-    for block in program.blocks:
-        codes = {word.value for word in block.words if word.letter == "G"} & _HOMING
-        if not codes or block.motion_count or block.first_motion == 0:
-            continue
-        name, place = f"G{min(codes):g}", f"{Path(program.name).name}:{block.line}"
-        if program.motions[block.first_motion - 1].kind != "rapid":
-            raise ProgramError(
-                f"{name} is the way out of the cut, and where it leads is not known: the robot would stay in the cut",
-                where=place,
-                value=block.text.strip()[:40],
-                hint=f"Retract with G0 first. {UNKNOWN_PLACE}",
-            )
-        out.append(f"{name} in line {block.line} leads to a place of the milling machine: the robot stays where it is")
-    return out
-
-
-def tool_data(job: Job, cell: Cell, language: Dialect) -> dict[int, str]:
-    """What the controller calls the tool frame, for each tool that the program uses.
-
-    Empty where it uses one tool that has no name of its own: that one is ``controller.tool_number`` (KRL), or the
-    program brings its tooldata (RAPID).
-
-    Raises:
-        ProgramError: The program changes tools, and one of them is not named: it would run with another one's length.
-    """
-    named = cell.machine_functions(language).tool_data
-    used: dict[int, int] = {}
-    for motion in job.program.motions:
-        if motion.tool:
-            used.setdefault(motion.tool, motion.block)
-    for tool, block in used.items():
-        if tool not in named and len(used) > 1:
-            key = "tool_data" if language == "krl" else "tooldata"
-            raise ProgramError(
-                "the program changes tools, and the cell file does not say which frame one of them has",
-                where=f"{Path(job.program.name).name}:{job.program.blocks[block].line}",
-                value=f"T{tool}",
-                limit=f"tools.{key} of T{tool} in {cell.path}",
-                hint="Give every tool of the program its own: the controller compensates its length",
-            )
-    return {tool: named[tool] for tool in used if tool in named}
-
-
-def _routine_name(stem: str) -> str:
-    """A file name as a routine name: letters, digits and underscores, 20 at most, a letter first."""
-    name = re.sub(r"[^A-Za-z0-9_]", "_", stem)[:20]
-    return name if name[:1].isalpha() else f"p_{name}"[:20]
 
 
 def _payload(cell: Cell) -> tuple[float, list[float]]:

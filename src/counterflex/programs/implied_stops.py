@@ -1,7 +1,8 @@
 """Starts and stops of spindle and coolant that a program does not write: at a tool change, at its end, inside a cycle.
 
 RS274/NGC stops the spindle when a tool is changed (M6) and spindle and coolant when the program ends; G86 stops the
-spindle for the way out of a hole. A robot controller does none of that by itself.
+spindle for the way out of a hole; S0 and the other direction of turning stop it too. A robot controller does none of
+that by itself.
 """
 
 from __future__ import annotations
@@ -35,26 +36,43 @@ class ImpliedStops:
 def implied_stops(program: Program) -> ImpliedStops:
     """Find them.
 
+    What counts is what the robot was told: a spindle that was started stays started until something stops it, also
+    where the program gives it no speed (``S0``). It is stopped before it is started the other way round.
+
     Args:
         program: As read: what was executed, in order.
     """
     out = ImpliedStops()
-    rpm, cooled = 0.0, False
+    told, cooled = 0, False
     for number, block in enumerate(program.blocks):
         codes = {word.value for word in block.words if word.letter == "M"}
-        if 6.0 in codes and rpm != 0.0:
+        wanted = _wanted(block, codes, told)
+        if told != 0 and 5.0 not in codes and (6.0 in codes or wanted != told):
             out.before[number] = [_saying(5, block)]
+            wanted = 0 if 6.0 in codes and not codes & {3.0, 4.0} else wanted
         within = _within(program, block)
         if (restart := within.pop(block.first_motion + block.motion_count, None)) is not None:
             out.behind[number] = [restart]
         out.within.update(within)
-        rpm = block.modal.spindle_rpm
+        told = wanted
         cooled = 9.0 not in codes and (cooled or bool(codes & {7.0, 8.0}))
-    if rpm != 0.0 or cooled:
+    if told != 0 or cooled:
         last = len(program.blocks) - 1
-        codes_left = [*([5] if rpm != 0.0 else []), *([9] if cooled else [])]
+        codes_left = [*([5] if told != 0 else []), *([9] if cooled else [])]
         out.behind[last] = out.behind.get(last, []) + [_saying(code, program.blocks[last]) for code in codes_left]
     return out
+
+
+def _wanted(block: Block, codes: set[float], told: int) -> int:
+    """Direction in which a block wants the spindle: 1 for M3, -1 for M4, 0 stopped."""
+    if 5.0 in codes:
+        return 0
+    if 3.0 in codes or 4.0 in codes:
+        return 1 if 3.0 in codes else -1
+    if any(word.letter == "S" for word in block.words):
+        rpm = block.modal.spindle_rpm
+        return 0 if rpm == 0.0 else 1 if rpm > 0.0 else -1
+    return told
 
 
 def _within(program: Program, block: Block) -> dict[int, Block]:

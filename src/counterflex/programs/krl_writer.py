@@ -25,6 +25,7 @@ from counterflex.programs.robot_points import (
     carried_text,
     choose_points,
     event_motions,
+    stops,
 )
 from counterflex.programs.written_line import number
 
@@ -237,8 +238,7 @@ class _Lines:
 
     def block(self, block: Block) -> list[str]:
         text = carried_text(block)
-        stops = any(w.letter == "M" and w.value in (0.0, 1.0, 60.0) for w in block.words)
-        return [*([f"; {text}"] if text else []), *self._lines(block), *(["HALT"] if stops else [])]
+        return [*([f"; {text}"] if text else []), *self._lines(block), *(["HALT"] if stops(block) else [])]
 
     def dwell(self, time_s: float) -> str:
         return f"WAIT SEC {time_s:.3f}"

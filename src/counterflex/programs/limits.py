@@ -69,6 +69,19 @@ LINUXCNC_RADIUS_RELATIVE: Final = 1e-3
 LINUXCNC_RADIUS_LARGEST_M: Final = 0.5e-3
 """m. Largest difference of the radii at the start and end of an arc in any case (LinuxCNC, G2/G3)."""
 
+_WORDS: Final = """
+ABS ACCESS ACOS ALIAS AND ATAN2 BACKWARD BAS BEGIN BOOL BRAKE BREAK CASE CELL CHAR CIRC CONFDATA CONNECT CONST
+CONTINUE COS DECL DEF DEFAULT DEFDAT DEFFCT DELAY DISABLE DIV DO ELSE ELSEIF ENABLE END ENDDAT ENDFCT ENDFOR ENDFUNC
+ENDIF ENDLOOP ENDMODULE ENDPROC ENDRECORD ENDSPLINE ENDSWITCH ENDTEST ENDTRAP ENDWHILE ENUM ERROR EXIT EXT FALSE FOR
+FRAME FROM FUNC GLOBAL GOTO HALT IF IMPORT INOUT INT INTERRUPT IR_STOPM IS LIN LOCAL LOOP MAIN MAXIMUM MINIMUM MOD
+MODULE MOVEABSJ MOVEC MOVEJ MOVEL NOSTEPIN NOT NOVIEW NULLFRAME OF OR PERS POS PRIO PROC PTP PUBLIC PULSE RAISE
+READONLY REAL RECORD REPEAT RESUME RETRY RETURN SEC SIGNAL SIN SLIN SPEEDDATA SPL SPLINE SPS SPTP SQRT STEP STOP STRUC
+SWITCH SYSMODULE TAN TEST THEN TO TOOLDATA TRAP TRIGGER TRUE TRYNEXT UNDO UNTIL USER VAR VARSTATE VIEWONLY WAIT WHEN
+WHILE WITH WOBJDATA XOR
+"""
+RESERVED: Final = frozenset(re.findall(r"\w+", _WORDS))
+"""Words of KRL and RAPID, and programs that a controller has of its own; no program may be called that."""
+
 
 def check_name(name: str, limits: Limits, language: str) -> str:
     """Return a program name that the controller accepts as it stands.
@@ -89,4 +102,6 @@ def check_name(name: str, limits: Limits, language: str) -> str:
         raise InputError(
             f"the name is too long for {language}", value=len(name), limit=f"<= {limits.name_characters} characters"
         )
+    if name.upper() in RESERVED:
+        raise InputError(f"{language} cannot use this name", value=repr(name), limit="no word of the language")
     return name

@@ -26,6 +26,7 @@ from counterflex.programs.robot_points import (
     carried_text,
     choose_points,
     event_motions,
+    stops,
 )
 from counterflex.programs.written_line import number
 
@@ -200,12 +201,14 @@ def _declarations(program: Program, settings: RapidSettings, speeds: dict[float,
     cog = ",".join(number(float(v) / MM, 4) for v in settings.p_flange_cog)
     load = f"[{settings.tool_mass_kg:.4f},[{cog}],[1,0,0,0],0,0,0]"
     tool = rapid_pose(np.asarray(settings.T_flange_tcp))
+    used = {motion.tool for motion in program.motions if motion.tool}
+    own = not used or not used <= settings.tool_data.keys()
     part = rapid_pose(np.asarray(settings.T_base_part))
     return [
         f"  ! made by counterflex {__version__} from {plain(program.name)}",
         *([f"  ! cell {plain(settings.cell)}"] if settings.cell else []),
         *([f"  ! {mark(settings.job)}"] if settings.job else []),
-        *([] if settings.tool_data else [f"  PERS tooldata {settings.tool_frame(0)}:=[TRUE,[{tool}],{load}];"]),
+        *([f"  PERS tooldata {settings.tool_frame(0)}:=[TRUE,[{tool}],{load}];"] if own else []),
         f'  PERS wobjdata {_wobj(settings.name)}:=[FALSE,TRUE,"",[{part}],[[0,0,0],[1,0,0,0]]];',
         *(f"  CONST speeddata {name}:={_speed(settings, speed)};" for speed, name in speeds.items()),
     ]
@@ -231,9 +234,8 @@ class _Lines:
 
     def block(self, block: Block) -> list[str]:
         text = carried_text(block)
-        stops = any(w.letter == "M" and w.value in (0.0, 1.0, 60.0) for w in block.words)
         own = [f"    {line}" for line in self._lines(block)]
-        return [*([f"    ! {text}"] if text else []), *own, *(["    Stop;"] if stops else [])]
+        return [*([f"    ! {text}"] if text else []), *own, *(["    Stop;"] if stops(block) else [])]
 
     def dwell(self, time_s: float) -> str:
         return f"    WaitTime {time_s:.3f};"

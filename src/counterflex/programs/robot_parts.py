@@ -56,8 +56,8 @@ def first_tool(program: Program) -> int:
 
 
 def changes_tool(block: Block) -> bool:
-    """Whether a block puts a tool into the spindle."""
-    return block.modal.tool != 0 and any(word.letter == "M" and word.value in _CHANGES for word in block.words)
+    """Whether a block puts a tool into the spindle, or takes it out (T0)."""
+    return any(word.letter == "M" and word.value in _CHANGES for word in block.words)
 
 
 def robot_parts(program: Program, points: RobotPoints, language: RobotLanguage, points_per_file: int) -> RobotParts:
@@ -73,17 +73,19 @@ def robot_parts(program: Program, points: RobotPoints, language: RobotLanguage, 
         The lines.
     """
     out = RobotParts()
-    count, place = 0, -1
+    count, place, tool, last = 0, -1, first_tool(program), len(points.row) - 1
     for step in steps(program, points):
         if isinstance(step, Block):
             lines = language.block(step)
-            if not changes_tool(step):
-                out.parts[-1] += lines
-            elif place < 0:
+            changes = changes_tool(step)
+            tool = step.modal.tool or tool  # an empty spindle is led as the last tool was
+            if changes and place < 0:
                 out.lead += [*out.parts[-1], *lines]
                 out.parts[-1] = []
+            elif not changes or place == last:  # behind the last point nothing has to be led back
+                out.parts[-1] += lines
             else:
-                out.parts.append([*lines, *language.enter(step.modal.tool, place)])
+                out.parts.append([*lines, *language.enter(tool, place)])
                 out.changes += 1
                 count = 0
         elif isinstance(step, float):

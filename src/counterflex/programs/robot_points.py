@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -29,6 +29,7 @@ _SPEED_STEP: Final = 0.02
 _CAUTION: Final = 0.8
 """Of the feed at which the tolerance would just be held."""
 _MODAL_ONLY: Final = frozenset("GXYZABCIJKRPQLFN")
+_STOPS: Final = frozenset((0.0, 1.0, 60.0))
 
 
 @dataclass(frozen=True)
@@ -284,7 +285,7 @@ def event_motions(program: Program, lines: BlockLines) -> frozenset[int]:
     for block in program.blocks:
         if acts(block) or lines(block):
             out.add(block.first_motion)
-            if any(word.letter == "M" and word.value in (0.0, 1.0, 60.0) for word in block.words):
+            if stops(block):
                 out.add(motions_end(block))
     out |= {index for index, motion in enumerate(motions) if motion.kind == "dwell"}
     out |= set(implied_stops(program).within)
@@ -294,6 +295,11 @@ def event_motions(program: Program, lines: BlockLines) -> frozenset[int]:
 def motions_end(block: Block) -> int:
     """Index behind the last motion of a block."""
     return block.first_motion + block.motion_count
+
+
+def stops(block: Block) -> bool:
+    """Whether a block stops the program: M0, M1, M60."""
+    return any(word.letter == "M" and word.value in _STOPS for word in block.words)
 
 
 def acts(block: Block) -> bool:
@@ -317,7 +323,8 @@ def steps(program: Program, points: RobotPoints) -> Iterator[Block | float | int
     implied = implied_stops(program)
     for number, block in enumerate(program.blocks):
         yield from implied.before.get(number, ())
-        yield block
+        moves_first = block.motion_count > 0 and stops(block)  # RS274 stops behind what else the block does
+        yield _without_stop(block) if moves_first else block
         for index in range(block.first_motion, motions_end(block)):
             if index in implied.within:
                 yield implied.within[index]
@@ -326,7 +333,18 @@ def steps(program: Program, points: RobotPoints) -> Iterator[Block | float | int
                 at += 1
             if program.motions[index].kind == "dwell":
                 yield float(program.motions[index].duration_s)
+        if moves_first:
+            yield _only_stop(block)
         yield from implied.behind.get(number, ())
+
+
+def _without_stop(block: Block) -> Block:
+    return replace(block, words=tuple(word for word in block.words if word.letter != "M" or word.value not in _STOPS))
+
+
+def _only_stop(block: Block) -> Block:
+    stop = tuple(word for word in block.words if word.letter == "M" and word.value in _STOPS)
+    return replace(block, words=stop, text=f"M{stop[0].value:.0f}", motion_count=0)
 
 
 def carried_text(block: Block) -> str:
