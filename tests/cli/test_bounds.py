@@ -57,4 +57,5 @@ def test_a_proposal_beyond_reason_is_refused_at_once(counterflex: Any, folder: A
     assert any(
         part in ended.err for part in ("less than or equal to 500", "greater than or equal to 1", "valid integer")
     )
+    assert f"got {count}; expected" in ended.err
     assert not (folder / "proposal").exists()

@@ -24,7 +24,8 @@ from counterflex.evaluate.loop_timing import Percentiles
 from counterflex.evaluate.run_record import RunFigures, RunRecord
 from counterflex.files.cell import read_cell
 from counterflex.files.plan_file import read_plan
-from counterflex.files.run_log import UNKNOWN, segments
+from counterflex.files.run_log import UNKNOWN, Segment, segments
+from counterflex.files.run_log_columns import require_all
 from counterflex.files.run_log_repair import Repaired, repair_segment
 from counterflex.runtime.fusion import level
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, is_whole
@@ -42,8 +43,11 @@ def show(folder: str | Path) -> dict[str, Any]:
     about: dict[int, dict[str, Any]] = {}
     missing = LogMissing()
     names: list[str] = []
+    older: list[str] = []
     for segment in segments(folder):
         names.append(segment.name)
+        if segment.absent and not older:
+            older = [_older(segment)]
         missing.add(segment)
         if segment.about:
             about.setdefault(segment.run, segment.about)
@@ -56,7 +60,8 @@ def show(folder: str | Path) -> dict[str, Any]:
         "segments": names,
         **missing.shown(),
         "incomplete": missing.incomplete,
-        "lines": missing.lines(),
+        "older": older,
+        "lines": [*missing.lines(), *older],
         "runs": [
             {
                 "run": k,
@@ -69,6 +74,15 @@ def show(folder: str | Path) -> dict[str, Any]:
         ],
         "counterflex": __version__,
     }
+
+
+def _older(segment: Segment) -> str:
+    shown = ", ".join(segment.absent[:6]) + (", ..." if len(segment.absent) > 6 else "")
+    return (
+        f"written by older code (counterflex {segment.about.get('counterflex', UNKNOWN)}): {len(segment.absent)} of "
+        f"{len(COLUMNS)} columns were not recorded then ({shown}) and count as none; log replay needs the version that "
+        "wrote it"
+    )
 
 
 def _facts(about: dict[str, Any]) -> dict[str, Any]:
@@ -198,6 +212,7 @@ def replay(
         passed = after.get(segment.run, 0) if segment.about else 0
         answer.records += int(np.count_nonzero(segment.rows[:, CYCLE] > passed))
         answer.lost.add(segment)
+        require_all(segment.absent, segment.about, str(Path(folder) / segment.name), "computed again")
         if not segment.about or answer.difference is not None:
             continue
         if current is None or segment.run != number:
@@ -282,6 +297,7 @@ def export(folder: str | Path, csv: str | Path, progress: Progress = silent) -> 
             missing.add(segment)
             table = polars.DataFrame(segment.rows, schema=list(COLUMNS), orient="row")
             table = table.with_columns(polars.col(whole).cast(polars.Int64))
+            table = table.with_columns(polars.lit(None).cast(table.schema[name]).alias(name) for name in segment.absent)
             table = table.select(polars.lit(segment.run, dtype=polars.Int64).alias("run"), polars.all())
             table.write_csv(stream, include_header=k == 0)
             count += len(segment.rows)

@@ -199,12 +199,23 @@ def _end_usage(fault: Any) -> NoReturn:
     """End with a fault of the command line: unknown command or option, missing or malformed argument."""
     context = getattr(fault, "ctx", None)
     command = context.command_path if context is not None else "counterflex"
-    message = " ".join(fault.format_message().split())
+    message = _with_value(" ".join(fault.format_message().split()), fault)
     if type(fault).__name__ == "NoArgsIsHelpError":
         print(fault.format_message())
         sys.exit(2)
     stop = "" if message.endswith((".", "?", "!")) else "."
     _end(f"{message}{stop} {command} --help shows how it is used")
+
+
+def _with_value(message: str, fault: Any) -> str:
+    """A message of the parser with the value that was given, which its checks of types and bounds leave out."""
+    errors = getattr(fault.__cause__, "errors", None)
+    found = errors() if callable(errors) else []
+    if not found or "input" not in found[0] or "Input should" not in message:
+        return message
+    return message.replace("Input should be", f"got {str(found[0]['input'])[:60]}; expected", 1).replace(
+        "Input should", f"got {str(found[0]['input'])[:60]}; it should", 1
+    )
 
 
 def _end(line: str, status: int = 2) -> NoReturn:

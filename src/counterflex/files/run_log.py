@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import json
 import mmap
 import os
 import time
@@ -22,16 +21,16 @@ from typing import Any, Final
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Channel, Schema
+from mcap.records import Channel
 from mcap.writer import Writer
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, OutputError
 from counterflex.files.log_place import LOOKED_S, LogBefore, LogGone, LogPlace
 from counterflex.files.mcap_salvage import Salvaged, message, parsed, salvage
+from counterflex.files.run_log_columns import columns_of, placed, require_all
 from counterflex.files.run_log_segment import (
     CYCLE_CHANNEL,
-    CYCLES,
     KIND,
     STATE_CHANNEL,
     STATE_HEAD,
@@ -251,6 +250,7 @@ class Segment:
         states: Of the loop, in order.
         damage: Stretches that cannot be read.
         lost_at_end: Records behind the last one that can be read, as far as the file's own index still names them.
+        absent: Columns that older code did not record: 0 in counts and flags, else not a number.
     """
 
     name: str
@@ -260,6 +260,7 @@ class Segment:
     states: tuple[LoopState, ...] = ()
     damage: tuple[Unreadable, ...] = ()
     lost_at_end: int = 0
+    absent: tuple[str, ...] = ()
 
     @property
     def whole(self) -> bool:
@@ -297,6 +298,7 @@ def read_segment(path: str | Path) -> Segment:
         )
     rows: list[Float] = []
     states: list[LoopState] = []
+    columns = columns_of(found, str(about.get("counterflex", UNKNOWN)), file)
     before = [0]  # records before each chunk
     for chunk in found.chunks:
         for opcode, content in chunk.records():
@@ -306,20 +308,19 @@ def read_segment(path: str | Path) -> Segment:
                     words = np.frombuffer(data, dtype="<i8", offset=STATE_HEAD.size)
                     cycle, time_ns = STATE_HEAD.unpack_from(data)
                     states.append(LoopState(cycle, time_ns, words))
-                elif channel == CYCLE_CHANNEL and len(data) == 8 * len(COLUMNS):
+                elif channel == CYCLE_CHANNEL and len(data) == 8 * len(columns):
                     rows.append(np.frombuffer(data, dtype="<f8"))
             elif opcode == Opcode.CHANNEL:
                 _require_ours(parsed(Channel, content), file)
-            elif opcode == Opcode.SCHEMA:
-                _require_columns(parsed(Schema, content), file)
         before.append(len(rows))
     if not about and not rows:
         said = "not a run log, or cut before its beginning" if found.magic else "not an MCAP file"
         raise FileFormatError(said, where=str(file), nothing=True)
     damage = tuple(Unreadable(d.begin, d.end, before[d.chunks]) for d in found.damage)
-    table = np.array(rows).reshape(-1, len(COLUMNS))
+    table = placed(np.array(rows).reshape(-1, len(columns)), columns)
+    absent = tuple(name for name in COLUMNS if name not in columns)
     lost = lost_at_end(found, table) + int(about.get("repaired", {}).get("missing_at_end", 0))
-    return Segment(file.name, table, about, found.finished, tuple(states), damage, lost)
+    return Segment(file.name, table, about, found.finished, tuple(states), damage, lost, absent)
 
 
 def _salvaged(file: Path) -> Salvaged:
@@ -333,14 +334,6 @@ def _salvaged(file: Path) -> Salvaged:
 def _require_ours(channel: Channel | None, file: Path) -> None:
     if channel is not None and (channel.id, channel.topic) not in ((CYCLE_CHANNEL, TOPIC), (STATE_CHANNEL, STATES)):
         raise FileFormatError("not a run log", where=str(file), value=channel.topic)
-
-
-def _require_columns(schema: Schema | None, file: Path) -> None:
-    if schema is None or schema.name != CYCLES:
-        return
-    columns = json.loads(schema.data)["columns"]
-    if tuple(columns) != COLUMNS:
-        raise FileFormatError("the run log has other columns", where=str(file), value=len(columns), limit=len(COLUMNS))
 
 
 def segments(folder: str | Path) -> Iterator[Segment]:
@@ -388,11 +381,12 @@ def read_log(folder: str | Path) -> tuple[Float, dict[str, Any], list[str]]:
         Records, facts of the first segment, and the names of segments that were cut short or are damaged.
 
     Raises:
-        FileFormatError: There is none, none can be read, or one is no run log.
+        FileFormatError: There is none, none can be read, one is no run log, or of older code that recorded less.
     """
     parts, cut = [], []
     about: dict[str, Any] = {}
     for segment in segments(folder):
+        require_all(segment.absent, segment.about, str(folder), "computed again")
         parts.append(segment.rows)
         about = about or segment.about
         if not segment.whole:

@@ -15,6 +15,7 @@ from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError, InputError, OutputError
 from counterflex.evaluate.missing_cycles import MissingFinder
 from counterflex.files.run_log import Segment, read_segment
+from counterflex.files.run_log_columns import require_all
 from counterflex.files.run_log_segment import KIND, VERSION, add_about, add_record, add_state, begin_segment
 from counterflex.runtime.record_ring import CYCLE
 
@@ -80,6 +81,7 @@ def repair_segment(
         return Repaired(file.name, "", 0, "not one record can be read: nothing to save")
     if found.whole:
         return None
+    require_all(found.absent, found.about or about or {}, str(file), "written anew")
     age = (time.time() if now_s is None else now_s) - file.stat().st_mtime
     if age < STILL_S and not found.finished:
         raise InputError(

@@ -19,6 +19,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.similar import close_to, missing_file
 from counterflex.core.units import DEG, MM, UM_PER_KN, URAD_PER_KNM
+from counterflex.files import foreign_file
 from counterflex.geometry import pose
 
 Model = TypeVar("Model", bound="Table")
@@ -119,8 +120,12 @@ class ComplianceTable(Table):
         }
 
 
-def read_toml(path: str | Path) -> dict[str, Any]:
+def read_toml(path: str | Path, kind: str = "") -> dict[str, Any]:
     """Parse a TOML file.
+
+    Args:
+        path: The file.
+        kind: Its ``format``, for messages.
 
     Raises:
         FileFormatError: It does not exist, cannot be read, or is not TOML; with line and column.
@@ -132,6 +137,9 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
     except OSError as fault:
         raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
+    foreign = foreign_file.of_bytes(data)
+    if foreign is not None:
+        raise _foreign(file, foreign, kind)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as fault:
@@ -146,7 +154,14 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as fault:
+        foreign = foreign_file.of_text(text)
+        if foreign is not None:
+            raise _foreign(file, foreign, kind) from fault
         raise FileFormatError(f"not valid TOML: {fault}", where=str(file)) from fault
+
+
+def _foreign(file: Path, what: str, kind: str) -> FileFormatError:
+    return FileFormatError(f"this is {what}", where=str(file), limit="a TOML file", hint=foreign_file.what_to_do(kind))
 
 
 def check_header(data: dict[str, Any], *, kind: str, version: int, where: str) -> None:
@@ -203,24 +218,27 @@ def _explain(fault: ValidationError, model: type[Table], where: str) -> FileForm
     value = first.get("input")
     if isinstance(value, dict | list) or first["type"] in _TELLING or (isinstance(value, str) and len(value) > 60):
         value = None
-    hint = limit = None
+    hint = limit = counted = None
     if first["type"] == "extra_forbidden":
         what, hint = f"unknown key '{key}'", _unknown_key_hint(loc, first.get("input"), model)
     elif first["type"] == "missing" and loc and isinstance(loc[-1], int):
         what, place = f"'{key}' has too few numbers", place[: place.rindex("[")]
-        limit = f"at least {loc[-1] + 1}"
+        counted, limit = f"{loc[-1]} numbers", f"at least {loc[-1] + 1}"
     elif first["type"] == "missing":
         what = f"the key '{key}' is missing"
     elif first["type"] == "value_error":
         what, value = str(first["ctx"]["error"]), None
     else:
-        what, limit = f"'{key}' cannot be used", _expected(str(first["type"]), first.get("ctx", {}), first["msg"])
+        context = first.get("ctx", {})
+        what, limit = f"'{key}' cannot be used", _expected(str(first["type"]), context, first["msg"])
+        if "actual_length" in context:
+            counted = f"{context['actual_length']} entries"
     if len(faults) > 1:
         what += f" ({len(faults) - 1} more fault{'s' if len(faults) > 2 else ''} in this file)"
     return FileFormatError(
         what,
         where=f"{where}: {place}" if place else where,
-        value=None if value is None else repr(value),
+        value=repr(value) if counted is None and value is not None else counted,
         limit=limit,
         hint=hint,
     )
@@ -306,6 +324,6 @@ class Versioned(Table):
     @classmethod
     def read(cls, path: str | Path, *, kind: str, version: int) -> Self:
         """Read, check the header, check every key."""
-        data = read_toml(path)
+        data = read_toml(path, kind)
         check_header(data, kind=kind, version=version, where=str(path))
         return parse(cls, data, where=str(path))

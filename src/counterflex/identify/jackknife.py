@@ -32,6 +32,8 @@ MOST_PARTS: Final = 40
 FEWEST_PARTS: Final = 5
 """Parts below which their spread says nothing."""
 _MOST_LEVERAGE: Final = 0.9
+_LEAST_LEFT: Final = 1.0 / 9.0
+"""Least share of the numbers that is left over to judge their spread by."""
 
 
 def stretches(blocks: Sequence[Residuals], count: int = STRETCHES) -> tuple[Int, ...]:
@@ -88,6 +90,46 @@ def with_jackknife(fit: Fit, blocks: Sequence[Residuals], parts: Sequence[Int]) 
         moved[k] = root @ (axes @ ((axes.T @ scores[k]) / (1.0 - np.minimum(held, _MOST_LEVERAGE))))
     spread = (count - 1) / count * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0) * (count - 1) / (count - 3)
     return widened(fit, spread)
+
+
+def with_groups_once(fit: Fit, blocks: Sequence[Residuals]) -> Fit:
+    """The fit with standard deviations not below those of data in which every group of rows counts as one row.
+
+    Only where there are fewer than :data:`FEWEST_PARTS` groups, too few to say what their rows have in common: then
+    they are taken to have everything in common, as copies do::
+
+        V = (sum_g 1/m_g sum_rows J^T J / s^2 + priors)^-1,    s^2 = sum_g 1/m_g sum_rows |r|^2 / (k G - used)
+
+    with m_g rows in group g, G groups of k numbers each, and s never below the factor of the fit.
+
+    Args:
+        fit: Of these blocks.
+        blocks: Their rows.
+
+    Returns:
+        The same values, ``covariance`` and ``sigma`` widened; the fit as it was where no group has two rows.
+    """
+    ids, counts = np.unique(np.concatenate([b.group for b in blocks]), return_counts=True)
+    if len(ids) >= FEWEST_PARTS or len(ids) == int(np.sum(counts)):
+        return fit
+    x, free = fit.values, fit.free_index
+    slope = fit.parameters.slope(x)[free]
+    all_rows, once = np.zeros((len(free), len(free))), np.zeros((len(free), len(free)))
+    squares, numbers = 0.0, 0.0
+    for block, weight, factor in zip(blocks, fit.weights, fit.sigma_factors, strict=True):
+        share = 1.0 / counts[np.searchsorted(ids, block.group)]
+        J = block.jacobian(x)[:, :, free] * slope / factor
+        all_rows += np.einsum("n,nci,ncj->ij", weight, J, J)
+        once += np.einsum("n,nci,ncj->ij", weight * share, J, J)
+        squares += float(np.sum(weight * share * np.sum((block.evaluate(x) / factor) ** 2, axis=1)))
+        numbers += float(np.sum(weight * share)) * len(block.components)
+    # What the covariance holds beyond the rows are the priors.
+    priors = np.linalg.inv(fit.covariance) - all_rows
+    covariance = np.linalg.inv(once + priors)
+    used = len(free) - float(np.trace(covariance @ priors))
+    left = max(numbers - used, numbers * _LEAST_LEFT)
+    covariance = np.linalg.inv(once / max(1.0, squares / left) + priors)
+    return widened(fit, np.diag(covariance))
 
 
 def widened(fit: Fit, variance: Float) -> Fit:

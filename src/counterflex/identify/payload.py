@@ -17,10 +17,11 @@ from counterflex.identify.changes import BodyMass, Change, TableValues
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
 from counterflex.identify.holdout import HeldOut, score_separate
-from counterflex.identify.jackknife import parts_of_groups, with_jackknife
+from counterflex.identify.jackknife import parts_of_groups, with_groups_once, with_jackknife
 from counterflex.identify.model import CellModel
 from counterflex.identify.payload_choice import FORCE_N, HEIGHT_M, MOMENT_NM, NEAR_SHARE, propose
 from counterflex.identify.payload_data import KINDS, check_orientations, clock, readings, shared_mass, with_mass_behind
+from counterflex.identify.payload_groups import ALIKE_RAD, count_of, groups_of
 from counterflex.identify.payload_holdout import held_out_forces, held_out_moments
 from counterflex.identify.payload_hose import (
     BASE,
@@ -105,6 +106,12 @@ def identify(
 
     chain = cell.chain
     blocks = [block_of(d, chain) for d in data]
+    groups = groups_of(blocks, [d.kind != "sensor_motion" for d in data])
+
+    def blocks_in(hose_from: str = "") -> list[SensorReadings]:
+        return [replace(block_of(d, chain, hose_from), group=g) for d, g in zip(data, groups, strict=True)]
+
+    blocks = blocks_in()
     remarks = list(check_orientations(blocks, ", ".join(d.where or d.name for d in data)))
     for d in (*data, *holdout):
         remarks += payload_weight.check(d, lambda x: block_of(x, chain), as_stated=bool(s["as_stated"]))
@@ -120,7 +127,7 @@ def identify(
     fit = solve(parameters(before, known, effects), blocks)
     for _ in range(_ROUNDS):  # a heavier tool bends the arm more, which turns the sensor
         chain = with_mass_behind(chain, sensor.segment, float(fit.values[6]), seg_frame_com(sensor, fit))
-        blocks = [block_of(d, chain) for d in data]
+        blocks = blocks_in()
         fit = solve(parameters(before, known, effects), blocks)
     progress(0.2, "weight and zero")
     effects = _that_show(fit, effects)
@@ -128,7 +135,7 @@ def identify(
     bodies = hose_bodies(chain, sensor.segment)
     frames = frames_of(s, bodies, with_joints=all(d.has("q") for d in (*data, *holdout)))
     rest = choose_rest(
-        lambda body: [block_of(d, chain, body) for d in data],
+        blocks_in,
         before,
         known,
         effects,
@@ -139,9 +146,9 @@ def identify(
     )
     effects = replace(effects, degree=rest.degree)
     chosen = parameters(before, known, effects)
-    blocks = [block_of(d, chain, rest.hose_from) for d in data]
+    blocks = blocks_in(rest.hose_from)
     fit = solve(chosen, blocks)
-    fit = with_jackknife(fit, blocks, parts_of_groups(blocks))
+    fit = with_jackknife(with_groups_once(fit, blocks), blocks, parts_of_groups(blocks))
     remarks += payload_weight.check_rest(blocks, fit, as_stated=bool(s["as_stated"]))
     unseen = [block_of(d, chain, rest.hose_from) for d in holdout]
     if unseen:
@@ -151,7 +158,7 @@ def identify(
     moment = held_out_moments(force, chosen, blocks, unseen)
     progress(0.95, "held-out orientations")
     found = sensor_of(replace(sensor, hose_from=rest.hose_from), fit.values, reference_c)
-    remarks += _remarks(cell, found, fit, effects, rest)
+    remarks += _remarks(cell, found, fit, effects, rest, blocks)
     return Identification(
         recipe="payload",
         fits={"payload": fit},
@@ -264,8 +271,16 @@ def _table(found: FlangeSensor, effects: Effects) -> dict[str, Any]:
     return table
 
 
-def _remarks(cell: CellModel, found: FlangeSensor, fit: Fit, effects: Effects, rest: Rest) -> list[str]:
+def _remarks(
+    cell: CellModel, found: FlangeSensor, fit: Fit, effects: Effects, rest: Rest, blocks: Sequence[SensorReadings]
+) -> list[str]:
     out = []
+    rows, count = sum(len(b.group) for b in blocks), count_of(blocks)
+    if count < rows and not effects.inertia:
+        out.append(
+            f"{rows} readings in {count} different orientations: readings of one orientation count together, in the "
+            "standard deviations and in the folds"
+        )
     chain = cell.chain
     split = shared_mass(chain, found.segment, found.mass_kg, _seg_com(found))
     if split:
@@ -295,7 +310,9 @@ def _remarks(cell: CellModel, found: FlangeSensor, fit: Fit, effects: Effects, r
     elif found.degree == 0 and not effects.inertia:
         out.append(
             "An orientation-dependent rest (hose pack) was not looked for; "
-            f"it needs {ROWS_PER_FUNCTION * COUNTS[1]} or more readings"
+            f"it needs {ROWS_PER_FUNCTION * COUNTS[1]} or more different orientations, of which there are "
+            f"{count_of(blocks)} (directions of gravity that differ by over {ALIKE_RAD / DEG:.0f} deg; repeats and "
+            "copies do not count)"
         )
     if found.degree:
         out.append(

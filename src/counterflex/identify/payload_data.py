@@ -13,6 +13,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.geometry import pose, rotation
 from counterflex.identify.dataset import Dataset
+from counterflex.identify.payload_groups import orientations
 from counterflex.identify.payload_residuals import SensorReadings
 from counterflex.robot.chain import ElasticChain
 from counterflex.sensing.carrier import behind, carrier_pose, hose_rotation, segment_index
@@ -23,7 +24,6 @@ CHANNEL = "w_sensor"
 _ORDER = 3
 _WINDOWS: Final = 8
 """Windows after which another group of rows begins."""
-_ALIKE = np.cos(np.radians(2.0))
 
 
 def with_mass_behind(chain: ElasticChain, segment: str, mass_kg: float, p_seg_com: Float) -> ElasticChain:
@@ -183,11 +183,7 @@ def clock(datasets: Sequence[Dataset], fallback_c: float) -> tuple[float, float]
 
 def distinct(block: SensorReadings) -> int:
     """Number of orientations that differ by more than 2 deg in the direction of gravity."""
-    directions: list[Float] = []
-    for g in block.R_base_sensor[:, 2, :]:
-        if all(float(g @ other) < _ALIKE for other in directions):
-            directions.append(g)
-    return len(directions)
+    return int(orientations(block.R_base_sensor).max(initial=-1)) + 1
 
 
 def check_orientations(blocks: Sequence[SensorReadings], where: str) -> tuple[str, ...]:
