@@ -15,6 +15,7 @@ from counterflex.core.units import MM, MRAD, URAD
 from counterflex.identify.arm_geometry import ArmGeometry
 from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model, sag_as_known, sag_of
 from counterflex.identify.changes import BodyMass, Calibration, Change, ElementCompliance
+from counterflex.identify.compliances import bearing_of
 from counterflex.identify.data_checks import check_enough, check_finite
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.file_offsets import file_offsets, refuse
@@ -38,6 +39,7 @@ from counterflex.identify.model import CellModel
 from counterflex.identify.periodic_choice import GAIN, Harmonics, choose_harmonics
 from counterflex.identify.pose_residuals import TrackerResiduals
 from counterflex.identify.recipe import Figure, Identification, Recipe
+from counterflex.identify.sag_considered import with_honest_sigma
 from counterflex.identify.same_postures import regions
 from counterflex.identify.solve import Stop, solve
 from counterflex.identify.suspicion import thinned
@@ -109,6 +111,7 @@ def identify(
         if orders:
             setup, fit = wider, more
     told += _check_offsets(setup, everything, fit.values, options)
+    fit = with_honest_sigma(fit, setup.blocks, float(options["compliance_sigma"]), bearing_of(options))
     progress(0.6, "fitted")
     held = _held(setup, holdout, int(options["folds"]), fit) if held is None else held
     apart = () if holdout else _held_apart(setup, fit)
@@ -374,6 +377,8 @@ RECIPE: Final = Recipe(
         "length_sigma_mm": 0.5,
         "angle_sigma_mrad": 0.5,
         "mass_sigma": 0.1,
+        "compliance_sigma": 0.1,
+        "bearing_mm": 10.0,
         "periodic_sigma_urad": 60.0,
         "sag_sigma_mrad": 1.0,
         "folds": 5,

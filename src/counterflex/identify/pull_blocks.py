@@ -11,9 +11,12 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import DEG, MM
 from counterflex.identify.compliances import Springs, with_compliance
+from counterflex.identify.considered import added, considered
+from counterflex.identify.fit import Fit
+from counterflex.identify.jackknife import parts_of_groups, with_jackknife
 from counterflex.identify.parameters import Parameter, Parameters
 from counterflex.identify.pull_history import band_slopes, lost_angles, lost_sigma
-from counterflex.identify.pull_residuals import COMPONENTS, PullResiduals, carried, gains, misplaced
+from counterflex.identify.pull_residuals import COMPONENTS, PullResiduals, carried, gains, misplaced, misplaced_by
 from counterflex.identify.pulls import Pulls
 from counterflex.robot.chain import ElasticChain, jacobian
 from counterflex.robot.compliance import cartesian_compliance, linear_gap
@@ -124,10 +127,12 @@ def block(chain: ElasticChain, plan: Layout, pulls: Pulls, R_base_tracker: Float
     variance += lost_sigma(chain, pulls) ** 2
     variance += misplaced(chain, plan.springs, pulls.q, pulls.w_tcp_base, point, plan.bearing_m) ** 2
     added = variance[:, :c]
+    moved = misplaced_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, point, plan.bearing_m)[:, :c]
     R = None
     if pulls.in_tracker and R_base_tracker is not None:
         R = R_base_tracker.T
         added = np.concatenate([added[:, i : i + 3] @ (R**2).T for i in range(0, c, 3)], axis=1)
+        moved = np.concatenate([R @ moved[:, i : i + 3] for i in range(0, c, 3)], axis=1)
     return refreshed(
         PullResiduals(
             name=pulls.name,
@@ -142,6 +147,7 @@ def block(chain: ElasticChain, plan: Layout, pulls: Pulls, R_base_tracker: Float
             band_columns=plan.bands,
             R_tracker_base=R,
             turn=plan.turn if pulls.in_tracker else None,
+            moved=moved,
         ),
         chain,
         plan,
@@ -170,3 +176,14 @@ def refreshed(old: PullResiduals, chain: ElasticChain, plan: Layout, pulls: Pull
 def _compliance_at(chain: ElasticChain, pulls: Pulls) -> Float:
     """(n, 6, 6) displacement of the measured point per load at the TCP."""
     return carried(chain, pulls.q, cartesian_compliance(chain, pulls.q), pulls.p_tcp_measured)
+
+
+def with_honest_sigma(fit: Fit, blocks: Sequence[PullResiduals]) -> Fit:
+    """The fit with standard deviations that hold for what the springs lack.
+
+    What differs from pose to pose (friction, coupling between directions, drift) is seen in what the fit becomes
+    without some of them (:func:`counterflex.identify.jackknife.with_jackknife`); bearings that are not where they are
+    thought to be are the same in all poses, and go through the fit (:mod:`counterflex.identify.considered`).
+    """
+    wide = with_jackknife(fit, blocks, parts_of_groups(blocks))
+    return added(wide, considered(fit, blocks, [b.moved for b in blocks]))

@@ -7,7 +7,7 @@ of the axes and the second order of the elastic deflection, both computed at the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -74,6 +74,41 @@ def misplaced(
     return out
 
 
+def misplaced_by(
+    chain: ElasticChain, springs: Springs, q: Float, w_tcp_base: Float, p_tcp_point: Float, bearing_m: float
+) -> Float:
+    """How one standard deviation of where each element turns moves the tool, the same misplacement in all rows.
+
+    With the axes a_k of the rotations of an element at p + b, ``d(c_k J_k J_k^T w) / db`` for b along each axis of the
+    element: ``c_k ((b x a_k) (J_k^T w) + J_k (b x a_k)^T f)``, summed over its rotations.
+
+    Args:
+        chain: The cell's.
+        springs: k of them; only the rotations matter.
+        q: (n, 6) rad.
+        w_tcp_base: (n, 6) N, N m.
+        p_tcp_point: (3,) m, in the frame of the TCP.
+        bearing_m: b, per axis.
+
+    Returns:
+        (n, 6, 3 s) m, rad, base axes: three columns for each of the s segments of the chain.
+    """
+    J = element_jacobians(chain, q)  # (n, s, 6, 6)
+    out = np.zeros((len(q), 6, 3 * chain.n))
+    soft = springs.of_chain(chain)
+    for segment, direction, c in zip(springs.segment, springs.direction, soft, strict=True):
+        if direction < 3:
+            continue
+        own, place = J[:, segment, :, direction], slice(3 * int(segment), 3 * int(segment) + 3)
+        axes = bearing_m * J[:, segment, 3:, 3:]  # (n, 3, 3): columns are the axes of the element
+        aside = np.cross(axes, own[:, 3:, None], axis=1)
+        felt = np.einsum("nc,nc->n", own, w_tcp_base)
+        out[:, :3, place] += c * aside * felt[:, None, None]
+        more = c * np.einsum("nck,nc->nk", aside, w_tcp_base[:, :3])
+        out[:, :, place] += carried(chain, q, own[:, :, None], p_tcp_point) * more[:, None, :]
+    return out
+
+
 def carried(chain: ElasticChain, q: Float, twists: Float, p_tcp_point: Float) -> Float:
     """Twists (n, 6, k) given at the TCP, taken at a point beside it: ``v + omega x r``."""
     if not np.any(p_tcp_point):
@@ -117,6 +152,8 @@ class PullResiduals:
         shapes: Compliances that change with the row.
         R_tracker_base: (3, 3), where measured in tracker axes, else None.
         turn: (3,) places of the rotation vector r that corrects it, ``R_base_tracker Exp(r)``, or None.
+        moved: (n, c, m) what one standard deviation of each of m quantities that are not fitted moves ``measured`` by,
+            the same in all rows (:mod:`counterflex.identify.considered`).
     """
 
     name: str
@@ -132,6 +169,7 @@ class PullResiduals:
     shapes: tuple[Shape, ...] = ()
     R_tracker_base: Float | None = None
     turn: Int | None = None
+    moved: Float = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
     def evaluate(self, x: Float) -> Float:
         """See :class:`counterflex.identify.residuals.Residuals`."""
@@ -197,5 +235,6 @@ class PullResiduals:
             gain=self.gain[rows],
             offset=self.offset[rows],
             band_gain=self.band_gain[rows],
+            moved=self.moved[rows] if len(self.moved) else self.moved,
             shapes=tuple(replace(s, phi=s.phi[rows]) for s in self.shapes),
         )

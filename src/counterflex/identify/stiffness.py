@@ -19,7 +19,7 @@ from counterflex.identify.fit import Fit
 from counterflex.identify.holdout import HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.known_frames import KnownFrames, known_frames
 from counterflex.identify.model import CellModel
-from counterflex.identify.pull_blocks import Layout, block, layout, refreshed
+from counterflex.identify.pull_blocks import Layout, block, layout, refreshed, with_honest_sigma
 from counterflex.identify.pull_proposal import propose_pulls
 from counterflex.identify.pull_residuals import PullResiduals
 from counterflex.identify.pulls import Pulls, read_pulls
@@ -86,6 +86,7 @@ def identify(
     if found is not None and found.regions:
         parameters, blocks = found.parameters, list(found.blocks)
         fit = solve(parameters, blocks)
+    fit = with_honest_sigma(fit, blocks)
     held, measured = _judged(chain, plan, found, fit, blocks, unseen, _axes(tracker), int(options["folds"]))
     headline = pull_report.headline(held, measured)
     if not stated:

@@ -1,0 +1,50 @@
+"""What one seed tells about a recipe: intervals, and the truth that they should hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from counterflex.identify.fit import Fit
+from counterflex.identify.intervals import intervals
+
+
+@dataclass(frozen=True)
+class Counted:
+    """One parameter of one seed.
+
+    Attributes:
+        name: Of the parameter.
+        truth: SI.
+        value: As found.
+        sigma: Its stated standard deviation.
+        lower: Lower end of its 95 % interval.
+        upper: Upper end.
+    """
+
+    name: str
+    truth: float
+    value: float
+    sigma: float
+    lower: float
+    upper: float
+
+    @property
+    def inside(self) -> bool:
+        """Whether the interval holds the truth."""
+        return self.lower <= self.truth <= self.upper
+
+
+def counted(fit: Fit, truth: Mapping[str, float]) -> list[Counted]:
+    """Parameters that the data see, with their true values.
+
+    Args:
+        fit: Of a recipe.
+        truth: SI by name of the parameter; others are not counted.
+    """
+    ends = intervals(fit)
+    return [
+        Counted(name, truth[name], float(fit.values[i]), float(fit.sigma[i]), float(ends[i, 0]), float(ends[i, 1]))
+        for i, name in enumerate(fit.parameters.names)
+        if name in truth and fit.seen[i] in ("determined", "partly")
+    ]
