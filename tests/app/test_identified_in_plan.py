@@ -51,6 +51,14 @@ USED: dict[str, Change] = {
             for k in range(1, 7)
         ],
     ),
+    "robot.elastic_region": _set(
+        "robot",
+        "elastic_region",
+        value=[
+            {"segment": "axis2", "direction": "rz", "axis": 2, "angles_deg": [-180, 30], "factors": [1.6, 1.2]},
+            {"segment": "axis1", "direction": "rz", "axis": 1, "angles_deg": [-90, 90], "factors": [1.4, 1.4]},
+        ],
+    ),
     "compliances": _set("end_effector", 0, "rx_urad_per_knm", value=9000.0),
     "masses": _set("end_effector", 0, "mass_kg", value=110),
     "material": _set("material", "kc11_n_mm2", value=900),
@@ -154,3 +162,11 @@ def test_a_path_beyond_the_measured_angles_is_told(tmp_path: Path, program: Prog
     rows["measured_deg"] = 6 * [[-350, 350]]
     quiet = compensate(program(), read_cell(_cell(tmp_path, _set("drive_error", value=rows))), predict=False)
     assert not any("leaves the angles" in w for w in quiet.summary["written"]["warnings"])
+
+
+def test_a_path_beyond_the_angles_of_a_region_is_told(tmp_path: Path, program: ProgramFile) -> None:
+    row = {"segment": "axis2", "direction": "rz", "axis": 2, "factors": [1.2, 0.8]}
+    for angles, expected in (([10, 40], True), ([-300, 300], False)):
+        cell = read_cell(_cell(tmp_path, _set("robot", "elastic_region", value=[{**row, "angles_deg": angles}])))
+        said = compensate(program(), cell, predict=False).summary["written"]["warnings"]
+        assert any("axis2.rz over the angle of axis 2 was measured" in w for w in said) is expected

@@ -33,6 +33,7 @@ from counterflex.programs.gcode_writer import write_gcode
 from counterflex.programs.job_mark import marks
 from counterflex.programs.krl_writer import KrlSettings, write_krl
 from counterflex.programs.rapid_writer import RapidSettings, write_rapid
+from counterflex.robot.elastic_region import beyond_regions
 
 Language = Literal["gcode", "krl", "rapid"]
 TOLERANCE_M = (0.1 * UM, 1000.0 * UM)
@@ -151,14 +152,14 @@ def compensate(
 
 
 def _beyond_measured(cell: Cell, plan: Plan) -> list[str]:
-    """What is told where the path leaves the angles that periodic errors of the drives were measured at."""
+    """What is told where the path leaves the angles that errors of the drives or compliances were measured at."""
     known = cell.drive_errors
     ranges = {axis: [f"{angle / DEG:.0f}" for angle in known.measured_rad[axis]] for axis in known.outside(plan.q)}
     return [
         f"axis {axis + 1} leaves the angles at which its periodic errors were measured ({low} to {high} deg, "
         "[drive_error] measured_deg): there they fade to nothing"
         for axis, (low, high) in ranges.items()
-    ]
+    ] + beyond_regions(cell.chain.regions, plan.q)
 
 
 def run(

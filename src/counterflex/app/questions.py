@@ -17,6 +17,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
 from counterflex.robot import catalog, compliance, gravity, inverse
 from counterflex.robot.chain import ElasticChain, forward
+from counterflex.robot.elastic_region import beyond_regions
 
 UNIT_FORCE_N = 100.0
 
@@ -102,6 +103,7 @@ def deflection(
             "coupling_um_per_knm": [_round(row, 3) for row in C[:3, 3:] / UM_PER_KN],
         },
         "shares": shares(chain, q, w),
+        "warnings": beyond_regions(chain.regions, q),
     }
 
 

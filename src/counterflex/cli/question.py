@@ -217,6 +217,8 @@ def deflection(
         [[name, *(f"{value:.1f}" for value in row)] for name, row in zip(("dx", "dy", "dz"), matrix, strict=True)],
     )
     print_table("Who bends", ["segment", "dx um", "dy um", "dz um", "share"], [_share(row) for row in answer["shares"]])
+    for warning in answer["warnings"]:
+        typer.echo(f"warning: {warning}")
 
 
 def _share(row: dict[str, Any]) -> list[str]:

@@ -214,6 +214,7 @@ def resolve(tables: CellTables, path: Path) -> Cell:
     """Build the objects of a cell from its tables. Raises as :func:`read_cell`."""
     where = str(path)
     robot = _with_drives(_with_elastic(_robot(tables, path), tables, where), tables)
+    robot = replace(robot, regions=(*robot.regions, *(row.region() for row in tables.robot.elastic_region)))
     taken = {segment.name for segment in robot.segments}
     for body in tables.end_effector:
         if body.name in taken:

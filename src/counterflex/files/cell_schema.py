@@ -14,6 +14,7 @@ from counterflex.files.cell_controller import ControllerTable
 from counterflex.files.cell_dh import DhTable
 from counterflex.files.cell_drive_error import DriveErrorTable
 from counterflex.files.cell_egm import EgmTable
+from counterflex.files.cell_elastic_region import MOST_REGIONS, ElasticRegionTable
 from counterflex.files.cell_measured import CalibrationTable, IdentifiedTable
 from counterflex.files.cell_monitor import MonitorTable, OverrideTable
 from counterflex.files.cell_online import OnlineTable
@@ -103,6 +104,7 @@ class RobotTable(Table):
     urdf: str | None = None
     urdf_tip: str | None = None
     elastic: tuple[ElasticTable, ...] = ()
+    elastic_region: Annotated[tuple[ElasticRegionTable, ...], Field(max_length=MOST_REGIONS)] = ()
     play: tuple[PlayTable, ...] = ()
     servo: tuple[ServoTable, ...] = ()
     calibration: tuple[CalibrationTable, ...] = ()

@@ -13,7 +13,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.core.units import MM, MRAD, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
+from counterflex.core.units import DEG, MM, MRAD, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.cell_measured import IdentifiedTable
@@ -26,8 +26,10 @@ from counterflex.identify.changes import (
     Change,
     CuttingLaw,
     ElementCompliance,
+    ElementRegion,
     TableValues,
 )
+from counterflex.robot.elastic_region import DIRECTIONS
 
 DIGITS: Final = 9
 """Significant digits of written values."""
@@ -136,6 +138,8 @@ def apply(doc: Doc, change: Change, cell: Cell, source: str) -> None:
                 "slip_urad": _written(servo.slip_rad, URAD),
             }
             _fill(row, values, source)
+        case ElementRegion():
+            _region(doc, change, source)
         case BodyMass():
             _mass(doc, change, cell, source)
         case CuttingLaw():
@@ -162,7 +166,36 @@ def _compliance(doc: Doc, change: ElementCompliance, cell: Cell, source: str) ->
         # Rigid is written only where something else would be read without it.
         if value != 0.0 or old != 0.0 or key in row:
             row[key] = _written(value, unit)
+        if value == 0.0 and old != 0.0:
+            _drop_regions(doc, change.segment, key.partition("_")[0])
     row["source"] = source
+
+
+def _drop_regions(doc: Doc, segment: str, direction: str) -> None:
+    """Remove the regions of a spring that is rigid now."""
+    rows = _table(doc, "robot").get("elastic_region", ())
+    for i in range(len(rows) - 1, -1, -1):
+        if (rows[i]["segment"], rows[i]["direction"]) == (segment, direction):
+            del rows[i]
+
+
+def _region(doc: Doc, change: ElementRegion, source: str) -> None:
+    """Add a row; an earlier one of the same spring and axis stays, factors multiply."""
+    region = change.region
+    robot = _table(doc, "robot")
+    if "elastic_region" not in robot:
+        robot["elastic_region"] = tomlkit.aot()
+    rows = robot["elastic_region"]
+    row: Any = tomlkit.inline_table() if isinstance(rows, tomlkit.items.Array) else _new_table()
+    values = {
+        "segment": region.segment,
+        "direction": DIRECTIONS[region.direction],
+        "axis": region.axis + 1,
+        "angles_deg": [_written(angle, DEG) for angle in region.angles_rad],
+        "factors": [_written(factor, 1.0) for factor in region.factors],
+    }
+    _fill(row, values, source)
+    rows.append(row)
 
 
 def _mass(doc: Doc, change: BodyMass, cell: Cell, source: str) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from counterflex.core.arrays import Float
 from counterflex.cutting.coefficients import ForceLaw
-from counterflex.robot.description import Play, Servo
+from counterflex.robot.description import ElasticRegion, Play, Servo
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +20,13 @@ class ElementCompliance:
 
     segment: str
     compliance: Float
+
+
+@dataclass(frozen=True)
+class ElementRegion:
+    """A factor on one compliance over the angle of one axis, times those that the cell file has already."""
+
+    region: ElasticRegion
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,4 +90,4 @@ class TableValues:
     values: dict[str, float | str | bool | list[float] | list[list[float]]]
 
 
-Change = ElementCompliance | Calibration | AxisPlay | AxisServo | BodyMass | CuttingLaw | TableValues
+Change = ElementCompliance | ElementRegion | Calibration | AxisPlay | AxisServo | BodyMass | CuttingLaw | TableValues

@@ -120,7 +120,14 @@ def remarks(
                 f"{region.text}: the compliance changes by {100.0 * value:+.0f} % over the range measured; the error "
                 f"on data not used falls from {found.error[i] / UM:.0f} to {found.error[i + 1] / UM:.0f} um"
             )
-        out.append("The cell file takes the mean compliance; its dependence is kept in result.json only")
+        if any(region.axis >= 0 for region in found.regions):
+            out.append(
+                "The cell file gets the dependence on angles as [[robot.elastic_region]]: plans, the online loop and "
+                "deflection use it, fading to the mean outside the angles of these pulls"
+            )
+        loads = [region.text for region in found.regions if region.axis < 0]
+        if loads:
+            out.append(f"{'; '.join(loads)}: a plan has no such dependence, the cell file takes the mean compliance")
     return tuple(out)
 
 

@@ -17,12 +17,13 @@ from counterflex.geometry.rotation_derivative import left_jacobian
 from counterflex.identify.compliances import Springs
 from counterflex.robot.chain import ElasticChain, forward
 from counterflex.robot.compliance import element_jacobians
+from counterflex.robot.elastic_region import growth
 
 COMPONENTS = ("x m", "y m", "z m", "rx rad", "ry rad", "rz rad")
 
 
 def gains(chain: ElasticChain, springs: Springs, q: Float, w_tcp_base: Float, p_tcp_point: Float) -> Float:
-    """Displacement per compliance of each spring, ``J_k(point) (J_k^T w)``.
+    """Displacement per compliance of each spring, ``f_k(q) J_k(point) (J_k^T w)``, f_k what regions the chain has.
 
     Args:
         chain: Its rigid geometry.
@@ -37,6 +38,7 @@ def gains(chain: ElasticChain, springs: Springs, q: Float, w_tcp_base: Float, p_
     columns = element_jacobians(chain, q)[:, springs.segment, :, springs.direction]  # (k, n, 6)
     J = np.moveaxis(columns, 0, -1)
     felt = np.einsum("nck,nc->nk", J, w_tcp_base)
+    felt *= growth(chain.regions, chain.names, q)[:, springs.segment, springs.direction]
     out: Float = carried(chain, q, J, p_tcp_point) * felt[:, None, :]
     return out
 
@@ -121,7 +123,7 @@ def carried(chain: ElasticChain, q: Float, twists: Float, p_tcp_point: Float) ->
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A compliance that changes with the row: ``c_k (1 + a phi)``.
+    """A compliance that changes with the row: ``c_k (1 + a phi)``; several on one spring multiply.
 
     Attributes:
         spring: k, place in the springs.
@@ -190,10 +192,10 @@ class PullResiduals:
         return out
 
     def _growth(self, x: Float) -> Float:
-        growth = np.ones((len(self.group), len(self.columns)))
+        grown = np.ones((len(self.group), len(self.columns)))
         for shape in self.shapes:
-            growth[:, shape.spring] += x[shape.column] * shape.phi
-        return growth
+            grown[:, shape.spring] *= 1.0 + x[shape.column] * shape.phi
+        return grown
 
     def _seen(self, base: Float, x: Float) -> Float:
         if self.R_tracker_base is None:
@@ -206,9 +208,11 @@ class PullResiduals:
         """See :class:`counterflex.identify.residuals.Residuals`."""
         n, c = self.measured.shape
         base = np.zeros((n, c, len(x)))
-        base[:, :, self.columns] = self.gain * self._growth(x)[:, None, :]
+        grown = self._growth(x)
+        base[:, :, self.columns] = self.gain * grown[:, None, :]
         for shape in self.shapes:
-            value = x[self.columns[shape.spring]]
+            others = grown[:, shape.spring] / (1.0 + x[shape.column] * shape.phi)
+            value = x[self.columns[shape.spring]] * others
             base[:, :, shape.column] += self.gain[:, :, shape.spring] * (value * shape.phi)[:, None]
         fitted = self.band_columns >= 0
         base[:, :, self.band_columns[fitted]] = self.band_gain[:, :, fitted]

@@ -1,8 +1,10 @@
 """Compliances that change with the joint angle or the load, kept only where data not used bear them out.
 
 Candidates: for each spring, ``c (1 + a phi)`` with phi of the row: two halves of the angle of its axis or of the next
-one (-1/2, +1/2), linear in that angle, the sign of its load, the size of its load; all centred, so that c stays the
-mean. Each is screened by what one more parameter would gain in the residuals of the fit (F test, all candidates taken
+one (-1/2, +1/2, even in between over :data:`BLEND_RAD`, so that no deflection steps), linear in that angle, the sign of
+its load, the size of its load; all centred, so that c stays the mean. What depends on an angle fades outside the angles
+measured exactly as :mod:`counterflex.robot.elastic_region` has it, so the error on data not used is that of the plan.
+Each is screened by what one more parameter would gain in the residuals of the fit (F test, all candidates taken
 together), the best are fitted, and the best of these stays if the error on data not used falls.
 """
 
@@ -28,6 +30,8 @@ from counterflex.identify.pulls import Pulls
 from counterflex.identify.solve import solve
 from counterflex.robot.chain import ElasticChain
 from counterflex.robot.compliance import element_loads
+from counterflex.robot.description import ElasticRegion
+from counterflex.robot.elastic_region import factor
 
 CHANCE: Final = 1e-3
 """Largest probability that the best of all candidates gains as much by chance."""
@@ -39,8 +43,13 @@ MOST: Final = 3
 """Regions in all."""
 PRIOR: Final = 0.5
 """Prior standard deviation of a: relative change of the compliance over the range of phi."""
+LEAST_FACTOR: Final = 0.3
+"""Least share of the mean that a compliance may have in a region."""
+BLEND_RAD: Final = 10.0 * DEG
+"""Angle over which one half becomes the other."""
 _LEAST_SPREAD = 0.05
 _LEAST_SIDE = 0.15
+_APART_RAD = 0.2 * DEG
 
 
 Kind = Literal["half", "slope", "load_sign", "load_size"]
@@ -58,6 +67,7 @@ class Region:
             its size over the largest.
         axis: Driven axis 0..5 of the angle.
         at: Angle between the halves (rad) or the largest load (N, N m).
+        knots: (k,) rad, angles between which ``raw`` is linear, the measured ones at the ends; none for loads.
         centre: Mean of ``raw``, weighted by the square of the load.
         spread: Range of ``raw``.
     """
@@ -68,6 +78,7 @@ class Region:
     kind: Kind
     axis: int
     at: float
+    knots: tuple[float, ...] = ()
     centre: float = 0.0
     spread: float = 1.0
 
@@ -75,12 +86,40 @@ class Region:
         """(n,) of some pulls."""
         load = element_loads(chain, pulls.q, pulls.w_tcp_base)
         own = load[:, plan.springs.segment[self.spring], plan.springs.direction[self.spring]]
-        return (self.raw(pulls.q, own) - self.centre) / self.spread
+        if self.axis < 0:
+            return (self.raw(pulls.q, own) - self.centre) / self.spread
+        return factor(self.element(chain, plan, 1.0), pulls.q) - 1.0
+
+    def element(self, chain: ElasticChain, plan: Layout, change: float) -> ElasticRegion:
+        """As a plan uses it: the factor ``1 + change phi`` on the compliance.
+
+        Args:
+            chain: The cell's.
+            plan: Parameters.
+            change: a.
+        """
+        at = np.array(self.knots)
+        raw = self.raw(np.repeat(at[:, None], 6, axis=1), np.zeros(len(at)))
+        factors = 1.0 + change * (raw - self.centre) / self.spread
+        return ElasticRegion(
+            chain.names[plan.springs.segment[self.spring]],
+            int(plan.springs.direction[self.spring]),
+            self.axis,
+            self.knots,
+            tuple(float(f) for f in factors),
+        )
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Least and largest a, so that the compliance nowhere falls below :data:`LEAST_FACTOR` of its mean."""
+        ends = {"half": (-0.5, 0.5), "load_sign": (-0.5, 0.5), "load_size": (0.0, 1.0)}.get(self.kind, self.knots)
+        low, high = ((float(end) - self.centre) / self.spread for end in (ends[0], ends[-1]))
+        return -(1.0 - LEAST_FACTOR) / max(high, _LEAST_SIDE), (1.0 - LEAST_FACTOR) / max(-low, _LEAST_SIDE)
 
     def raw(self, q: Float, load: Float) -> Float:
         """(n,) before centring; q (n, 6) rad, load (n,) of the spring, N or N m."""
         if self.kind == "half":
-            return np.where(q[:, self.axis] > self.at, 0.5, -0.5)
+            return np.clip((q[:, self.axis] - self.at) / BLEND_RAD, -0.5, 0.5)
         if self.kind == "slope":
             return q[:, self.axis].copy()
         out: Float = 0.5 * np.sign(load) if self.kind == "load_sign" else np.abs(load) / self.at
@@ -124,8 +163,13 @@ def candidates(chain: ElasticChain, plan: Layout, pulls: Sequence[Pulls]) -> lis
         for axis in sorted({max(own, 0), min(own + 1, 5)}):
             at, name = float(np.median(q[:, axis])), f"{spring}.q{axis + 1}"
             words = f"{spring}, by the angle of axis {axis + 1}"
-            found.append(Region(k, f"{name}_half", f"{words} above and below {at / DEG:.0f} deg", "half", axis, at))
-            found.append(Region(k, f"{name}_slope", f"{words}, linear", "slope", axis, at))
+            low, high = float(q[:, axis].min()), float(q[:, axis].max())
+            ends = [a for a in (at - 0.5 * BLEND_RAD, at + 0.5 * BLEND_RAD) if low + _APART_RAD < a < high - _APART_RAD]
+            if high - low < _APART_RAD:
+                continue
+            sides = f"{words} above and below {at / DEG:.0f} deg"
+            found.append(Region(k, f"{name}_half", sides, "half", axis, at, (low, *ends, high)))
+            found.append(Region(k, f"{name}_slope", f"{words}, linear", "slope", axis, at, (low, high)))
         for region in found:
             raw = region.raw(q, load)
             spread, weight = float(np.ptp(raw)), load**2 / float(np.sum(load**2))
@@ -192,10 +236,24 @@ def shaped_like(found: Found, chain: ElasticChain, plan: Layout, pulls: Pulls, b
     return replace(block, shapes=shapes)
 
 
+def elements(found: Found | None, chain: ElasticChain, plan: Layout, fit: Fit) -> tuple[ElasticRegion, ...]:
+    """What a plan can use of the regions kept: those over an angle; a compliance that changes with load stays its mean.
+
+    Args:
+        found: By :func:`search`.
+        chain: The cell's.
+        plan: Parameters.
+        fit: With the regions.
+    """
+    kept = () if found is None else found.regions
+    return tuple(r.element(chain, plan, fit.value(r.name)) for r in kept if r.axis >= 0)
+
+
 def _with(
     parameters: Parameters, blocks: Sequence[PullResiduals], region: Region, phi: Sequence[Float]
 ) -> tuple[Parameters, list[PullResiduals]]:
-    wider = parameters + Parameters.of([Parameter(region.name, "1", 0.0, PRIOR, -1.9, 1.9, label=region.text)])
+    low, high = region.bounds
+    wider = parameters + Parameters.of([Parameter(region.name, "1", 0.0, PRIOR, low, high, label=region.text)])
     shaped = [
         replace(b, shapes=(*b.shapes, Shape(region.spring, len(parameters), own)))
         for b, own in zip(blocks, phi, strict=True)

@@ -13,6 +13,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import UM
 from counterflex.identify import compliances, pull_checks, pull_proposal, pull_report, regions
+from counterflex.identify.changes import ElementRegion
 from counterflex.identify.compliances import bearing_of, springs, with_compliance
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
@@ -92,13 +93,14 @@ def identify(
     if not stated:
         pull_checks.check_worth(headline[0].value, data[0].where or data[0].name)
     values = fit.values[: len(plan.springs)]
+    kept = regions.elements(found, chain, plan, fit)
     after = with_compliance(chain, plan.springs.compliance(chain, values))
     return Identification(
         recipe="stiffness",
         fits={"stiffness": fit},
         headline=headline,
         figures=pull_report.figures(after, pulls, fit, held),
-        changes=plan.springs.changes(chain, values),
+        changes=(*plan.springs.changes(chain, values), *(ElementRegion(r) for r in kept)),
         remarks=(*said, *pull_report.remarks(chain, plan, fit, held, pulls, found)),
         pictures=pull_report.pictures(held, measured, plan, fit),
     )

@@ -53,13 +53,27 @@ def matrices(chain: ElasticChain, q: Float) -> tuple[Float, Float, Float, Float]
     """
     angles = as_float("q", q, (6,))[None]
     J, J_drive = jacobians(chain, angles)
-    return inertia(chain, angles)[0], stiffness_of(chain), J[0], J_drive[0]
+    return inertia(chain, angles)[0], stiffness_of(chain, angles)[0], J[0], J_drive[0]
 
 
-def stiffness_of(chain: ElasticChain) -> Float:
-    """(n,) N m/rad, N/m, stiffness of each coordinate of :func:`matrices`."""
+def stiffness_of(chain: ElasticChain, q: Float) -> Float:
+    """Stiffness of each coordinate of :func:`matrices`.
+
+    Args:
+        chain: Compliances, with those that differ by region of the joint space.
+        q: (rows, 6) rad.
+
+    Returns:
+        (rows, n) N m/rad, N/m; one row for all where no compliance differs.
+    """
     segment, direction, _ = _coordinates(chain)
-    return 1.0 / np.maximum(chain.compliance[segment, direction], play.STIFFEST_RAD_NM)
+    if not chain.regions:
+        return 1.0 / np.maximum(chain.compliance[None, segment, direction], play.STIFFEST_RAD_NM)
+    out = np.empty((len(q), len(segment)))
+    for rows in batches(len(q)):
+        soft = chain.compliance_at(q[rows])[:, segment, direction]
+        out[rows] = 1.0 / np.maximum(soft, play.STIFFEST_RAD_NM)
+    return out
 
 
 def inertia(chain: ElasticChain, q: Float) -> Float:
@@ -210,10 +224,10 @@ def motion_along(
     posture, chosen = postures(nominal, _INERTIA_RAD)
     place, places = postures(nominal, _JACOBIAN_RAD)
     servo = chain.servo or (None,) * AXES
-    stiffness = stiffness_of(chain)
-    n = len(stiffness)
+    stiffness = stiffness_of(chain, nominal)
+    n = stiffness.shape[1]
     R = np.kron(np.eye(2), T_base_part[:3, :3])
-    held = np.diag((0.5 * step_s * damping_s + 0.25 * step_s**2) * stiffness)
+    held = (0.5 * step_s * damping_s + 0.25 * step_s**2) * stiffness_of(chain, nominal[chosen])[:, :, None] * np.eye(n)
     M = inertia(chain, nominal[chosen])
     inverse = as_float("inverse", np.linalg.inv(M + held), M.shape)
     answer: Float = step_s * inverse
@@ -242,7 +256,7 @@ def motion_along(
         J_tcp_part=J,
         J_drive_part=J_drive,
         stiffness=stiffness,
-        damping=damping_s * stiffness[:AXES],
+        damping=damping_s * np.mean(stiffness, axis=0)[:AXES],
         half_band=band,
         limit=limit,
         slip=slip,
@@ -310,7 +324,7 @@ def _still() -> Motion:
         keep=np.zeros((0, 0, 0)),
         J_tcp_part=np.zeros((0, 6, 0)),
         J_drive_part=np.zeros((0, 6, AXES)),
-        stiffness=none,
+        stiffness=np.zeros((0, 0)),
         damping=six,
         half_band=six,
         limit=np.zeros((AXES, 0)),

@@ -38,7 +38,7 @@ class Motion(NamedTuple):
         keep: (postures, n, n) ``(M + h/2 D + h^2/4 K)^-1 (M - h/2 D - h^2/4 K)``.
         J_tcp_part: (places, 6, n) motion of the tool per coordinate, part axes.
         J_drive_part: (places, 6, 6) what is added per motor angle, for gears that give way beside their axis.
-        stiffness: (n,) of each coordinate.
+        stiffness: (rows, n) of each coordinate, even between rows; one row where it is the same everywhere.
         damping: (6,) N m s, of the gears.
         half_band: (6,) rad.
         limit: (6, m) N m.
@@ -116,6 +116,7 @@ def number_postures(q: Float, apart_rad: float, out: Int) -> None:
 @kernel()
 def rest(motion, row):  # type: ignore[no-untyped-def]
     """Put the state at rest under the weight at a row, gears leaning as their load asks."""
+    stiffness = motion.stiffness[min(row, motion.stiffness.shape[0] - 1)]
     for i in range(motion.x.shape[0]):
         motion.x[i] = 0.0
         motion.rate[i] = 0.0
@@ -123,7 +124,7 @@ def rest(motion, row):  # type: ignore[no-untyped-def]
         torque = motion.weight[row, a]
         lean = min(max(torque, -1.0), 1.0) * motion.half_band[a]
         asked = motion.q_command[row, a] - motion.q_ref[row, a]
-        motion.x[a] = asked + torque / motion.stiffness[a] + lean
+        motion.x[a] = asked + torque / stiffness[a] + lean
         motion.drives[0, a] = asked
         motion.drives[1, a] = asked
         motion.drives[2, a] = 0.0
@@ -153,6 +154,8 @@ def advance(motion, row, until_s, wrench, out):  # type: ignore[no-untyped-def]
     at = motion.posture[row]
     A, B, J = motion.answer[at], motion.keep[at], motion.J_tcp_part[motion.place[row]]
     x, v, load, fresh = motion.x, motion.rate, motion.load, motion.fresh
+    last = motion.stiffness.shape[0] - 1
+    before_k, after_k = motion.stiffness[min(row - 1, last)], motion.stiffness[min(row, last)]
     start, length = motion.time_s[row - 1], motion.time_s[row] - motion.time_s[row - 1]
     while motion.clock[0] + h <= until_s:
         share = min(max((motion.clock[0] + h - start) / length, 0.0), 1.0) if length > 0.0 else 1.0
@@ -168,7 +171,8 @@ def advance(motion, row, until_s, wrench, out):  # type: ignore[no-untyped-def]
             motion.program[a] = along
             motion.drives[6, a] = place
             motor, before = motion.drives[0, a], motion.drives[1, a]
-            through = spring_torque(x[a] - motor, 1.0 / motion.stiffness[a], motion.half_band[a])
+            spring = before_k[a] + share * (after_k[a] - before_k[a])
+            through = spring_torque(x[a] - motor, 1.0 / spring, motion.half_band[a])
             load[a] += motion.weight[row - 1, a] + share * (motion.weight[row, a] - motion.weight[row - 1, a]) - through
             for e in range(motion.limit.shape[1]):
                 load[a] += motion.held[a, e]
@@ -188,7 +192,7 @@ def advance(motion, row, until_s, wrench, out):  # type: ignore[no-untyped-def]
             motion.drives[0, a] = new
             motion.drives[5, a] = q
         for i in range(AXES, n):
-            load[i] -= motion.stiffness[i] * x[i]
+            load[i] -= (before_k[i] + share * (after_k[i] - before_k[i])) * x[i]
         for i in range(n):
             total = 0.0
             for j in range(n):
@@ -214,7 +218,8 @@ def advance(motion, row, until_s, wrench, out):  # type: ignore[no-untyped-def]
         value = x[i] + ahead * v[i]
         if i < AXES:
             before = motion.weight[row - 1, i]
-            value -= (before + share * (motion.weight[row, i] - before)) / motion.stiffness[i]
+            weight = before + share * (motion.weight[row, i] - before)
+            value -= weight / (before_k[i] + share * (after_k[i] - before_k[i]))
         for k in range(6):
             out[k] += J[k, i] * value
     for a in range(AXES):

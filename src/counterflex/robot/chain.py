@@ -25,7 +25,8 @@ from counterflex.robot.chain_checks import (
     rigid_motion,
 )
 from counterflex.robot.compact import Compact, compact
-from counterflex.robot.description import Counterbalance, EndEffector, Opw, Play, Robot, Servo
+from counterflex.robot.description import Counterbalance, ElasticRegion, EndEffector, Opw, Play, Robot, Servo
+from counterflex.robot.elastic_region import check_regions, growth
 from counterflex.robot.kernels_batch import (
     CHUNK,
     ON_RIGID,
@@ -68,6 +69,7 @@ class ElasticChain:
         gravity: (3,) m/s2 in base axes.
         play: Play and friction of the six driven axes, None for an axis without; or None.
         servo: Loop gains of the six driven axes, None for an axis that never gives way; or None.
+        regions: Compliances that differ by region of the joint space; ``compliance`` is what their factors act on.
     """
 
     name: str
@@ -90,6 +92,7 @@ class ElasticChain:
     gravity: Float
     play: tuple[Play | None, ...] | None = None
     servo: tuple[Servo | None, ...] | None = None
+    regions: tuple[ElasticRegion, ...] = ()
 
     @property
     def n(self) -> int:
@@ -121,6 +124,18 @@ class ElasticChain:
     def compact(self) -> Compact:
         """The chain as the kernels read it, rigid segments merged; made once."""
         return compact(self)
+
+    def compliance_at(self, q: Float) -> Float:
+        """Compliances in some postures, regions included.
+
+        Args:
+            q: (..., 6) rad.
+
+        Returns:
+            (..., n, 6) m/N, rad/(N m).
+        """
+        out: Float = self.compliance * growth(self.regions, self.names, q)
+        return out
 
     @classmethod
     def build(
@@ -173,6 +188,8 @@ class ElasticChain:
             check_play(robot.play, robot.name)
         if robot.servo is not None:
             check_servo(robot.servo, robot.name)
+        compliance = np.array([s.compliance for s in segments], dtype=np.float64).reshape(n, 6)
+        check_regions(robot.regions, [s.name for s in segments], compliance)
         return cls(
             name=robot.name,
             names=tuple(s.name for s in segments),
@@ -180,7 +197,7 @@ class ElasticChain:
             joint=_frozen_int([-1 if s.joint is None else s.joint for s in segments]),
             sign=frozen(np.array([s.sign for s in segments], dtype=np.float64)),
             offset=frozen(np.array([s.offset_rad for s in segments], dtype=np.float64)),
-            compliance=frozen(np.array([s.compliance for s in segments], dtype=np.float64).reshape(n, 6)),
+            compliance=frozen(compliance),
             mass=frozen(np.array([s.mass_kg for s in segments], dtype=np.float64)),
             com=frozen(np.array([s.p_seg_com for s in segments], dtype=np.float64).reshape(n, 3)),
             T_last_tcp=frozen(T_last_tcp),
@@ -194,6 +211,7 @@ class ElasticChain:
             gravity=frozen(gravity_field(gravity_base)),
             play=robot.play,
             servo=robot.servo,
+            regions=robot.regions,
         )
 
 

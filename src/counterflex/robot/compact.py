@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
+from counterflex.robot.elastic_region import rows
 from counterflex.robot.kernels import (
     BALANCE,
     BALANCED,
@@ -43,7 +44,7 @@ class Compact:
     """Arrays of a chain for the kernels.
 
     Attributes:
-        real: (m + 2, WIDTH) stations, TCP, surroundings.
+        real: (m + 2 + r, WIDTH) stations, TCP, surroundings, regions of the compliance.
         kind: (m + 1, KINDS) stations, TCP.
         segment: (m,) index of each station in the chain.
     """
@@ -103,6 +104,8 @@ def compact(chain: ElasticChain) -> Compact:
         if chain.torsion[balance.joint] in keep:
             kind[keep.index(chain.torsion[balance.joint]), BALANCED] = turning
     segment: Int = np.array(keep, dtype=np.int64)
+    if chain.regions:
+        real = np.vstack([real, rows(chain.regions, chain.names, segment, WIDTH)])
     return Compact(real, kind, segment)
 
 

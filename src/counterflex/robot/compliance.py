@@ -147,7 +147,7 @@ def deflection(
         how = SETTLED if equilibrium else ON_RIGID
         if len(q) <= CHUNK:
             failed = deflection_range(compact.real, compact.kind, q, w, how, int(gravity), out, 0, len(q))
-        elif len(q) >= LANES_FROM and not (gravity or equilibrium):
+        elif len(q) >= LANES_FROM and not (gravity or equilibrium or chain.regions):
             from counterflex.robot.kernels_lanes import deflection_lanes
 
             deflection_lanes(compact.real, compact.kind, q, w, out)
@@ -174,7 +174,7 @@ def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
     out = np.empty((len(q), chain.n, 6))
     for rows in batches(len(q)):
         columns = element_jacobians(chain, q[rows])
-        delta = chain.compliance * (np.swapaxes(columns, -1, -2) @ w[rows, None, :, None])[..., 0]
+        delta = chain.compliance_at(q[rows]) * (np.swapaxes(columns, -1, -2) @ w[rows, None, :, None])[..., 0]
         out[rows] = (columns @ delta[..., None])[..., 0]
     return out.reshape(*lead, chain.n, 6)
 
@@ -236,7 +236,7 @@ def corrections(chain: ElasticChain, q: Float, w_tcp_base: Float, *, gravity: bo
     compact = chain.compact
     if len(q) <= CHUNK:
         step_range(compact.real, compact.kind, q, w, int(gravity), out, status, 0, len(q))
-    elif len(q) >= LANES_FROM and not gravity:
+    elif len(q) >= LANES_FROM and not (gravity or chain.regions):
         from counterflex.robot.kernels_lanes_step import step_lanes
 
         step_lanes(compact.real, compact.kind, q, w, out, status)

@@ -109,6 +109,25 @@ class Servo:
 
 
 @dataclass(frozen=True)
+class ElasticRegion:
+    """A compliance that differs by region of the joint space; see :mod:`counterflex.robot.elastic_region`.
+
+    Attributes:
+        segment: Its name, of the robot or of the end effector.
+        direction: 0..5 of ``tx ty tz rx ry rz``.
+        axis: 0..5, the axis over whose angle the compliance changes.
+        angles_rad: (k,) rad, rising.
+        factors: (k,) on the compliance at these angles.
+    """
+
+    segment: str
+    direction: int
+    axis: int
+    angles_rad: tuple[float, ...]
+    factors: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class Opw:
     """Geometry of a six-axis robot with parallel base and spherical wrist (Brandstoetter et al. 2014).
 
@@ -140,6 +159,7 @@ class Robot:
         counterbalance: Or None.
         play: Play and friction of the six driven axes, None for an axis where they are not known; or None.
         servo: Loop gains of the six driven axes, None for an axis where they are not known; or None.
+        regions: Compliances that differ by region of the joint space, of the robot and of what it carries.
     """
 
     name: str
@@ -151,6 +171,7 @@ class Robot:
     counterbalance: Counterbalance | None = None
     play: tuple[Play | None, ...] | None = None
     servo: tuple[Servo | None, ...] | None = None
+    regions: tuple[ElasticRegion, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,11 @@ def cross(u: Numbers, v: Numbers) -> Numbers:
     return np.array([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]], dtype=object)
 
 
+def as_doubles(q: Numbers) -> Numbers:
+    """Angles (6,) in double precision: factors of regions are facts of measurement, as compliances are."""
+    return np.array([float(angle) for angle in q])
+
+
 def walk(chain: ElasticChain, q: Numbers, delta: Numbers | None, a: Arithmetic) -> tuple[list[Numbers], list[Numbers]]:
     """Rotations and positions of the n segment frames after their drives, and of the TCP as entry n.
 
@@ -97,7 +102,7 @@ def displacements(chain: ElasticChain, q: Numbers, w: Numbers, a: Arithmetic) ->
         moment = w[3:] + cross(ps[-1] - ps[i], w[:3])
         delta[i, :3] = Rs[i].T @ w[:3]
         delta[i, 3:] = Rs[i].T @ moment
-    return a.array(chain.compliance) * delta
+    return a.array(chain.compliance_at(as_doubles(q))) * delta
 
 
 def difference(R0: Numbers, p0: Numbers, R1: Numbers, p1: Numbers, a: Arithmetic) -> Numbers:
@@ -111,15 +116,15 @@ def difference(R0: Numbers, p0: Numbers, R1: Numbers, p1: Numbers, a: Arithmetic
 
 
 def compliance(chain: ElasticChain, q: Numbers, a: Arithmetic) -> Numbers:
-    """``C = sum_i sum_d c_id J_id J_id^T`` (6, 6) with ``J_id`` the TCP twist of direction d of element i."""
+    """``C = sum_i sum_d c_id(q) J_id J_id^T`` (6, 6) with ``J_id`` the TCP twist of direction d of element i."""
     Rs, ps = walk(chain, q, None, a)
-    C = a.array(np.zeros((6, 6)))
+    C, c = a.array(np.zeros((6, 6))), chain.compliance_at(as_doubles(q))
     for i in range(chain.n):
         for d in range(6):
             axis = Rs[i][:, d % 3]
             zero = a.array(np.zeros(3))
             twist = np.concatenate([axis, zero] if d < 3 else [cross(axis, ps[-1] - ps[i]), axis])
-            C = C + a.number(chain.compliance[i, d]) * np.outer(twist, twist)
+            C = C + a.number(c[i, d]) * np.outer(twist, twist)
     return C
 
 

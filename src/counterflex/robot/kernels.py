@@ -12,6 +12,7 @@ from typing import Final
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
+from counterflex.robot.kernels_regions import grow, growth_at
 
 # Columns of ``real`` (one row per station, then one row for the TCP, then one row for the surroundings).
 ROTATION: Final = 0  # 9 entries, row by row: fixed rotation, the drive's offset included
@@ -170,7 +171,7 @@ def balance_torque(surroundings: Float, q: float) -> float:
 def loads(real: Float, kind: Int, m: int, frame: Float, q: Float, w: Float, gravity: int, delta: Float) -> None:
     """Elastic displacement of every station under the wrench at the TCP and, on request, own weight; rigid geometry.
 
-    ``delta[i] = compliance * load`` with the load about the station's origin in the station's axes.
+    ``delta[i] = compliance(q) * load`` with the load about the station's origin in the station's axes.
     """
     gx, gy, gz = real[m + 1, GRAVITY], real[m + 1, GRAVITY + 1], real[m + 1, GRAVITY + 2]
     tip = frame[m]
@@ -209,6 +210,8 @@ def loads(real: Float, kind: Int, m: int, frame: Float, q: Float, w: Float, grav
             delta[i, 3] = real[i, COMPLIANCE + 3] * (f[0] * mx + f[3] * my + f[6] * mz)
             delta[i, 4] = real[i, COMPLIANCE + 4] * (f[1] * mx + f[4] * my + f[7] * mz)
             delta[i, 5] = real[i, COMPLIANCE + 5] * (f[2] * mx + f[5] * my + f[8] * mz + twist)
+    if real.shape[0] > m + 2:
+        grow(real, m, q, delta)
 
 
 @kernel()
@@ -232,7 +235,7 @@ def pose_difference(a: Float, b: Float, out: Float) -> None:
 
 
 @kernel()
-def tcp_compliance(real: Float, kind: Int, m: int, frame: Float, out: Float) -> None:
+def tcp_compliance(real: Float, kind: Int, m: int, frame: Float, q: Float, out: Float) -> None:
     """Cartesian compliance (36,) at the TCP in base axes: sum over the elements, 3x3 blocks."""
     t00, t01, t02, t11, t12, t22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     r00, r01, r02, r11, r12, r22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -242,6 +245,10 @@ def tcp_compliance(real: Float, kind: Int, m: int, frame: Float, out: Float) -> 
         f = frame[i]
         if kind[i, ROTATES] != 0:
             a, b, c = real[i, COMPLIANCE + 3], real[i, COMPLIANCE + 4], real[i, COMPLIANCE + 5]
+            if real.shape[0] > m + 2:
+                a *= growth_at(real, m, i, 3, q)
+                b *= growth_at(real, m, i, 4, q)
+                c *= growth_at(real, m, i, 5, q)
             ax, ay, az = a * f[0], a * f[3], a * f[6]
             bx, by, bz = b * f[1], b * f[4], b * f[7]
             cx, cy, cz = c * f[2], c * f[5], c * f[8]
@@ -280,6 +287,10 @@ def tcp_compliance(real: Float, kind: Int, m: int, frame: Float, out: Float) -> 
             t22 += u02 * y - u12 * x
         if kind[i, SLIDES] != 0:
             a, b, c = real[i, COMPLIANCE], real[i, COMPLIANCE + 1], real[i, COMPLIANCE + 2]
+            if real.shape[0] > m + 2:
+                a *= growth_at(real, m, i, 0, q)
+                b *= growth_at(real, m, i, 1, q)
+                c *= growth_at(real, m, i, 2, q)
             t00 += a * f[0] * f[0] + b * f[1] * f[1] + c * f[2] * f[2]
             t01 += a * f[0] * f[3] + b * f[1] * f[4] + c * f[2] * f[5]
             t02 += a * f[0] * f[6] + b * f[1] * f[7] + c * f[2] * f[8]

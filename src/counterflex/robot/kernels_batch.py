@@ -104,7 +104,7 @@ def compliance_range(real: Float, kind: Int, q: Float, out: Float, first: int, l
     for n in range(first, last):
         joint_trig(q[n], trig)
         chain_pass(real, kind, m, trig, delta, 0, frame)
-        tcp_compliance(real, kind, m, frame, out[n])
+        tcp_compliance(real, kind, m, frame, q[n], out[n])
 
 
 @kernel()

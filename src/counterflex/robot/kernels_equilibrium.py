@@ -17,6 +17,7 @@ from counterflex.robot.kernels import (
     chain_pass,
     loads,
 )
+from counterflex.robot.kernels_regions import growth_at
 
 
 @kernel()
@@ -92,6 +93,8 @@ def settle(
                 else:
                     load = f[2] * mx + f[5] * my + f[8] * mz + twist
                 new = real[i, COMPLIANCE + d] * load
+                if real.shape[0] > m + 2:
+                    new *= growth_at(real, m, i, d, q)
                 change = max(change, abs(new - delta[i, d]))
                 delta[i, d] = new
         if change < 1e-17 or (change >= last and change < 1e-14):

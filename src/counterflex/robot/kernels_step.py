@@ -144,7 +144,7 @@ def deflect(
     joint_trig(given, trig)
     chain_pass(real, kind, m, trig, delta, 0, frame)
     loads(real, kind, m, frame, given, given[6:], gravity, delta)
-    tcp_compliance(real, kind, m, frame, out[OUT_C:])
+    tcp_compliance(real, kind, m, frame, given, out[OUT_C:])
     rigid_jacobian(real, kind, m, frame, jac)
     for k in range(12):
         nominal[k] = tip[k]

@@ -64,7 +64,15 @@ def described(truth: Truth, robot: Robot, end_effector: EndEffector) -> tuple[Ro
         )
         for d in truth.drives
     )
-    return replace(robot, segments=arm, T_last_flange=flange, play=play, servo=servo), true_hand
+    own = {body.name: f"{body.name}_bearing" if _away(body) else body.name for body in truth.bodies}
+    regions = tuple(replace(region, segment=own[region.segment]) for region in truth.regions)
+    true_robot = replace(robot, segments=arm, T_last_flange=flange, play=play, servo=servo, regions=regions)
+    return true_robot, true_hand
+
+
+def _away(body: Body) -> bool:
+    """Whether the elastic element turns about another point than the drive."""
+    return bool(np.any(body.p_seg_bearing != 0.0)) and bool(np.any(body.compliance > 0.0))
 
 
 def _segments(bodies: tuple[Body, ...], T_last_here: Float) -> tuple[tuple[Segment, ...], Float]:
@@ -72,7 +80,6 @@ def _segments(bodies: tuple[Body, ...], T_last_here: Float) -> tuple[tuple[Segme
     out: list[Segment] = []
     for body in bodies:
         T_prev = T_last_here @ body.T_prev_seg
-        away = bool(np.any(body.p_seg_bearing != 0.0)) and bool(np.any(body.compliance > 0.0))
         whole = Segment(
             name=body.name,
             T_prev_seg=T_prev,
@@ -83,7 +90,7 @@ def _segments(bodies: tuple[Body, ...], T_last_here: Float) -> tuple[tuple[Segme
             mass_kg=body.mass_kg,
             p_seg_com=body.p_seg_com,
         )
-        if not away:
+        if not _away(body):
             out.append(whole)
             T_last_here = np.eye(4)
             continue

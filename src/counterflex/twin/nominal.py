@@ -87,6 +87,7 @@ def nominal_truth(
         drives=drives,
         cutting=cutting,
         counterbalance=robot.counterbalance,
+        regions=robot.regions,
     )
 
 

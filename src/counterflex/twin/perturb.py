@@ -17,9 +17,11 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, MRAD, MS, N_PER_MM2, UM, URAD
+from counterflex.robot.description import ElasticRegion
 from counterflex.twin.truth import Body, CuttingTruth, Drive, Truth
 
 COMPLIANCE_SIGMA = 0.10  # of each elastic element, log-normal
+REGION_SIGMA = 0.10  # of what a region adds to a compliance or takes from it, log-normal
 FORCE_COMMON_SIGMA = 0.10  # of all force constants together, log-normal
 FORCE_EACH_SIGMA = 0.03  # of c, r and a separately, log-normal
 EDGE_N_M = (2000.0, 2000.0, 0.0)  # ploughing force that the planner's law has no term for
@@ -60,11 +62,10 @@ def _vector(seed: int, name: str, sigma: float) -> Float:
 def perturbed(truth: Truth, seed: int) -> Truth:
     """The truth a user gets: everything off by documented, seeded amounts (one sigma, cut at three).
 
-    Each elastic element 10 % (all its entries together), force constants 10 % in common and 3 % separately, a
-    ploughing force of 2 N/mm, 5 um runout, geometry 0.15 mm per link and axis, joint offsets 0.05 mrad,
-    bearing positions 10 mm, masses 10 %, friction and play 20 %, speed-loop gains 10 %, position gains and
-    integral times 5 %, slip angles 20 %, damping 15 %, blank height
-    0.05 mm.
+    Each elastic element 10 % (all its entries together), what a region changes of it 10 %, force constants 10 % in
+    common and 3 % separately, a ploughing force of 2 N/mm, 5 um runout, geometry 0.15 mm per link and axis, joint
+    offsets 0.05 mrad, bearing positions 10 mm, masses 10 %, friction and play 20 %, speed-loop gains 10 %, position
+    gains and integral times 5 %, slip angles 20 %, damping 15 %, blank height 0.05 mm.
 
     Args:
         truth: Nominal truth.
@@ -89,7 +90,14 @@ def perturbed(truth: Truth, seed: int) -> Truth:
         drives=tuple(_drive(drive, seed, axis) for axis, drive in enumerate(truth.drives)),
         cutting=_cutting(truth.cutting, seed),
         stock_top_offset_m=truth.stock_top_offset_m + STOCK_TOP_M * _draw(seed, "stock.top"),
+        regions=tuple(_region(region, seed) for region in truth.regions),
     )
+
+
+def _region(region: ElasticRegion, seed: int) -> ElasticRegion:
+    """By how much the factors differ from 1 is off, in proportion."""
+    off = _factor(seed, f"{region.segment}.{region.direction}.region{region.axis + 1}", REGION_SIGMA)
+    return replace(region, factors=tuple(max(1.0 + off * (f - 1.0), 0.5 * f) for f in region.factors))
 
 
 def _body(body: Body, seed: int) -> Body:

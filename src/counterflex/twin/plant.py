@@ -18,6 +18,7 @@ from counterflex.twin.drives import apply_drives, gains
 from counterflex.twin.friction import apply_friction, play_torque, slip_parameters
 from counterflex.twin.loads import apply_loads, balance_parameters
 from counterflex.twin.mjcf import Coordinates, coordinates, model_xml
+from counterflex.twin.posture_springs import PostureSprings
 from counterflex.twin.truth import Truth
 
 STEP_S = 0.5e-3
@@ -95,6 +96,8 @@ class Plant:
         self._elastic: Bool = np.array(c.kind >= 0)
         driven = [b for b in truth.bodies if b.joint is not None]
         self._sign: Float = np.array([b.sign for b in driven])
+        self._springs = PostureSprings(truth, c)
+        self._stiffness: Float = c.stiffness.copy()
         self._torsion_stiffness: Float = np.where(c.torsion >= 0, c.stiffness[c.torsion], 0.0)
         self._band: Float = np.array([x.dead_band_rad if friction else 0.0 for x in truth.drives])
         self._slip_stiffness, self._slip_limit = slip_parameters(truth.drives)
@@ -155,6 +158,8 @@ class Plant:
         c, d = self.coordinates, self._data
         mujoco.mj_resetData(self._model, d)
         self._qpos[c.motor] = q
+        if self._springs:
+            self._take_posture()
         band, floating = np.zeros(len(c.kind)), np.ones(len(c.kind))
         sprung = np.flatnonzero(c.torsion >= 0)
         band[c.torsion[sprung]] = self._band[sprung]
@@ -170,7 +175,7 @@ class Plant:
                 self._balance, applied,
             )  # fmt: skip
             net: Float = applied - d.qfrc_bias
-            wanted = net[soft] / c.stiffness[soft] + np.clip(net[soft] / floating[soft], -1.0, 1.0) * band[soft]
+            wanted = net[soft] / self._stiffness[soft] + np.clip(net[soft] / floating[soft], -1.0, 1.0) * band[soft]
             change = float(np.max(np.abs(wanted - self._qpos[soft]), initial=0.0))
             if not np.isfinite(change) or change > 1.0:
                 break
@@ -211,6 +216,8 @@ class Plant:
             w_tcp_base: (6,) N, N m on the tool about the tip in base axes, acting during the step.
         """
         c = self.coordinates
+        if self._springs:
+            self._take_posture()
         _applied(
             self._qpos, self._qvel, self._anchor, self._axis, self._hinge, c.motor, c.torsion, self._sign, self._p,
             w_tcp_base, self._balance, self._torsion_stiffness, self._band, self._slip_stiffness, self._slip_limit,
@@ -221,6 +228,13 @@ class Plant:
         mujoco.mj_step2(self._model, self._data)
         self.time_s += self.step_s
         mujoco.mj_step1(self._model, self._data)
+
+    def _take_posture(self) -> None:
+        """Give the springs the stiffness of the present motor angles."""
+        c, free = self.coordinates, self._springs.free
+        self._stiffness[:] = self._springs.stiffness(self._qpos[c.motor])
+        self._model.jnt_stiffness[free] = self._stiffness[free]
+        self._torsion_stiffness[:] = np.where(c.torsion >= 0, self._stiffness[c.torsion], 0.0)
 
     def move(self, q: Float, w_tcp_base: Float | None = None, *, move_s: float = 1.0, rest_s: float = 0.3) -> None:
         """Go from where the references stand to other joints and another load, slowly, and wait.

@@ -15,7 +15,7 @@ from counterflex.core.arrays import Float, as_float, as_positive, frozen
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import STANDARD_GRAVITY
 from counterflex.geometry import pose, rotation
-from counterflex.robot.description import Counterbalance
+from counterflex.robot.description import Counterbalance, ElasticRegion
 
 SLIP_ELEMENTS = 3
 
@@ -200,6 +200,8 @@ class Truth:
         stock_top_offset_m: How much higher than stated the blank is.
         gravity_base: (3,) m/s2.
         sensor: Where the force sensor is said to sit; None: in the axes of the body that carries it.
+        regions: Elastic coordinates that are other in other postures: a factor on the compliance over the motor angle
+            of an axis, linear between its angles, within 10 deg beyond them fading to 1.
     """
 
     name: str
@@ -212,6 +214,7 @@ class Truth:
     stock_top_offset_m: float = 0.0
     gravity_base: Float = field(default_factory=lambda: np.array([0.0, 0.0, -STANDARD_GRAVITY]))
     sensor: SensorPlace | None = None
+    regions: tuple[ElasticRegion, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the chain."""
@@ -225,6 +228,16 @@ class Truth:
         names = [b.name for b in self.bodies]
         if self.sensor is not None and self.sensor.segment not in names:
             raise ModelError("body of the truth's sensor", value=self.sensor.segment, limit=", ".join(names))
+
+        for region in self.regions:
+            body = next((b for b in self.bodies if b.name == region.segment), None)
+            if body is None or body.compliance[region.direction] == 0.0:
+                raise ModelError("elastic region of the truth: no such spring", value=region.segment)
+            rising = bool(np.all(np.diff(region.angles_rad) > 0.0))
+            if not rising or len(region.angles_rad) != len(region.factors) or min(region.factors) <= 0.0:
+                raise ModelError(
+                    "elastic region of the truth", where=region.segment, limit="rising angles, as many factors above 0"
+                )
 
     def rigid_tcp(self, q: Float) -> Float:
         """Pose ``T_base_tcp`` (4, 4) of the undeformed chain at the axis angles ``q`` (6,) rad."""

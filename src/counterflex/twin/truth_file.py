@@ -18,12 +18,13 @@ from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.similar import missing_file
 from counterflex.core.units import DEG, MM, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.geometry import pose, rotation
-from counterflex.robot.description import Counterbalance
+from counterflex.robot.description import Counterbalance, ElasticRegion
 from counterflex.twin.truth import Body, CuttingTruth, Drive, SensorPlace, Truth
 
 T = TypeVar("T")
 FORMAT: Final = "counterflex-truth"
 VERSION: Final = 1
+_DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
 def _list(values: Float | tuple[float, ...], unit: float) -> list[float]:
@@ -64,6 +65,17 @@ def to_dict(truth: Truth) -> dict[str, Any]:
         }
     if truth.sensor is not None:
         out["sensor"] = {"segment": truth.sensor.segment, **_pose_to(truth.sensor.T_seg_sensor)}
+    if truth.regions:
+        out["elastic_regions"] = [
+            {
+                "body": r.segment,
+                "direction": _DIRECTIONS[r.direction],
+                "axis": r.axis + 1,
+                "angles_deg": [a / DEG for a in r.angles_rad],
+                "factors": list(r.factors),
+            }
+            for r in truth.regions
+        ]
     out["drives"] = [
         {
             "rotor_inertia_kg_m2": d.rotor_inertia_kg_m2,
@@ -125,6 +137,13 @@ class _Table:
         if isinstance(value, bool) or not isinstance(value, int):
             raise FileFormatError("not a whole number", where=f"{self.where}: {key}", value=repr(value))
         return value
+
+    def axis(self) -> int:
+        """Axis 0..5 from the key ``axis``, 1..6."""
+        value = self.integer("axis")
+        if not 1 <= value <= 6:
+            raise FileFormatError("no such axis", where=f"{self.where}: axis", value=value, limit="1 .. 6")
+        return value - 1
 
     def text(self, key: str) -> str:
         value = self.raw(key)
@@ -201,6 +220,9 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
             else None,
             sensor=_closed(_Table(top.raw("sensor"), f"{where}: sensor"), _sensor_from) if "sensor" in top else None,
             drives=tuple(_closed(row, _drive_from) for row in drives),
+            regions=tuple(_closed(row, _region_from) for row in top.rows("elastic_regions"))
+            if "elastic_regions" in top
+            else (),
             bodies=tuple(_closed(row, _body_from) for row in bodies),
         )
     except FileFormatError:
@@ -246,6 +268,23 @@ def _balance_from(t: _Table) -> Counterbalance:
 
 def _sensor_from(t: _Table) -> SensorPlace:
     return SensorPlace(segment=t.text("segment"), T_seg_sensor=t.pose())
+
+
+def _region_from(t: _Table) -> ElasticRegion:
+    direction = t.text("direction")
+    if direction not in _DIRECTIONS:
+        raise FileFormatError(
+            "no such direction", where=f"{t.where}: direction", value=direction, limit=" ".join(_DIRECTIONS)
+        )
+    angles = t.raw("angles_deg")
+    count = len(angles) if isinstance(angles, list) else 0
+    return ElasticRegion(
+        segment=t.text("body"),
+        direction=_DIRECTIONS.index(direction),
+        axis=t.axis(),
+        angles_rad=_Table({"angles_deg": angles}, t.where).numbers("angles_deg", count, DEG),
+        factors=t.numbers("factors", count),
+    )
 
 
 def _drive_from(t: _Table) -> Drive:
