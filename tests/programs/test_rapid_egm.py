@@ -153,9 +153,22 @@ def test_a_call_that_is_no_part_stays_a_call() -> None:
     assert made.index("SpindleOn;") < made.index("EGMSetupUC") < made.index("EGMMoveL") < made.index("SpindleOff;")
 
 
+def test_the_correction_is_gone_before_a_person_is_asked_to_stop_the_spindle() -> None:
+    by_hand = ['    TPWrite "stop the spindle, then press start";', "    Stop;"]
+    start = ['    TPWrite "start the spindle, then press start";', "    Stop;"]
+    made = with_egm(program(*start, move(0, "fine"), move(10), move(20), *by_hand), PATH, "p.mod")
+    lines = [line.strip() for line in made[: made.index("  ERROR")].splitlines()]
+    stops = [i for i, line in enumerate(lines) if line == "Stop;"]
+    assert len(stops) == 3  # for the spindle, for the run, for the spindle
+    given_back = max(i for i, line in enumerate(lines) if line.startswith("EGMReset"))
+    assert stops[1] < lines.index("EGMSetupUC" + next(x for x in lines if "EGMSetupUC" in x)[10:])
+    assert max(i for i, line in enumerate(lines) if line.startswith("EGMMoveL")) < given_back < stops[2]
+
+
 @pytest.mark.parametrize(
     ("text", "switching", "said"),
     [
+        (program(move(0, "fine"), move(1), "    Stop;", move(2)), PATH, "p.mod:11: the program stops for a person"),
         ("PROC p()\nENDPROC", PATH, "not a RAPID program"),
         (SIMPLE.replace("  ENDPROC", ""), PATH, "cut off"),
         (program(), PATH, "no path"),
@@ -222,6 +235,13 @@ def test_lesser_faults_are_warnings() -> None:
     assert [(item.rule, item.severity) for item in named] == [("name", "warning")]
     colon = check_egm(parse_egm_calls(text.replace('"UCdevice"', '"UCdevice:"'), "p.mod"), WANTED["pose"])
     assert colon == ()
+
+
+def test_a_stop_for_a_person_under_correction_is_a_warning() -> None:
+    text = with_egm(SIMPLE, PATH, "p.mod")
+    last = text.index("\n", text.rindex("EGMMoveL"))
+    found = check_egm(parse_egm_calls(text[:last] + "\n    Stop;" + text[last:], "p.mod"), WANTED["path"])
+    assert [(item.rule, item.severity) for item in found] == [("stop-corrected", "warning")]
 
 
 @pytest.mark.parametrize(

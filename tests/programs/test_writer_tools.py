@@ -85,7 +85,7 @@ def test_each_tool_runs_in_its_own_krl_frame() -> None:
     assert marks == [
         *("CHANGE(1)", "$TOOL=TOOL_DATA[5]", "PTP XSTART", "SPINDLE_ON(8000)", "FLOOD( )"),
         *("SPINDLE_OFF( )", "CHANGE(2)", "$TOOL=TOOL_DATA[6]", "SPINDLE_ON(12000)"),
-        *("SPINDLE_OFF( )", "DRY( )"),
+        *("DRY( )", "SPINDLE_OFF( )"),
     ]
     assert "split into 2 parts of at most 5000 points, 1 of them for a change of tool" in result.warnings
 
@@ -130,7 +130,7 @@ def test_the_end_stops_spindle_and_coolant(end: str) -> None:
     start = "%\n" if end == "%" else ""
     lines = in_order(written("krl", f"{start}G21 G90\nM3 S800 M7\nG0 X0 Y0 Z5\nG1 X5 F100\n{end}\n"), "src")
     assert [line for line in lines if re.match(r"[A-Z_]+\(", line)] == [
-        *("SPINDLE_ON(800)", "MIST( )", "SPINDLE_OFF( )", "DRY( )")
+        *("SPINDLE_ON(800)", "MIST( )", "DRY( )", "SPINDLE_OFF( )")
     ]
     last = max(i for i, line in enumerate(lines) if line.startswith("LIN"))
     assert not lines[last].endswith("C_DIS")
@@ -140,8 +140,44 @@ def test_the_end_stops_spindle_and_coolant(end: str) -> None:
 def test_nothing_is_stopped_twice() -> None:
     lines = in_order(written("krl", "G21 G90\nM3 S800 M8\nG0 X0 Y0 Z5\nG1 X5 F100\nM5 M9\nM30\n"), "src")
     assert [line for line in lines if re.match(r"[A-Z_]+\(", line)] == [
-        *("SPINDLE_ON(800)", "FLOOD( )", "SPINDLE_OFF( )", "DRY( )")
+        *("SPINDLE_ON(800)", "FLOOD( )", "DRY( )", "SPINDLE_OFF( )")
     ]
+
+
+@pytest.mark.parametrize(("language", "suffix"), [("krl", "src"), ("rapid", "mod")])
+@pytest.mark.parametrize("last", ["G0 Z20 M9 M5", "G0 Z20 M5 M9", "G0 Z20\nM30", "G0 Z20\nM5 M9"])
+def test_coolant_goes_before_a_person_is_asked_to_stop_the_spindle(language: Dialect, suffix: str, last: str) -> None:
+    """And the tool is out of the cut by then: what a block stops, it stops behind its motion (DIN 66025-2)."""
+    mapped: dict[int, tuple[str, ...]] = {3: (), 5: (), 8: ("FLOOD( )",), 9: ("DRY( )",)}
+    text = f"G21 G90\nM3 S800 M8\nG0 X0 Y0 Z20\nG1 Z-1 F600\nG1 X40\n{last}\n"
+    lines = in_order(written(language, text, mapped), suffix)
+    out = max(i for i, line in enumerate(lines) if line.startswith(("LIN", "MoveL")))
+    stops = [i for i, line in enumerate(lines) if re.match(r"HALT|Stop;", line)]
+    assert len(stops) == 2
+    assert stops[0] < lines.index("FLOOD( )") < out < lines.index("DRY( )") < stops[1]
+
+
+@pytest.mark.parametrize("code", ["M0", "M1", "M60"])
+def test_a_stop_comes_behind_the_motion_of_its_block(code: str) -> None:
+    text = f"G21 G90\nG0 X0 Y0 Z20\nG1 Z-1 F600\nG1 X40\nG0 Z20 {code}\nG0 X0\nM2\n"
+    lines = [line for line in in_order(written("krl", text, {}), "src") if line.startswith(("LIN", "HALT"))]
+    assert lines.index("HALT") == len(lines) - 2
+    assert lines[-3].endswith("}")  # it stands there
+
+
+def test_the_main_file_of_a_long_program_holds_what_comes_before_and_behind_its_path() -> None:
+    """Nothing moves there, and a person may be asked for something: no part of the path may stop for that."""
+    mapped: dict[int, tuple[str, ...]] = {3: (), 5: (), 8: ("FLOOD( )",), 9: ("DRY( )",)}
+    text = "G21 G90\nM3 S800 M8\nG0 X0 Y0 Z20\nG1 Z-1 F600\nG1 X40\nG1 Y9\nG0 Z20\nM9\nM5\nM30\n"
+    program, path, poses = job(text)
+    settings = KrlSettings(name="part", start_axes_rad=START, points_per_file=2)
+    result = write_krl(program, path, poses, settings, block_lines=MachineFunctions("krl", mapped).lines)
+    main = [line for line in result.files["part.src"].splitlines() if re.match(r"HALT|PTP|DRY|FLOOD|part_", line)]
+    calls = [line for line in main if line.startswith("part_")]
+    first, last = "HALT ; start the spindle, 800 rpm, then press start", "HALT ; stop the spindle, then press start"
+    assert len(calls) > 1
+    assert main == ["PTP XSTART", first, "FLOOD( )", *calls, "DRY( )", last]
+    assert not any("HALT" in text for name, text in result.files.items() if name != "part.src")
 
 
 def test_a_boring_cycle_backs_out_with_the_spindle_stopped() -> None:

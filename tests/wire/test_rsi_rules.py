@@ -298,6 +298,7 @@ def test_a_line_that_is_missing_in_the_program(gone: str, rule: str) -> None:
         ("CIRC {", "SCIRC {", "spline-corrected", "warning"),
         ("CIRC {", "PTP {", "ptp-corrected", "error"),
         ("CIRC {", "RSI_MOVECORR() ;", "movecorr", "warning"),
+        ("CIRC {", "HALT ; CIRC {", "stop-corrected", "warning"),
         ('cfid,"POSCORR1","UpperLimZ"', 'cfid,"POSCORR7","UpperLimZ"', "unknown-parameter", "error"),
         ('cfid,"POSCORR1","UpperLimZ"', 'cfid,"POSCORR1","UpperLimW"', "unknown-parameter", "error"),
         ('cfid,"POSCORR1","UpperLimZ"', 'cfid,"POSCORR1","RefCorrSys"', "not-public", "error"),

@@ -213,7 +213,8 @@ def _programs(
             (),
         )
     text = _krl(program)
-    found = {program.name: with_correction(text, switching, program.name)}
+    beside = [name for name in called(text) if program.with_name(f"{name}.src").is_file()]
+    found = {program.name: with_correction(text, switching, program.name, beside)}
     elsewhere = []
     for name in (program.stem, *called(text)):
         source, data = program.with_name(f"{name}.src"), program.with_name(f"{name}.dat")

@@ -58,7 +58,7 @@ def implied_stops(program: Program) -> ImpliedStops:
         cooled = 9.0 not in codes and (cooled or bool(codes & {7.0, 8.0}))
     if told != 0 or cooled:
         last = len(program.blocks) - 1
-        codes_left = [*([5] if told != 0 else []), *([9] if cooled else [])]
+        codes_left = [*([9] if cooled else []), *([5] if told != 0 else [])]
         out.behind[last] = out.behind.get(last, []) + [_saying(code, program.blocks[last]) for code in codes_left]
     return out
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,6 +17,8 @@ _END: Final = re.compile(r"\s*END\s*$", re.IGNORECASE)
 _POINT_TO_POINT: Final = re.compile(r"\s*S?PTP(_REL)?\b", re.IGNORECASE)
 _PATH: Final = re.compile(r"\s*(LIN|CIRC)(_REL)?\b", re.IGNORECASE)
 _CALL: Final = re.compile(r"\s*(\w+)\s*\(\s*\)\s*$")
+_PART: Final = re.compile(r"_\d{3}$")
+_HALT: Final = re.compile(r"\s*HALT\s*$", re.IGNORECASE)
 _SPLINE: Final = re.compile(r"\s*(SLIN|SCIRC|SPL|SPLINE)\b", re.IGNORECASE)
 _SENSOR: Final = re.compile(r"\bRSI_\w+\s*\(", re.IGNORECASE)
 _INTERRUPT: Final = 21
@@ -62,11 +64,12 @@ class RsiSwitching:
     output: int | None = None
 
 
-def with_correction(text: str, switching: RsiSwitching, where: str) -> str:
-    """The main file of a KRL program with sensor correction from its start position to its end.
+def with_correction(text: str, switching: RsiSwitching, where: str, parts: Collection[str] = ()) -> str:
+    """The main file of a KRL program with sensor correction along its path.
 
-    RSI is created directly before the first path motion or call behind the last PTP, and deleted before END. What comes
-    between start position and path (the spindle) is done before it. The correction is
+    RSI is created directly before the first path motion or part of the path behind the last PTP, and deleted directly
+    behind the last one. What comes between start position and path and behind it (spindle, coolant, a person who stops
+    the spindle) is done without it: nobody is asked for anything while the correction acts. The correction is
     enabled when the loop says that it is armed, and switched off when the controller itself says that it has gone back
     to zero; where that takes too long the program stops and cannot be led past. Where the program carries the mark of
     a job, it says its number by what it sets the enabling variable to
@@ -77,13 +80,15 @@ def with_correction(text: str, switching: RsiSwitching, where: str) -> str:
         text: Of the ``.src`` file.
         switching: See there.
         where: Its name, for messages.
+        parts: Routines that hold parts of the path; names that end in a number of three digits do too. Where neither
+            motions nor such parts are there, every call without arguments does.
 
     Returns:
         The text, line ends as in the source.
 
     Raises:
         ProgramError: It is no program of a start position and a path of LIN and CIRC, it switches RSI itself, or it
-            changes the tool on its path.
+            changes the tool or stops for a person on its path.
     """
     end_of_line = "\r\n" if "\r\n" in text else "\n"
     lines = text.splitlines()
@@ -101,18 +106,22 @@ def with_correction(text: str, switching: RsiSwitching, where: str) -> str:
         raise ProgramError(
             "the first motion is not PTP", where=f"{where}:{early + 1}", hint="Begin with PTP to a start position"
         )
-    moves = (i for i in body if starts and i > starts[0])  # calls before the start position change the tool
-    path = next((i for i in moves if _PATH.match(_code(lines[i])) or _CALL.match(_code(lines[i]))), None)
-    if path is None:
+    behind = [i for i in body if starts and i > starts[0]]  # calls before the start position change the tool
+    moves = [i for i in behind if _moves(_code(lines[i]), parts)] or [i for i in behind if _CALL.match(_code(lines[i]))]
+    if not moves:
         raise ProgramError(
             "there is no path to correct: neither LIN, CIRC nor a call behind a PTP to a start position", where=where
         )
+    path, after = moves[0], moves[-1] + 1
     late = next((i for i in starts if i > path), None)
     if late is not None:
         raise _no_ptp(where, late)
     changed = next((i for i in body if i > path and _TOOL.match(_code(lines[i]))), None)
     if changed is not None:
         raise _one_tool(where, changed, lines[changed])
+    halt = next((i for i in range(path, after) if _HALT.match(_code(lines[i]))), None)
+    if halt is not None:
+        raise _no_stop(where, halt, lines[halt])
     first = begin + 1
     while first < starts[0] and (not _code(lines[first]).strip() or _DECLARATION.match(lines[first])):
         first += 1
@@ -126,9 +135,9 @@ def with_correction(text: str, switching: RsiSwitching, where: str) -> str:
         *lines[first:path],
         *_on(switching),
         *_enable(switching, _says(text)),
-        *lines[path:end],
+        *lines[path:after],
         *_off(switching),
-        *lines[end:],
+        *lines[after:],
         *_routines(switching),
     ]
     return end_of_line.join([*out, ""])
@@ -154,11 +163,11 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False) ->
     Args:
         lines: Of the file.
         where: Its name, for messages.
-        first_only: It is the main file: PTP is judged elsewhere.
+        first_only: It is the main file: PTP, tools and stops are judged elsewhere.
 
     Raises:
-        ProgramError: PTP, a spline motion, another tool, a call of RSI, a name or an interrupt that the correction
-            uses, a spindle that is started by a comment.
+        ProgramError: PTP, a spline motion, another tool, a stop for a person, a call of RSI, a name or an interrupt
+            that the correction uses, a spindle that is started by a comment.
     """
     refuse_only_said(lines, ";", where)
     for i, line in enumerate(map(_code, lines)):
@@ -166,6 +175,8 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False) ->
             raise _no_ptp(where, i)
         if not first_only and _TOOL.match(line):
             raise _one_tool(where, i, line)
+        if not first_only and _HALT.match(line):
+            raise _no_stop(where, i, lines[i])
         if _SPLINE.match(line):
             raise ProgramError(
                 "nothing is known of corrections on spline motions",
@@ -231,6 +242,22 @@ def _no_ptp(where: str, index: int) -> ProgramError:
         where=f"{where}:{index + 1}",
         value="PTP behind the first path motion",
         hint="Split the program there",
+    )
+
+
+def _moves(line: str, parts: Collection[str]) -> bool:
+    call = _CALL.match(line)
+    return bool(_PATH.match(line) or (call and (call[1] in parts or _PART.search(call[1]))))
+
+
+def _no_stop(where: str, index: int, line: str) -> ProgramError:
+    return ProgramError(
+        "the program stops for a person on its path, while the correction acts",
+        where=f"{where}:{index + 1}",
+        value=line.strip()[:60],
+        limit="HALT before the first path motion or behind the last one",
+        hint="Say in [controller.spindle] of the cell file what does it, or compensate the parts before and behind the "
+        "stop as programs of their own, and make a set-up for each",
     )
 
 

@@ -142,12 +142,13 @@ def write_krl(
     files: dict[str, str] = {}
     head = _head(program, settings, parts.lead)
     if len(parts.parts) == 1:
-        files[f"{name}.src"] = _source(name, [*head, *parts.parts[0]])
+        files[f"{name}.src"] = _source(name, [*head, *parts.opening, *parts.parts[0], *parts.ending])
     else:
         names = [f"{name}_{i:03d}" for i in range(1, len(parts.parts) + 1)]
         for part in names:
             check_name(part, KRL, "KRL")
-        files[f"{name}.src"] = _source(name, [*head, *(f"{part}( )" for part in names)])
+        calls = [f"{part}( )" for part in names]
+        files[f"{name}.src"] = _source(name, [*head, *parts.opening, *calls, *parts.ending])
         for part, content in zip(names, parts.parts, strict=True):
             files[f"{part}.src"] = _source(part, content)
             files[f"{part}.dat"] = _data(part, [])

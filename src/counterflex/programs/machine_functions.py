@@ -24,7 +24,9 @@ KEYS: Final[dict[int, str]] = {
 ELSEWHERE: Final = frozenset({0, 1, 2, 30, 60, 98, 99})
 """M-codes that writers turn into stops and ends themselves, and calls, which are written out."""
 _NO_EFFECT: Final = frozenset({48, 49})
-_ORDER: Final = (6, 3, 4, 5, 7, 8, 9)
+_ORDER: Final = (6, 3, 4, 7, 8, 9, 5)
+BEHIND: Final = frozenset({0, 1, 5, 9, 60})
+"""M-codes that act when the motions of their block are done (DIN 66025-2): stops, coolant off, spindle off."""
 _BY_HAND: Final = frozenset({3, 4, 5, 6})
 TIMER: Final = 20
 """Number of the KRL timer that waits use."""
@@ -42,9 +44,9 @@ class MachineFunctions:
     """Statements of one robot language for what is no motion.
 
     ``{s}`` stands for the spindle speed in rpm, ``{t}`` for the number of the tool in the program, ``{d}`` for its tool
-    data on the controller (:attr:`tool_data`). Several M-codes of a block act in the order of RS274: tool change,
-    spindle, coolant. Where the statements of the spindle or of a tool change are an empty list, a person does it: the
-    program stops there.
+    data on the controller (:attr:`tool_data`). Several M-codes of a block act in this order: tool change, spindle on,
+    coolant on, coolant off, spindle off. Where the statements of the spindle or of a tool change are an empty list, a
+    person does it: the program stops there.
 
     Attributes:
         language: ``krl`` or ``rapid``.

@@ -17,6 +17,7 @@ _LINEAR: Final = re.compile(r"(\s*)MoveL\s+(.*),([^,]+),([^,]+),([^,;]+);\s*$", 
 _JOINT: Final = re.compile(r"\s*Move(AbsJ|J)\b", re.IGNORECASE)
 _CALL: Final = re.compile(r"\s*([A-Za-z]\w*)\s*;\s*$")
 _TOOL: Final = re.compile(r"\s*(\w+)\s*\\\s*WObj\s*:=\s*(\w+)\s*$", re.IGNORECASE)
+_STOP: Final = re.compile(r"\s*Stop\b", re.IGNORECASE)
 _WAIT: Final = re.compile(r"\s*WaitTime\b", re.IGNORECASE)
 _TAKEN: Final = re.compile(r"\bEGM\w*|\bcf(?:Id|Zero|Window|Turn|Key|Clock)\b|\bERROR\b", re.IGNORECASE)
 _PART: Final = re.compile(r"_\d{3}$")
@@ -55,7 +56,9 @@ def with_egm(text: str, switching: EgmSwitching, where: str, last: str | None = 
     declared = [f"  VAR egmident {IDENTITY};"]
     if switching.mode == "path":
         first = next((i for i, line in enumerate(path) if _begins(line)), len(path))
-        corrected = _corrected(path[first:], where, master=True)
+        after = max((i + 1 for i, line in enumerate(path) if _begins(line)), default=len(path))
+        _no_stops(path[first:after], begin + start + 3 + first, where)
+        corrected = _corrected(path[first:after], where, master=True)
         finish = last_move(text, where) or last
         inside = [
             *_signal(switching, on=False),
@@ -63,6 +66,7 @@ def with_egm(text: str, switching: EgmSwitching, where: str, last: str | None = 
             *_path_on(switching, body[start]),
             *corrected,
             *_path_off(switching, finish, where),
+            *path[after:],
         ]
         declared += ["  VAR num cfKey;", "  VAR clock cfClock;"]
     else:
@@ -98,6 +102,7 @@ def part_with_egm(text: str, where: str, *, first: bool, start: str = "") -> str
     lines = text.splitlines()
     begin, end, _ = _routine(lines, where)
     _check(lines[begin + 1 : end], begin + 2, where, _frames(start) if start else None)
+    _no_stops(lines[begin + 1 : end], begin + 2, where)
     corrected = _corrected(lines[begin + 1 : end], where, master=False, first=first)
     return "\n".join([*lines[: begin + 1], *corrected, "  ERROR", "    RAISE;", *lines[end:], ""])
 
@@ -166,6 +171,19 @@ def _check(path: list[str], number: int, where: str, frames: tuple[str, str] | N
                 value=f"{other[0]}, {other[1]}",
                 limit=f"{frames[0]}, {frames[1]} from the start posture to the end",
                 hint="Compensate the part of the program of each tool by itself, and make a program for each",
+            )
+
+
+def _no_stops(path: list[str], number: int, where: str) -> None:
+    for i, line in enumerate(map(_code, path)):
+        if _STOP.match(line):
+            raise ProgramError(
+                "the program stops for a person on its path, while the correction acts",
+                where=f"{where}:{number + i}",
+                value=line.strip()[:60],
+                limit="Stop before the first path motion or behind the last one",
+                hint="Say in [controller.spindle] of the cell file what does it, or compensate the parts before and "
+                "behind the stop as programs of their own, and make a program for each",
             )
 
 

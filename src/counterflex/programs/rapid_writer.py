@@ -149,10 +149,12 @@ def write_rapid(
     files: dict[str, str] = {}
     declarations = _declarations(program, settings, speeds)
     if len(parts.parts) == 1:
-        files[f"{name}.mod"] = _module(f"{name}_m", declarations, name, [*head, *parts.parts[0]])
+        body = [*head, *parts.opening, *parts.parts[0], *parts.ending]
+        files[f"{name}.mod"] = _module(f"{name}_m", declarations, name, body)
     else:
         names = [f"{name}_{i:03d}" for i in range(1, len(parts.parts) + 1)]
-        files[f"{name}.mod"] = _module(f"{name}_m", declarations, name, [*head, *(f"    {part};" for part in names)])
+        body = [*head, *parts.opening, *(f"    {part};" for part in names), *parts.ending]
+        files[f"{name}.mod"] = _module(f"{name}_m", declarations, name, body)
         for part, content in zip(names, parts.parts, strict=True):
             check_name(f"{part}_m", RAPID, "RAPID")
             files[f"{part}.mod"] = _module(f"{part}_m", [], part, content)

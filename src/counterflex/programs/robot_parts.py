@@ -31,15 +31,22 @@ class RobotLanguage(Protocol):
 class RobotParts:
     """Lines of a robot program.
 
+    What stands before the first point and behind the last one belongs to the main file also where the path is cut into
+    parts: there nothing moves, and a person may be asked for something.
+
     Attributes:
         lead: Lines before the move to the start posture: they end with the first change of tool, so that the robot
             goes there with the tool that it works with.
-        parts: Lines of each part, in order; a change of tool begins one.
+        opening: Lines between that move and the first point.
+        parts: Lines of each part, in order, from its first point to its last; a change of tool begins one.
+        ending: Lines behind the last point.
         changes: Number of parts that begin with a change of tool.
     """
 
     lead: list[str] = field(default_factory=list)
+    opening: list[str] = field(default_factory=list)
     parts: list[list[str]] = field(default_factory=lambda: [[]])
+    ending: list[str] = field(default_factory=list)
     changes: int = 0
 
     def warnings(self, points_per_file: int) -> tuple[str, ...]:
@@ -73,7 +80,8 @@ def robot_parts(program: Program, points: RobotPoints, language: RobotLanguage, 
         The lines.
     """
     out = RobotParts()
-    count, place, tool, last = 0, -1, first_tool(program), len(points.row) - 1
+    count, place, moved = 0, -1, 0
+    tool, last = first_tool(program), len(points.row) - 1
     for step in steps(program, points):
         if isinstance(step, Block):
             lines = language.block(step)
@@ -87,14 +95,19 @@ def robot_parts(program: Program, points: RobotPoints, language: RobotLanguage, 
             else:
                 out.parts.append([*lines, *language.enter(tool, place)])
                 out.changes += 1
-                count = 0
+                count, moved = 0, len(out.parts[-1])
         elif isinstance(step, float):
             out.parts[-1].append(language.dwell(step))
         else:
+            if place < 0:
+                out.opening, out.parts[-1] = out.parts[-1], []
             if count == points_per_file:
                 out.parts.append([])
                 count = 0
             count += 1
             place = step
             out.parts[-1] += language.point(step)
+            moved = len(out.parts[-1])
+    out.ending = out.parts[-1][moved:]
+    del out.parts[-1][moved:]
     return out

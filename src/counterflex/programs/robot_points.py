@@ -17,6 +17,7 @@ from counterflex.path.sampling import point_spacing
 from counterflex.path.toolpath import RAPID, ToolPath
 from counterflex.programs.feed_hold import feed_factor
 from counterflex.programs.implied_stops import implied_stops
+from counterflex.programs.machine_functions import BEHIND
 from counterflex.programs.motion_rows import relieved_along_axis
 from counterflex.programs.program import Block, Program
 from counterflex.programs.simplify import simplify
@@ -285,7 +286,7 @@ def event_motions(program: Program, lines: BlockLines) -> frozenset[int]:
     for block in program.blocks:
         if acts(block) or lines(block):
             out.add(block.first_motion)
-            if stops(block):
+            if _split(program, block)[1] is not None:
                 out.add(motions_end(block))
     out |= {index for index, motion in enumerate(motions) if motion.kind == "dwell"}
     out |= set(implied_stops(program).within)
@@ -323,8 +324,8 @@ def steps(program: Program, points: RobotPoints) -> Iterator[Block | float | int
     implied = implied_stops(program)
     for number, block in enumerate(program.blocks):
         yield from implied.before.get(number, ())
-        moves_first = block.motion_count > 0 and stops(block)  # RS274 stops behind what else the block does
-        yield _without_stop(block) if moves_first else block
+        first, last = _split(program, block)
+        yield first
         for index in range(block.first_motion, motions_end(block)):
             if index in implied.within:
                 yield implied.within[index]
@@ -333,18 +334,21 @@ def steps(program: Program, points: RobotPoints) -> Iterator[Block | float | int
                 at += 1
             if program.motions[index].kind == "dwell":
                 yield float(program.motions[index].duration_s)
-        if moves_first:
-            yield _only_stop(block)
+        if last is not None:
+            yield last
         yield from implied.behind.get(number, ())
 
 
-def _without_stop(block: Block) -> Block:
-    return replace(block, words=tuple(word for word in block.words if word.letter != "M" or word.value not in _STOPS))
-
-
-def _only_stop(block: Block) -> Block:
-    stop = tuple(word for word in block.words if word.letter == "M" and word.value in _STOPS)
-    return replace(block, words=stop, text=f"M{stop[0].value:.0f}", motion_count=0)
+def _split(program: Program, block: Block) -> tuple[Block, Block | None]:
+    """What a block does before its motions, and what it does behind them (see :data:`BEHIND`); dwells are no motions."""
+    motions = program.motions[block.first_motion : motions_end(block)]
+    behind = _STOPS if all(motion.kind == "dwell" for motion in motions) else BEHIND
+    late = tuple(word for word in block.words if word.letter == "M" and word.value in behind)
+    if not late or not motions:
+        return block, None
+    before = replace(block, words=tuple(word for word in block.words if word not in late))
+    text = " ".join(f"M{word.value:.0f}" for word in late)
+    return before, replace(block, text=text, words=late, motion_count=0)
 
 
 def carried_text(block: Block) -> str:

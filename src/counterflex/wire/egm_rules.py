@@ -291,5 +291,22 @@ def _waits(calls: EgmCalls) -> Iterator[Finding]:
         )
 
 
-_ALONE: Final = (_timeout, _fine, _handler, _waits)
+def _halts(calls: EgmCalls) -> Iterator[Finding]:
+    """Nobody is asked for anything while the path is corrected."""
+    items = calls.instructions
+    moves = [k for k, item in enumerate(items) if item.name in _CORRECTED]
+    end = next((k for k, item in enumerate(items) if moves and k > moves[-1] and item.name == "EGMRESET"), len(items))
+    for k, item in enumerate(items):
+        if item.name == "STOP" and moves and moves[0] < k < end:
+            yield _finding(
+                "stop-corrected",
+                "warning",
+                _at(calls, item),
+                "the program stops for a person before EGM is given back: the robot may move there",
+                "Stop",
+                "the correction at zero and EGMReset before Stop",
+            )
+
+
+_ALONE: Final = (_timeout, _fine, _handler, _waits, _halts)
 _BESIDE: Final = (_mode, _rate, _guidance)

@@ -111,7 +111,7 @@ def results_checked(setup: Setup) -> Iterator[Finding]:
 
 
 def motions(setup: Setup) -> Iterator[Finding]:
-    """First motion PTP; only LIN and CIRC under correction."""
+    """First motion PTP; only LIN and CIRC under correction, and no stop for a person."""
     if setup.program is None:
         return
     items = setup.program.statements
@@ -126,7 +126,19 @@ def motions(setup: Setup) -> Iterator[Finding]:
             "PTP",
             "Begin with PTP, for example PTP $AXIS_ACT_MEAS",
         )
-    for item in setup.program.between("RSI_ON", "RSI_OFF"):
+    under = setup.program.between("RSI_ON", "RSI_OFF")
+    path = next((item.line for item in under if item.what in _PATH), None)
+    for item in under:
+        if item.what == "HALT" and not item.guarded and path is not None and item.line > path:
+            yield Finding(
+                "stop-corrected",
+                "warning",
+                setup.on_line(item.line),
+                "the program stops for a person behind its first path motion, before RSI_OFF: the robot may move there",
+                "HALT",
+                "the correction at zero and RSI_OFF before HALT",
+                "Move it behind RSI_OFF",
+            )
         if item.what in _POINT_TO_POINT:
             yield Finding(
                 "ptp-corrected",
