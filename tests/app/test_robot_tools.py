@@ -10,7 +10,7 @@ import pytest
 
 from counterflex.app.compensate import compensate
 from counterflex.app.inputs import read_job
-from counterflex.app.robot_program import check_machine, other_lengths, routine_name, tool_data
+from counterflex.app.robot_program import check_machine, left_out, other_lengths, routine_name, tool_data
 from counterflex.core.errors import ProgramError
 from counterflex.files.cell import Cell, resolve
 from counterflex.files.cell_schema import CellTables
@@ -62,6 +62,25 @@ def test_what_is_not_mapped_names_file_line_and_key(tmp_path: Path, language: Di
     assert caught.value.where == "two.ngc:2"
 
 
+@pytest.mark.parametrize("language", ["krl", "rapid"])
+def test_everything_that_is_not_mapped_is_named_at_once(tmp_path: Path, language: Dialect) -> None:
+    """Else a shop mends its cell file line by line, and starts anew for each."""
+    job_cell = cell({"tool_data": 3, "tooldata": "tOne"}, {"tool_data": 4, "tooldata": "tTwo"})
+    text = TWO.replace("M30", "M51\nM30")
+    with pytest.raises(ProgramError) as caught:
+        check_machine(read_job(program(tmp_path, text), job_cell), job_cell, language)
+    keys = ("clockwise", "off", "tool_change", "flood", "coolant_off", "m_codes.M51")
+    assert all(f"controller.spindle.{language}.{key}" in str(caught.value) for key in keys)
+    assert "M51 (line 13)" in str(caught.value)
+    assert caught.value.where == "two.ngc:2"
+
+
+def test_every_tool_without_a_frame_is_named_at_once(tmp_path: Path) -> None:
+    job_cell = cell({}, {}, krl=MAPPED)
+    with pytest.raises(ProgramError, match=r"2 of them have; got T1, T2; expected tools\.tool_data of T1, T2"):
+        check_machine(read_job(program(tmp_path), job_cell), job_cell, "krl")
+
+
 def test_the_stop_at_the_end_must_be_mapped_too(tmp_path: Path) -> None:
     """M30 stops spindle and coolant; the program does not write M9."""
     job_cell = cell({}, krl={key: MAPPED[key] for key in MAPPED if key != "coolant_off"})
@@ -111,3 +130,13 @@ def test_another_length_than_that_of_the_tool_is_said(tmp_path: Path) -> None:
 def test_no_program_is_called_like_a_word_of_the_language(stem: str, name: str) -> None:
     """A cell.src would replace the controller's own; DEF lin( ) is none."""
     assert routine_name(stem) == name
+
+
+def test_the_ways_home_are_one_warning(tmp_path: Path) -> None:
+    text = "G21 G90\nT1 M6\nG0 X-12 Y15 Z50\nG0 Z38\nG1 X2 F1500\nG0 Z50\nG28 G91 Z0\nG90\nG53 G0 Z0\nG30\nM30\n"
+    assert left_out(read_job(program(tmp_path, text), cell({})).program) == [
+        "G28, G30, G53 in lines 7, 9, 10 lead to places of the milling machine: the robot stays where it is"
+    ]
+    one = text.replace("G90\nG53 G0 Z0\nG30\n", "")
+    (said,) = left_out(read_job(program(tmp_path, one), cell({})).program)
+    assert said.startswith("G28 in line 7 leads to")

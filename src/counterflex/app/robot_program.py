@@ -29,8 +29,7 @@ def check_machine(job: Job, cell: Cell, language: Dialect) -> None:
     """
     functions = cell.machine_functions(language)
     with faults_in(job):
-        for block in (*job.program.blocks, *implied_stops(job.program).all()):
-            functions.lines(block)
+        functions.check((*job.program.blocks, *implied_stops(job.program).all()))
     tool_data(job, cell, language)
     refuse_change_in_cut(job, cell)
     left_out(job.program)
@@ -66,7 +65,7 @@ def left_out(program: Program) -> list[str]:
     Raises:
         ProgramError: That was the way out of the cut: the robot would stay there.
     """
-    out = []
+    found: dict[str, list[str]] = {}
     for block in program.blocks:
         codes = {word.value for word in block.words if word.letter == "G"} & _HOMING
         if not codes or block.motion_count or block.first_motion == 0:
@@ -79,8 +78,12 @@ def left_out(program: Program) -> list[str]:
                 value=block.text.strip()[:40],
                 hint=f"Retract with G0 first. {UNKNOWN_PLACE}",
             )
-        out.append(f"{name} in line {block.line} leads to a place of the milling machine: the robot stays where it is")
-    return out
+        found.setdefault(str(block.line), []).append(name)
+    if not found:
+        return []
+    names = sorted({name for codes_of in found.values() for name in codes_of}, key=lambda name: float(name[1:]))
+    said = f"in line {', '.join(found)} leads" if len(found) == 1 else f"in lines {', '.join(found)} lead"
+    return [f"{', '.join(names)} {said} to places of the milling machine: the robot stays where it is"]
 
 
 def other_lengths(program: Program) -> list[str]:
@@ -112,16 +115,17 @@ def tool_data(job: Job, cell: Cell, language: Dialect) -> dict[int, str]:
     for motion in job.program.motions:
         if motion.tool:
             used.setdefault(motion.tool, motion.block)
-    for tool, block in used.items():
-        if tool not in named and len(used) > 1:
-            key = "tool_data" if language == "krl" else "tooldata"
-            raise ProgramError(
-                "the program changes tools, and the cell file does not say which frame one of them has",
-                where=f"{Path(job.program.name).name}:{job.program.blocks[block].line}",
-                value=f"T{tool}",
-                limit=f"tools.{key} of T{tool} in {cell.path}",
-                hint="Give every tool of the program its own: the controller compensates its length",
-            )
+    unnamed = [tool for tool in used if tool not in named]
+    if unnamed and len(used) > 1:
+        key, tools = "tool_data" if language == "krl" else "tooldata", ", ".join(f"T{tool}" for tool in unnamed)
+        raise ProgramError(
+            "the program changes tools, and the cell file does not say which frame "
+            + ("one of them has" if len(unnamed) == 1 else f"{len(unnamed)} of them have"),
+            where=f"{Path(job.program.name).name}:{job.program.blocks[used[unnamed[0]]].line}",
+            value=tools,
+            limit=f"tools.{key} of {tools} in {cell.path}",
+            hint="Give every tool of the program its own: the controller compensates its length",
+        )
     return {tool: named[tool] for tool in used if tool in named}
 
 

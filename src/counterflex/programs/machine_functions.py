@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
@@ -74,25 +74,49 @@ class MachineFunctions:
         Raises:
             ProgramError: The block has an M-code that is not mapped, or starts the spindle without a speed.
         """
-        codes = [int(word.value) for word in block.words if word.letter == "M" and word.value == int(word.value)]
-        codes = [code for code in codes if code not in ELSEWHERE | _NO_EFFECT]
-        if not codes and block.modal.spindle_rpm != 0.0 and any(word.letter == "S" for word in block.words):
-            codes = [3 if block.modal.spindle_rpm > 0.0 else 4]
         out: list[str] = []
-        for code in sorted(codes, key=lambda item: _ORDER.index(item) if item in _ORDER else len(_ORDER)):
+        for code in sorted(_codes(block), key=lambda item: _ORDER.index(item) if item in _ORDER else len(_ORDER)):
             out += self._function(code, block)
         return [*self._in_place(), *out] if out else []
 
+    def check(self, blocks: Iterable[Block]) -> None:
+        """Refuse blocks that :meth:`lines` would refuse; every M-code that is not mapped is named at once.
+
+        Raises:
+            ProgramError: As :meth:`lines`; its place is the first of the blocks.
+        """
+        taken = list(blocks)
+        missing: dict[int, Block] = {}
+        for block in taken:
+            for code in _codes(block):
+                if code not in self.statements and (code not in missing or block.line < missing[code].line):
+                    missing[code] = block
+        if missing:
+            raise self._unmapped(missing)
+        for block in taken:
+            self.lines(block)
+
+    def _unmapped(self, missing: Mapping[int, Block]) -> ProgramError:
+        table = f"controller.spindle.{self.language}"
+        codes = sorted(missing, key=lambda code: (missing[code].line, code))
+        keys = [KEYS.get(code, f"m_codes.M{code}") for code in codes]
+        first = missing[codes[0]]
+        lines = [f"M{code} (line {missing[code].line})" for code in codes]
+        return ProgramError(
+            f"the cell file does not say what {' and '.join(f'M{code}' for code in codes)} "
+            f"{'is' if len(codes) == 1 else 'are'} on this controller",
+            where=f"line {first.line}",
+            value=" ".join(first.text.split())[:60] if len(codes) == 1 else ", ".join(lines),
+            limit=f"{', '.join(f'{table}.{key}' for key in keys)} in {self.where}",
+            hint=f"Add under [{table}] the statements of the robot's language, for example "
+            + " and ".join(self._example(key) for key in keys[:2])
+            + "; an empty list stops the program for a person to do it"
+            * any(code in _BY_HAND and code in missing for code in codes),
+        )
+
     def _function(self, code: int, block: Block) -> list[str]:
         if code not in self.statements:
-            key = KEYS.get(code, f"m_codes.M{code}")
-            raise ProgramError(
-                f"the cell file does not say what M{code} is on this controller",
-                where=f"line {block.line}",
-                value=" ".join(block.text.split())[:60],
-                limit=f"controller.spindle.{self.language}.{key} in {self.where}",
-                hint="Add the statements of the robot's language, for example " + self._example(key),
-            )
+            raise self._unmapped({code: block})
         rpm = abs(block.modal.spindle_rpm)
         statements = self.statements[code]
         if any(SPEED in line for line in statements) and rpm == 0.0:
@@ -124,7 +148,7 @@ class MachineFunctions:
 
     def _example(self, key: str) -> str:
         statement = "$OUT[17]=TRUE" if self.language == "krl" else "SetDO doSpindle,1;"
-        return f'{key.rpartition(".")[2]} = ["{statement}"]'
+        return f'{key} = ["{statement}"]'
 
     def _in_place(self) -> list[str]:
         """KRL runs ahead of the motion; this stops it until the tool is there."""
@@ -144,6 +168,15 @@ class MachineFunctions:
         if self.language == "rapid":
             return [f"WaitUntil {condition}\\MaxTime:={self.wait_s:g};"]
         return krl_wait(condition, self.wait_s, fault)
+
+
+def _codes(block: Block) -> list[int]:
+    """M-codes of a block that need statements; a new speed of a spindle that turns starts it again."""
+    codes = [int(word.value) for word in block.words if word.letter == "M" and word.value == int(word.value)]
+    codes = [code for code in codes if code not in ELSEWHERE | _NO_EFFECT]
+    if not codes and block.modal.spindle_rpm != 0.0 and any(word.letter == "S" for word in block.words):
+        codes = [3 if block.modal.spindle_rpm > 0.0 else 4]
+    return codes
 
 
 def krl_wait(condition: str, limit_s: float, fault: str) -> list[str]:
