@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from counterflex.cli.main import run
+from counterflex.cli.start import run
 
 if __name__ == "__main__":
     run()

@@ -25,7 +25,7 @@ from counterflex.links.machine import Machine
 from counterflex.links.realtime import Granted
 from counterflex.runtime import record_ring as record
 
-HEAVY = ("numpy", "numba", "scipy", "polars", "mujoco", "plotly", "pydantic", "trimesh", "jinja2")
+HEAVY = ("rich", "numpy", "numba", "scipy", "polars", "mujoco", "plotly", "pydantic", "trimesh", "jinja2")
 
 
 def _commands(command: Any, path: tuple[str, ...] = ()) -> dict[tuple[str, ...], Any]:
@@ -175,6 +175,40 @@ def fiducials(folder: Path) -> None:
     seen = p - np.array([4.5, 0.5, 1.2]) + 1e-5 * np.array([[1, -1, 0], [0, 1, -1], [-1, 0, 1]] * 2)
     channels = {"p_base_fiducial": p, "p_tracker_fiducial": seen}
     write_dataset(folder, "points", "fiducials", channels, dict.fromkeys(channels, 2e-5))
+
+
+def test_a_request_of_the_operator_waits_for_no_command_parser(tmp_path: Path) -> None:
+    """A stop is to start in a fraction of a second on a busy computer too."""
+    program = (
+        "import sys; sys.argv = ['counterflex', 'operator', 'stop', 'nolog']\n"
+        "from counterflex.cli.start import run\n"
+        "try:\n    run()\nexcept SystemExit as end:\n    assert end.code == 2\n"
+        f"print('LOADED', *[name for name in (*{HEAVY!r}, 'typer') if name in sys.modules])\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert ended.stdout.split() == ["LOADED"]
+    assert "no run goes on there" in ended.stderr
+
+
+def test_help_reads_the_options_of_no_command(monkeypatch: pytest.MonkeyPatch, counterflex: Any) -> None:
+    """Of some 50 commands they took half of the time."""
+    read: list[Any] = []
+    genuine = vars(typer.main)["get_params_from_function"]
+
+    def watched(found: Any) -> Any:
+        read.append(found)
+        return genuine(found)
+
+    monkeypatch.setattr(typer.main, "get_params_from_function", watched)
+    assert "compensate" in counterflex("--help").out
+    assert not {info.callback for info in app.registered_commands} & set(read)
+    assert "--tolerance-um" in counterflex("compensate", "--help").out
+
+
+def test_examples_can_be_copied_in_one_piece(counterflex: Any) -> None:
+    for words, command in COMMANDS.items():
+        for example in re.findall(r"Example: `counterflex ([^`]+)`", " ".join((command.help or "").split())):
+            assert example in counterflex(*words, "--help").out
 
 
 def test_help_loads_no_heavy_library() -> None:

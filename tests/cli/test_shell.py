@@ -46,7 +46,7 @@ def test_every_command_has_its_heading(counterflex: Any) -> None:
     group = typer.main.get_command(app)
     assert set(named) == set(group.commands)  # type: ignore[attr-defined]
     said = counterflex("--help").out
-    places = [said.index(f" {panel} ") for panel in PANELS]
+    places = [said.index(f"\n{panel}:\n") for panel in PANELS]
     assert places == sorted(places)
     for number, (panel, names) in enumerate(PANELS.items()):
         part = said[places[number] : (places[number + 1] if number + 1 < len(places) else None)]

@@ -1,11 +1,16 @@
-"""The ``counterflex`` command."""
+"""The commands of ``counterflex`` and how they are read."""
 
 from __future__ import annotations
 
+import copy
+import inspect
 import math
 import os
 import sys
+import textwrap
 import time
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Annotated, Any, Final, NoReturn
 
 import typer
@@ -21,7 +26,6 @@ from counterflex.cli import (
     egm,
     faults,
     identify,
-    interrupt,
     log,
     online,
     operator,
@@ -34,20 +38,35 @@ from counterflex.cli import (
     tracker,
     twin,
 )
-from counterflex.cli.interrupt import interruptible
 from counterflex.cli.output import line_period_s
+from counterflex.cli.start import end, run
 from counterflex.core import compiling
-from counterflex.core.errors import CounterflexError, InputError, Interrupted
+from counterflex.core.errors import InputError
 
-_INTERRUPTED: Final = 130
-"""Status that the command parser gives an interrupted command."""
+__all__ = ["app", "parsed", "run"]
 _CommandLineFault: Final[type[Exception]] = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
 )
 
 
+def _write_help(text: str, formatter: Any) -> None:
+    """Write help paragraph by paragraph; options are not broken at their hyphens, examples not at all."""
+    for paragraph in inspect.cleandoc(text).split("\n\n"):
+        line = " ".join(paragraph.split())
+        indent = " " * (formatter.current_indent + 2)
+        if not line.startswith("Example:"):
+            line = textwrap.fill(
+                line, formatter.width - 2, break_on_hyphens=False, break_long_words=False, subsequent_indent=indent
+            )
+        formatter.write(f"\n{indent}{line}\n")
+
+
 class _Command(TyperCommand):
     """A command whose numbers are finite: ``nan`` and ``inf`` pass every range that the parser checks."""
+
+    def format_help_text(self, _ctx: Any, formatter: Any) -> None:
+        """Write what the command does."""
+        _write_help(self.help or "", formatter)
 
     def invoke(self, ctx: Any) -> Any:
         for name, value in ctx.params.items():
@@ -57,12 +76,13 @@ class _Command(TyperCommand):
         return super().invoke(ctx)
 
 
-def _with_finite_numbers(app: typer.Typer) -> None:
+def _with_own_classes(app: typer.Typer) -> None:
     for command in app.registered_commands:
         command.cls = _Command
     for group in app.registered_groups:
         if group.typer_instance is not None:
-            _with_finite_numbers(group.typer_instance)
+            group.typer_instance.info.cls = _Group
+            _with_own_classes(group.typer_instance)
 
 
 PANELS: Final = {
@@ -76,8 +96,26 @@ PANELS: Final = {
 """Commands by what they are for, in the order of ``--help``."""
 
 
-class _Groups(TyperGroup):
+class _Group(TyperGroup):
+    """Commands below a word, each with its whole first sentence."""
+
+    panels: Mapping[str, Sequence[str]] = MappingProxyType({})
+
+    def format_help_text(self, _ctx: Any, formatter: Any) -> None:
+        """Write what the commands are for."""
+        _write_help(self.help or "", formatter)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands, under the headings of their use where there are any."""
+        for panel, names in (self.panels or {"Commands": self.list_commands(ctx)}).items():
+            with formatter.section(panel):
+                formatter.write_dl([(name, self.commands[name].get_short_help_str(200)) for name in names])
+
+
+class _Groups(_Group):
     """The commands in the order of :data:`PANELS`."""
+
+    panels = PANELS
 
     def list_commands(self, ctx: Any) -> list[str]:
         names = [name for panel in PANELS.values() for name in panel]
@@ -87,8 +125,9 @@ class _Groups(TyperGroup):
 app = typer.Typer(
     name="counterflex",
     cls=_Groups,
+    context_settings={"max_content_width": 110},
     no_args_is_help=True,
-    rich_markup_mode="markdown",
+    rich_markup_mode=None,  # plain help: the library that draws boxes takes a third of the time of --help to load
     pretty_exceptions_enable=False,
     help=(
         "Makes a milling robot accurate: predicts how far it bends under the cutting force and gives back the same "
@@ -114,7 +153,45 @@ for room in (question, program, prove, dataset, identify, twin, tracker, ads, ca
 for room in (online, operator, log, doctor, soak, faults, rsi, egm, reproduce, demo):
     room.register(app)
 _in_panels(app)
-_with_finite_numbers(app)
+_with_own_classes(app)
+
+
+def _only(words: Sequence[str]) -> typer.Typer:
+    """The commands, with the options of the one that is called only: those of all take longer to read than a stop may.
+
+    Args:
+        words: Of the command line.
+    """
+    called = next((word for word in words if not word.startswith("-")), "")
+    small = copy.copy(app)
+    small.registered_commands = [
+        info if called in (info.name, getattr(info.callback, "__name__", "")) else _named_only(info)
+        for info in app.registered_commands
+    ]
+    small.registered_groups = [
+        info if called == info.name else _without_commands(info) for info in app.registered_groups
+    ]
+    return small
+
+
+def _named_only(info: Any) -> Any:
+    """A command that has its name and what it does, and no options."""
+
+    def named() -> None:
+        pass
+
+    named.__doc__ = info.callback.__doc__
+    found = copy.copy(info)
+    found.name, found.callback = info.name or info.callback.__name__, named
+    return found
+
+
+def _without_commands(info: Any) -> Any:
+    """A group that has its name and what it is for, and no commands."""
+    found = copy.copy(info)
+    found.typer_instance = copy.copy(info.typer_instance)
+    found.typer_instance.registered_commands, found.typer_instance.registered_groups = [], []
+    return found
 
 
 def _version(value: bool) -> None:
@@ -132,45 +209,25 @@ def _main(
     pass
 
 
-def run() -> None:
-    """Run the command line; faults of the user's making end in one line on standard error and exit status 2.
+def parsed(words: Sequence[str]) -> object:
+    """Do what a command line says.
 
-    A fault of the program itself is not hidden: it shows its traceback and ends with status 1. A command that a signal
-    has asked to end ends with 128 and the signal's number, whatever else happened: 130 Ctrl-C, 143 request to
-    terminate, 129 terminal closed.
+    Args:
+        words: Of the command line, without the command itself.
+
+    Returns:
+        Exit status, or None.
+
+    Raises:
+        CounterflexError: A fault of the user's making.
     """
-    # Matrices are small here: on a busy machine the threads of BLAS wait for one another, fifty times longer than they
-    # compute. Must be said before NumPy is imported.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if line_period_s() > 0.0:
         compiling.tell(_Compiling(line_period_s()))
-    with interruptible():
-        try:
-            status = operator.quick(sys.argv[1:])
-            if status is None:
-                status = app(prog_name="counterflex", standalone_mode=False)
-            sys.stdout.flush()  # a full disk behind it is told here
-        except KeyboardInterrupt:
-            status = _INTERRUPTED
-        except Interrupted as fault:
-            _end(str(fault), interrupt.status() or _INTERRUPTED)
-        except CounterflexError as fault:
-            _end(str(fault))
-        except _CommandLineFault as fault:
-            _end_usage(fault)
-        except BrokenPipeError:
-            sys.stderr.close()
-            sys.exit(0)
-        except OSError as fault:  # of a disk, a device, a socket: of the computer, not of the program
-            if not fault.strerror:
-                raise
-            _end(f"{fault.filename or 'counterflex'}: {fault.strerror}")
-        asked = interrupt.status()  # 128 and the number of the signal, whatever the command made of it
-    if status == _INTERRUPTED:
-        _end(f"interrupted; {interrupt.left()}", asked or _INTERRUPTED)
-    if asked is not None:
-        sys.exit(asked)
-    sys.exit(status if isinstance(status, int) else 0)
+    commands = app if "_COUNTERFLEX_COMPLETE" in os.environ else _only(words)
+    try:
+        return commands(list(words), prog_name="counterflex", standalone_mode=False)
+    except _CommandLineFault as fault:
+        _end_usage(fault)
 
 
 class _Compiling:
@@ -204,7 +261,7 @@ def _end_usage(fault: Any) -> NoReturn:
         print(fault.format_message())
         sys.exit(2)
     stop = "" if message.endswith((".", "?", "!")) else "."
-    _end(f"{message}{stop} {command} --help shows how it is used")
+    end(f"{message}{stop} {command} --help shows how it is used")
 
 
 def _with_value(message: str, fault: Any) -> str:
@@ -216,8 +273,3 @@ def _with_value(message: str, fault: Any) -> str:
     return message.replace("Input should be", f"got {str(found[0]['input'])[:60]}; expected", 1).replace(
         "Input should", f"got {str(found[0]['input'])[:60]}; it should", 1
     )
-
-
-def _end(line: str, status: int = 2) -> NoReturn:
-    print(f"error: {' '.join(line.split())}", file=sys.stderr)
-    sys.exit(status)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated
 
 import typer
 
-from counterflex.cli.output import print_json
+from counterflex.cli.operator_now import asked
 from counterflex.cli.question import AsJson
 
 _operator = typer.Typer(no_args_is_help=True, help="Operate a run that goes on: its state, stop, reset, arm.")
 Log = Annotated[Path, typer.Argument(help="Folder that `run` was given with --out.", metavar="DIR")]
-_ACTIONS: Final = ("status", "stop", "reset", "arm")
 
 
 def register(app: typer.Typer) -> None:
@@ -72,65 +70,7 @@ def arm(log: Log, as_json: AsJson = False) -> None:
     _ask(log, "arm", as_json=as_json)
 
 
-def quick(words: Sequence[str]) -> int | None:
-    """Do a request of the operator at once, past the command parser, which takes longer to load than a stop may take.
-
-    Args:
-        words: Of the command line.
-
-    Returns:
-        Exit status; None where this is no plain request, so that the parser has to look at it.
-    """
-    plain = [word for word in words[2:] if word != "--json"]
-    if words[:1] != ["operator"] or len(words) < 2 or words[1] not in _ACTIONS or len(plain) != 1:
-        return None
-    if plain[0].startswith("-") or len(words) - 2 - len(plain) > 1:
-        return None
-    return _asked(Path(plain[0]), words[1], as_json="--json" in words[2:])
-
-
 def _ask(log: Path, action: str, *, as_json: bool) -> None:
-    status = _asked(log, action, as_json=as_json)
+    status = asked(log, action, as_json=as_json)
     if status:
         raise typer.Exit(status)
-
-
-def _asked(log: Path, action: str, *, as_json: bool) -> int:
-    from counterflex.app.operator_requests import request
-
-    found = request(log, action)
-    if as_json:
-        print_json(found)
-    else:
-        cause = "" if found["cause"] == "none" else f" ({found['cause'].replace('_', ' ')})"
-        held = ", feed held" if found["feed_hold"] else ""
-        robot = "" if found["robot_heard"] else ", no telegram yet"
-        typer.echo(
-            f"{found['state'].replace('_', ' ')}{cause}, correction {found['correction_mm']:.3f} mm{held}{robot}"
-        )
-        if action == "status":
-            for line in _seen(found):
-                typer.echo(line)
-        if not found["done"]:
-            typer.echo(f"{action} refused: {found['refused']}", err=True)
-    return int(not found["done"])
-
-
-def _seen(found: dict[str, Any]) -> list[str]:
-    """What else is to be seen of a run: place, force, how old each source is, strangers, losses."""
-    lines = []
-    if found["place"] is not None:
-        lines.append(f"place: {100.0 * found['place']:.1f} % of the plan")
-    force = [
-        f"{found[key]:.0f} N {word}"
-        for key, word in (("force_n", "measured"), ("planned_n", "planned"))
-        if found[key] is not None
-    ]
-    if force:
-        lines.append("force: " + ", ".join(force))
-    ages = [f"{name} {'nothing yet' if age is None else f'{age:.0f} ms'}" for name, age in found["age_ms"].items()]
-    lines.append("age: " + ", ".join(ages))
-    lines.append(f"foreign telegrams dropped: {found['foreign']}")
-    lost = f" ({found['log_trouble']})" if found["log_trouble"] else ""
-    lines.append(f"{'LOG LOST, ' if lost or found['records_lost'] else ''}records lost: {found['records_lost']}{lost}")
-    return lines

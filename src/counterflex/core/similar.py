@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
 
 def close_to(name: str, among: Iterable[str], count: int = 3) -> list[str]:
     """Names most like ``name``, best first; upper and lower case count as the same. Empty when none is near."""
+    import difflib  # only where a name is wrong: commands that start quickly need it seldom
+
     by_folded: dict[str, str] = {}
     for item in among:
         by_folded.setdefault(item.casefold(), item)

@@ -340,7 +340,7 @@ def steps(program: Program, points: RobotPoints) -> Iterator[Block | float | int
 
 
 def _split(program: Program, block: Block) -> tuple[Block, Block | None]:
-    """What a block does before its motions, and what it does behind them (see :data:`BEHIND`); dwells are no motions."""
+    """What a block does before its motions, and what it does behind them (:data:`BEHIND`); dwells are none."""
     motions = program.motions[block.first_motion : motions_end(block)]
     behind = _STOPS if all(motion.kind == "dwell" for motion in motions) else BEHIND
     late = tuple(word for word in block.words if word.letter == "M" and word.value in behind)

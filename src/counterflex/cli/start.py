@@ -1,0 +1,69 @@
+"""Where the command begins and ends: what is urgent at once, all else by the parser; faults end in one line."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Final, NoReturn
+
+from counterflex.cli import interrupt, operator_now
+from counterflex.cli.interrupt import interruptible
+from counterflex.core.errors import CounterflexError, Interrupted
+
+_INTERRUPTED: Final = 130
+"""Status that the command parser gives an interrupted command."""
+
+
+def run() -> None:
+    """Run the command line; faults of the user's making end in one line on standard error and exit status 2.
+
+    A fault of the program itself is not hidden: it shows its traceback and ends with status 1. A command that a signal
+    has asked to end ends with 128 and the signal's number, whatever else happened: 130 Ctrl-C, 143 request to
+    terminate, 129 terminal closed.
+    """
+    # Matrices are small here: on a busy machine the threads of BLAS wait for one another, fifty times longer than they
+    # compute. Must be said before NumPy is imported.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with interruptible():
+        try:
+            status: object = operator_now.quick(sys.argv[1:])
+            if status is None:
+                status = _parsed(sys.argv[1:])
+            sys.stdout.flush()  # a full disk behind it is told here
+        except KeyboardInterrupt:
+            status = _INTERRUPTED
+        except Interrupted as fault:
+            end(str(fault), interrupt.status() or _INTERRUPTED)
+        except CounterflexError as fault:
+            end(str(fault))
+        except BrokenPipeError:
+            sys.stderr.close()
+            sys.exit(0)
+        except OSError as fault:  # of a disk, a device, a socket: of the computer, not of the program
+            if not fault.strerror:
+                raise
+            end(f"{fault.filename or 'counterflex'}: {fault.strerror}")
+        asked = interrupt.status()  # 128 and the number of the signal, whatever the command made of it
+    if status == _INTERRUPTED:
+        end(f"interrupted; {interrupt.left()}", asked or _INTERRUPTED)
+    if asked is not None:
+        sys.exit(asked)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _parsed(words: Sequence[str]) -> object:
+    from counterflex.cli.main import parsed
+
+    return parsed(words)
+
+
+def end(line: str, status: int = 2) -> NoReturn:
+    """End the command with a line on standard error.
+
+    Args:
+        line: What is wrong.
+        status: Exit status.
+    """
+    print(f"error: {' '.join(line.split())}", file=sys.stderr)
+    sys.exit(status)
