@@ -11,6 +11,7 @@ from counterflex.files.dataset_file import read_dataset
 from counterflex.files.dataset_writer import shop_factors
 from counterflex.geometry import rotation
 from counterflex.identify.channels import CHANNELS
+from counterflex.identify.frame_pulls import summary
 
 
 def described(path: str | Path) -> dict[str, Any]:
@@ -21,7 +22,12 @@ def described(path: str | Path) -> dict[str, Any]:
 
     Returns:
         ``name``, ``kind``, ``rows``, ``groups``, ``file``, ``lines``, ``sha256``, ``settings``, ``channels`` (range,
-        mean and standard deviation of every number), ``without_sigma`` (names).
+        mean and standard deviation of every number), ``without_sigma`` (names), ``frame`` (what the sensors of a
+        measuring frame say, or None; see :func:`counterflex.identify.frame_pulls.summary`).
+
+    Raises:
+        FileFormatError: The dataset cannot be read.
+        InputError: The sensors of its measuring frame do not show a motion, or contradict each other.
     """
     data = read_dataset(path)
     rows = []
@@ -54,6 +60,7 @@ def described(path: str | Path) -> dict[str, Any]:
         "sha256": data.fingerprint,
         "settings": dict(data.settings),
         "channels": rows,
+        "frame": summary(data),
         "without_sigma": [name for name, c in data.channels.items() if c.sigma is None],
     }
 

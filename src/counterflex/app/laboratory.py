@@ -64,6 +64,7 @@ def measure(
         measured.sigma,
         group=measured.group,
         settings=measured.settings,
+        sensors=measured.sensors,
     )
     return {
         "recipe": proposal.recipe,

@@ -51,6 +51,8 @@ def check(
     )
     for key, value in answer["settings"].items():
         typer.echo(f"setting: {key} = {value}")
+    for line in answer["frame"]["lines"] if answer["frame"] else ():
+        typer.echo(f"measuring frame: {line}")
     if answer["without_sigma"]:
         typer.echo(
             f"no standard deviation: {', '.join(answer['without_sigma'])}; a recipe that weighs one will ask for it"

@@ -13,6 +13,7 @@ from counterflex.core.arrays import Bool, Int
 from counterflex.core.errors import FileFormatError
 from counterflex.files.dataset_channel import Cells, build
 from counterflex.files.dataset_manifest import Manifest, read_manifest
+from counterflex.files.dataset_sensors import sensor_frame
 from counterflex.files.dataset_table import Reference, TextTable, read_table
 from counterflex.files.dataset_units import in_header, settings_si
 from counterflex.identify.channels import CHANNELS
@@ -124,6 +125,7 @@ def read_dataset(path: str | Path) -> Dataset:
         fingerprint=_fingerprint(file, tables),
         where=str(file),
         file=str(tables[0].path),
+        sensors=sensor_frame(manifest, str(file)),
     )
 
 

@@ -12,7 +12,7 @@ from pydantic import Field, field_validator, model_validator
 from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.similar import close_to
 from counterflex.files.dataset_units import settings_si
-from counterflex.files.schema import PoseTable, Table, Versioned
+from counterflex.files.schema import Length, PoseTable, Table, Versioned
 from counterflex.identify.channels import CHANNELS, KINDS, SETTINGS, channel_kind
 
 KIND: Final = "counterflex-dataset"
@@ -23,6 +23,8 @@ COLUMNS_OF: Final[dict[str, int]] = {"quat_wxyz": 4, "quat_xyzw": 4, "matrix": 9
 """Number of columns of a rotation; three for the others."""
 Name = Annotated[str, Field(min_length=1)]
 Line = Annotated[int, Field(ge=0)]
+LEAST_COSINE: Final = 0.2588
+"""Between the beam of a sensor and the normal of its plane: 75 deg."""
 
 
 def _tuple(value: Any) -> Any:
@@ -124,6 +126,40 @@ class ChannelTable(Table):
         return self
 
 
+Vector = tuple[float, float, float]
+
+
+class SensorTable(Table):
+    """One distance sensor of a measuring frame."""
+
+    name: Name
+    position_mm: tuple[Length, Length, Length]
+    direction: Vector
+    normal: Vector | None = None
+    point_mm: tuple[Length, Length, Length] | None = None
+
+    @field_validator("direction", "normal")
+    @classmethod
+    def _unit(cls, value: Vector | None) -> Vector | None:
+        length = 1.0 if value is None else math.hypot(*value)
+        if abs(length - 1.0) > 0.01:
+            unit = [round(v / length, 4) for v in value or ()] if length > 0.0 else "none"
+            raise ValueError(f"the vector has length {length:.4g}; expected a unit vector (length 1): {unit}")
+        return value
+
+    @model_validator(mode="after")
+    def _meets(self) -> SensorTable:
+        if self.normal is not None:
+            cosine = abs(sum(a * b for a, b in zip(self.direction, self.normal, strict=True)))
+            if cosine < LEAST_COSINE:
+                angle = math.degrees(math.acos(min(1.0, cosine)))
+                raise ValueError(
+                    f"sensor '{self.name}' looks along its plane: {angle:.1f} deg between beam and normal; expected at "
+                    "most 75 deg"
+                )
+        return self
+
+
 class Manifest(Versioned):
     """A whole manifest."""
 
@@ -136,6 +172,7 @@ class Manifest(Versioned):
     channels: dict[str, ChannelTable]
     frames: dict[str, PoseTable] = Field(default={})
     settings: dict[str, Any] = Field(default={})
+    sensors: tuple[SensorTable, ...] = ()
 
     @field_validator("join", "group", mode="before")
     @classmethod

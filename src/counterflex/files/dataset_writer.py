@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,6 +31,7 @@ def write_dataset(
     *,
     group: Int | None = None,
     settings: Mapping[str, Any] | None = None,
+    sensors: Sequence[Mapping[str, Any]] = (),
 ) -> Path:
     """Write ``NAME.csv`` and ``NAME.toml``; :func:`counterflex.files.dataset_file.read_dataset` reads them back.
 
@@ -42,6 +43,7 @@ def write_dataset(
         sigma: Standard deviations by channel name, SI: one, (k,), or (n, k); channels without one state none.
         group: (n,) ids of rows that belong together, written as a column ``group``.
         settings: Further facts by SI name.
+        sensors: Of a measuring frame: ``name``, ``position_m``, ``direction``, ``normal``, ``point_m`` of each.
 
     Returns:
         Path of the manifest.
@@ -76,6 +78,8 @@ def write_dataset(
         manifest["settings"] = dict(settings_shop(key, value) for key, value in settings.items())
     manifest["files"] = [{"path": f"{name}.csv"}]
     manifest["channels"] = tables
+    if sensors:
+        manifest["sensors"] = [dict(settings_shop(key, value) for key, value in one.items()) for one in sensors]
     atomic.write_text(path.with_suffix(".csv"), "\n".join(rows) + "\n")
     write_toml(path, manifest)
     return path

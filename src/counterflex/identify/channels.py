@@ -154,6 +154,24 @@ _PULLS: Final = {
         "twist",
     ),
 }
+_FRAME: Final = {
+    "s_unloaded": ChannelKind(
+        "distances that the sensors of a measuring frame show without load, in the order of [[sensors]]",
+        tuple(str(i) for i in range(1, 25)),
+        "m",
+        "mm",
+        counts=tuple(range(3, 25)),
+    ),
+    "s_loaded": ChannelKind(
+        "distances that the sensors of a measuring frame show with load, in the order of [[sensors]]",
+        tuple(str(i) for i in range(1, 25)),
+        "m",
+        "mm",
+        counts=tuple(range(3, 25)),
+    ),
+    "p_base_frame": _point("origin of the measuring frame's axes in the robot base"),
+    "R_base_frame": _rotation("orientation of the measuring frame's axes in the robot base"),
+}
 _CLOCK: Final = {
     "time_s": ChannelKind("time", ("",), "s", "s"),
     "temperature_c": ChannelKind("temperature", ("",), "degC", "degC"),
@@ -211,6 +229,7 @@ CHANNELS: Final[dict[str, ChannelKind]] = {
     **_TRACKER,
     **_LOADS,
     **_PULLS,
+    **_FRAME,
     **_CLOCK,
     **_RECORDS,
     **_SLOTS,
@@ -241,7 +260,7 @@ MEASURED_IN: Final[dict[str, tuple[str, ...]]] = {
     "tracker_points": ("p_tracker_target",),
     "distances": ("distance",),
     "planes": ("q",),
-    "pulls": ("d_tcp_base", "d_tracker_target"),
+    "pulls": ("d_tcp_base", "d_tracker_target", "s_loaded"),
     "cubes": ("d_before_base", "d_after_base"),
     "sensor_poses": ("w_sensor",),
     "sensor_motion": ("w_sensor",),
@@ -272,6 +291,9 @@ SETTINGS: Final[dict[str, str]] = {
     "probe_sigma_m": "standard deviation with which the probe touches a plane",
     "p_tcp_load_m": "where the cable pulls, in the frame of the tool tip",
     "p_tcp_measured_m": "the point whose displacement was measured, in the frame of the tool tip",
+    "sensor_axes": "axes of [[sensors]]: 'tcp' (of the unloaded tool, from its tip), 'base', or 'frame' (its place in "
+    "p_base_frame, R_base_frame)",
+    "sensor_alignment_rad": "how well the faces stand to the beams of a measuring frame as stated",
     "history": "what the axes did before a loaded reading: 'approached again', 'held' or 'relaxed'",
     "readings": "readings of an instrument that were averaged",
     "pairs": "names of the bodies that the cubes of each pair sit on, 'base/axis1', in the order of channel 'pair'",

@@ -10,6 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError
+from counterflex.identify.measuring_frame import SensorFrame
 
 Scalar = float | int | str | bool
 
@@ -64,6 +65,7 @@ class Dataset:
         fingerprint: SHA-256 over manifest and data files, hex.
         where: Manifest path, for messages.
         file: Data file whose lines ``line`` counts; empty for data made in memory.
+        sensors: Of a measuring frame whose readings are ``s_unloaded`` and ``s_loaded``, or None.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Dataset:
     fingerprint: str = ""
     where: str = ""
     file: str = ""
+    sensors: SensorFrame | None = None
 
     def __len__(self) -> int:
         return len(self.group)
@@ -123,6 +126,7 @@ def of_arrays(
     *,
     group: Int | None = None,
     settings: Mapping[str, Any] | None = None,
+    sensors: SensorFrame | None = None,
 ) -> Dataset:
     """A dataset from arrays in memory, for examples and tests.
 
@@ -133,6 +137,7 @@ def of_arrays(
         sigmas: Standard deviations, broadcast against the values (against (n, 3) for rotation matrices).
         group: (n,) or None for every row on its own.
         settings: See :class:`Dataset`.
+        sensors: See :class:`Dataset`.
     """
     n = len(next(iter(arrays.values())))
     channels = {}
@@ -151,4 +156,5 @@ def of_arrays(
         line=rows + 1,
         settings=dict(settings or {}),
         where=name,
+        sensors=sensors,
     )

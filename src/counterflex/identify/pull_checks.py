@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -33,6 +34,10 @@ _LEAST_FORCE_N: Final = 1.0
 _MOVES_RAD: Final = 1e-3
 _FEWEST: Final = 3
 _NOTHING_PERCENT: Final = 100.0
+_OF_SENSORS: Final = (
+    "look at what the measuring frame is said to be: which readings are s_unloaded and s_loaded, their unit and signs, "
+    "position and direction of each of [[sensors]], sensor_axes"
+)
 
 
 def check_plain(data: Dataset) -> None:
@@ -172,6 +177,9 @@ def readings(chain: ElasticChain, data: Dataset) -> tuple[Reading, ...]:
         if data.values(moved).shape[1] == 3:
             out += left_handed([moved], free_frame=False)
     out += row_mistakes(moved)
+    if data.sensors is not None:
+        # The displacement is found from the sensors: what is wrong about it is wrong about them.
+        out = [replace(r, channel="s_loaded", remedy=_OF_SENSORS) if r.channel == moved else r for r in out]
     return tuple(out)
 
 

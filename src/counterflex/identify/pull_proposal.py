@@ -28,13 +28,23 @@ SETTINGS: Final[Mapping[str, float | int | str | bool]] = {
     "directions": "+x -x +y -y -z",
     "sigma_um": 10.0,
     "history": AGAIN,
+    "instrument": "tracker",
     "seed": 0,
 }
 """Options of the proposal: force of the cable, directions to choose from, standard deviation of a displacement, how
-the loaded readings are taken, seed of the candidate poses."""
+the loaded readings are taken, ``instrument`` that reads the displacement (``tracker`` or ``frame``, distance sensors
+on a measuring frame), seed of the candidate poses."""
+INSTRUMENTS: Final = ("tracker", "frame")
 APPROACH_RAD: Final = -0.04 * DEG
 """From where every axis approaches its pose: far enough to turn all friction round, small enough to do at a creep."""
 _LEAST: Final = 4
+_OF_INSTRUMENT: Final = {
+    "tracker": (),
+    "frame": (
+        "Read the distance sensors of the measuring frame before and under load (s_unloaded, s_loaded); put the frame "
+        "up anew at each pose, square to the faces, and do not touch it between the two readings.",
+    ),
+}
 _USE_POSES: Final = 60
 _CANDIDATES: Final = 900
 _SCALE_M: Final = 10.0 * UM
@@ -63,6 +73,9 @@ def propose_pulls(cell: CellModel, count: int, settings: Mapping[str, Any]) -> P
     force = float(options["force_n"])
     sigma = float(options["sigma_um"]) * UM
     history = str(options["history"])
+    instrument = str(options["instrument"])
+    if instrument not in INSTRUMENTS:
+        raise InputError("setting instrument", value=instrument, limit=", ".join(INSTRUMENTS))
     if count < _LEAST or not force > 0.0 or not sigma > 0.0 or history not in HISTORIES:
         raise InputError(
             "cannot propose such pulls",
@@ -101,8 +114,8 @@ def propose_pulls(cell: CellModel, count: int, settings: Mapping[str, Any]) -> P
         columns=columns,
         expected=expected_sigma(plan.parameters, chosen.covariance),
         units=plan.parameters.units,
-        remarks=_remarks(names, direction[order], force, history),
-        settings={"history": history},
+        remarks=(*_remarks(names, direction[order], force, history), *_OF_INSTRUMENT[instrument]),
+        settings={"history": history} | ({} if instrument == INSTRUMENTS[0] else {"instrument": instrument}),
     )
 
 

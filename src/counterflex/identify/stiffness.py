@@ -17,6 +17,7 @@ from counterflex.identify.changes import ElementRegion
 from counterflex.identify.compliances import bearing_of, springs, with_compliance
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
+from counterflex.identify.frame_pulls import with_displacements
 from counterflex.identify.holdout import HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.known_frames import KnownFrames, known_frames
 from counterflex.identify.model import CellModel
@@ -70,8 +71,10 @@ def identify(
     if not data:
         raise InputError("stiffness needs at least one dataset of pulls")
     chain, stated = cell.chain, bool(options["as_stated"])
+    data, said = _moved(chain, data, as_stated=stated)
+    holdout, of_holdout = _moved(chain, holdout, as_stated=stated)
+    said += of_holdout
     tracker = _frames(cell, [*data, *holdout])
-    said: list[str] = []
     for d in [*data, *holdout]:
         pull_checks.check_plain(d)
     everything = [_read(chain, d, tracker) for d in [*data, *holdout]]
@@ -104,6 +107,12 @@ def identify(
         remarks=(*said, *pull_report.remarks(chain, plan, fit, held, pulls, found)),
         pictures=pull_report.pictures(held, measured, plan, fit),
     )
+
+
+def _moved(chain: ElasticChain, data: Sequence[Dataset], *, as_stated: bool) -> tuple[list[Dataset], list[str]]:
+    """Datasets with displacements, also those of measuring frames, and what is to be said about these."""
+    found = [with_displacements(chain, d, as_stated=as_stated) for d in data]
+    return [d for d, _ in found], [text for _, remarks in found for text in remarks]
 
 
 def settle(

@@ -90,12 +90,15 @@ class Measured:
         sigma: Standard deviation by channel name, SI, scalar or (k,).
         group: (n,) rows that belong together.
         settings: Further facts that the laboratory would note down.
+        sensors: Of a measuring frame, as it is thought to stand: ``name``, ``position_m``, ``direction``, ``normal``,
+            ``point_m`` of each.
     """
 
     channels: Mapping[str, Float]
     sigma: Mapping[str, float | Float]
     group: Int
     settings: Mapping[str, Any] = field(default_factory=dict)
+    sensors: tuple[Mapping[str, Any], ...] = ()
 
 
 Measure = Callable[[Truth, Laboratory, Mapping[str, Float], Mapping[str, Any], Progress], Measured]

@@ -17,10 +17,12 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MRAD
 from counterflex.geometry import pose
+from counterflex.twin import distance_frame
 from counterflex.twin.laboratory import Laboratory, Measured
 from counterflex.twin.plant import Plant
 from counterflex.twin.truth import Truth
 
+INSTRUMENTS: Final = ("tracker", "frame")
 HISTORIES: Final = ("approached again", "held", "relaxed")
 READINGS: Final = 10
 """Readings of the tracker that are averaged."""
@@ -46,12 +48,13 @@ def measure(
         settings: ``history``: ``approached again`` (default), ``held`` (the load comes on while the axes hold still)
             or ``relaxed`` (static equilibrium without friction; play only); ``readings`` averaged; ``approach_rad``
             (6,): where each pose is approached from, angles there minus those of the pose; ``axes``: ``tracker``
-            (default) or ``base``.
+            (default) or ``base``; ``instrument``: ``tracker`` (default), or ``frame``: the distance sensors of
+            :mod:`counterflex.twin.distance_frame` instead, whose raw readings are given.
         progress: Told about pulls.
 
     Returns:
         ``q``, ``approach`` (n, 6) rad, ``f_tcp_base`` (n, 3) N as weighed, ``d_tracker_target`` (n, 6) or
-        ``d_tcp_base`` (n, 6) m, rad.
+        ``d_tcp_base`` (n, 6) m, rad, or ``s_unloaded`` and ``s_loaded`` (n, 8) m.
 
     Raises:
         InputError: A column is missing or a setting is unknown.
@@ -60,6 +63,9 @@ def measure(
     q, force = columns(request, "q{}_rad", "123456"), columns(request, "f{}_n", "xyz")
     history = str(settings.get("history", HISTORIES[0]))
     axes = str(settings.get("axes", "tracker"))
+    instrument = str(settings.get("instrument", INSTRUMENTS[0]))
+    if instrument not in INSTRUMENTS:
+        raise InputError("instrument of the pulls", value=instrument, limit=", ".join(INSTRUMENTS))
     if history not in HISTORIES or axes not in ("tracker", "base"):
         raise InputError("setting of the pulls", value=f"{history}, {axes}", limit=", ".join(HISTORIES))
     readings = int(settings.get("readings", READINGS))
@@ -75,6 +81,18 @@ def measure(
         load = np.concatenate([applied[row], np.zeros(3)])
         ends[row] = pull(plant, q[row], load, approach[row], history, plant.tcp_pose)
         progress((row + 1) / n, f"pull {row + 1} of {n}")
+    recorded: dict[str, Any] = {"readings": readings, "history": history}
+    plain = {"q": q, "approach": np.array(approach), "f_tcp_base": force}
+    weighed = {"f_tcp_base": np.maximum(FORCE_SHARE * np.abs(force), 0.1)}
+    if instrument == INSTRUMENTS[1]:
+        shown, sigma_m = distance_frame.read(ends, laboratory.noise("distance frame"), readings)
+        return Measured(
+            channels={**plain, "s_unloaded": shown[:, 0], "s_loaded": shown[:, 1]},
+            sigma={**weighed, "s_unloaded": sigma_m, "s_loaded": sigma_m},
+            group=groups_of(q),
+            settings={**recorded, "sensor_axes": "tcp"},
+            sensors=distance_frame.described(),
+        )
     T_tracker_base = pose.inverse(laboratory.T_base_tracker)
     T_tcp_target = laboratory.T_tcp_target
     if axes == "base":
@@ -84,10 +102,9 @@ def measure(
     sigma = np.repeat([laboratory.tracker_m, laboratory.tracker_rad], 3) * np.sqrt(2.0 / readings)
     d = d + sigma * noise.standard_normal((n, 6))
     name = "d_tracker_target" if axes == "tracker" else "d_tcp_base"
-    recorded: dict[str, Any] = {"readings": readings, "history": history}
     return Measured(
-        channels={"q": q, "approach": np.array(approach), "f_tcp_base": force, name: d},
-        sigma={name: sigma, "f_tcp_base": np.maximum(FORCE_SHARE * np.abs(force), 0.1)},
+        channels={**plain, name: d},
+        sigma={name: sigma, **weighed},
         group=groups_of(q),
         settings=recorded,
     )
