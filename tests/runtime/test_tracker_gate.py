@@ -16,19 +16,23 @@ from counterflex.geometry import pose, rotation
 from counterflex.runtime import layout as at
 from counterflex.runtime import plausibility_kernel as pk
 from counterflex.runtime.loop import Loop
+from counterflex.runtime.settings import ForceMode
 from counterflex.runtime.supervisor import Cause, State
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
 Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
 R = rotation.about_x(np.pi)
 OFF = np.array([0.0, 0.15, -0.1]) * MM
-MODES = ["integrator", "observer", "designed"]
+MODES = ["integrator", "observer", "designed", "fused"]
+"""Of the tracker; the last one is the estimator of all sources, which takes the tracker itself."""
 
 
 class Tracked:
     """A robot that goes along x, answers as thought, is off by some tenths of a millimetre, and is tracked."""
 
     def __init__(self, tracker: str, *, force: str = "none", noise_m: float = 10.0 * UM, **changes: Any) -> None:
+        if tracker == "fused":
+            tracker, force, changes = "none", "fused", {"tracker_stale_ms": 100.0, **changes}
         table = OnlineTable(tracker=tracker, force=force, along_feed=True, tracker_age_ms=0.0, **changes)  # type: ignore[arg-type]
         self.loop = Loop(CELL.chain, table.settings(None, compensated=False, mode=(8.5, 0.1)), CELL.T_base_part)
         self.k, self.noise_m = 0, noise_m
@@ -75,7 +79,10 @@ class Tracked:
     def learnt(self) -> Any:
         """What the tracker's samples have moved so far."""
         state = self.loop._state
-        return np.r_[state[at.S_SUM : at.S_SUM + 6], state[at.S_OFFSET : at.S_OFFSET + 6]]
+        offset = (
+            self.loop.offset if self.loop.settings.force == ForceMode.FUSED else state[at.S_OFFSET : at.S_OFFSET + 6]
+        )
+        return np.r_[state[at.S_SUM : at.S_SUM + 6], offset]
 
 
 @pytest.mark.parametrize("tracker", MODES)
@@ -101,9 +108,9 @@ def test_one_sample_that_jumps_moves_nothing_and_is_counted(tracker: str, jump_m
 def test_a_jump_that_stays_is_never_followed_and_holds(tracker: str, jump_mm: float) -> None:
     robot = Tracked(tracker).settled()
     before, correction = robot.learnt(), robot.loop.correction.copy()
-    begin = robot.k
+    begin, most = robot.k, 27 if tracker == "fused" else 5  # beside a force it may be silent for 0.1 s
     while robot.cycle(np.array([0.0, jump_mm, 0.0]) * MM) != State.HOLD:
-        assert robot.k <= begin + 5
+        assert robot.k <= begin + most
     assert robot.loop.cause == Cause.TRACKER_JUMP
     assert robot.loop.outcome[at.O_FEED_HOLD] == 1
     np.testing.assert_array_equal(robot.learnt(), before)
@@ -180,3 +187,52 @@ def test_a_nan_is_not_used(tracker: str) -> None:
     robot.cycle(np.array([0.0, np.nan, 0.0]))
     np.testing.assert_array_equal(robot.learnt(), before)
     assert (robot.loop.state, robot.loop.cause) == (State.HOLD, Cause.TRACKER_LOST)
+
+
+@pytest.mark.parametrize("tracker", MODES)
+@pytest.mark.parametrize("jump", [(0.3, 0.4, 0.0), (0.0, 0.0, 0.4), (0.0, -0.5, 0.0)])
+def test_what_was_rejected_is_not_believed_later_because_time_has_passed(tracker: str, jump: Any) -> None:
+    """Of 0.4 mm across the feed the first sample was rejected and the second followed, all the way."""
+    robot = Tracked(tracker, force="measured", tracker_lost="fallback").settled()
+    before = robot.learnt()
+    for _ in range(700):
+        assert robot.cycle(np.array(jump) * MM) == State.ACTIVE
+    np.testing.assert_allclose(robot.learnt(), before, atol=3 * UM)
+    assert robot.rejected == 700
+    assert robot.loop.outcome[at.O_DEGRADED] == Cause.TRACKER_JUMP
+    for _ in range(100):  # until their share is small
+        robot.cycle()
+    assert robot.rejected <= 703  # three in a row where they should be
+    assert robot.loop.outcome[at.O_DEGRADED] == Cause.NONE
+
+
+def test_the_estimator_holds_samples_of_any_age_and_pause_against_their_own_time_pair() -> None:
+    """25 Hz and 100 ms late, while a correction is on its way: none is rejected; of a jump of 0.5 mm every one."""
+    robot = Tracked("fused", tracker_lost="fallback", tracker_stale_ms=400.0)
+    poses: list[Any] = []
+
+    def seldom(cycles: int, jump: Any) -> None:
+        for _ in range(cycles):
+            robot.k += 1
+            nominal = pose.make(R, np.array([1e-4 * robot.k, 0.0, 0.0]))
+            shown = pose.make(R, nominal[:3, 3] + robot.loop.in_effect[:3] + OFF + jump)
+            shown[:3, 3] += robot.noise_m * robot.rng.standard_normal(3)
+            poses.append(shown)
+            seen = robot.k % 10 == 0 and robot.k > 25
+            robot.loop.feed(
+                T_part_tcp=nominal, q=Q, w_tcp_part=np.zeros(6), T_part_actual=poses[-26] if seen else None,
+                arm=robot.k == 70, enable=robot.k > 80, tracker_age=0 if seen else 5, tracker_late_s=0.1,
+            )  # fmt: skip
+            robot.loop.run()
+
+    seldom(1000, 0.0)
+    assert (robot.loop.state, robot.rejected) == (State.ACTIVE, 0)
+    np.testing.assert_allclose(robot.loop.offset[1:3], OFF[1:], atol=15 * UM)
+    learnt = robot.learnt()
+    seldom(25, np.array([0.0, 0.5, 0.0]) * MM)
+    assert robot.rejected <= 1
+    before = robot.rejected
+    seldom(500, np.array([0.0, 0.5, 0.0]) * MM)
+    assert robot.rejected - before == 50
+    np.testing.assert_allclose(robot.learnt(), learnt, atol=10 * UM)
+    assert robot.loop.outcome[at.O_DEGRADED] == Cause.TRACKER_JUMP

@@ -59,7 +59,10 @@ def cycle(table: Int) -> None:
     process_choices, process_constants = wholes(table, A_PROCESS + 3), reals(table, A_PROCESS + 2)
     process_results, process_outcome = reals(table, A_PROCESS + 7), wholes(table, A_PROCESS + 8)
     hand_over(process, flags)
-    before_step(given, flags, choices, state, whole, ring, results, limits, times, memory, counts, work)
+    before_step(
+        given, flags, reals(table, A_CONSTANTS), choices, state, whole, ring, results, limits, times, memory, counts,
+        work,
+    )  # fmt: skip
     step(
         given,
         flags,

@@ -45,7 +45,7 @@ LIMITS: Final = 17
 # Limits in cycles, int64.
 T_ANSWER: Final = 0
 T_RESIDUAL: Final = 1
-T_GAP: Final = 2  # cycles without a sample after which the return is checked
+T_GAP: Final = 2  # cycles without a sample after which the return is checked, see gap_cycles
 T_RETURN: Final = 3  # samples in a row that must agree
 T_DIRECTION: Final = 4
 T_IDLE: Final = 5
@@ -70,7 +70,8 @@ M_TURN: Final = M_STOOD + 6  # 3: orientation of the last believed deviation
 M_CLOCK: Final = M_TURN + 3  # when it was measured, cycles of the controller
 M_LATE: Final = M_CLOCK + 1  # how late it came, s
 M_SHARE: Final = M_LATE + 1  # share of rejected samples
-REMEMBERED: Final = M_SHARE + 1
+M_PAUSE: Final = M_SHARE + 1  # usual cycles without a sample between two; 0 where one comes in every cycle
+REMEMBERED: Final = M_PAUSE + 1
 
 # Counters, int64.
 K_ANSWER: Final = 0
@@ -93,7 +94,8 @@ K_REJECTED: Final = 16  # samples of the tracker that were rejected, in all
 K_WHY: Final = 17  # cause of the last one, 0 once one has been believed
 K_WITHOUT: Final = 18  # cycles since one was believed
 K_SAME: Final = 19  # samples in a row that repeat the one before although the tool moves
-COUNTS: Final = 20
+K_PAUSED: Final = 20  # cycles since a sample came, believed or not
+COUNTS: Final = 21
 
 # Bits that say what is doubted.
 DOUBT_ANSWER: Final = 1
@@ -285,6 +287,12 @@ def frame_is_wrong(deviation: Float, moves: bool, limits: Float, counts: Int) ->
     return bool(counts[K_FRAME] == 1)
 
 
+@kernel("int64(int64[::1], float64[::1])")
+def gap_cycles(times: Int, memory: Float) -> int:
+    """Cycles without a believed sample that are a gap: T_GAP, or three usual pauses of a tracker that sends seldom."""
+    return int(max(times[T_GAP], math.ceil(3.0 * memory[M_PAUSE])))
+
+
 @kernel(
     "boolean(float64[::1], float64[::1], float64[::1], boolean, float64[::1], int64[::1], float64[::1], int64[::1])"
 )
@@ -315,7 +323,7 @@ def return_is_believed(
         memory: (REMEMBERED,); changed.
         counts: (COUNTS,); changed.
     """
-    if counts[K_UNSEEN] >= times[T_GAP]:
+    if counts[K_UNSEEN] >= gap_cycles(times, memory):
         counts[K_WAITING], counts[K_AGREED] = 1, 0
     counts[K_UNSEEN] = 0
     if not corrects:

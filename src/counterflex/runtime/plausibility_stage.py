@@ -6,7 +6,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.runtime import plausibility_kernel as pk
-from counterflex.runtime.settings import OnlineSettings, TrackerMode
+from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 
 _SETTLED_S = 0.2
 
@@ -27,6 +27,8 @@ class PlausibilityStage:
         gain = settings.tuning.gain if integrates else 0.0
         self._limits, self._times = settings.plausibility.packed(settings.period_s, gain)
         self._limits[pk.L_LATE] = settings.delays.tracker_s
+        if settings.force == ForceMode.FUSED:  # which takes slow trackers, too
+            self._times[pk.T_SILENT] = max(1, round(settings.fusion.tracker_stale_s / settings.period_s))
         settled = round((_SETTLED_S + 2.0 * settings.smoothing.delay_s) / settings.period_s)
         self._settled: Int = np.array([settled], dtype=np.int64)
         self.memory: Float = np.zeros(pk.REMEMBERED)

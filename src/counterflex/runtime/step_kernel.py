@@ -189,7 +189,7 @@ def step(
         degraded = missing_cause(flags[at.F_SOURCES], sources, soft)
         if sources == 0 and soft == 0:
             soft = degraded if degraded != 0 else _FORCE_STALE
-        elif sources != 0 and of_a_sensor(soft):
+        elif sources != 0 and of_a_sensor(soft) and not (soft == _TRACKER_LOST and choices[at.W_TRACKER_LOST] == 1):
             soft = 0
     directions(plan, row, nominal, direction)
     if force_mode == _MEASURED:

@@ -3,7 +3,7 @@
 Prediction: the last believed deviation from the commanded pose, plus how correction in effect and expected deflection
 have changed since. What a sample may differ from it by::
 
-    |g - (g.t) t| <= 6 sqrt(2) s + min(r dt, m) + |de| + |dc| / 2 + |c'| dt + (|v| / 5 + 2 |v - v_before|) dt
+    |g - (g.t) t| <= 6 sqrt(2) s + min(r dt, m) + |de| + |dc| / 2 + |c'| dt + |v| min(dt, 2 T) / 5 + 2 |v - v_before| dt
     |g.t|         <= the same + 2 |v| (dt + T)
 
 g is the difference, t the direction of the commanded motion, v its speed now and ``v_before`` up to 0.3 s ago (a robot
@@ -11,7 +11,9 @@ trails its program, so that its deviation turns round with it), dt the time sinc
 stamps, at least a cycle T, s the sample's standard deviation, c the correction in effect, e the expected deflection.
 The arm bends under a force that nobody announced no faster than r, 40 mm/s, and while nothing is seen no farther than
 m, 0.25 mm. With 20 um of noise, at 4 ms and without a correction on its way 0.33 mm pass in straight motion. The
-orientation may change by 0.2 deg.
+orientation may change by 0.2 deg. A sample that was rejected was seen: behind it r goes on for one pause between two
+samples, and after two of them :func:`counterflex.runtime.plausibility_kernel.return_is_believed` judges. So what was
+rejected is not believed later because time has passed.
 
 A sample that was measured before the last one, or longer ago than the loop remembers, has a wrong stamp. One that is
 the same bit for bit although the tool has moved by 20 um is none: the source repeats itself.
@@ -44,14 +46,15 @@ from counterflex.runtime.plausibility_kernel import (
     M_CLOCK,
     M_LATE,
     M_MODEL,
+    M_PAUSE,
     M_POSE,
     M_SEEN,
     M_SHARE,
     M_STOOD,
     M_TURN,
-    T_GAP,
     T_SHARE,
     T_SILENT,
+    gap_cycles,
 )
 from counterflex.runtime.supervisor import Cause
 
@@ -85,15 +88,18 @@ def _turned(ring: Float, here: int, v: Float) -> float:
     return math.sqrt(most)
 
 
-@kernel("boolean(float64[::1], int64[::1], float64[:, ::1], int64, float64[::1], float64[::1], float64[::1])")
-def stamped_pose(given: Float, flags: Int, ring: Float, here: int, limits: Float, state: Float, out: Float) -> bool:
-    """Commanded pose at the time of a sample.
+@kernel("boolean(float64[::1], int64[::1], float64[:, ::1], int64, float64, float64[::1], float64[::1], float64[::1])")
+def stamped_pose(
+    given: Float, flags: Int, ring: Float, here: int, behind_s: float, limits: Float, state: Float, out: Float
+) -> bool:
+    """Commanded pose at the time of a sample, or earlier by what the robot trails its program.
 
     Args:
         given: Inputs of the cycle.
         flags: Likewise.
         ring: Of the last cycles, with their clock.
         here: Its next row.
+        behind_s: How much earlier.
         limits: Of the tests.
         state: Of the step; its work space for a row of the past is written.
         out: (12,) written.
@@ -104,7 +110,7 @@ def stamped_pose(given: Float, flags: Int, ring: Float, here: int, limits: Float
     late = given[at.G_TRACKER_LATE] if given[at.G_TRACKER_LATE] >= 0.0 else limits[L_LATE]
     now = state[at.S_CLOCK] + flags[at.F_ELAPSED]
     newest = (here - 1 + at.RING_ROWS) % at.RING_ROWS
-    clock, stamp = now - late / limits[L_PERIOD], ring[newest, at.RING_CLOCK]
+    clock, stamp = now - (late + behind_s) / limits[L_PERIOD], ring[newest, at.RING_CLOCK]
     for k in range(12):
         out[k] = given[at.G_NOMINAL + k]
     if clock >= now:
@@ -146,7 +152,7 @@ def _repeats(given: Float, stands: Float, memory: Float) -> bool:
 
 @kernel(
     "int64(float64[::1], float64[::1], boolean, int64[::1], float64[::1], float64[:, ::1], int64, boolean,"
-    " float64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1])"
+    " float64[::1], float64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1])"
 )
 def sample_doubt(
     given: Float,
@@ -157,6 +163,7 @@ def sample_doubt(
     ring: Float,
     here: int,
     corrects: bool,
+    in_force: Float,
     expected: Float,
     limits: Float,
     times: Int,
@@ -175,7 +182,8 @@ def sample_doubt(
         ring: Of the last cycles.
         here: Its next row.
         corrects: The correction acts or stands: before, only its stamp and whether it repeats itself is judged.
-        expected: (3,) deflection under the known force.
+        in_force: (3,) correction in effect when it was measured.
+        expected: (3,) deflection under the known force then.
         limits: Of the tests.
         times: Likewise.
         memory: What they remember; changed.
@@ -211,13 +219,13 @@ def sample_doubt(
         turned += (deviation[3 + k] - memory[M_TURN + k]) ** 2
     if not math.sqrt(turned) <= limits[L_FRAME_RAD]:
         return DOUBT_JUMP
-    if counts[K_WAITING] == 1 or counts[K_UNSEEN] >= times[T_GAP]:  # its place is judged as a return
+    if counts[K_WAITING] == 1 or counts[K_UNSEEN] >= gap_cycles(times, memory):  # its place is judged as a return
         return 0
     later = (late - memory[M_LATE]) / period if not stamped and min(late, memory[M_LATE]) >= 0.0 else 0.0
     dt = max(1.0, clock - memory[M_CLOCK])
     gap = along = change = rate = bent = 0.0
     for k in range(3):
-        model = state[at.S_IN_FORCE + k] + expected[k]
+        model = in_force[k] + expected[k]
         difference = deviation[k] - memory[M_SEEN + k] - model + memory[M_MODEL + k] + v[k] * later
         gap += difference * difference
         along += difference * v[k]
@@ -226,9 +234,10 @@ def sample_doubt(
         bent += expected[k] ** 2
     along = abs(along) / speed if speed > 0.0 else 0.0
     across = math.sqrt(max(0.0, gap - along * along))
-    bound = SIGMAS * max(LEAST_SIGMA_M, given[at.G_TRACKER_SIGMA]) + min(RATE_M_S * period * dt, MOST_M)
+    unseen = dt if counts[K_WHY] == 0 else min(dt, 1.0 + memory[M_PAUSE])
+    bound = SIGMAS * max(LEAST_SIGMA_M, given[at.G_TRACKER_SIGMA]) + min(RATE_M_S * period * unseen, MOST_M)
     bound += math.sqrt(change) + math.sqrt(rate) * period * dt
-    bound += (0.2 * speed + 2.0 * _turned(ring, here, v)) * dt
+    bound += 0.2 * speed * min(dt, 2.0) + 2.0 * _turned(ring, here, v) * dt
     # NaN is no agreement.
     return 0 if across <= bound and along <= bound + 2.0 * speed * (dt + 1.0) else DOUBT_JUMP
 

@@ -20,40 +20,34 @@ from counterflex.runtime.plausibility_kernel import (
     DOUBT_IDLE,
     DOUBT_RESIDUAL,
     DOUBT_RETURN,
-    DOUBT_TRACKER,
     K_AIR,
     K_ANSWER,
     K_DIRECTION,
     K_EARLY,
-    K_FRAME,
     K_HARD,
     K_REJECTED,
     K_RESIDUAL,
     K_SIGN,
     K_SOFT,
-    K_UNSEEN,
-    K_WAITING,
     K_WHY,
-    K_WITHOUT,
     M_FORCE,
-    T_GAP,
     T_WINDOW,
     answer_is_wrong,
     direction_is_wrong,
     frame_is_wrong,
     idle_is_wrong,
     residual_grows,
-    return_is_believed,
 )
 from counterflex.runtime.supervisor import AT_STATE, Cause, State
-from counterflex.runtime.tracker_gate_kernel import REPEATED, count_sample, sample_doubt, stamped_pose, tracker_cause
+from counterflex.runtime.tracker_gate_kernel import tracker_cause
+from counterflex.runtime.tracker_watch_kernel import judge_sample, judges
 
 _ARMED, _ACTIVE = int(State.ARMED), int(State.ACTIVE)
 _WRONG_FRAME, _DIVERGENCE = int(Cause.WRONG_FRAME), int(Cause.DIVERGENCE)
 _OFFSET, _TRACKER_LOST = int(Cause.FORCE_OFFSET), int(Cause.TRACKER_LOST)
 _FORCE_INVALID, _MALFORMED = int(Cause.FORCE_INVALID), int(Cause.TELEGRAM_MALFORMED)
 _FAULT = int(State.FAULT)
-_FUSED, _DESIGNED = 4, 3
+_FUSED = 4
 _NO_CURRENTS = 10_000
 _STANDS_M = 20e-6
 _TURN_BACK = 3
@@ -178,18 +172,6 @@ def watch_frame(deviation: Float, ring: Float, here: int, at_state: int, limits:
     return DOUBT_FRAME if frame_is_wrong(deviation, math.sqrt(way) > _STANDS_M, limits, counts) else 0
 
 
-@kernel("int64(int64, int64[::1], int64[::1])")
-def not_seen(at_state: int, times: Int, counts: Int) -> int:
-    """A cycle without a sample of the tracker: what it is doubted for."""
-    counts[K_UNSEEN] += 1
-    doubt = DOUBT_TRACKER if counts[K_UNSEEN] >= times[T_GAP] else 0
-    if counts[K_WAITING] == 1:
-        doubt |= DOUBT_RETURN
-    if at_state < _ARMED and counts[K_FRAME] == 1:
-        doubt |= DOUBT_FRAME
-    return doubt
-
-
 @kernel("void(int64[::1])")
 def forget_doubts(counts: Int) -> None:
     """The operator's reset: what was counted towards a fault begins anew."""
@@ -226,12 +208,13 @@ def causes(doubt: int, at_state: int) -> tuple[int, int]:
 
 
 @kernel(
-    "void(float64[::1], int64[::1], int64[::1], float64[::1], int64[::1], float64[:, ::1], float64[::1], float64[::1],"
-    " int64[::1], float64[::1], int64[::1], float64[:, ::1])"
+    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[:, ::1], float64[::1],"
+    " float64[::1], int64[::1], float64[::1], int64[::1], float64[:, ::1])"
 )
 def before_step(
     given: Float,
     flags: Int,
+    constants: Float,
     choices: Int,
     state: Float,
     whole: Int,
@@ -252,7 +235,8 @@ def before_step(
     Args:
         given: Inputs of the step; changed.
         flags: Likewise.
-        choices: Of the loop.
+        constants: Of the loop.
+        choices: Likewise.
         state: State of the step, as the last cycle left it.
         whole: Likewise.
         ring: Likewise.
@@ -285,44 +269,17 @@ def before_step(
     if flags[at.F_RESET] == 1:
         forget_doubts(counts)
     acts = whole[AT_STATE] > _ARMED
-    tracked = choices[at.W_TRACKER] != 0  # the estimator of all sources judges its samples itself
-    if tracked:
-        counts[K_WITHOUT] += 1
-    if tracked and flags[at.F_TRACKER_NEW] == 0:
-        early = not_seen(whole[AT_STATE], times, counts)
-    elif tracked:
-        deviation, expected, nothing, past = work[0, :6], work[0, 6:9], work[0, 6:12], work[1]
-        back = choices[at.W_NOMINAL_BACK]
-        row = (whole[at.N_RING] - back + at.RING_ROWS) % at.RING_ROWS
-        for k in range(12):
-            past[k] = given[at.G_NOMINAL + k] if back == 0 else ring[row, at.RING_NOMINAL + k]
-        stamped = choices[at.W_TRACKER] == _DESIGNED
-        if stamped:
-            stamped_pose(given, flags, ring, whole[at.N_RING], limits, state, past)
-        for k in range(6):
-            nothing[k] = 0.0
-        pose_deviation(given, at.G_ACTUAL, past, nothing, deviation)
-        for k in range(3):
-            expected[k] = results[at.R_DEFLECTION + k]
-        early = sample_doubt(
-            given, deviation, stamped, flags, state, ring, whole[at.N_RING], acts, expected, limits, times, memory,
-            counts, past[:9],
-        )  # fmt: skip
-        flags[at.F_TRACKER_NEW] = 2
-        if early == REPEATED:
-            early = 0
-        else:
-            in_force = state[at.S_IN_FORCE : at.S_IN_FORCE + 3]
-            if early == 0 and not return_is_believed(
-                deviation[:3], in_force, expected, acts, limits, times, memory, counts
-            ):
-                early = DOUBT_RETURN
-            count_sample(early, given, deviation, flags, state, limits, times, memory, counts)
-            flags[at.F_TRACKER_NEW] = 1 if early == 0 else 2
-    if early & DOUBT_RETURN and choices[at.W_FORCE] == 0 and soft == 0:
-        soft = counts[K_WHY] if counts[K_WHY] != 0 else _TRACKER_LOST
-    if tracked and choices[at.W_TRACKER_LOST] == 1 and soft == 0:
-        soft = tracker_cause(limits, times, memory, counts)
+    if judges(flags, choices):
+        early = judge_sample(
+            given, flags, constants, choices, acts, state, whole, ring, results, limits, times, memory, counts, work
+        )
+        why = counts[K_WHY] if counts[K_WHY] != 0 else _TRACKER_LOST
+        if early & DOUBT_RETURN and choices[at.W_FORCE] == 0 and soft == 0:
+            soft = why
+        if soft == 0 or (soft == _TRACKER_LOST and choices[at.W_FORCE] == _FUSED):
+            lost = tracker_cause(limits, times, memory, counts)
+            if choices[at.W_TRACKER_LOST] == 1 and lost != 0:
+                soft = lost
     if soft == 0:
         soft = counts[K_SOFT]
     flags[at.F_SOFT] = soft
@@ -401,6 +358,8 @@ def after_step(
         if residual_grows(deviation, in_force, size, now == _ACTIVE, limits, times, memory, counts):
             doubt |= DOUBT_RESIDUAL
     outcome[at.O_DOUBT], outcome[at.O_REJECTED] = doubt, counts[K_REJECTED]
-    if choices[at.W_TRACKER] != 0 and outcome[at.O_DEGRADED] == 0:
-        outcome[at.O_DEGRADED] = counts[K_WHY] if counts[K_WHY] != 0 else tracker_cause(limits, times, memory, counts)
+    if judges(flags, choices) and outcome[at.O_DEGRADED] in (0, _TRACKER_LOST):
+        why = counts[K_WHY] if counts[K_WHY] != 0 else tracker_cause(limits, times, memory, counts)
+        if why != 0:
+            outcome[at.O_DEGRADED] = why
     counts[K_SOFT], counts[K_HARD] = causes(doubt, now)

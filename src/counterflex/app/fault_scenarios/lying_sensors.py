@@ -17,7 +17,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MS
 from counterflex.links.control_array import Request
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.settings import ForceMode, OnlineSettings
+from counterflex.runtime.settings import ForceMode, Lost, OnlineSettings
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.twin.fake_rsi import RsiContext
 from counterflex.twin.netft_server import COUNTS
@@ -34,7 +34,12 @@ _RAIL_N: Final = (2**31 - 1) / COUNTS
 
 
 def _tracker(
-    lie: Callable[[SimulatedTracker], None], *, cycles: int = 0, goes_on: bool = False, named: bool = True
+    lie: Callable[[SimulatedTracker], None],
+    *,
+    cycles: int = 0,
+    goes_on: bool = False,
+    named: bool = True,
+    settings: OnlineSettings | None = None,
 ) -> Callable[[Effort], Outcome]:
     """The tracker lies from some cycle on; with ``cycles`` so many, and then no more.
 
@@ -43,10 +48,11 @@ def _tracker(
         cycles: See above; 0: to the end.
         goes_on: Nothing but going on is right.
         named: What is wrong must be said.
+        settings: Of the loop; None: the measured force and the tracker's integrator.
     """
 
     def run(effort: Effort) -> Outcome:
-        with Rig(seed=effort.seed, sensors="both", force=steady, context=RsiContext()) as rig:
+        with Rig(seed=effort.seed, sensors="both", force=steady, context=RsiContext(), settings=settings) as rig:
             rig.activate().run(_SETTLED)
             begin, tracker = rig.cycle_count, rig.tracker
             if tracker is None:
@@ -242,15 +248,30 @@ def _tracked(name: str, injected: str, required: str, run: Callable[[Effort], Ou
     return Scenario("R18", name, injected, required, run, sensors=("both",))
 
 
+def _fused(lost: Lost) -> OnlineSettings:
+    """One estimator of force and tracker."""
+    return OnlineSettings(force=ForceMode.FUSED, normal_only=False, tracker_lost=lost)
+
+
+_OFF: Final = _jumps(0.3, 0.4, 0.0)
 SCENARIOS: Final = (
     _tracked("tracker-jump-1m", "the tracker is off by 1 m from now on", _HELD, _tracker(_jumps(0.0, 1000.0, 0.0))),
     _tracked("tracker-jump-2mm", "the same by 2 mm", _HELD, _tracker(_jumps(0.0, 2.0, 0.0))),
-    _tracked("tracker-jump-0.5mm", "the same by 0.5 mm", _HELD, _tracker(_jumps(0.3, 0.4, 0.0))),
+    _tracked("tracker-jump-0.5mm", "the same by 0.5 mm", _HELD, _tracker(_OFF)),
     _tracked(
         "tracker-one-outlier",
         "a single sample is off by 1 m",
         "not followed, goes on",
         _tracker(_jumps(0.0, 1000.0, 0.0), cycles=1, goes_on=True),
+    ),
+    *(
+        _tracked(f"tracker-{name}-{lost.name.lower()}", injected, _HELD, _tracker(lie, settings=_fused(lost)))
+        for lost in Lost
+        for name, injected, lie in (
+            ("fused-0.5mm", f"the same by 0.5 mm; force = fused, tracker_lost = {lost.name.lower()}", _OFF),
+            ("fused-silent", "the same, the tracker says nothing any more", _silent),
+            ("fused-frozen", "the same, it sends the last pose again and again", _frozen),
+        )
     ),
     _tracked("tracker-silent", "the tracker says nothing any more", _HELD, _tracker(_silent)),
     _tracked("tracker-frozen", "it sends the last pose again and again, with new times", _HELD, _tracker(_frozen)),

@@ -34,7 +34,7 @@ from counterflex.links.control_array import CONTROL, Request
 from counterflex.links.rsi_link import RsiLink
 from counterflex.links.telegram_watch import WatchSettings
 from counterflex.runtime import layout as at
-from counterflex.runtime.settings import OnlineSettings, TrackerMode
+from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.twin.commanded_motion import Report
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext
@@ -74,7 +74,7 @@ class Rig:
         sense: A force sensor is there and sends.
         holds_feed: The robot stands while a feed hold is asked for, and no force acts then; else it goes on.
         sensors: One of :data:`counterflex.app.fault_scenarios.scenario.SENSORS`; with a tracker its integrator
-            corrects what is left.
+            corrects what is left, or the estimator of all sources takes it.
         chosen: Changes of the other arguments of :class:`OnlineSession`.
 
     Attributes:
@@ -123,7 +123,8 @@ class Rig:
         self.settings = force_only() if settings is None else settings
         self.tracker = SimulatedTracker(seed) if sensors == "both" else None
         if self.tracker is not None:
-            self.settings = replace(self.settings, tracker=TrackerMode.INTEGRATOR)
+            if self.settings.force != ForceMode.FUSED:
+                self.settings = replace(self.settings, tracker=TrackerMode.INTEGRATOR)
             chosen = {**self.tracker.arguments(), **chosen}
         self.robot_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.robot_socket.bind(("127.0.0.1", 0))
