@@ -37,12 +37,14 @@ class Cells:
         names: Headers of the columns.
         units: Unit that each header states, or None.
         place: Where the cell of column k in row n stands, for messages.
+        places: File and column of each; empty for constants.
     """
 
     values: Float
     names: tuple[str, ...]
     units: tuple[str | None, ...]
     place: Callable[[int, int], str]
+    places: tuple[tuple[int, int], ...] = ()
 
 
 Pick = Callable[[Sequence[str | int], str], Cells]

@@ -11,7 +11,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Int
 from counterflex.core.errors import FileFormatError
-from counterflex.files.dataset_channel import Cells, build
+from counterflex.files.dataset_channel import Cells, Raw, build
 from counterflex.files.dataset_manifest import Manifest, read_manifest
 from counterflex.files.dataset_sensors import sensor_frame
 from counterflex.files.dataset_table import Reference, TextTable, read_table
@@ -65,7 +65,7 @@ class _Joined:
             f, c = places[min(k, len(places) - 1)]
             return self.tables[f].place_of(c, int(self.rows[f][row]))
 
-        return Cells(values, names, stated, place)
+        return Cells(values, names, stated, place, tuple(places))
 
 
 def read_dataset(path: str | Path) -> Dataset:
@@ -89,6 +89,7 @@ def read_dataset(path: str | Path) -> Dataset:
         build(name, CHANNELS[name], table, manifest, joined.cells, n, f"{file}: channels.{name}")
         for name, table in manifest.channels.items()
     ]
+    _require_columns_once(raws, str(file))
     turned = [name for name, table in manifest.channels.items() if table.axes != "sensor"]
     if turned and manifest.kind not in ("sensor_poses", "sensor_motion"):
         raise FileFormatError(
@@ -127,6 +128,26 @@ def read_dataset(path: str | Path) -> Dataset:
         file=str(tables[0].path),
         sensors=sensor_frame(manifest, str(file)),
     )
+
+
+def _require_columns_once(raws: Sequence[Raw], where: str) -> None:
+    """Refuse a column that two channels take for different quantities: one of them has a wrong name or number."""
+    used: dict[tuple[int, int], tuple[str, str]] = {}
+    for raw in raws:
+        if raw.table.constant is not None:
+            continue
+        count = raw.cells.values.shape[1]
+        units = raw.kind.si_units(count) if raw.kind.nature != "rotation" else ("a rotation",) * count
+        for name, place, unit in zip(raw.cells.names, raw.cells.places, units, strict=True):
+            other, before = used.setdefault(place, (raw.name, unit))
+            if before != unit:
+                raise FileFormatError(
+                    "one column is taken for two different quantities",
+                    where=f"{where}: channels.{raw.name}.columns",
+                    value=f"'{name}'",
+                    limit=f"columns that channels.{other} does not use",
+                    hint=f"Check columns of {other} and {raw.name}",
+                )
 
 
 def _join(tables: tuple[TextTable, ...], manifest: Manifest, where: str) -> _Joined:

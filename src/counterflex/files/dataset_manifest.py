@@ -123,6 +123,13 @@ class ChannelTable(Table):
             raise ValueError("a channel has either columns or constant")
         if self.sigma == REPEATS and (self.sigma_columns or self.constant is not None):
             raise ValueError('sigma = "repeats" goes with neither sigma_columns nor constant')
+        if self.sigma_coverage != 1.0 and not self.sigma_columns:
+            raise ValueError(
+                f"sigma_coverage = {self.sigma_coverage:g} belongs to sigma_columns, of which there are none; "
+                "divide sigma by it instead"
+            )
+        if self.sigma_unit is not None and not self.sigma_columns and not isinstance(self.sigma, tuple):
+            raise ValueError(f"sigma_unit = {self.sigma_unit!r} belongs to a sigma, which is not given")
         return self
 
 

@@ -28,6 +28,7 @@ _SPACES: Final = str.maketrans({"\u00a0": " ", "\u202f": " ", "\u2009": " ", "\u
 _BOMS: Final = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"), (b"\xef\xbb\xbf", "utf-8-sig"))
 _WORKBOOKS: Final = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")
 """First bytes of .xlsx and .ods, and of .xls."""
+_MARK_NAMES: Final = {"\t": "tab"}
 Reference = str | int
 """A column: text of its header, or its number from 1."""
 
@@ -87,11 +88,9 @@ class TextTable:
         )
 
     def _hint(self, wanted: str) -> str:
-        if len(self.header) == 1 and self.how.separator not in self.header[0]:
-            marks = [mark for mark in (";", "\t", ",", "|") if mark in self.header[0]]
-            if marks:
-                name = {"\t": "tab"}.get(marks[0], marks[0])
-                return f'The file has one column only. Is its separator another? separator = "{name}"'
+        other = _other_separator(self.how, self.header)
+        if other is not None:
+            return f"The file has one column only. {other}"
         close = close_to(wanted, self.header, 1)
         if close:
             return f"Did you mean '{close[0]}'?"
@@ -147,7 +146,9 @@ class TextTable:
 
     def _fault(self, place: int, row: int, cell: str) -> FileFormatError:
         hint = None
-        if self.how.decimal == "." and re.fullmatch(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", cell):
+        if self.how.separator == "," and re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+", cell):
+            hint = 'Does it group digits? Write thousands = "," into the manifest'
+        elif self.how.decimal == "." and re.fullmatch(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", cell):
             hint = 'Is it a decimal comma? Write decimal = "," into the manifest'
         elif self.how.decimal == "," and re.fullmatch(r"[+-]?\d*\.\d+(?:[eE][+-]?\d+)?", cell):
             hint = (
@@ -155,6 +156,10 @@ class TextTable:
             )
         elif re.fullmatch(r"[+-]?\d{1,3}([ '.,])\d{3}(\1\d{3})*.*", cell) and not self.how.thousands:
             hint = f'Does it group digits? Write thousands = "{cell.lstrip("+-0123456789")[:1]}" into the manifest'
+        elif re.fullmatch(r"[+-]?\d[\d.,]*[dD][+-]?\d+|0[xX][0-9a-fA-F]+", cell):
+            hint = "Write it as 1234.5 or 1.2345E3"
+        elif not self.how.header_line and row == 0:
+            hint = f"Does the file have a header? header_line = {int(self.lines[row])}"
         elif re.match(r"[+-]?\d[\d.,]*\s*[A-Za-z°%]", cell):
             hint = "Units belong into the manifest, not into the cells"
         elif row == 0 and self.how.header_line:
@@ -262,29 +267,56 @@ def _text(path: Path, how: FileTable, data: bytes) -> TextTable:
                 rows.append(cleaned)
     except csv.Error as fault:
         raise FileFormatError(f"not a readable table: {fault}", where=f"{path}:{reader.line_num}") from fault
+    if not text.strip():
+        raise FileFormatError("the file is empty", where=str(path))
     if how.header_line and header is None:
-        raise FileFormatError("the header line is not in the file", where=str(path), value=f"line {how.header_line}")
-    names = _names(path, header, rows)
+        count = len(text.splitlines())
+        raise FileFormatError(
+            "the header line is not in the file",
+            where=str(path),
+            value=f"line {how.header_line}",
+            limit=f"1..{count}",
+            hint="Set header_line, or 0 where there is none",
+        )
+    names = _names(path, how, header, rows)
     for line, row in zip(lines, rows, strict=True):
         while len(row) > len(names) and not row[-1]:
             row.pop()
         if len(row) > len(names):
-            hint = None
-            if how.separator == ",":
-                hint = "Is a decimal comma taken for a separator?"
             raise FileFormatError(
                 "the row has more cells than the header",
                 where=f"{path}:{line}",
                 value=len(row),
                 limit=f"at most {len(names)}",
-                hint=hint,
+                hint=_too_many(how, names, line),
             )
         row.extend([""] * (len(names) - len(row)))
     columns = tuple(list(column) for column in zip(*rows, strict=True)) if rows else tuple([] for _ in names)
     return TextTable(path, how, names, np.array(lines, dtype=np.int64), columns, data)
 
 
-def _names(path: Path, header: list[str] | None, rows: list[list[str]]) -> tuple[str, ...]:
+def _other_separator(how: FileTable, names: Sequence[str]) -> str | None:
+    """What to write where a header of one cell holds the mark of another separator."""
+    marks = [mark for mark in (";", "\t", ",", "|") if mark in names[0] and mark != how.separator]
+    if len(names) > 1 or not marks:
+        return None
+    return f'Is its separator another? separator = "{_MARK_NAMES.get(marks[0], marks[0])}"'
+
+
+def _too_many(how: FileTable, names: Sequence[str], line: int) -> str | None:
+    other = _other_separator(how, names)
+    if other is not None:
+        comma = ' and decimal = ","' if ";" in names[0] and how.separator == "," else ""
+        return other + comma
+    if len(names) == 1 and how.header_line:
+        return (
+            f"Line {how.header_line} is taken for the header and has one cell: is it a title? Say which line has the "
+            f"names: header_line = {line}"
+        )
+    return "Is a decimal comma taken for a separator?" if how.separator == "," else None
+
+
+def _names(path: Path, how: FileTable, header: list[str] | None, rows: list[list[str]]) -> tuple[str, ...]:
     if header is None:
         width = max((len(row) for row in rows), default=0)
         return tuple(f"#{i + 1}" for i in range(width))
@@ -292,4 +324,22 @@ def _names(path: Path, header: list[str] | None, rows: list[list[str]]) -> tuple
         header.pop()
     if not header:
         raise FileFormatError("the header line is empty", where=str(path), hint="Set header_line, or 0 for none")
+    decimals = [name.replace(",", ".") if how.decimal == "," else name for name in header]
+    numbers = [_NUMBER.fullmatch(name) is not None for name in decimals]
+    missing = [name.lower() in _MISSING for name in decimals]
+    if any(numbers) and np.all(np.logical_or(numbers, missing)) and not _counts_up(decimals):
+        # Taken for names, the first measurement would be lost without a word.
+        raise FileFormatError(
+            "the header line holds numbers only",
+            where=f"{path}:{how.header_line}",
+            value=", ".join(header[:4]) + (", ..." if len(header) > 4 else ""),
+            limit="names of columns",
+            hint='A file without names has header_line = 0; its columns are then 1, 2, ... or "#1", "#2", ...; '
+            f"if these are names, add skip_lines = [{how.header_line}]",
+        )
     return tuple(header)
+
+
+def _counts_up(cells: Sequence[str]) -> bool:
+    """Whether numbers are those of columns, 0, 1, 2 or 1, 2, 3, and so names."""
+    return len(cells) > 1 and any(all(cell == str(i + k) for i, cell in enumerate(cells)) for k in (0, 1))
