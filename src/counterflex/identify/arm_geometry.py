@@ -5,11 +5,13 @@ displacement (:mod:`counterflex.robot.calibration`)::
 
     T_base_tcp = D_base prod_i (fixed_i Rz(theta_i) E_i(c_i l_i) D_i) T_last_tcp D_tcp
 
-    theta_i = sign_i (q_j + sum_k (g_jk,sin sin(k q_j) + g_jk,cos (cos(k q_j) - 1)) + sum_t a_t u_jt(q)) + offset_i
+    theta_i = sign_i (q_j + sum_k (g_jk,sin sin(k q_j) + g_jk,cos (cos(k q_j) - 1)) + sum_t a_t u_jt(q) - h_j s_j)
+              + offset_i
 
 ``l_i`` are the loads of own weight on element i, ``c_i`` its compliance; ``g`` are periodic errors of the drives, ``a``
 what own weight turns axes 2 and 3 by where masses are not known (:mod:`counterflex.robot.axis_sag`). Parameters are the
-displacements ``D``, single compliances, masses, the ``g`` and the ``a``; derivatives are exact (loads
+displacements ``D``, single compliances, masses, the ``g``, the ``a`` and the ``h``, half of the lost motion of an axis
+that came in the sense s (:mod:`counterflex.identify.approach_sense`); derivatives are exact (loads
 are taken where bodies hang at the compliances known before: what a change of sag changes is of second order).
 """
 
@@ -59,6 +61,7 @@ class ArmLayout:
         mass: Places of the masses of bodies, by segment.
         periodic: Errors of drives.
         turns: (6,) places of what own weight turns axes 2 and 3 by, or None.
+        lost: Places of half of the lost motion of an axis, by axis 0..5.
     """
 
     displaced: dict[str, Int] = field(default_factory=dict)
@@ -67,6 +70,7 @@ class ArmLayout:
     mass: dict[int, int] = field(default_factory=dict)
     periodic: tuple[PeriodicTerm, ...] = ()
     turns: Int | None = None
+    lost: dict[int, int] = field(default_factory=dict)
 
     def displacement_at(self, name: str, x: Float) -> Float | None:
         """(6,) m, rad at the values x, or None where nothing is displaced."""
@@ -89,6 +93,7 @@ class ArmGeometry:
         loads: (m, n, 6) of own weight on each element, N, N m, or None where sag is left out.
         unit_loads: (m, b, n, 6) of one kilogram of each of the b bodies whose mass is a parameter, or None.
         unit_turns: (m, 6) of :func:`counterflex.robot.axis_sag.unit_turns`, where the layout has their places.
+        sense: (m, 6) in which each axis came to the pose, +1, -1 or 0 where it is not known; or None.
     """
 
     chain: ElasticChain
@@ -97,6 +102,7 @@ class ArmGeometry:
     loads: Float | None = None
     unit_loads: Float | None = None
     unit_turns: Float | None = None
+    sense: Float | None = None
 
     def subset(self, rows: Bool) -> ArmGeometry:
         """The marked poses only."""
@@ -106,6 +112,7 @@ class ArmGeometry:
             loads=None if self.loads is None else self.loads[rows],
             unit_loads=None if self.unit_loads is None else self.unit_loads[rows],
             unit_turns=None if self.unit_turns is None else self.unit_turns[rows],
+            sense=None if self.sense is None else self.sense[rows],
         )
 
     def poses(self, x: Float) -> Float:
@@ -232,11 +239,15 @@ class ArmGeometry:
         return angle
 
     def _turns_of(self, i: int) -> tuple[Int, Float]:
-        """Places (k,) of what weight turns the axis of segment i by, and its turns (m, k) per unit of each."""
-        if self.layout.turns is None or self.unit_turns is None:
-            return np.zeros(0, dtype=np.int64), np.zeros((len(self.q), 0))
-        mine = turned_axis() == self.chain.joint[i]
-        return self.layout.turns[mine], self.unit_turns[:, mine]
+        """Places (k,) of what weight and lost motion turn the axis of segment i by, and the turns (m, k) per unit."""
+        places, turns, axis = np.zeros(0, dtype=np.int64), np.zeros((len(self.q), 0)), int(self.chain.joint[i])
+        if self.layout.turns is not None and self.unit_turns is not None:
+            mine = turned_axis() == axis
+            places, turns = self.layout.turns[mine], self.unit_turns[:, mine]
+        if self.sense is not None and axis in self.layout.lost:
+            places = np.append(places, self.layout.lost[axis])
+            turns = np.concatenate([turns, -self.sense[:, [axis]]], axis=1)
+        return places, turns
 
 
 def displaced_arm(chain: ElasticChain, q: Float, known: dict[str, Float] | None = None) -> ArmGeometry:

@@ -68,9 +68,9 @@ class ArmModel:
     parameters: Parameters
     sag: Sag
 
-    def at(self, q: Float) -> ArmGeometry:
-        """The arm in poses q (m, 6) rad."""
-        arm = ArmGeometry(self.chain, self.layout, np.asarray(q, dtype=np.float64))
+    def at(self, q: Float, sense: Float | None = None) -> ArmGeometry:
+        """The arm in poses q (m, 6) rad, to which its axes came in the senses (m, 6), +1, -1 or 0; None: not known."""
+        arm = ArmGeometry(self.chain, self.layout, np.asarray(q, dtype=np.float64), sense=sense)
         if self.layout.turns is not None:
             arm = replace(arm, unit_turns=unit_turns(self.chain, arm.q))
         return arm if self.sag == "off" else arm.settled()
@@ -97,6 +97,29 @@ class ArmModel:
             layout=replace(self.layout, periodic=(*self.layout.periodic, *terms)),
             parameters=self.parameters + Parameters.of(items),
         )
+
+
+def with_lost_motion(model: ArmModel, axes: Sequence[int], prior_rad: float) -> ArmModel:
+    """A model with half of the lost motion of some axes 0..5 as parameters.
+
+    Args:
+        model: The arm.
+        axes: Which.
+        prior_rad: Standard deviation.
+    """
+    first = len(model.parameters)
+    items = [
+        Parameter(
+            name=f"axis{axis + 1}.lost",
+            unit="rad",
+            nominal=0.0,
+            prior_sigma=prior_rad,
+            label=f"half of the lost motion of axis {axis + 1}, by the sense of approach",
+        )
+        for axis in axes
+    ]
+    lost = {axis: first + k for k, axis in enumerate(axes)}
+    return replace(model, layout=replace(model.layout, lost=lost), parameters=model.parameters + Parameters.of(items))
 
 
 def sag_of(chain: ElasticChain, asked: str) -> Sag:

@@ -295,6 +295,7 @@ SETTINGS: Final[dict[str, str]] = {
     "p_base_frame, R_base_frame)",
     "sensor_alignment_rad": "how well the faces stand to the beams of a measuring frame as stated",
     "history": "what the axes did before a loaded reading: 'approached again', 'held' or 'relaxed'",
+    "approach": "'row order' where the rows stand in the order in which the poses were taken",
     "readings": "readings of an instrument that were averaged",
     "pairs": "names of the bodies that the cubes of each pair sit on, 'base/axis1', in the order of channel 'pair'",
     "clock": "name of the clock that stamped time_s",

@@ -10,6 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, MRAD
+from counterflex.identify.approach_sense import senses
 from counterflex.identify.arm_parameters import ArmModel
 from counterflex.identify.data_checks import SAME_POSE_RAD
 from counterflex.identify.dataset import Dataset
@@ -112,7 +113,7 @@ def set_up(
     blocks = [b for i in range(len(data)) for b in built[i]]
     unseen = [b for i in range(len(data), len(everything)) for b in built[i]]
     names = tuple(p.name for p in frames.items)
-    used = _used(blocks)
+    used = used_places(blocks)
     local = tuple(n for k, n in enumerate(names) if frames.first + k not in used)
     return Setup(
         parameters=model.parameters + Parameters.of(frames.items),
@@ -125,7 +126,7 @@ def set_up(
     )
 
 
-def _used(blocks: Sequence[Residuals]) -> set[int]:
+def used_places(blocks: Sequence[Residuals]) -> set[int]:
     """Places of the parameters of frames, anchors and planes that blocks depend on."""
     out: set[int] = set()
     for b in blocks:
@@ -202,7 +203,7 @@ def _tracker(
     if Z0 is None or X0 is None:
         found = start_frames(cell, d, partly=True, target=X0, tracker=Z0)
         Z0, X0 = found.T_base_tracker, found.T_tcp_target
-    arm = model.at(known_drive_errors(cell).link_angles(d.values("q")))
+    arm = model.at(known_drive_errors(cell).link_angles(d.values("q")), senses(d))
     return tracker_residuals(
         d,
         arm,

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import CounterflexError, InputError
+from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress
-from counterflex.core.units import MM, MRAD, URAD
+from counterflex.core.units import MM
+from counterflex.identify.approach_sense import as_play, with_approach, written
 from counterflex.identify.arm_geometry import ArmGeometry
-from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model, sag_as_known, sag_of
-from counterflex.identify.changes import BodyMass, Calibration, Change, ElementCompliance
+from counterflex.identify.arm_parameters import ArmPriors, sag_as_known, sag_of
+from counterflex.identify.changes import AxisPlay, BodyMass, Calibration, Change, ElementCompliance
 from counterflex.identify.compliances import bearing_of
 from counterflex.identify.data_checks import check_enough, check_finite
 from counterflex.identify.dataset import Dataset
@@ -30,26 +30,24 @@ from counterflex.identify.geometry_setup import (
     set_up,
     tool_of,
 )
-from counterflex.identify.holdout import HeldOut, cross_validate, position_error, score_separate
+from counterflex.identify.holdout import HeldOut
+from counterflex.identify.kinematics_held import held_apart, held_out
 from counterflex.identify.kinematics_proposal import propose
 from counterflex.identify.kinematics_report import figures, headline, pictures, remarks
+from counterflex.identify.kinematics_stages import model_of_data, priors_of, refitted, with_lost, with_turns
 from counterflex.identify.known_drives import axis_sag_table, drive_error_table, known_drive_errors
 from counterflex.identify.known_frames import KnownFrames, known_frames, tracker_table
 from counterflex.identify.model import CellModel
 from counterflex.identify.periodic_choice import GAIN, Harmonics, choose_harmonics
 from counterflex.identify.pose_residuals import TrackerResiduals
-from counterflex.identify.recipe import Figure, Identification, Recipe
+from counterflex.identify.recipe import Identification, Recipe
 from counterflex.identify.sag_considered import with_honest_sigma
-from counterflex.identify.same_postures import regions
-from counterflex.identify.solve import Stop, solve
+from counterflex.identify.solve import solve
 from counterflex.identify.suspicion import thinned
 from counterflex.identify.tracker_data import ROBOT_M, check_tracker_data, fixes_target, start_frames
 from counterflex.robot.drive_error import DriveError
 
 SOURCE: Final = "counterflex identify kinematics"
-_NO_WEIGHT = 1e-10
-_REGIONS: Final = 5
-"""Regions of the joint space that are held out one after the other."""
 
 
 def identify(
@@ -73,6 +71,8 @@ def identify(
         FileFormatError: A channel is missing.
     """
     options = {**RECIPE.settings, **settings}
+    prepared = with_approach([*data, *holdout], str(options["play"]))
+    data, holdout = prepared[: len(data)], prepared[len(data) :]
     if options["frames"] not in ("free", "known"):
         raise InputError("unknown setting", where="frames", value=options["frames"], limit="free or known")
     known = known_frames(cell) if options["frames"] == "known" else None
@@ -90,21 +90,22 @@ def identify(
     fit = solve(setup.parameters.held(setup.local), setup.blocks)
     progress(0.3, "geometry found")
     if _tries_axes(cell, options):
-        setup, fit, said = _with_turns(cell, setup, fit, data, holdout, options, known)
+        setup, fit, said = with_turns(cell, setup, fit, data, holdout, options, known)
+        model, told = setup.model, told + said
+    if options["play"] != "off":
+        setup, fit, said = with_lost(cell, setup, fit, data, holdout, int(options["folds"]), known)
         model, told = setup.model, told + said
     progress(0.4, "sag found")
     orders = _harmonics(str(options["periodic"]), setup, fit, priors)
     held: HeldOut | None = None
     if orders:
-        first = len(setup.model.parameters)
         for axis, k in orders.items():
             model = model.with_periodic(k, [axis], priors.periodic_rad)
-        start = np.concatenate([fit.values[:first], np.zeros(len(model.parameters) - first), fit.values[first:]])
         wider = set_up(cell, model, data, holdout, known=known)
-        more = solve(wider.parameters.held(wider.local), wider.blocks, start=start)
+        more = refitted(setup, fit, wider)
         if holdout and options["periodic"] == "auto":
-            without = _held(setup, holdout, int(options["folds"]), fit)
-            held = _held(wider, holdout, int(options["folds"]), more)
+            without = held_out(setup, holdout, int(options["folds"]), fit)
+            held = held_out(wider, holdout, int(options["folds"]), more)
             if held.mean()[0] > (1.0 - GAIN) * without.mean()[0]:
                 told += (_not_kept(orders, held, without),)
                 orders, held = {}, without
@@ -113,15 +114,16 @@ def identify(
     told += _check_offsets(setup, everything, fit.values, options)
     fit = with_honest_sigma(fit, setup.blocks, float(options["compliance_sigma"]), bearing_of(options))
     progress(0.6, "fitted")
-    held = _held(setup, holdout, int(options["folds"]), fit) if held is None else held
-    apart = () if holdout else _held_apart(setup, fit)
+    held = held_out(setup, holdout, int(options["folds"]), fit) if held is None else held
+    apart, not_apart = ((), ()) if holdout else held_apart(setup, fit)
+    plays = _plays(setup, fit)
     return Identification(
         recipe="kinematics",
         fits={"kinematics": fit},
         headline=headline(setup, held, separate=bool(holdout)),
         figures=(*apart, *figures(setup, fit, orders)),
-        changes=_changes(cell, setup, fit),
-        remarks=(*told, *remarks(setup, fit, held, orders)),
+        changes=_changes(cell, setup, fit, plays),
+        remarks=(*told, *written(plays), *not_apart, *remarks(setup, fit, held, orders)),
         pictures=pictures(setup, fit, held),
     )
 
@@ -129,33 +131,6 @@ def identify(
 def _tries_axes(cell: CellModel, options: Mapping[str, Any]) -> bool:
     """Whether what own weight turns axes 2 and 3 by is looked for, and kept where held-out poses bear it out."""
     return options["sag"] == "auto" and sag_of(cell.nominal_chain, "auto") == "axes"
-
-
-def _with_turns(
-    cell: CellModel,
-    setup: Setup,
-    fit: Fit,
-    data: Sequence[Dataset],
-    holdout: Sequence[Dataset],
-    options: Mapping[str, Any],
-    known: KnownFrames | None,
-) -> tuple[Setup, Fit, tuple[str, ...]]:
-    """The fit with turns of axes 2 and 3 by own weight where folds of the data are predicted better, else as given."""
-    model = model_of_data(cell, [*data, *holdout], priors_of(options), "axes", tied=known is not None)
-    wider = set_up(cell, model, data, holdout, known=known)
-    try:
-        check_enough(wider.parameters, wider.blocks)
-    except InputError:
-        return setup, fit, ("Too few poses to find what own weight turns axes 2 and 3 by; measure more of them.",)
-    first = len(setup.model.parameters)
-    start = np.concatenate([fit.values[:first], np.zeros(len(model.parameters) - first), fit.values[first:]])
-    more = solve(wider.parameters.held(wider.local), wider.blocks, start=start)
-    folds = int(options["folds"])
-    without, held = _held(setup, (), folds, fit).mean()[0], _held(wider, (), folds, more).mean()[0]
-    compared = f"the mean error of poses held out is {held / MM:.3g} mm with and {without / MM:.3g} mm without"
-    if held > (1.0 - GAIN) * without:
-        return setup, fit, (f"What own weight turns axes 2 and 3 by is not seen: {compared}.",)
-    return wider, more, (f"Own weight turns axes 2 and 3: {compared}.",)
 
 
 def _check(
@@ -218,39 +193,6 @@ def _not_turning(d: Dataset, tool: str, known: bool) -> str:
     )
 
 
-def priors_of(options: Mapping[str, Any]) -> ArmPriors:
-    """Standard deviations from the recipe's settings."""
-    return ArmPriors(
-        length_m=float(options["length_sigma_mm"]) * MM,
-        angle_rad=float(options["angle_sigma_mrad"]) * MRAD,
-        mass=float(options["mass_sigma"]),
-        periodic_rad=float(options["periodic_sigma_urad"]) * URAD,
-        sag_rad=float(options["sag_sigma_mrad"]) * MRAD,
-    )
-
-
-def model_of_data(cell: CellModel, data: Sequence[Dataset], priors: ArmPriors, sag: str, *, tied: bool) -> ArmModel:
-    """The arm with the displacements that the kinds of data can tell from their own frames.
-
-    Args:
-        cell: The cell.
-        data: All datasets.
-        priors: Standard deviations.
-        sag: See :func:`counterflex.identify.arm_parameters.sag_of`.
-        tied: Tracker and target are known beforehand.
-    """
-    kinds = {d.kind for d in data}
-    touching = bool(kinds & {"distances", "planes"})
-    return arm_model(
-        cell,
-        priors,
-        sag=sag,
-        base=tied or "fiducials" in kinds,
-        flange=tied or touching,
-        tool=tied or touching,
-    )
-
-
 def _harmonics(asked: str, setup: Setup, fit: Fit, priors: ArmPriors) -> Harmonics:
     if asked == "off":
         return {}
@@ -271,68 +213,22 @@ def _not_kept(orders: Harmonics, held: HeldOut, without: HeldOut) -> str:
     )
 
 
-def _weighted(setup: Setup, fit: Fit) -> list[Any]:
-    """The blocks with the weights that the fit gave their rows: gross errors count as little in every fold."""
-    return [
-        replace(cast(Any, b), sigma=b.sigma / np.sqrt(np.maximum(w, _NO_WEIGHT))[:, None])
-        for b, w in zip(setup.blocks, fit.weights, strict=True)
-    ]
+def _plays(setup: Setup, fit: Fit) -> dict[int, AxisPlay | None]:
+    """What stands in the cell file for the lost motion of each axis that has some."""
+    lay, x, chain = setup.model.layout, fit.values, setup.model.chain
+    out = {}
+    for axis, place in sorted(lay.lost.items()):
+        at = int(chain.torsion[axis])
+        soft = x[lay.soft[(at, 5)]] if (at, 5) in lay.soft else chain.compliance[at, 5]
+        out[axis] = as_play(chain, axis, float(x[place]), float(soft), _angles(setup))
+    return out
 
 
-def _held(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit) -> HeldOut:
-    if holdout:
-        return score_separate(
-            setup.parameters, setup.blocks, setup.unseen, needed=setup.needed, local=setup.local,
-            error=position_error, start=fit.values,
-        )  # fmt: skip
-    scored = [i for i, b in enumerate(setup.blocks) if isinstance(b, TrackerResiduals)]
-    judged = scored or [i for i, b in enumerate(setup.blocks) if b.components[0] in ("distance m", "height m")]
-    # What is a gross error has been decided with all rows; the folds only have to stay clear of it.
-    weighted = _weighted(setup, fit)
-    return cross_validate(
-        setup.parameters, weighted, needed=setup.needed, error=position_error, scored=judged, folds=folds,
-        start=fit.values, robust=False, stop=Stop(tolerance=1e-7),
-    )  # fmt: skip
+def _angles(setup: Setup) -> Float:
+    return np.concatenate([arm.q for b in setup.blocks if isinstance(arm := getattr(b, "arm", None), ArmGeometry)])
 
 
-def _held_apart(setup: Setup, fit: Fit) -> tuple[Figure, ...]:
-    """Error of whole regions of the joint space, and of whole files, that their fit had not seen."""
-    poses = {
-        i: b.arm.q
-        for i, b in enumerate(setup.blocks)
-        if isinstance(b, TrackerResiduals) and isinstance(b.arm, ArmGeometry)
-    }
-    if not poses:
-        return ()
-    weighted = _weighted(setup, fit)
-    sizes = [len(q) for q in poses.values()]
-    every, group = np.concatenate(list(poses.values())), np.concatenate([setup.blocks[i].group for i in poses])
-    found = np.split(regions(every, group, _REGIONS), np.cumsum(sizes)[:-1])
-    ways = [("region", "whole regions of the joint space", dict(zip(poses, found, strict=True)))]
-    if len(poses) > 1 and not setup.local and len({setup.blocks[i].name for i in poses}) > 1:
-        ways.append(
-            ("file", "whole files", {i: np.full(n, k) for k, (i, n) in enumerate(zip(poses, sizes, strict=True))})
-        )
-    out = []
-    for name, what, parts in ways:
-        if len(np.unique(np.concatenate(list(parts.values())))) < 2:
-            continue
-        try:
-            held = cross_validate(
-                setup.parameters, weighted, needed=setup.needed, error=position_error, scored=list(poses), parts=parts,
-                start=fit.values, robust=False, stop=Stop(tolerance=1e-6),
-            )  # fmt: skip
-        except CounterflexError:
-            continue  # what is left without that part does not fix the frames
-        (mean, before), (worst, worst_before) = held.mean(), held.largest()
-        out.append(Figure(f"{name}_mean_mm", f"mean position error, {what} held out", mean / MM, before / MM))
-        out.append(
-            Figure(f"{name}_largest_mm", f"largest position error, {what} held out", worst / MM, worst_before / MM)
-        )
-    return tuple(out)
-
-
-def _changes(cell: CellModel, setup: Setup, fit: Fit) -> tuple[Change, ...]:
+def _changes(cell: CellModel, setup: Setup, fit: Fit, plays: Mapping[int, AxisPlay | None]) -> tuple[Change, ...]:
     lay, x = setup.model.layout, fit.values
     out: list[Change] = [
         Calibration(name, d) for name in lay.displaced if (d := lay.displacement_at(name, x)) is not None
@@ -345,12 +241,12 @@ def _changes(cell: CellModel, setup: Setup, fit: Fit) -> tuple[Change, ...]:
         compliance = np.array(setup.model.chain.compliance[i])
         compliance[direction] = x[place]
         out.append(ElementCompliance(names[i], compliance))
+    out += [play for play in plays.values() if play is not None]
     if lay.turns is not None:
         out.append(axis_sag_table(known_drive_errors(cell), x[lay.turns], SOURCE))
     if lay.periodic:
         found = [DriveError(t.axis, t.order, float(x[t.sine]), float(x[t.cosine])) for t in lay.periodic]
-        q = np.concatenate([arm.q for b in setup.blocks if isinstance(arm := getattr(b, "arm", None), ArmGeometry)])
-        out.append(drive_error_table(known_drive_errors(cell), found, q, SOURCE))
+        out.append(drive_error_table(known_drive_errors(cell), found, _angles(setup), SOURCE))
     tracker, target = setup.frames.get(TRACKER), setup.frames.get(TARGET)
     if tracker is not None:
         whole = target if target is not None and np.all(target.index >= 0) else None
@@ -373,6 +269,7 @@ RECIPE: Final = Recipe(
     settings={
         "sag": "auto",
         "periodic": "auto",
+        "play": "off",
         "frames": "free",
         "length_sigma_mm": 0.5,
         "angle_sigma_mrad": 0.5,
