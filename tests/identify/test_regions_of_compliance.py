@@ -15,6 +15,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, UM
 from counterflex.files.cell import read_cell
 from counterflex.identify import stiffness
+from counterflex.identify.arm_geometry import displaced_arm
 from counterflex.identify.changes import ElementCompliance, ElementRegion
 from counterflex.identify.compliances import springs
 from counterflex.identify.dataset import Dataset, of_arrays
@@ -24,6 +25,7 @@ from counterflex.identify.pull_residuals import Shape
 from counterflex.identify.pulls import read_pulls
 from counterflex.identify.recipe import Identification
 from counterflex.identify.regions import BLEND_RAD
+from counterflex.robot.chain import forward_elastic
 from counterflex.robot.compliance import deflection
 from counterflex.robot.description import ElasticRegion
 from counterflex.twin.nominal import nominal_truth
@@ -158,3 +160,15 @@ def test_shapes_on_one_spring_multiply_with_exact_derivatives() -> None:
     for column in (n, n + 1):
         up, down = (rows.evaluate(x + s * step * np.eye(n + 2)[column]) for s in (1.0, -1.0))
         np.testing.assert_allclose(rows.jacobian(x)[:, :, column], (up - down) / (2 * step), rtol=1e-6, atol=1e-7)
+
+
+def test_the_sag_of_a_calibration_is_that_of_the_plan() -> None:
+    """Both arms hang under their own weight with the compliance of each posture."""
+    region = ElasticRegion("axis2", 5, 1, (-2.0, -0.5), (2.0, 0.5))
+    chain = replace(cell().chain, regions=(region,))
+    q = pulls(3, 8, (), 0).values("q")
+    found = displaced_arm(chain, q).poses(np.zeros(0))[:, :3, 3]
+    want = forward_elastic(chain, q, gravity=True, equilibrium=True)[:, :3, 3]
+    plain = forward_elastic(cell().chain, q, gravity=True, equilibrium=True)[:, :3, 3]
+    assert np.max(np.linalg.norm(want - plain, axis=1)) > 100.0 * UM
+    np.testing.assert_allclose(found, want, atol=2.0 * UM)

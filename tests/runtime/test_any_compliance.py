@@ -18,6 +18,7 @@ from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
 from counterflex.robot.chain import ElasticChain
 from counterflex.robot.compliance import cartesian_compliance
+from counterflex.robot.description import ElasticRegion
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.supervisor import State
 
@@ -82,6 +83,17 @@ def test_all_rigid_corrects_nothing_and_goes_on() -> None:
     assert State.ACTIVE in states
     assert not {State.HOLD, State.FAULT} & set(states)
     assert np.abs(sent).max() == 0.0
+
+
+def test_the_loop_corrects_with_the_compliance_of_the_posture() -> None:
+    """Where a spring is softer by region, as with that spring softer everywhere; not as with the mean."""
+    i = CHAIN.names.index("axis1")
+    soft = CHAIN.compliance.copy()
+    soft[i, 5] *= 2.5
+    region = ElasticRegion("axis1", 5, 1, (GOOD[1] - 0.2, GOOD[1] + 0.2), (2.0, 3.0))
+    changing = corrected(dataclasses.replace(CHAIN, regions=(region,)), GOOD)[1]
+    np.testing.assert_allclose(changing, corrected(springs(soft), GOOD)[1], atol=1e-12)
+    assert np.abs(changing - corrected(CHAIN, GOOD)[1]).max() > 5e-6
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1e-6, -1e-3, 1e3])

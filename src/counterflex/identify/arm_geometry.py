@@ -28,6 +28,7 @@ from counterflex.identify.placed_frame import NO_PARAMETERS, components
 from counterflex.robot.axis_sag import turned_axis
 from counterflex.robot.calibration import BASE, TCP, displacement
 from counterflex.robot.chain import ElasticChain
+from counterflex.robot.elastic_region import growth
 from counterflex.robot.gravity import weight_loads
 
 _SETTLING_ROUNDS = 3
@@ -90,8 +91,8 @@ class ArmGeometry:
         chain: Nominal chain: geometry without calibration, with its compliances and masses.
         layout: Where its parameters are.
         q: (m, 6) rad.
-        loads: (m, n, 6) of own weight on each element, N, N m, or None where sag is left out.
-        unit_loads: (m, b, n, 6) of one kilogram of each of the b bodies whose mass is a parameter, or None.
+        loads: (m, n, 6) of own weight on each element times the factor of its regions, N, N m; None leaves sag out.
+        unit_loads: (m, b, n, 6) likewise of one kilogram of each of the b bodies whose mass is a parameter, or None.
         unit_turns: (m, 6) of :func:`counterflex.robot.axis_sag.unit_turns`, where the layout has their places.
         sense: (m, 6) in which each axis came to the pose, +1, -1 or 0 where it is not known; or None.
     """
@@ -173,16 +174,17 @@ class ArmGeometry:
         if not np.any(self.chain.mass > 0.0):
             return replace(self, loads=None)
         bare = ArmLayout(known=self.layout.known)
-        plain = replace(self, layout=bare, loads=weight_loads(self.chain, self.q), unit_loads=None)
+        grown = growth(self.chain.regions, self.chain.names, self.q)  # as much as if the load were larger
+        plain = replace(self, layout=bare, loads=grown * weight_loads(self.chain, self.q), unit_loads=None)
         ends = np.stack(plain._frames(np.zeros(0))[1], axis=1)
         for _ in range(_SETTLING_ROUNDS):
-            plain = replace(plain, loads=weight_loads(self.chain, self.q, ends))
+            plain = replace(plain, loads=grown * weight_loads(self.chain, self.q, ends))
             ends = np.stack(plain._frames(np.zeros(0))[1], axis=1)
         units = None
         if self.layout.mass:
             each = np.eye(self.chain.n)
             ones = [replace(self.chain, mass=each[body], counterbalance=None) for body in self.layout.mass]
-            units = np.stack([weight_loads(one, self.q, ends) for one in ones], axis=1)
+            units = np.stack([grown * weight_loads(one, self.q, ends) for one in ones], axis=1)
         return replace(self, loads=plain.loads, unit_loads=units)
 
     def _loads(self, x: Float) -> Float | None:
