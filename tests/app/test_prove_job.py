@@ -21,12 +21,20 @@ from counterflex.path.toolpath import FEED
 SHORT = "G21 G17 G90\nM6 T1\nM3 S13000\nG0 X-12 Y15 Z42\nG0 Z36\nG1 X52 F1500\nG0 Z42\nM5\nM2\n"
 
 
+REPORTED: list[tuple[float, str]] = []
+"""What the proof of the fixture told of its progress."""
+
+
+def note(fraction: float, what: str = "") -> None:
+    REPORTED.append((fraction, what))
+
+
 @pytest.fixture(scope="module")
 def proof(tmp_path_factory: pytest.TempPathFactory, small: Path) -> tuple[Path, Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("prove")
     program = folder / "groove.ngc"
     program.write_text(SHORT, encoding="ascii")
-    summary = prove.run(program, small, folder / "out", seeds=1, told=False, workers=1)
+    summary = prove.run(program, small, folder / "out", seeds=1, told=False, workers=1, progress=note)
     return program, folder / "out", summary
 
 
@@ -88,3 +96,17 @@ def test_a_proof_needs_a_seed(small: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="seeds"):
         prove.run("part.ngc", small, tmp_path / "out", seeds=0)
     assert not (tmp_path / "out").exists()
+
+
+def test_the_bar_moves_within_each_run_and_by_what_parts_cost(proof: tuple[Path, Path, dict[str, Any]]) -> None:
+    """A bar that moves when a run has ended stands still for most of the time of a long program."""
+    assert proof
+    fractions = [fraction for fraction, _ in REPORTED]
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1.0
+    for name in ("machining, seed 1, nominal", "machining, seed 1, compensated"):
+        assert len({fraction for fraction, what in REPORTED if what == name}) >= 3
+    for time_s, workers, tasks in ((4.0, 2, 3), (100.0, 1, 2), (1000.0, 4, 15)):
+        work = prove._work(time_s, tasks // 3 or 1, tasks, workers, told=tasks % 3 == 0)
+        assert (prove.STARTING in work) == (workers > 1)  # processes that start take longer than a short program
+        assert work[prove.MACHINING] >= 0.2 * time_s * tasks / workers

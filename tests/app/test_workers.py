@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from counterflex.app.workers import MOST, ONE_THREAD, count_of, pool_of
+from counterflex.app.workers import MOST, ONE_THREAD, Shares, count_of, done_one_by_one, pool_of, share
 
 
 def settings() -> dict[str, str | None]:
@@ -63,3 +63,26 @@ def test_number_of_workers() -> None:
     assert count_of(500, 1000) == MOST
     assert count_of(2, 0) == 1
     assert 1 <= count_of(None, 1000) <= MOST
+
+
+def half_done(task: int) -> float:
+    share(task)(0.5)
+    share(task)(0.25)
+    return 0.5
+
+
+def test_workers_tell_how_much_of_their_task_is_done() -> None:
+    shares, seen = Shares(2), []
+    with pool_of(1, shares) as pool:
+        waiting = [pool.submit(half_done, task) for task in range(2)]
+        for done in done_one_by_one(waiting, lambda: seen.append(shares.sum([1.0, 3.0]))):
+            assert done.result() == 0.5
+    assert shares.sum([1.0, 3.0]) == 0.5  # it never falls
+    assert seen == sorted(seen)
+    share(0)(1.0)  # outside a worker nobody listens
+
+
+def test_a_task_that_counts_more_moves_more() -> None:
+    shares = Shares(2)
+    shares.of(1)(1.0)
+    assert shares.sum([1.0, 3.0]) == 0.75

@@ -12,8 +12,6 @@ from typing import Any
 
 import pytest
 
-from counterflex.app import examples
-
 WRITERS = {
     "path": ("path", "part.ngc", "--csv"),
     "truth": ("truth", "cell.toml", "--seed", "1", "--out"),
@@ -21,36 +19,30 @@ WRITERS = {
 }
 
 
-@pytest.fixture
-def shop(folder: Path) -> Path:
-    (folder / "rsi.xml").write_text(examples.text("rsi.xml"), encoding="utf-8")
-    return folder
-
-
 @pytest.mark.parametrize("words", WRITERS.values(), ids=WRITERS.keys())
-def test_links_and_pipes_stay(shop: Path, counterflex: Any, words: tuple[str, ...]) -> None:
-    (shop / "target").write_text("old")
-    (shop / "link").symlink_to("target")
+def test_links_and_pipes_stay(folder: Path, counterflex: Any, words: tuple[str, ...]) -> None:
+    (folder / "target").write_text("old")
+    (folder / "link").symlink_to("target")
     counterflex(*words, "link")
-    assert (shop / "link").is_symlink()
-    written = (shop / "target").read_bytes()
+    assert (folder / "link").is_symlink()
+    written = (folder / "target").read_bytes()
     assert written != b"old"
-    os.mkfifo(shop / "pipe")
+    os.mkfifo(folder / "pipe")
     came: list[bytes] = []
-    reader = threading.Thread(target=lambda: came.append((shop / "pipe").read_bytes()), daemon=True)
+    reader = threading.Thread(target=lambda: came.append((folder / "pipe").read_bytes()), daemon=True)
     reader.start()
     counterflex(*words, "pipe")
     reader.join(30.0)
-    assert (shop / "pipe").is_fifo()
+    assert (folder / "pipe").is_fifo()
     assert len(came) == 1
     assert came[0].splitlines()[0] == written.splitlines()[0]
 
 
 @pytest.mark.parametrize("words", WRITERS.values(), ids=WRITERS.keys())
 def test_a_folder_and_a_full_device_are_one_line(
-    shop: Path, refused: Any, counterflex: Any, words: tuple[str, ...]
+    folder: Path, refused: Any, counterflex: Any, words: tuple[str, ...]
 ) -> None:
-    (shop / "sub").mkdir()
+    (folder / "sub").mkdir()
     assert "sub" in refused(*words, "sub")
     full = os.open("/dev/full", os.O_WRONLY)  # by its descriptor: nothing here can replace the device itself
     try:
@@ -88,3 +80,36 @@ def test_a_full_disk_behind_the_shell_is_one_line(folder: Path) -> None:
     assert ended.stderr.decode().startswith("error: ")
     assert ended.stderr.count(b"\n") == 1
     assert b"No space left on device" in ended.stderr
+
+
+def test_where_nothing_may_be_written_the_option_that_said_so_is_named(
+    folder: Path, counterflex: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before anything is read; the tests may run as root, for whom rights say nothing."""
+    (folder / "kept").mkdir()
+    allowed = os.access
+    closed = (folder / "kept").resolve()
+
+    def access(path: Any, mode: int, **options: Any) -> bool:
+        return allowed(path, mode, **options) and not (mode & os.W_OK and Path(path).resolve() == closed)
+
+    monkeypatch.setattr("counterflex.cli.given.os.access", access)
+    for words in (
+        ("path", "part.ngc", "--csv", "kept/path.csv"),
+        ("path", "part.ngc", "--csv", "kept/below/path.csv"),
+        ("compensate", "part.ngc", "--cell", "cell.toml", "--out", "kept"),
+        ("compensate", "part.ngc", "--cell", "cell.toml", "--out", "kept/out"),
+    ):
+        ended = counterflex(*words)
+        assert ended.status == 2
+        assert f"{words[-2]} {words[-1]}: cannot write: nothing may be written in " in ended.err
+        assert f"Choose another {words[-2]}" in ended.err
+
+
+def test_a_place_that_does_not_take_it_is_not_blamed_on_another_option(counterflex: Any, folder: Path) -> None:
+    if not Path("/proc/self").is_dir():  # only there a folder says yes and takes nothing
+        return
+    ended = counterflex("path", str(folder / "part.ngc"), "--csv", "/proc/self/path.csv")
+    assert ended.status == 2
+    assert "cannot write" in ended.err
+    assert "--out" not in ended.err

@@ -11,7 +11,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app import simulate
-from counterflex.app.inputs import Job, read_job
+from counterflex.app.inputs import Job
 from counterflex.core import atomic
 from counterflex.core.arrays import Bool
 from counterflex.core.errors import FileFormatError, InputError
@@ -155,7 +155,7 @@ def compare(folders: Sequence[str | Path]) -> Comparison:
             )
     _check_same(paths)
     cell = read_cell(paths[0] / simulate.CELL)
-    reference = reference_of(read_job(paths[0] / simulate.ORIGINAL, cell), cell)
+    reference = reference_of(simulate.read_original(paths[0], cell), cell)
     truth = read_truth(paths[0] / simulate.TRUTH)
     judged: dict[str, Judged] = {}
     for name, path in zip(("nominal", "compensated"), paths, strict=False):

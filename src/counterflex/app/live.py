@@ -10,7 +10,7 @@ from typing import Any
 
 from counterflex import __version__
 from counterflex.app import simulate
-from counterflex.app.inputs import read_job
+from counterflex.app.inputs import AS_IT_IS, Reading, read_job
 from counterflex.app.job_check import job_said
 from counterflex.app.twin_controllers import egm_controller, rsi_controller, which
 from counterflex.core import atomic
@@ -41,6 +41,7 @@ class LiveSettings:
         truth: Truth file: how it really is.
         rsi: ETHERNET configuration of a KUKA controller; telegrams go to its IP_NUMBER and PORT. None: an ABB one.
         original: The uncompensated program, to judge a compensated one; None is the program itself.
+        reading: How the programs are read.
         peer: Where telegrams go instead, or None.
         egm: Where the messages of an ABB controller go, set as the cell file says; None: a KUKA one.
         own_force: The ABB controller sends the force sensor's readings itself.
@@ -66,6 +67,7 @@ class LiveSettings:
     truth: Path
     rsi: Path | None = None
     original: Path | None = None
+    reading: Reading = AS_IT_IS
     peer: tuple[str, int] | None = None
     egm: tuple[str, int] | None = None
     own_force: bool = False
@@ -123,10 +125,10 @@ def run(
     """
     cell, truth = read_cell(settings.cell), read_truth(settings.truth)
     simulate.check_same_cell(cell, truth, str(settings.truth))
-    job = read_job(settings.program, cell)
+    job = read_job(settings.program, cell, reading=settings.reading)
     reference = settings.original if settings.original is not None else settings.program
     if settings.original is not None:
-        read_job(reference, cell)
+        read_job(reference, cell, reading=settings.reading)
     robot_controller, peer, own_force = _controller(settings, cell)
     live = LiveCell(
         job.machined,
@@ -189,7 +191,7 @@ def run(
                 "seconds": round(time.perf_counter() - begin, 3),
                 "counterflex": __version__,
             }
-            simulate.keep_inputs(cell, settings.program, reference, staging)
+            simulate.keep_inputs(cell, settings.program, reference, staging, settings.reading)
             write_truth(staging / simulate.TRUTH, truth)
             about = {key: summary[key] for key in ("program", "cell", "seed", "counterflex")}
             write_run(staging / simulate.RUN, record, about)

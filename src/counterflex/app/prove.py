@@ -7,24 +7,24 @@ told the truth's constants (truth level ``same``): what then remains is the erro
 
 from __future__ import annotations
 
-import concurrent.futures
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app import simulate
 from counterflex.app.compensate import write
 from counterflex.app.evaluate import Judged, Reference, judge, reference_of
-from counterflex.app.inputs import Job, faults_in, read_job, setting_of
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
 from counterflex.app.prediction import figures
 from counterflex.app.truth import knowing, truth_of
-from counterflex.app.workers import count_of, interrupts_held, pool_of
+from counterflex.app.workers import Shares, count_of, done_one_by_one, interrupts_held, pool_of, share
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.evaluate.summary import SeedResult, TruthLevel, summary
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.plan_file import write_plan
@@ -38,6 +38,16 @@ from counterflex.twin.truth_file import write_truth
 
 FIRST_SEED = 1
 _LEVELS: tuple[tuple[TruthLevel, str], ...] = (("seeded", "compensated"), ("same", "told"))
+
+
+PLANNING, STARTING, MACHINING, JUDGING = "planning", "starting the simulated cells", "machining", "judging"
+_PLANNING_S: Final = 0.2
+"""Seconds that planning takes for a second of the program, as measured; likewise machining it and judging it."""
+_MACHINING_S: Final = 0.2
+_JUDGING_S: Final = 0.02
+_START_S: Final = 6.0
+_BEGUN: Final = 1e-6
+"""Share of a task that says that it has begun."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +81,7 @@ def prove(
     seeds: int = 1,
     told: bool = True,
     workers: int | None = None,
+    reading: Reading = AS_IT_IS,
     progress: Progress = silent,
 ) -> Proof:
     """Compensate, machine, judge.
@@ -82,6 +93,7 @@ def prove(
         seeds: Number of truth seeds, from 1 on.
         told: Also machine what a planner told the truth's constants would command.
         workers: Processes; None is one per core.
+        reading: How the program is read.
         progress: Told the fraction done.
 
     Raises:
@@ -91,12 +103,14 @@ def prove(
     if seeds < 1:
         raise InputError("number of truth seeds is out of range", value=seeds, limit=">= 1")
     cell = read_cell(cell_file)
-    job = read_job(program, cell)
+    job = read_job(program, cell, reading=reading)
     begin = time.perf_counter()
-    progress(0.0, "planning")
+    count = seeds * (3 if told else 2)
+    parts = in_parts(progress, _work(float(job.path.time_s[-1]), seeds, count, count_of(workers, count), told=told))
+    parts[PLANNING](0.0)
     with faults_in(job):
         plan = make_plan(
-            job.path, job.line_of_motion, cell.stock(), setting_of(cell), progress=_shifted(progress, 0.0, 0.1)
+            job.path, job.line_of_motion, cell.stock(), setting_of(cell), progress=_saying(parts[PLANNING], PLANNING)
         )
     if not plan.cutting.any():
         raise InputError(
@@ -112,14 +126,18 @@ def prove(
     for seed, truth in truths.items():
         tasks += [((seed, "nominal"), Path(program)), ((seed, "compensated"), compensated)]
         if told:
-            tasks.append(((seed, "told"), _told_program(job, cell, truth, scratch / f"told-{seed}")))
+            part = _saying(parts[_told_part(seed)], PLANNING)
+            tasks.append(((seed, "told"), _told_program(job, cell, truth, scratch / f"told-{seed}", part)))
     begin = time.perf_counter()
-    records = _machine_all(tasks, cell_file, truths, workers, _shifted(progress, 0.1, 0.8))
+    records = _machine_all(tasks, cell_file, truths, workers, reading, parts)
     timing["machining"] = time.perf_counter() - begin
     begin = time.perf_counter()
-    progress(0.9, "judging")
+    parts[JUDGING](0.0)
     reference = reference_of(job, cell)
-    judged = {key: judge(reference, _as_run(record), record.stock) for key, record in records.items()}
+    judged: dict[tuple[int, str], Judged] = {}
+    for key, record in records.items():
+        judged[key] = judge(reference, _as_run(record), record.stock)
+        parts[JUDGING](len(judged) / len(records))
     timing["judging"] = time.perf_counter() - begin
     results = [
         SeedResult(seed, level, {"nominal": judged[seed, "nominal"].variant, "compensated": judged[seed, name].variant})
@@ -149,6 +167,7 @@ def run(
     seeds: int = 1,
     told: bool = True,
     workers: int | None = None,
+    reading: Reading = AS_IT_IS,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Do the job on files.
@@ -164,7 +183,9 @@ def run(
     from counterflex.report.page import write_page
 
     with atomic.atomic_folder(out) as staging:
-        proof = prove(program, cell_file, staging, seeds=seeds, told=told, workers=workers, progress=progress)
+        proof = prove(
+            program, cell_file, staging, seeds=seeds, told=told, workers=workers, reading=reading, progress=progress
+        )
         for folder in staging.glob("told-*"):
             for file in folder.iterdir():
                 file.unlink()
@@ -193,16 +214,42 @@ def _program(folder: Path, files: dict[str, str], encoding: str) -> Path:
     return folder / next(iter(files))
 
 
-def _told_program(job: Job, cell: Cell, truth: Truth, folder: Path) -> Path:
+def _work(time_s: float, seeds: int, tasks: int, workers: int, *, told: bool) -> dict[str, float]:
+    """Seconds that the parts of a proof take, for a program that takes ``time_s``; only their shares count."""
+    first = {PLANNING: 1.0 + _PLANNING_S * time_s}
+    told_parts = {_told_part(FIRST_SEED + i): 1.0 + 0.5 * _PLANNING_S * time_s for i in range(seeds)} if told else {}
+    starting = {STARTING: _START_S} if workers > 1 else {}
+    return {
+        **first,
+        **told_parts,
+        **starting,
+        MACHINING: 0.5 + _MACHINING_S * time_s * math.ceil(tasks / workers),
+        JUDGING: 0.3 + _JUDGING_S * time_s * tasks,
+    }
+
+
+def _told_part(seed: int) -> str:
+    return f"{PLANNING}, seed {seed}"
+
+
+def _told_program(job: Job, cell: Cell, truth: Truth, folder: Path, progress: Progress) -> Path:
     """The program compensated by a planner that was told the truth's constants."""
     chain, law = knowing(cell, truth)
-    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell, chain=chain, law=law), predict=False)
+    setting = setting_of(cell, chain=chain, law=law)
+    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, predict=False, progress=progress)
     return _program(folder, write(job, plan, cell, "gcode")[0], job.program.encoding)
 
 
-def _machine_one(program: Path, cell_file: Path, truth: Truth) -> Record:
+def _machine_one(
+    program: Path, cell_file: Path, truth: Truth, reading: Reading, task: int, progress: Progress | None = None
+) -> Record:
+    told = progress
+    if told is None:
+        told = share(task)
+        told(_BEGUN)
     cell = read_cell(cell_file)
-    return simulate.machine(read_job(program, cell), cell, truth)
+    job = read_job(program, cell, reading=reading)
+    return simulate.machine(job, cell, truth, progress=told)
 
 
 def _machine_all(
@@ -210,26 +257,38 @@ def _machine_all(
     cell_file: str | Path,
     truths: dict[int, Truth],
     workers: int | None,
-    progress: Progress,
+    reading: Reading,
+    parts: Mapping[str, Progress],
 ) -> dict[tuple[int, str], Record]:
     count = count_of(workers, len(tasks))
     records: dict[tuple[int, str], Record] = {}
     if count == 1:
-        for i, (key, path) in enumerate(tasks):
-            progress(i / len(tasks), f"machining, seed {key[0]}, {key[1]}")
-            records[key] = _machine_one(path, Path(cell_file), truths[key[0]])
+        named = in_parts(parts[MACHINING], {f"{MACHINING}, seed {key[0]}, {key[1]}": 1.0 for key, _ in tasks})
+        for i, ((key, path), (name, part)) in enumerate(zip(tasks, named.items(), strict=True)):
+            records[key] = _machine_one(path, Path(cell_file), truths[key[0]], reading, i, _saying(part, name))
         return records
-    with pool_of(count) as pool:
+    shares, weights, begin = Shares(len(tasks)), [1.0] * len(tasks), time.monotonic()
+
+    def told_all() -> None:
+        done = shares.sum(weights)
+        if done > 0.0:
+            parts[MACHINING](done, f"{MACHINING}, {len(records)} of {len(tasks)} done")
+        else:  # nothing tells how far a process is that starts but the time
+            parts[STARTING](1.0 - math.exp((begin - time.monotonic()) / _START_S))
+
+    with pool_of(count, shares) as pool:
         with interrupts_held():
-            waiting = {pool.submit(_machine_one, path, Path(cell_file), truths[key[0]]): key for key, path in tasks}
-        for done in concurrent.futures.as_completed(waiting):
+            waiting = {
+                pool.submit(_machine_one, path, Path(cell_file), truths[key[0]], reading, i): key
+                for i, (key, path) in enumerate(tasks)
+            }
+        for done in done_one_by_one(waiting, told_all):
             records[waiting[done]] = done.result()
-            progress(len(records) / len(tasks), f"machined {len(records)} of {len(tasks)}")
     return {key: records[key] for key, _ in tasks}
 
 
-def _shifted(progress: Progress, begin: float, length: float) -> Callable[..., None]:
-    return lambda fraction, what="": progress(begin + length * fraction, what)
+def _saying(progress: Progress, what: str) -> Progress:
+    return lambda fraction, _="": progress(fraction, what)
 
 
 def _as_run(record: Record) -> Run:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.inputs import Job, read_job
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, read_job
 from counterflex.app.truth import truth_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
@@ -31,6 +31,7 @@ from counterflex.twin.truth_file import read_truth, write_truth
 
 PROGRAM, ORIGINAL, CELL, TRUTH = "program.ngc", "original.ngc", "cell.toml", "truth.toml"
 RUN, SURFACE, SUMMARY, BLANKS = "run.parquet", "surface.npz", "summary.json", "blank.*"
+PARAMETERS = "parameters.var"
 
 
 OTHER_CELL_M = 20.0 * MM
@@ -91,6 +92,7 @@ def run(
     out: str | Path,
     *,
     original: str | Path | None = None,
+    reading: Reading = AS_IT_IS,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Do the job on files.
@@ -106,6 +108,7 @@ def run(
         out: Folder.
         original: The uncompensated program, when ``program`` is a compensated one: accuracy is always judged against
             the original. None: the program itself.
+        reading: How the programs are read.
         progress: Told the fraction done.
 
     Returns:
@@ -114,10 +117,10 @@ def run(
     begin = time.perf_counter()
     cell, truth = read_cell(cell_file), read_truth(truth_file)
     check_same_cell(cell, truth, str(truth_file))
-    job = read_job(program, cell)
+    job = read_job(program, cell, reading=reading)
     reference = Path(program if original is None else original)
     if original is not None:
-        read_job(reference, cell)
+        read_job(reference, cell, reading=reading)
     with atomic.atomic_folder(out) as staging:
         record = machine(job, cell, truth, progress=progress)
         summary = {
@@ -131,7 +134,7 @@ def run(
             "seconds": round(time.perf_counter() - begin, 3),
             "counterflex": __version__,
         }
-        keep_inputs(cell, program, reference, staging)
+        keep_inputs(cell, program, reference, staging, reading)
         write_truth(staging / TRUTH, truth)
         write_run(staging / RUN, record, {key: summary[key] for key in ("program", "cell", "seed", "counterflex")})
         record.stock.save(staging / SURFACE)
@@ -139,11 +142,22 @@ def run(
     return summary
 
 
-def keep_inputs(cell: Cell, program: str | Path, original: str | Path, folder: Path) -> None:
-    """Copy the program, the one it stands for and the cell file into a run folder."""
+def keep_inputs(
+    cell: Cell, program: str | Path, original: str | Path, folder: Path, reading: Reading = AS_IT_IS
+) -> None:
+    """Copy the program, the one it stands for, the machine's parameters and the cell file into a run folder."""
+    if reading.parameters is not None:
+        atomic.write_bytes(folder / PARAMETERS, _source(reading.parameters))
     atomic.write_bytes(folder / PROGRAM, _source(program))
     atomic.write_bytes(folder / ORIGINAL, _source(original))
     _keep_cell(cell, folder)
+
+
+def read_original(folder: Path, cell: Cell) -> Job:
+    """The program that a run is judged against, read as it was for the run."""
+    parameters = folder / PARAMETERS
+    reading = Reading(parameters=parameters if parameters.is_file() else None, complete=False)
+    return read_job(folder / ORIGINAL, cell, reading=reading)
 
 
 def _keep_cell(cell: Cell, folder: Path) -> None:

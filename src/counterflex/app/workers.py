@@ -8,11 +8,14 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
-from typing import Final
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Final
+
+from counterflex.core.progress import Progress, silent
 
 ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 """What keeps libraries of linear algebra to one thread: several workers with several each would wait for each other."""
+_TOLD_S: Final = 0.5
 MOST: Final = 61
 """More processes Windows cannot wait for."""
 
@@ -56,18 +59,56 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
-def _begin_worker() -> None:
+class Shares:
+    """How much of each task is done, told by the workers that do them and read by the job.
+
+    Args:
+        count: Number of tasks.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._done: Any = multiprocessing.get_context("spawn").RawArray("d", max(1, count))
+
+    def of(self, task: int) -> Progress:
+        """Progress of one task, for who does it; it never falls."""
+
+        def told(fraction: float, what: str = "") -> None:  # noqa: ARG001
+            self._done[task] = max(self._done[task], min(1.0, fraction))
+
+        return told
+
+    def sum(self, weights: Sequence[float]) -> float:
+        """Share of the whole work that is done; one weight for each task."""
+        done = [float(share) for share in self._done]
+        return sum(w * share for w, share in zip(weights, done, strict=False)) / (sum(weights) or 1.0)
+
+
+_shares: list[Shares] = []
+
+
+def share(task: int) -> Progress:
+    """Progress of a task, for the worker process that does it."""
+    return _shares[0].of(task) if _shares else silent
+
+
+def _begin_worker(shares: Shares | None = None) -> None:
+    _shares[:] = [] if shares is None else [shares]
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
 
 
 @contextlib.contextmanager
-def pool_of(count: int) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
-    """Worker processes, one thread each, that are ended at once when the job is interrupted."""
+def pool_of(count: int, shares: Shares | None = None) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
+    """Worker processes, one thread each, that are ended at once when the job is interrupted.
+
+    Args:
+        count: Of processes.
+        shares: Where tasks tell how much of them is done (:func:`share`), or None.
+    """
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # read once, when a worker starts
     try:
-        with _pool_of(count) as pool:
+        with _pool_of(count, shares) as pool:
             yield pool
     finally:
         for name, value in before.items():
@@ -78,9 +119,9 @@ def pool_of(count: int) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
 
 
 @contextlib.contextmanager
-def _pool_of(count: int) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
+def _pool_of(count: int, shares: Shares | None) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
     pool = concurrent.futures.ProcessPoolExecutor(
-        count, mp_context=multiprocessing.get_context("spawn"), initializer=_begin_worker
+        count, mp_context=multiprocessing.get_context("spawn"), initializer=_begin_worker, initargs=(shares,)
     )
     try:
         yield pool
@@ -90,3 +131,19 @@ def _pool_of(count: int) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
         pool.shutdown(wait=True, cancel_futures=True)
         raise
     pool.shutdown()
+
+
+def done_one_by_one(
+    waiting: Iterable[concurrent.futures.Future[Any]], told: Callable[[], None]
+) -> Iterator[concurrent.futures.Future[Any]]:
+    """Tasks as they end; while none does, what is done of them is told now and then.
+
+    Args:
+        waiting: What is worked on.
+        told: Called twice in a second, and for each task that has ended.
+    """
+    left = set(waiting)
+    while left:
+        done, left = concurrent.futures.wait(left, _TOLD_S, return_when=concurrent.futures.FIRST_COMPLETED)
+        told()
+        yield from done

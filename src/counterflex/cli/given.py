@@ -106,16 +106,29 @@ def output_folder(param: Param, value: Any) -> Any:
         if path.exists() and not path.is_dir():
             raise OutputError("cannot write: a file has the name of the folder", where=_named(param, path))
         _way_to(param, path)
+        if path.is_dir():
+            _writable(param, path, path)
     return value
 
 
 def _way_to(param: Param, path: Path) -> None:
-    """Refuse a path below something that is no folder."""
+    """Refuse a path below something that is no folder, or where nothing may be written."""
     for above in path.absolute().parents:
         if above.exists():
             if not above.is_dir():
                 raise OutputError(f"cannot write: {above.name} is no folder", where=_named(param, path))
+            if not path.exists():
+                _writable(param, path, above)
             return
+
+
+def _writable(param: Param, path: Path, folder: Path) -> None:
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OutputError(
+            f"cannot write: nothing may be written in {folder}",
+            where=_named(param, path),
+            hint=f"Choose another {param.opts[0]}",
+        )
 
 
 def host_port(param: Param, value: Any) -> Any:

@@ -13,7 +13,7 @@ from counterflex.cli.fake_options import WaitS
 from counterflex.cli.given import address
 from counterflex.cli.log import show_process
 from counterflex.cli.output import keep_inputs, line_period_s, print_json, print_table, progress_bar
-from counterflex.cli.program import CellFile, Out, Program
+from counterflex.cli.program import CellFile, Out, Parameters, Program, WithoutEnd
 from counterflex.core.errors import InputError
 from counterflex.core.units import MS
 
@@ -282,6 +282,8 @@ def cell(
             callback=given.file,
         ),
     ] = None,
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
     peer: Annotated[
         str | None,
         typer.Option(
@@ -318,9 +320,10 @@ def cell(
 
     Example: `counterflex twin cell part.ngc --cell cell.toml --truth truth.toml --rsi rsi.xml --out part`
     """
-    keep_inputs(out, program, cell, truth, *([] if rsi is None else [rsi]))
+    keep_inputs(out, *(path for path in (program, cell, truth, rsi, original, parameters) if path is not None))
     one_protocol(rsi, egm)
     from counterflex.app import live as job
+    from counterflex.app.inputs import Reading
 
     settings = job.LiveSettings(
         program=program,
@@ -328,6 +331,7 @@ def cell(
         truth=truth,
         rsi=rsi,
         original=original,
+        reading=Reading(parameters=parameters, complete=not without_end),
         peer=None if peer is None else address(peer, "--peer"),
         egm=None if egm is None else address(egm, "--egm"),
         own_force=own_force,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -172,7 +173,7 @@ def compensate(
     if as_json:
         print_json(summary)
     else:
-        _show(summary, out)
+        _show(summary, [*summary["files"], "plan.parquet", "summary.json", *(["report.html"] if report else [])], out)
         if "feed" in summary:
             _show_feed(summary["feed"])
 
@@ -215,7 +216,7 @@ def _written_rows(written: dict[str, Any]) -> list[list[str]]:
     ]
 
 
-def _show(summary: dict[str, Any], out: Path) -> None:
+def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
     found = summary["prediction"]
     rows = [
         [what, f"{found[key]['value']:g} {unit}", f"line {found[key]['line']}"]
@@ -240,5 +241,4 @@ def _show(summary: dict[str, Any], out: Path) -> None:
         typer.echo(f"warning: rapid in line {collision['line']} cuts {collision['volume_mm3']:.1f} mm3 of material")
     for warning in summary["written"].get("warnings", []):
         typer.echo(f"warning: {warning}")
-    names = ", ".join([*summary["files"], "plan.parquet", "summary.json"])
-    typer.echo(f"wrote {out}: {names} ({summary['seconds']:.1f} s)")
+    typer.echo(f"wrote {out}: {', '.join(files)} ({summary['seconds']:.1f} s)")

@@ -11,7 +11,7 @@ import typer
 from counterflex.cli import given
 from counterflex.cli.bounds import LARGEST_SEED, MOST_WORKERS
 from counterflex.cli.output import keep_folders, keep_inputs, print_json, print_table, progress_bar, say_written
-from counterflex.cli.program import CellFile, Out, Program
+from counterflex.cli.program import CellFile, Out, Parameters, Program, WithoutEnd
 
 Seeds = Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)]
 Workers = Annotated[
@@ -72,6 +72,8 @@ def simulate(
             callback=given.file,
         ),
     ] = None,
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Machine a program on the simulated cell.
@@ -80,11 +82,13 @@ def simulate(
 
     Example: `counterflex simulate out/part.ngc --original part.ngc --cell cell.toml --truth truth.toml --out run`
     """
-    keep_inputs(out, program, cell, truth, *([] if original is None else [original]))
+    keep_inputs(out, *(path for path in (program, cell, truth, original, parameters) if path is not None))
     from counterflex.app import simulate as job
+    from counterflex.app.inputs import Reading
 
+    reading = Reading(parameters=parameters, complete=not without_end)
     with progress_bar(f"machining {program.name}") as progress:
-        summary = job.run(program, cell, truth, out, original=original, progress=progress)
+        summary = job.run(program, cell, truth, out, original=original, reading=reading, progress=progress)
     if as_json:
         print_json(summary)
         return
@@ -161,17 +165,23 @@ def prove(
         bool, typer.Option("--told/--no-told", help="Also show what a planner that knew the truth's constants leaves.")
     ] = True,
     workers: Workers = None,
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Compensate a program, machine it before and after on simulated cells, compare, and write the report.
 
     Example: `counterflex prove part.ngc --cell cell.toml --seeds 5 --out out`
     """
-    keep_inputs(out, program, cell)
+    keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
     from counterflex.app import prove as job
+    from counterflex.app.inputs import Reading
 
+    reading = Reading(parameters=parameters, complete=not without_end)
     with progress_bar(f"proving {program.name}") as progress:
-        summary = job.run(program, cell, out, seeds=seeds, told=told, workers=workers, progress=progress)
+        summary = job.run(
+            program, cell, out, seeds=seeds, told=told, workers=workers, reading=reading, progress=progress
+        )
     if as_json:
         print_json(summary)
     else:

@@ -15,7 +15,7 @@ from counterflex.core.errors import OutputError
 from counterflex.core.leftovers import SUFFIX, clear_leftovers, part_prefix
 from counterflex.core.output_place import Place, place_of
 
-_OTHER = "Choose another --out or make room there"
+_OTHER = "Choose another place"
 _FULL = (
     {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE} if hasattr(errno, "EDQUOT") else {errno.ENOSPC}
 )
@@ -26,7 +26,7 @@ def _refuse(path: Path, fault: OSError) -> OutputError:
     return OutputError(
         f"cannot write: {fault.strerror or fault}",
         where=str(path),
-        hint=_OTHER,
+        hint=f"Make room there, or {_OTHER[0].lower()}{_OTHER[1:]}" if fault.errno in _FULL else _OTHER,
     )
 
 

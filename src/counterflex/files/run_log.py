@@ -98,7 +98,7 @@ class RunLog:
             raise OutputError(
                 f"the run log cannot be written: {fault.strerror or fault}",
                 where=str(folder),
-                hint="Choose another --out or make room there",
+                hint="Choose another --out, or make room there",
             ) from fault
 
     def _begin(self) -> None:
