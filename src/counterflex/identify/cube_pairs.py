@@ -24,13 +24,15 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.pull_blocks import Layout
 from counterflex.identify.pull_history import band_slopes, lost_angles, uncertain_angles, unknown_angles
-from counterflex.identify.pull_residuals import COMPONENTS, PullResiduals
+from counterflex.identify.pull_residuals import COMPONENTS, PullResiduals, misplaced_by
 from counterflex.identify.pulls import Pulls, read_load, read_path
 from counterflex.robot.chain import ElasticChain, forward, jacobian
 from counterflex.robot.compliance import element_jacobians
 
 KIND: Final = "cubes"
 BASE: Final = "base"
+SCALE: Final = 0.005
+"""How true the sensors of a cube show its motion, and how squarely they look at it; one standard deviation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +46,8 @@ class CubeMotions:
         p_base_after: (n, 3) m, centre of cube b.
         pairs: Names of the pairs, by number of the channel ``pair``.
         pair: (n,) which pair, from 0.
+        before: (n, 6) m, rad: how cube a moved, carried to the centre of cube b.
+        after: (n, 6) m, rad: how cube b moved.
     """
 
     pulls: Pulls
@@ -52,6 +56,8 @@ class CubeMotions:
     p_base_after: Float
     pairs: tuple[str, ...]
     pair: Int
+    before: Float
+    after: Float
 
 
 def read_cubes(chain: ElasticChain, data: Dataset) -> CubeMotions:
@@ -101,7 +107,7 @@ def read_cubes(chain: ElasticChain, data: Dataset) -> CubeMotions:
         line=data.line,
         where=data.where,
     )
-    return CubeMotions(pulls, ends[number, 0] + 1, ends[number, 1], p_after, pairs, number)
+    return CubeMotions(pulls, ends[number, 0] + 1, ends[number, 1], p_after, pairs, number, carrying, after.values)
 
 
 def _ends(chain: ElasticChain, pair: str, where: str) -> tuple[int, int]:
@@ -125,7 +131,7 @@ def _carried(d_before: Float, lever: Float) -> Float:
     return np.concatenate([d_before[:, :3] + shift, d_before[:, 3:]], axis=1)
 
 
-def block(chain: ElasticChain, plan: Layout, motions: CubeMotions) -> PullResiduals:
+def block(chain: ElasticChain, plan: Layout, motions: CubeMotions, scale: float = SCALE) -> PullResiduals:
     """Residuals of relative motions; lost motion of an axis counts where its torsion lies between the cubes.
 
     Standard deviations: of both cubes as stated, of the lost motion, and of bearings that are not where they are
@@ -135,6 +141,8 @@ def block(chain: ElasticChain, plan: Layout, motions: CubeMotions) -> PullResidu
         chain: The cell's.
         plan: Parameters.
         motions: The rows.
+        scale: Relative standard deviation of what the sensors of each cube show, the same in all rows: of the whole
+            motion of a cube, of which an element between two cubes leaves a small difference.
     """
     pulls = motions.pulls
     lever = motions.p_base_after - forward(chain, pulls.q)[:, :3, 3]
@@ -154,6 +162,12 @@ def block(chain: ElasticChain, plan: Layout, motions: CubeMotions) -> PullResidu
     off = plan.bearing_m * np.linalg.norm(pulls.w_tcp_base[:, :3], axis=1)[:, None, None]
     added = np.sum((axes * doubt[:, None, :]) ** 2, axis=2) + np.sum((_at(turned, lever) * off) ** 2, axis=2)
     added[:, :3] += plan.bearing_m**2 * np.sum((felt * soft * between) ** 2, axis=1, keepdims=True)
+    acts = _between(motions, plan.springs.segment)
+    moved = misplaced_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, plan.bearing_m, lambda t: _at(t, lever), acts)
+    shown = np.zeros((len(pulls), 6, chain.n + 1))
+    rows = np.arange(len(pulls))
+    shown[rows, :, motions.first] = -scale * motions.before
+    shown[rows, :, motions.last + 1] = scale * motions.after
     return PullResiduals(
         name=pulls.name,
         group=pulls.group,
@@ -165,6 +179,7 @@ def block(chain: ElasticChain, plan: Layout, motions: CubeMotions) -> PullResidu
         offset=(axes @ lost[:, :, None])[..., 0],
         band_gain=axes * slope[:, None, :],
         band_columns=plan.bands,
+        moved=np.concatenate([moved, shown], axis=2),
     )
 
 

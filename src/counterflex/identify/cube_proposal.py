@@ -123,4 +123,5 @@ def _motions(chain: ElasticChain, q: Float, load: Float, sigma: float, history: 
         line=row.astype(np.int64),
         where="candidates",
     )
-    return CubeMotions(pulls, ends[pair, 0], ends[pair, 1] - 1, centre, pairs, pair.astype(np.int64))
+    none = np.zeros((len(pulls), 6))
+    return CubeMotions(pulls, ends[pair, 0], ends[pair, 1] - 1, centre, pairs, pair.astype(np.int64), none, none)

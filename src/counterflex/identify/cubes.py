@@ -13,12 +13,12 @@ from counterflex.core.progress import Progress, silent
 from counterflex.core.units import URAD
 from counterflex.identify import compliances, cube_proposal, pull_checks
 from counterflex.identify.compliances import DIRECTIONS, bearing_of, springs
-from counterflex.identify.cube_pairs import CubeMotions, block, read_cubes
+from counterflex.identify.cube_pairs import SCALE, CubeMotions, block, read_cubes
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
 from counterflex.identify.holdout import HeldOut, cross_validate, score_separate
 from counterflex.identify.model import CellModel
-from counterflex.identify.pull_blocks import Layout, layout
+from counterflex.identify.pull_blocks import Layout, layout, with_honest_sigma
 from counterflex.identify.readings import row_mistakes, sign_mistakes, swapped_columns, unit_mistakes
 from counterflex.identify.recipe import Figure, Identification, Proposal, Recipe
 from counterflex.identify.residuals import Residuals
@@ -30,12 +30,14 @@ SETTINGS: Final[Mapping[str, float | int | str | bool]] = {
     **compliances.SETTINGS,
     "prior": 1.0,
     "known": "sensor",
+    "scale_sigma": SCALE,
     "folds": 5,
     "as_stated": False,
     **cube_proposal.SETTINGS,
 }
 """Options: those of :mod:`counterflex.identify.compliances` (with a wide prior, because cubes see single elements, and
-the element ``sensor`` known from its data sheet where the cell has one of that name); ``folds``; ``as_stated``; and
+the element ``sensor`` known from its data sheet where the cell has one of that name); ``scale_sigma``, how true the
+sensors of a cube show its motion; ``folds``; ``as_stated``; and
 those of :mod:`counterflex.identify.cube_proposal`."""
 
 _TRIED: Final = 30  # rows that other readings of the data are tried on
@@ -73,8 +75,10 @@ def identify(
     for d in [*data, *holdout]:
         pull_checks.check_plain(d)
         said += check_reading(d, _readings(d), _score(chain, plan), as_stated=bool(options["as_stated"]), rows=_TRIED)
-    blocks = [block(chain, plan, m) for m in motions]
+    scale = _share(options["scale_sigma"])
+    blocks = [block(chain, plan, m, scale) for m in motions]
     fit = solve(plan.parameters, blocks, progress=progress)
+    fit = with_honest_sigma(fit, blocks)
     if unseen:
         others = [block(chain, plan, m) for m in unseen]
         held, measured = score_separate(plan.parameters, blocks, others, error=rotation_error), others
@@ -97,6 +101,12 @@ def cube_options(chain: ElasticChain, settings: Mapping[str, Any]) -> dict[str, 
     if "known" not in settings and SETTINGS["known"] not in chain.names:
         options["known"] = ""
     return options
+
+
+def _share(value: object) -> float:
+    if not (isinstance(value, int | float) and 0.0 <= float(value) <= 1.0):
+        raise InputError("setting scale_sigma", value=str(value), limit="a relative standard deviation, 0 .. 1")
+    return float(value)
 
 
 def rotation_error(block: Residuals, x: Float) -> Float:

@@ -26,6 +26,7 @@ from counterflex.identify.holder_residuals import (
     parameters,
     readings,
     sensitivity_of,
+    with_honest_sigma,
 )
 from counterflex.identify.holdout import HeldOut, cross_validate, fold_of_groups, score_separate
 from counterflex.identify.model import CellModel
@@ -41,6 +42,7 @@ LEAST = 6
 """Loads needed, in at least three directions."""
 DRIFT_S = 120.0
 """Length of a record from which a drift of the zeros is looked for."""
+_TRUSTED = 0.3  # share of the sensitivities that a drawing is trusted to where readings of the data are compared
 SPREAD_K = 1.0
 """Range of temperatures from which coefficients are looked for; less tells nothing but the thermometer's noise."""
 SETTINGS: Mapping[str, float | int | str | bool] = {
@@ -92,7 +94,7 @@ def identify(
         temperature=bool(s["temperature"]) and spread_k > SPREAD_K,
         drift=bool(s["drift"]) and spread_s > DRIFT_S,
     )
-    fit = solve(free, blocks)
+    fit = with_honest_sigma(solve(free, blocks), blocks)
     progress(0.5, "sensitivities")
     held = _held_out(free, blocks, unseen, len(holder.gauges))
     n = len(holder.gauges)
@@ -169,7 +171,7 @@ def _check_loads(blocks: Sequence[HolderReadings], where: str) -> None:
 
 
 def _check(data: Dataset, holder: StrainHolder, as_stated: bool) -> tuple[str, ...]:
-    free = parameters(holder, DRAWING_SHARE, temperature=False, drift=False)
+    free = parameters(holder, _TRUSTED, temperature=False, drift=False)
 
     def score(sample: Dataset) -> Misfit:
         return misfit_of(solve(free, [readings(sample, holder, reference_c=holder.reference_c)]))

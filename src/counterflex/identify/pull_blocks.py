@@ -127,7 +127,11 @@ def block(chain: ElasticChain, plan: Layout, pulls: Pulls, R_base_tracker: Float
     variance += lost_sigma(chain, pulls) ** 2
     variance += misplaced(chain, plan.springs, pulls.q, pulls.w_tcp_base, point, plan.bearing_m) ** 2
     added = variance[:, :c]
-    moved = misplaced_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, point, plan.bearing_m)[:, :c]
+
+    def at(twists: Float) -> Float:
+        return carried(chain, pulls.q, twists, point)
+
+    moved = misplaced_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, plan.bearing_m, at)[:, :c]
     R = None
     if pulls.in_tracker and R_base_tracker is not None:
         R = R_base_tracker.T

@@ -7,6 +7,7 @@ of the axes and the second order of the elastic deflection, both computed at the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -77,7 +78,13 @@ def misplaced(
 
 
 def misplaced_by(
-    chain: ElasticChain, springs: Springs, q: Float, w_tcp_base: Float, p_tcp_point: Float, bearing_m: float
+    chain: ElasticChain,
+    springs: Springs,
+    q: Float,
+    w_tcp_base: Float,
+    bearing_m: float,
+    at: Callable[[Float], Float],
+    acts: Bool | None = None,
 ) -> Float:
     """How one standard deviation of where each element turns moves the tool, the same misplacement in all rows.
 
@@ -89,8 +96,9 @@ def misplaced_by(
         springs: k of them; only the rotations matter.
         q: (n, 6) rad.
         w_tcp_base: (n, 6) N, N m.
-        p_tcp_point: (3,) m, in the frame of the TCP.
         bearing_m: b, per axis.
+        at: Takes twists (n, 6, 1) given at the TCP to the point whose displacement is wanted.
+        acts: (n, k) whether a spring lies between what is compared in a row; None is all.
 
     Returns:
         (n, 6, 3 s) m, rad, base axes: three columns for each of the s segments of the chain.
@@ -98,16 +106,17 @@ def misplaced_by(
     J = element_jacobians(chain, q)  # (n, s, 6, 6)
     out = np.zeros((len(q), 6, 3 * chain.n))
     soft = springs.of_chain(chain)
-    for segment, direction, c in zip(springs.segment, springs.direction, soft, strict=True):
+    for k, (segment, direction) in enumerate(zip(springs.segment, springs.direction, strict=True)):
         if direction < 3:
             continue
+        c = soft[k] * (np.ones(len(q)) if acts is None else acts[:, k])[:, None, None]
         own, place = J[:, segment, :, direction], slice(3 * int(segment), 3 * int(segment) + 3)
         axes = bearing_m * J[:, segment, 3:, 3:]  # (n, 3, 3): columns are the axes of the element
         aside = np.cross(axes, own[:, 3:, None], axis=1)
         felt = np.einsum("nc,nc->n", own, w_tcp_base)
         out[:, :3, place] += c * aside * felt[:, None, None]
-        more = c * np.einsum("nck,nc->nk", aside, w_tcp_base[:, :3])
-        out[:, :, place] += carried(chain, q, own[:, :, None], p_tcp_point) * more[:, None, :]
+        more = np.einsum("nck,nc->nk", aside, w_tcp_base[:, :3])
+        out[:, :, place] += c * at(own[:, :, None]) * more[:, None, :]
     return out
 
 

@@ -91,11 +91,12 @@ def identify(
             continue
         remarks += _signs(block, steps[0].where, as_stated)
         fit, held = _gains(cell, axis, block, unseen)
+        fit = _with_torque(fit, axis, share)
         fits[f"axis {axis + 1}"] = fit
         errors.append(held)
         servo = _servo(cell, axis, fit, friction.get(axis))
         changes.append(AxisServo(axis, servo))
-        figures += _figures(cell, axis, fit, servo, share)
+        figures += _figures(cell, axis, fit, servo)
         pictures += _pictures(block, fit)[:1]
         progress((axis + 1) / 7, f"axis {axis + 1}")
     if steps and not errors:
@@ -168,6 +169,14 @@ def _exchangeable(fit: Fit, axis: int) -> Fit:
     return replace(fit, sigma=sigma)
 
 
+def _with_torque(fit: Fit, axis: int, share: float) -> Fit:
+    """K is a torque over a speed: the scale of the torque that the drives show is the same in all steps."""
+    place = fit.parameters.index(f"axis{axis + 1}.speed_gain")
+    sigma = fit.sigma.copy()
+    sigma[place] = float(np.hypot(sigma[place], share * fit.values[place]))
+    return replace(fit, sigma=sigma)
+
+
 def _signs(block: ServoResiduals, where: str, as_stated: bool) -> list[str]:
     """Refuse torques whose sign is turned round: the loop would push away from its command."""
     unit = block.predict(np.array([1.0, GUESS.position_gain_per_s, GUESS.integral_time_s]))
@@ -226,18 +235,18 @@ def _headline(errors: Sequence[HeldOut]) -> tuple[Figure, ...]:
     )
 
 
-def _figures(cell: CellModel, axis: int, fit: Fit, servo: Servo, share: float) -> list[Figure]:
+def _figures(cell: CellModel, axis: int, fit: Fit, servo: Servo) -> list[Figure]:
     before = (cell.robot.servo or (None,) * 6)[axis]
     name = f"axis{axis + 1}"
     rows = (
-        ("speed_gain", "speed_gain_nm_s", "gain of the speed loop K, N m s/rad", 1.0, share),
-        ("position_gain", "position_gain_per_s", "gain of the position loop Kv, 1/s", 1.0, 0.0),
-        ("integral_time", "integral_time_s", "integral time of the speed loop Ti, ms", MS, 0.0),
+        ("speed_gain", "speed_gain_nm_s", "gain of the speed loop K, N m s/rad", 1.0),
+        ("position_gain", "position_gain_per_s", "gain of the position loop Kv, 1/s", 1.0),
+        ("integral_time", "integral_time_s", "integral time of the speed loop Ti, ms", MS),
     )
     out = []
-    for key, field, text, size, extra in rows:
+    for key, field, text, size in rows:
         value = getattr(servo, field)
-        sigma = float(np.hypot(fit.sigma_of(f"{name}.{key}"), extra * value))
+        sigma = fit.sigma_of(f"{name}.{key}")
         unit = {"speed_gain": "nm_s", "position_gain": "per_s", "integral_time": "ms"}[key]
         old = None if before is None else getattr(before, field) / size
         out.append(Figure(f"{name}_{key}_{unit}", f"axis {axis + 1}: {text}", value / size, old))
