@@ -135,6 +135,8 @@ class Raw:
         numbers = self._joints(raw * self.factors[: raw.shape[1]] if self._has_unit() else raw)
         convention = self.table.rotation or ""
         if self.kind.nature == "rotation":
+            if self._has_unit():
+                self._check_size(numbers, raw, rows)
             bad, what = faulty(convention, numbers)
             if np.any(bad):
                 row = int(np.argmax(bad))

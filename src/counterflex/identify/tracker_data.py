@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
-from counterflex.core.units import MM
+from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.identify.arm_geometry import ArmGeometry, displaced_arm
 from counterflex.identify.data_checks import check_finite, check_repeats
@@ -32,6 +32,7 @@ from counterflex.identify.readings import (
     Reading,
     inverted_pose,
     left_handed,
+    quaternion_mistakes,
     row_mistakes,
     sign_mistakes,
     swapped_columns,
@@ -43,6 +44,9 @@ from counterflex.identify.suspicion import Misfit, check_reading, thinned
 FEWEST: Final = 4
 ROBOT_M: Final = 5.0 * MM
 """What an uncalibrated robot may be off by; twice that in the median and other readings of the data are tried."""
+_NEAREST: Final = 0.05
+_FARTHEST: Final = 1.5
+"""Of the robot's length, how far the farthest position of the flange is from its foot."""
 _QUICK_TRIALS = 25
 _READ_ROWS = 24
 POINT: Final = "p_tracker_target"
@@ -158,6 +162,8 @@ def check_tracker_data(
             limit=f"{FEWEST} or more",
             hint="Measure poses that differ in position and orientation",
         )
+    if told != "q":
+        _check_reach(cell, d)
     check_repeats(d, POINT, same=(told,))
     # Poses that leave a frame open are refused by the hand-eye calibration with its reason.
     start_frames(cell, thinned(d), trials=0, partly=partly, target=target)
@@ -179,6 +185,24 @@ def check_tracker_data(
                 hint="Check robot, order and signs of the joint angles, units and columns; or add --set as_stated=true",
             )
     return remarks
+
+
+def _check_reach(cell: CellModel, d: Dataset) -> None:
+    """Refuse poses of the flange that this robot cannot take: they are in another unit.
+
+    Raises:
+        InputError: The farthest is beyond the robot's length, or hardly away from its foot.
+    """
+    length = float(np.sum(np.linalg.norm(cell.nominal_chain.fixed[:, :3, 3], axis=1)))
+    farthest = float(np.max(np.linalg.norm(d.values("p_base_flange"), axis=1)))
+    if not _NEAREST * length <= farthest <= _FARTHEST * length:
+        raise InputError(
+            "the positions of the flange are not those of this robot",
+            where=f"{d.where or d.name}: channels.p_base_flange",
+            value=f"{farthest / MM:.4g} mm from the robot's foot at most",
+            limit=f"{_NEAREST * length / MM:.4g} .. {_FARTHEST * length / MM:.4g} mm",
+            hint="Check unit under [channels.p_base_flange], and the frame: the foot of the robot, no workpiece frame",
+        )
 
 
 def start_frames(
@@ -229,6 +253,12 @@ def readings_of(d: Dataset) -> tuple[Reading, ...]:
         *sign_mistakes(d, told),
         *row_mistakes(POINT),
     ]
+    if told != "q" and d.has("R_base_flange"):
+        out += [
+            *quaternion_mistakes("R_base_flange"),
+            transposed("R_base_flange"),
+            *euler_mistakes("R_base_flange"),
+        ]
     if not has_orientation(d):
         return (*out, *left_handed((POINT,)))
     return (
@@ -238,6 +268,7 @@ def readings_of(d: Dataset) -> tuple[Reading, ...]:
         *sign_mistakes(d, POINT),
         inverted_pose(POINT, ORIENTATION),
         transposed(ORIENTATION),
+        *quaternion_mistakes(ORIENTATION),
         *euler_mistakes(ORIENTATION),
     )
 
@@ -258,8 +289,16 @@ _FORMS: Final[dict[str, tuple[Callable[[Float], Float], Callable[[Float], Float]
 
 
 def euler_mistakes(channel: str) -> tuple[Reading, ...]:
-    """The three numbers of the orientation read by another convention than meant, or in deg for rad and reverse."""
-    out = []
+    """The three numbers of the orientation read by another convention than meant, or in deg where they are rad."""
+    out = [
+        Reading(
+            channel,
+            f"the numbers of '{channel}' are in rad, not in deg ({form})",
+            f'write unit = "rad" under [channels.{channel}]',
+            _reread(channel, numbers, matrix, 1.0 / DEG),
+        )
+        for form, (numbers, matrix) in _FORMS.items()
+    ]
     for read, (numbers, _) in _FORMS.items():
         for meant, (_, matrix) in _FORMS.items():
             if read != meant:
@@ -275,11 +314,11 @@ def euler_mistakes(channel: str) -> tuple[Reading, ...]:
 
 
 def _reread(
-    channel: str, numbers: Callable[[Float], Float], matrix: Callable[[Float], Float]
+    channel: str, numbers: Callable[[Float], Float], matrix: Callable[[Float], Float], size: float = 1.0
 ) -> Callable[[Dataset], Dataset]:
     def change(d: Dataset) -> Dataset:
         old = d.channel(channel)
-        values = np.ascontiguousarray(matrix(numbers(old.values)))
+        values = np.ascontiguousarray(matrix(size * numbers(old.values)))
         return replace(d, channels={**d.channels, channel: replace(old, values=values)})
 
     return change
