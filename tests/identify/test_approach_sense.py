@@ -16,11 +16,13 @@ from counterflex.core.progress import silent
 from counterflex.core.units import DEG, URAD
 from counterflex.files.cell import read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.identify.approach_sense import CHANNEL, as_play, in_order, senses
+from counterflex.identify import kinematics_stages
+from counterflex.identify.approach_sense import CHANNEL, as_play, better, in_order, senses
 from counterflex.identify.arm_parameters import ArmPriors, arm_model, with_lost_motion
 from counterflex.identify.changes import AxisPlay
 from counterflex.identify.dataset import Dataset, of_arrays
 from counterflex.identify.derivative_check import convergence_order
+from counterflex.identify.holdout import HeldOut
 from counterflex.identify.kinematics import identify
 from counterflex.identify.kinematics_proposal import propose
 from counterflex.identify.placed_frame import PlacedFrame
@@ -142,6 +144,32 @@ def test_from_one_side_only_nothing_is_found() -> None:
     result = identify(CELL, [replace(data, channels={**data.channels, CHANNEL: one})], [], {**PLAIN, "play": "known"},
                       silent)  # fmt: skip
     assert any("not seen in any axis" in r for r in result.remarks)
+
+
+def errors(values: Float, gross: int | None = None) -> HeldOut:
+    n = len(values)
+    zero = np.zeros(n, dtype=np.int64)
+    left_out = np.arange(n) == (-1 if gross is None else gross)
+    return HeldOut(zero, np.arange(n), zero, values, values, left_out, ())
+
+
+def test_better_is_judged_pose_by_pose_and_beyond_chance() -> None:
+    rng = np.random.default_rng(3)
+    before = rng.uniform(0.5e-4, 5e-4, 200)
+    assert better(errors(before - 2e-6), errors(before))[0]
+    assert not better(errors(before + 2e-6), errors(before))[0]
+    assert not better(errors(before - 2e-6 + 1e-4 * np.tile([1.0, -1.0], 100)), errors(before))[0]
+    worse = before - 2e-6
+    worse[7] += 1.0
+    assert better(errors(worse, gross=7), errors(before))[0]
+
+
+def test_what_poses_held_out_do_not_bear_out_is_told_and_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kinematics_stages, "better", lambda *_: (False, "no better"))
+    result = identify(CELL, [cube(41, True)], [], {**PLAIN, "play": "known"}, silent)
+    assert plays(result) == {}
+    assert mean_mm(result) == pytest.approx(mean_mm(found(41, True, "off")), rel=1e-9)
+    assert sum("was not kept" in r and "no better" in r for r in result.remarks) == 1
 
 
 def test_derivatives_are_exact() -> None:
