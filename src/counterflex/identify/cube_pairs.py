@@ -46,8 +46,8 @@ class CubeMotions:
         p_base_after: (n, 3) m, centre of cube b.
         pairs: Names of the pairs, by number of the channel ``pair``.
         pair: (n,) which pair, from 0.
-        before: (n, 6) m, rad: how cube a moved, carried to the centre of cube b.
-        after: (n, 6) m, rad: how cube b moved.
+        d_before: (n, 6) m, rad: how cube a moved, carried to the centre of cube b.
+        d_after: (n, 6) m, rad: how cube b moved.
     """
 
     pulls: Pulls
@@ -56,8 +56,8 @@ class CubeMotions:
     p_base_after: Float
     pairs: tuple[str, ...]
     pair: Int
-    before: Float
-    after: Float
+    d_before: Float
+    d_after: Float
 
 
 def read_cubes(chain: ElasticChain, data: Dataset) -> CubeMotions:
@@ -166,8 +166,8 @@ def block(chain: ElasticChain, plan: Layout, motions: CubeMotions, scale: float 
     moved = misplaced_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, plan.bearing_m, lambda t: _at(t, lever), acts)
     shown = np.zeros((len(pulls), 6, chain.n + 1))
     rows = np.arange(len(pulls))
-    shown[rows, :, motions.first] = -scale * motions.before
-    shown[rows, :, motions.last + 1] = scale * motions.after
+    shown[rows, :, motions.first] = -scale * motions.d_before
+    shown[rows, :, motions.last + 1] = scale * motions.d_after
     return PullResiduals(
         name=pulls.name,
         group=pulls.group,
