@@ -32,6 +32,8 @@ def synthetic(n: int = 1500, seed: int = 1) -> Float:
             rows[:, i] = 0.0
     rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3] = 4 * k, 4e6 * k, 4e6 * k + 2e4, 1
     rows[:, record.CYCLE] = k
+    rows[:, COLUMNS.index("path_distance")] = 1e-5 * k
+    rows[FAULT - 1, 3] = 4
     state = np.full(n, float(State.ACTIVE))
     cause = np.zeros(n)
     state[HOLD - 1 : HOLD + 99], cause[HOLD - 1 : HOLD + 99] = State.HOLD, Cause.FORCE_SATURATED
@@ -69,6 +71,8 @@ def test_show_lists_each_hold_and_fault(folder: Path, rotated: Float, counterfle
             "state": "hold",
             "cause": "force_saturated",
             "before": "active",
+            "path_distance_mm": pytest.approx(1e-2 * HOLD),
+            "cycles_since_telegram": 1,
         },
         {
             "number": 2,
@@ -77,6 +81,8 @@ def test_show_lists_each_hold_and_fault(folder: Path, rotated: Float, counterfle
             "state": "fault",
             "cause": "limit_hard",
             "before": "active",
+            "path_distance_mm": pytest.approx(1e-2 * FAULT),
+            "cycles_since_telegram": 4,
         },
     ]
     said = counterflex("log", "show", "log").out

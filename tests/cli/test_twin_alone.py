@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import socket
 import threading
@@ -12,8 +13,12 @@ import numpy as np
 import pytest
 
 import counterflex as package
+from counterflex.app import lone_rsi
 from counterflex.app.truth import make_truth
 from counterflex.files.cell import read_cell
+from counterflex.geometry import pose
+from counterflex.robot.chain import forward
+from counterflex.runtime.axis_check import AxisCheck
 from counterflex.twin.exact_robot import StandingRobot, Standstill
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext
 from counterflex.twin.robot_server import RobotServer
@@ -72,3 +77,45 @@ def test_a_controller_ends_when_its_partner_has_gone() -> None:
     answering.join(20.0)
     assert server.cycles < 500
     server.close()
+
+
+def test_a_partner_that_vanishes_in_the_middle_is_no_success(folder: Path, counterflex: Any) -> None:
+    """0 said that all was well; a Stop from the partner is an answer, and 0."""
+    shutil.copy(DEMO / "rsi.xml", folder / "rsi.xml")
+    config = read_config(folder / "rsi.xml")
+    partner = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    partner.bind(("127.0.0.1", 0))
+    answering = threading.Thread(target=_answers, args=(partner, config, 10), daemon=True)
+    answering.start()
+    peer = f"127.0.0.1:{partner.getsockname()[1]}"
+    alone = counterflex("twin", "rsi", "rsi.xml", "--peer", peer, "--seconds", "1")
+    answering.join(20.0)
+    assert alone.status == 3
+    assert "sensor program gone" in alone.out
+
+
+def _answers(partner: socket.socket, config: Any, most: int) -> None:
+    reader, writer = robot_reader(config), answer_writer(config)
+    with partner, contextlib.suppress(OSError):
+        for _ in range(most):
+            data, peer = partner.recvfrom(65536)
+            reader.read_bytes(data)
+            partner.sendto(writer.telegram(reader.counter), peer)
+
+
+def test_where_a_robot_of_a_cell_stands_pose_and_angles_belong_together(folder: Path, refused: Any) -> None:
+    """The pose was 0, whatever the angles: a loop that holds one against the other did not arm."""
+    cell, q = read_cell(folder / "cell.toml"), np.radians([10.0, -80.0, 100.0, 5.0, 40.0, -20.0])
+    robot = lone_rsi.robot_of(lone_rsi.LoneRsiSettings(DEMO / "rsi.xml", cell=folder / "cell.toml", q=q))
+    robot.start()
+    report = robot.advance(np.zeros(6))
+    expected = pose.inverse(cell.T_base_part) @ forward(cell.controller_chain, q)
+    np.testing.assert_allclose(report.T_part_nominal, expected, atol=1e-12)
+    np.testing.assert_allclose(report.T_part_actual, expected, atol=1e-12)
+    np.testing.assert_array_equal(report.q_command, q)
+    check = AxisCheck(cell.controller_chain, cell.T_base_part, 4e-3)
+    shown, angles = np.r_[report.T_part_nominal[:3, :3].reshape(-1), report.T_part_nominal[:3, 3]], q.copy()
+    causes = {check(angles, shown, np.zeros(6), learn=True, commanded_is=1) for _ in range(200)}
+    assert causes == {0}
+    shutil.copy(DEMO / "rsi.xml", folder / "rsi.xml")
+    assert "--at" in refused("twin", "rsi", "rsi.xml", "--cell", "cell.toml", "--at", "1,2,3,0,0,0")

@@ -96,3 +96,53 @@ def test_force_and_contained_correction_between_two_rows_are_linear(share: float
         assert c[k] == pytest.approx(np.interp(now, plan[:, PLAN_TIME], plan[:, PLAN_C + k]))
     for k in range(3):
         assert play[k] == pytest.approx(np.interp(now, plan[:, PLAN_TIME], plan[:, PLAN_PLAY + k]))
+
+
+def there_and_back(laps: int) -> Float:
+    """100 mm along x and back, in steps of 0.25 mm, so often."""
+    x = 0.25e-3 * np.arange(401)
+    laps_x = np.concatenate([x if lap % 2 == 0 else x[::-1] for lap in range(laps)])
+    return np.stack([laps_x, 0.0 * laps_x, 0.0 * laps_x], axis=1)
+
+
+@pytest.mark.parametrize("before_mm", [1.0, 2.5, 4.0])
+@pytest.mark.parametrize("back_mm", [1.5, 3.0, 6.0, 15.0])
+def test_a_robot_that_turned_round_while_nothing_came_from_it_is_found(before_mm: float, back_mm: float) -> None:
+    """60 ms without a telegram at a turn left the place before it, and 5 mm farther on the loop held: off path."""
+    plan = plan_of(there_and_back(2))
+    place = np.array([0.0, 0.0])
+    for x_mm in np.arange(0.0, 100.0 - before_mm + 1e-9, 0.1):
+        follow(plan, place, 1e-3 * x_mm, 0.0, 0.0, 200)
+    worst = 0.0
+    for x_mm in np.arange(100.0 - back_mm, 40.0, -0.1):
+        worst = max(worst, follow(plan, place, 1e-3 * x_mm, 0.0, 0.0, 200))
+    assert worst < 2.6e-3
+    assert place[0] == pytest.approx(401 + 4 * 60, abs=2)
+
+
+def test_a_robot_beside_its_path_is_not_taken_to_a_neighbouring_one() -> None:
+    """Passes of a pocket lie 1 mm apart: whoever is 2 mm off the present one, rounding a corner, stays on it."""
+    x = 0.25e-3 * np.arange(41)
+    plan = plan_of(np.stack([np.r_[x, x[::-1]], np.r_[0.0 * x, 0.0 * x + 1e-3], np.zeros(82)], axis=1))
+    place = np.array([10.0, 0.0])
+    follow(plan, place, 2.6e-3, 2e-3, 0.0, 200)
+    assert place[0] == 10.0
+
+
+def test_a_robot_whose_feed_is_held_keeps_its_place_where_the_path_passes_often_pair() -> None:
+    """Ready again in the middle of the fourth lap it was thought to be on the first, and lost when it went on."""
+    plan = plan_of(there_and_back(6))
+    place, sweep, row = np.array([0.0, 0.0]), np.zeros(4), 3 * 401 + 200
+    x = plan[: row + 1, 0]
+    for value in x:
+        follow(plan, place, value, 0.0, 0.0, 200)
+    before = place.copy()
+    for _ in range(40):
+        seek(plan, place, sweep, x[-1], 0.0, 0.0)
+        follow(plan, place, x[-1], 0.0, 0.0, 200)
+    np.testing.assert_array_equal(place, before)
+    worst = max(follow(plan, place, value, 0.0, 0.0, 200) for value in plan[row : row + 190, 0])
+    assert worst < 1e-9
+    for _ in range(40):
+        seek(plan, place, sweep, 0.0, 0.0, 0.0)  # started anew: the robot stands at the beginning
+    assert place[0] == 0.0

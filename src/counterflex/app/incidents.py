@@ -13,6 +13,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.units import MM
 from counterflex.evaluate.incidents import Incident, IncidentFinder
 from counterflex.files.record_units import headings
 from counterflex.files.run_log import segments
@@ -49,6 +50,8 @@ class Numbered:
             "state": found.state.name.lower(),
             "cause": found.cause.name.lower(),
             "before": "" if found.before is None else found.before.name.lower(),
+            "path_distance_mm": round(found.path_m / MM, 3),
+            "cycles_since_telegram": found.elapsed,
         }
 
 

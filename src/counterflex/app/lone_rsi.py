@@ -19,7 +19,9 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM, US
 from counterflex.files.cell import Cell, read_cell
+from counterflex.geometry import pose
 from counterflex.links.realtime import prepare
+from counterflex.robot.chain import forward
 from counterflex.twin.applied import Applied
 from counterflex.twin.commanded_motion import CommandedMotion
 from counterflex.twin.exact_robot import ControlledRobot, ExactRobot, StandingRobot, Standstill
@@ -37,8 +39,9 @@ class LoneRsiSettings:
     Attributes:
         rsi: ETHERNET configuration; telegrams go to its IP_NUMBER and PORT.
         program: G-code that it runs, with ``cell``; None stands still.
-        cell: Cell file: what the controller has been told of robot, tool and part; None without a program.
-        T_part_tcp: (4, 4) where it stands still.
+        cell: Cell file: what the controller has been told of robot, tool and part; None shows any pose beside
+            any angles.
+        T_part_tcp: (4, 4) where it stands still; with a cell the angles say where.
         q: (6,) rad, angles there.
         seconds: How long it stands still; with a program a limit, or None.
         peer: Where telegrams go instead, or None.
@@ -95,7 +98,7 @@ def run(
     config = read_config(settings.rsi)
     rsi = FakeRsi(config, settings.context)
     period_s = settings.context.cycle_s
-    robot = _robot(settings)
+    robot = robot_of(settings)
     most = None
     if settings.program is not None and settings.seconds is not None:
         most = max(1, round(settings.seconds / period_s))
@@ -157,18 +160,23 @@ def summary_of(applied: Applied) -> dict[str, Any]:
     }
 
 
-def _robot(settings: LoneRsiSettings) -> ControlledRobot:
+def robot_of(settings: LoneRsiSettings) -> ControlledRobot:
+    """The robot of the settings: it runs their program, or stands still.
+
+    Raises:
+        InputError: The settings contradict each other.
+    """
     period_s = settings.context.cycle_s
-    if (settings.program is None) != (settings.cell is None):
-        raise InputError(
-            "a program needs the cell it runs in, and the other way round",
-            value="program" if settings.cell is None else "cell",
-            hint="Give both --program and --cell, or none of them for a standstill",
-        )
+    if settings.program is not None and settings.cell is None:
+        raise InputError("a program needs the cell it runs in", value=settings.program.name, hint="Give --cell")
     if settings.program is None or settings.cell is None:
         if settings.seconds is None:
             raise InputError("how long the robot stands still is not said", hint="Give --seconds")
-        place = Standstill(settings.T_part_tcp, settings.q, settings.seconds)
+        T_part_tcp = settings.T_part_tcp
+        if settings.cell is not None:  # pose and angles of the same telegram belong together
+            standing = read_cell(settings.cell)
+            T_part_tcp = pose.inverse(standing.T_base_part) @ forward(standing.controller_chain, settings.q)
+        place = Standstill(T_part_tcp, settings.q, settings.seconds)
         return StandingRobot(place, period_s, settings.answer)
     cell = read_cell(settings.cell)
     return running_robot(cell, settings.program, period_s, settings.answer)

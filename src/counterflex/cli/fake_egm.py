@@ -17,6 +17,7 @@ from counterflex.cli.fake_options import (
     RecordFile,
     Seed,
     WaitS,
+    left_alone,
     schedule,
     tell_refused,
     tell_reply,
@@ -117,8 +118,10 @@ def egm(
         found = job.run(settings, record=record, started=started, progress=progress)
     if as_json:
         print_json(found)
+        left_alone(found["ended"])
         return
     typer.echo(f"{found['ended']} after {found['cycles']} messages, {found['late_answers']} cycles without one for us")
     tell_refused(found)
     typer.echo(f"largest distance of the tool from its program: {found['largest_shift_mm']:g} mm")
     tell_reply(found)
+    left_alone(found["ended"])

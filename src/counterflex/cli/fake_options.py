@@ -67,3 +67,20 @@ def tell_reply(found: dict[str, Any]) -> None:
     """Time that replies took, where it was real time."""
     if found["reply_us"] is not None:
         typer.echo("reply: " + ", ".join(f"{name} {value:g} us" for name, value in found["reply_us"].items()))
+
+
+LEFT = ("sensor program gone", "RSITimeout", "ERR_UDPUC_COMM")
+"""Ends of a simulated controller for which it had no part in it: nobody answered any more."""
+
+
+def left_alone(ended: str) -> None:
+    """End with status 3 where the partner has vanished before the program had ended; a Stop from it is an answer.
+
+    Args:
+        ended: Why the simulated controller ended.
+
+    Raises:
+        typer.Exit: It was left alone.
+    """
+    if ended in LEFT:
+        raise typer.Exit(3)

@@ -19,6 +19,7 @@ from counterflex.cli.fake_options import (
     RecordFile,
     Seed,
     WaitS,
+    left_alone,
     schedule,
     tell_refused,
     tell_reply,
@@ -52,23 +53,23 @@ def rsi(
         typer.Option("--cell", help="Cell file: robot, tool and part as the controller has them.", callback=given.file),
     ] = None,
     at: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--at",
-            help="Without a program: where the tool stands still, mm and deg.",
+            help="Without a program and cell: where the tool stands still, mm and deg; 0 where nothing is said.",
             metavar="X,...,C",
             callback=given.numbers_of(6),
         ),
-    ] = "0,0,0,0,0,0",
+    ] = None,
     joints_deg: Annotated[
         str,
         typer.Option(
             "--joints-deg",
-            help="Without a program: the axis angles there.",
+            help="Without a program: the axis angles there; with --cell the tool stands where they have it.",
             metavar="A1,...,A6",
             callback=given.numbers_of(6),
         ),
-    ] = "0,-90,90,0,0,0",
+    ] = "0,-90,90,0,30,0",
     seconds: Annotated[
         float | None, typer.Option("--seconds", help="How long; 10 s without a program.", min=0.01)
     ] = None,
@@ -128,15 +129,21 @@ def rsi(
     It runs a program or stands still; no physics, no instruments. It shows what a compensator did to the robot: largest
     correction and step, late and refused answers, the age of the correction in force, and why it ended.
 
+    Exit status: 0 the program or the time ended, or an answer stopped the robot; 2 refused, or nobody ever answered;
+    3 nobody answered any more.
+
     Example: `counterflex twin rsi rsi.xml --seconds 5 --fault lost=0.05,direction=in --record applied.csv`
     """
     if record is not None:
         keep_inputs(record, *(path for path in (rsi, program, cell, faults) if path is not None), option="--record")
-    if (program is None) != (cell is None):
+    if program is not None and cell is None:
+        raise InputError("a program needs the cell it runs in", value=program.name, hint="Give --cell")
+    if cell is not None and program is None and at is not None:
         raise InputError(
-            "a program needs the cell it runs in, and the other way round",
-            value="program" if cell is None else "cell",
-            hint="Give both --program and --cell, or none of them for a standstill",
+            "where a robot of a cell stands follows from its axis angles",
+            where="--at",
+            value=at,
+            hint="Give --joints-deg instead, or leave out --cell",
         )
     from dataclasses import replace
 
@@ -148,7 +155,7 @@ def rsi(
     from counterflex.twin.fake_rsi import RsiContext
     from counterflex.twin.path_answer import PathAnswer
 
-    place = np.array(numbers(at, "--at", 6))
+    place = np.zeros(6) if at is None else np.array(numbers(at, "--at", 6))
     settings = job.LoneRsiSettings(
         rsi=rsi,
         program=program,
@@ -188,6 +195,7 @@ def rsi(
         print_json(found)
     else:
         _tell_rsi(found)
+    left_alone(found["ended"])
 
 
 def _tell_rsi(found: dict[str, Any]) -> None:

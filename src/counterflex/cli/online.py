@@ -9,7 +9,7 @@ import typer
 
 from counterflex.cli import given, interrupt
 from counterflex.cli.bounds import LARGEST_PORT, LARGEST_SEED
-from counterflex.cli.fake_options import WaitS
+from counterflex.cli.fake_options import WaitS, left_alone
 from counterflex.cli.given import address
 from counterflex.cli.log import show_process
 from counterflex.cli.output import keep_inputs, line_period_s, print_json, print_table, progress_bar
@@ -356,3 +356,4 @@ def cell(
         summary = job.run(settings, out, started=started, progress=progress)
     found = summary["online"]
     typer.echo(f"{found['ended']} after {found['cycles']} telegrams, {found['late_answers']} late; wrote {out}")
+    left_alone(found["ended"])

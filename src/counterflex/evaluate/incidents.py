@@ -14,7 +14,8 @@ from counterflex.runtime import record_ring as record
 from counterflex.runtime.supervisor import Cause, State
 
 MOST_INCIDENTS: Final = 10_000
-_RECEIVED = 1
+_RECEIVED, _ELAPSED = 1, 3
+_PATH: Final = record.COLUMNS.index("path_distance")
 _INCIDENTS: Final = (State.HOLD, State.FAULT)
 
 
@@ -28,6 +29,9 @@ class Incident:
         before: State left; None where the first record of the run is in it already.
         state: Hold or fault.
         cause: As latched then.
+        path_m: Distance of the commanded point from the plan in that cycle, or the one before where it was larger; 0
+            without a plan.
+        elapsed: Cycles of the controller since the telegram before; 0 where none came.
     """
 
     cycle: int
@@ -35,6 +39,8 @@ class Incident:
     before: State | None
     state: State
     cause: Cause
+    path_m: float = 0.0
+    elapsed: int = 0
 
 
 class IncidentFinder:
@@ -85,6 +91,8 @@ class IncidentFinder:
                     None if earlier[k] < 0 else State(int(earlier[k])),
                     State(int(states[k])),
                     Cause(int(cause)),
+                    float(rows[max(0, k - 1) : k + 1, _PATH].max()),
+                    int(row[_ELAPSED]),
                 )
             )
         self._state = State(int(states[-1]))

@@ -25,6 +25,8 @@ BEHIND: Final = 2
 """Segments behind the last place that are looked at."""
 GIVE_UP_M: Final = 2e-3
 """The search ends where the distance has grown by this over the least one found."""
+LOST_M: Final = 2.5e-3
+"""Distance from which on the whole window is looked at: half of that at which the loop takes the plan for another's."""
 ALIKE_M: Final = 20e-6
 """Of places this much alike the first call takes the earliest: a closed path begins at its beginning."""
 
@@ -52,7 +54,9 @@ def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int)
     """Bring the place on the path up to date.
 
     Looks from two segments behind the last place up to ``window`` ahead, and no farther once the distance has grown by
-    2 mm over the least one: a path that comes back to the same spot later is not jumped to. The first call (place
+    2 mm over the least one: a path that comes back to the same spot later is not jumped to. Where that leaves the point
+    more than :data:`LOST_M` away, the search goes on to the end of the window and takes what is less than half as far:
+    a robot that has turned round, while nothing came from it, would else stay behind its turn. The first call (place
     below zero) looks at the whole path and takes the earliest place that is as near as any.
 
     Args:
@@ -73,12 +77,20 @@ def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int)
     if not anywhere:
         begin, end = max(0, row - BEHIND), min(last, row + window)
     best, found, at = math.inf, begin, 0.0
+    looked = end + 1
     for i in range(begin, end + 1):
         d, u = _on_segment(plan, i, x, y, z)
         if d < best and (not anywhere or math.sqrt(d) < math.sqrt(best) - ALIKE_M):
             best, found, at = d, i, u
         elif not anywhere and i > row and math.sqrt(d) > math.sqrt(best) + GIVE_UP_M:
+            looked = i + 1
             break
+    if not anywhere and best > LOST_M * LOST_M:
+        near = 0.25 * best
+        for i in range(looked, end + 1):
+            d, u = _on_segment(plan, i, x, y, z)
+            if d < near and math.sqrt(d) < math.sqrt(best) - ALIKE_M:
+                best, found, at = d, i, u
     if not anywhere and (found < row or (found == row and at < place[1])):
         found, at = row, place[1]  # a program does not run backwards; noise of the position must not
     place[0], place[1] = float(found), at
@@ -89,8 +101,10 @@ def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int)
 def seek(plan: Float, place: Float, sweep: Float, x: float, y: float, z: float) -> None:
     """Go on looking for the place on the whole path, some segments in a call, while the robot is not on its way yet.
 
-    When the last segment has been looked at, the earliest place that was as near as any is taken, unless the present
-    one is nearer, and the search begins anew: a program that is started again is found at its beginning.
+    When the last segment has been looked at, the earliest place that was nearer than the present one is taken, and the
+    search begins anew: a program that is started again is found at its beginning. A robot that stands where it stood,
+    because its feed is held, keeps its place on a path that passes there more than once; only from the end of a closed
+    path it goes to the beginning.
 
     Args:
         plan: (n, PLAN_COLUMNS), n >= 2.
@@ -115,7 +129,9 @@ def seek(plan: Float, place: Float, sweep: Float, x: float, y: float, z: float) 
     sweep[0] = 0.0
     found, at = _on_segment(plan, int(sweep[2]), x, y, z)
     here = math.inf if place[0] < 0.0 else _on_segment(plan, int(place[0]), x, y, z)[0]
-    if math.sqrt(found) <= math.sqrt(here) + ALIKE_M:
+    ended = int(place[0]) == last and place[1] >= 1.0
+    alike = math.sqrt(found) <= math.sqrt(here) + ALIKE_M
+    if math.sqrt(found) < math.sqrt(here) - ALIKE_M or (alike and (ended or sweep[2] == place[0])):
         place[0], place[1] = sweep[2], at
 
 
