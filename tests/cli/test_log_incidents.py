@@ -33,7 +33,7 @@ def synthetic(n: int = 1500, seed: int = 1) -> Float:
     rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3] = 4 * k, 4e6 * k, 4e6 * k + 2e4, 1
     rows[:, record.CYCLE] = k
     rows[:, COLUMNS.index("path_distance")] = 1e-5 * k
-    rows[FAULT - 1, 3] = 4
+    rows[FAULT - 1 : FAULT, 3] = 4
     state = np.full(n, float(State.ACTIVE))
     cause = np.zeros(n)
     state[HOLD - 1 : HOLD + 99], cause[HOLD - 1 : HOLD + 99] = State.HOLD, Cause.FORCE_SATURATED
