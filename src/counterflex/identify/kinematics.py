@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress
+from counterflex.core.progress import Progress, in_parts
 from counterflex.core.units import MM
 from counterflex.identify.approach_sense import as_play, with_approach, written
 from counterflex.identify.arm_geometry import ArmGeometry
@@ -48,6 +48,16 @@ from counterflex.identify.tracker_data import ROBOT_M, check_tracker_data, fixes
 from counterflex.robot.drive_error import DriveError
 
 SOURCE: Final = "counterflex identify kinematics"
+CHECKING, GEOMETRY, SAG, PERIODIC, HELD_OUT, APART = (
+    "checking the data",
+    "geometry",
+    "sag and play",
+    "periodic errors",
+    "held out",
+    "sessions and regions held out",
+)
+WORK: Final = {CHECKING: 2.0, GEOMETRY: 0.7, SAG: 0.7, PERIODIC: 5.0, HELD_OUT: 11.0, APART: 10.0}
+"""Parts of the work with what they cost (s, for a published UR10), as the progress tells them."""
 
 
 def identify(
@@ -71,6 +81,7 @@ def identify(
         FileFormatError: A channel is missing.
     """
     options = {**RECIPE.settings, **settings}
+    parts = in_parts(progress, WORK)
     prepared = with_approach([*data, *holdout], str(options["play"]))
     data, holdout = prepared[: len(data)], prepared[len(data) :]
     if options["frames"] not in ("free", "known"):
@@ -79,7 +90,7 @@ def identify(
     told = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]), known=known)
     if known_drive_errors(cell).sag is not None:
         told += ("The cell file's [axis_sag] holds for all poses; what is found here is what it leaves.",)
-    progress(0.1, "checked")
+    parts[CHECKING](1.0)
     priors = priors_of(options)
     sag = sag_as_known(cell.nominal_chain) if _tries_axes(cell, options) else str(options["sag"])
     model = model_of_data(cell, [*data, *holdout], priors, sag, tied=known is not None)
@@ -87,15 +98,15 @@ def identify(
     check_enough(setup.parameters, setup.blocks)
     everything = [*data, *holdout]
     told += _check_offsets(setup, everything, setup.parameters.nominal, options, least_m=ROBOT_M)
-    fit = solve(setup.parameters.held(setup.local), setup.blocks)
-    progress(0.3, "geometry found")
+    fit = solve(setup.parameters.held(setup.local), setup.blocks, progress=parts[GEOMETRY])
+    parts[GEOMETRY](1.0)
     if _tries_axes(cell, options):
         setup, fit, said = with_turns(cell, setup, fit, data, holdout, options, known)
         model, told = setup.model, told + said
     if options["play"] != "off":
         setup, fit, said = with_lost(cell, setup, fit, data, holdout, int(options["folds"]), known)
         model, told = setup.model, told + said
-    progress(0.4, "sag found")
+    parts[SAG](1.0)
     orders = _harmonics(str(options["periodic"]), setup, fit, priors)
     held: HeldOut | None = None
     if orders:
@@ -113,9 +124,10 @@ def identify(
             setup, fit = wider, more
     told += _check_offsets(setup, everything, fit.values, options)
     fit = with_honest_sigma(fit, setup.blocks, float(options["compliance_sigma"]), bearing_of(options))
-    progress(0.6, "fitted")
-    held = held_out(setup, holdout, int(options["folds"]), fit) if held is None else held
-    apart, not_apart = ((), ()) if holdout else held_apart(setup, fit)
+    parts[PERIODIC](1.0)
+    held = held_out(setup, holdout, int(options["folds"]), fit, parts[HELD_OUT]) if held is None else held
+    parts[HELD_OUT](1.0)
+    apart, not_apart = ((), ()) if holdout else held_apart(setup, fit, parts[APART])
     plays = _plays(setup, fit)
     return Identification(
         recipe="kinematics",

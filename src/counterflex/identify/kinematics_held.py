@@ -10,6 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Int
 from counterflex.core.errors import CounterflexError, InputError
+from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import MM
 from counterflex.identify.arm_geometry import ArmGeometry
 from counterflex.identify.dataset import Dataset
@@ -36,7 +37,7 @@ def _weighted(setup: Setup, fit: Fit) -> list[Any]:
     ]
 
 
-def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit) -> HeldOut:
+def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit, progress: Progress = silent) -> HeldOut:
     """Errors of rows that their fit had not seen: of separate data, or of folds of the postures.
 
     Args:
@@ -44,6 +45,7 @@ def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit) -> 
         holdout: Separate data; empty is folds.
         folds: How many.
         fit: With its weights; fits start there.
+        progress: Told about folds.
     """
     if holdout:
         return score_separate(
@@ -56,16 +58,17 @@ def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit) -> 
     weighted = _weighted(setup, fit)
     return cross_validate(
         setup.parameters, weighted, needed=setup.needed, error=position_error, scored=judged, folds=folds,
-        start=fit.values, robust=False, stop=Stop(tolerance=1e-7),
+        start=fit.values, robust=False, stop=Stop(tolerance=1e-7), progress=progress,
     )  # fmt: skip
 
 
-def held_apart(setup: Setup, fit: Fit) -> tuple[tuple[Figure, ...], tuple[str, ...]]:
+def held_apart(setup: Setup, fit: Fit, progress: Progress = silent) -> tuple[tuple[Figure, ...], tuple[str, ...]]:
     """Error of whole regions of the joint space, and of whole files, that their fit had not seen.
 
     Args:
         setup: Of the fit.
         fit: With its weights.
+        progress: Told about what is held out.
 
     Returns:
         Figures, and what is said of a way of holding out that these data do not allow.
@@ -88,7 +91,10 @@ def held_apart(setup: Setup, fit: Fit) -> tuple[tuple[Figure, ...], tuple[str, .
         )
     out: list[Figure] = []
     said: list[str] = []
+    shares = in_parts(progress, {f"{what} held out": 1.0 for _, what, _ in ways})
     for name, what, parts in ways:
+        told = shares[f"{what} held out"]
+        told(0.0)
         if len(np.unique(np.concatenate(list(parts.values())))) < 2:
             said.append(f"No {what} were held out: there are not two of them.")
             continue
@@ -99,7 +105,7 @@ def held_apart(setup: Setup, fit: Fit) -> tuple[tuple[Figure, ...], tuple[str, .
                 if any(own)
                 else cross_validate(
                     setup.parameters, weighted, needed=setup.needed, error=position_error, scored=list(poses),
-                    parts=parts, start=fit.values, robust=False, stop=Stop(tolerance=1e-6),
+                    parts=parts, start=fit.values, robust=False, stop=Stop(tolerance=1e-6), progress=told,
                 )
             )  # fmt: skip
         except CounterflexError as fault:

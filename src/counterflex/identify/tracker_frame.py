@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress
+from counterflex.core.progress import Progress, in_parts
 from counterflex.core.units import MM, UM, URAD
 from counterflex.identify.arm_geometry import ArmGeometry
 from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model, sag_as_known
@@ -82,15 +82,17 @@ def identify(
         [parameters.nominal[:first], displacement_between(T0, start_tracker)]
         + ([] if X0 is None or start_target is None else [displacement_between(X0, start_target)])
     )
-    progress(0.2, "registered")
-    fit = solve(parameters, blocks, start=start)
-    progress(0.5, "held out")
+    parts = in_parts(progress, {"registering": 1.0, "fitting": 2.0, "held out": 5.0})
+    parts["registering"](1.0)
+    fit = solve(parameters, blocks, start=start, progress=parts["fitting"])
     scored = [i for i, b in enumerate(blocks) if isinstance(b, FiducialResiduals)] or list(range(len(blocks)))
     if holdout:
         unseen = _blocks(cell, holdout, model, tracker, target, last=False)
         held = score_separate(parameters, blocks, unseen, error=position_error, start=start)
     else:
-        held = cross_validate(parameters, blocks, error=position_error, scored=scored, start=start)
+        held = cross_validate(
+            parameters, blocks, error=position_error, scored=scored, start=start, progress=parts["held out"]
+        )
     T_base_tracker = tracker.at(fit.values)
     T_tcp_target = None if target is None else target.at(fit.values)
     change = tracker_table(
