@@ -4,7 +4,8 @@
 
 Needs Chromium (Debian: apt-get install chromium), found as ``chromium`` or in CHROMIUM. Each page is opened in frames
 of 360, 768 and 1280 px. A page passes when nothing is wider than its frame (tables may scroll in their own box), every
-figure is drawn, the script throws nothing, and the text is not too small to read; printed, it must come out on A4.
+figure is drawn, no label of a figure is cut off or hides another, the script throws nothing, and the text is not too
+small to read; printed, it must come out on A4.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ _PROBE: Final = """
 const faults = [];
 const look = (frame) => {
   const page = frame.contentDocument, wide = frame.clientWidth;
-  const out = { width: wide, wide: [], empty: [], small: [], faults: [] };
+  const out = { width: wide, wide: [], empty: [], small: [], cut: [], over: [], faults: [] };
   out.scroll = page.documentElement.scrollWidth;
   const boxed = (item) => item.closest(".scroll") !== null || item.closest("[data-figure]") !== null;
   page.querySelectorAll("body *").forEach((item) => {
@@ -55,6 +56,20 @@ const look = (frame) => {
     const drawn = item.querySelector(".main-svg");
     if (!drawn) out.empty.push(item.dataset.figure);
     else if (drawn.getBoundingClientRect().width > item.clientWidth + 1) out.wide.push("svg of " + item.dataset.figure);
+  });
+  page.querySelectorAll("[data-figure]").forEach((item) => {
+    const box = item.getBoundingClientRect(), labels = [];
+    item.querySelectorAll(".main-svg text").forEach((text) => {
+      const at = text.getBoundingClientRect(), words = text.textContent.trim();
+      if (at.width === 0 || !words) return;
+      if (at.left < box.left - 1 || at.right > box.right + 1) out.cut.push(item.dataset.figure + ": " + words);
+    });
+    item.querySelectorAll(".annotation-text-g .bg").forEach((label) => labels.push(label.getBoundingClientRect()));
+    labels.forEach((a, i) => labels.slice(i + 1).forEach((b) => {
+      const x = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+      const y = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+      if (x > 2 && y > 2 && a.width > 0 && b.width > 0) out.over.push(item.dataset.figure);
+    }));
   });
   page.querySelectorAll("p, li, td, th, dd, dt, .name, .big, label").forEach((item) => {
     const size = parseFloat(frame.contentWindow.getComputedStyle(item).fontSize);
@@ -143,6 +158,8 @@ def faults(found: dict[str, Any]) -> list[str]:
         out.append(f"the page is {found['scroll']} px wide")
     out += [f"runs off the page: {item}" for item in found["wide"][:5]]
     out += [f"not drawn: {item}" for item in found["empty"]]
+    out += [f"label cut off: {item}" for item in found["cut"][:5]]
+    out += [f"labels over each other: {item}" for item in found["over"][:3]]
     out += [f"too small to read: {item}" for item in found["small"][:3]]
     out += [f"script: {item}" for item in found["faults"][:3]]
     return out

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 
 from counterflex.app import compensate as job
 from counterflex.app.compensate import Compensated, Language, compensate
-from counterflex.app.prediction import path_error
+from counterflex.app.prediction import chatter, chatter_said, path_error
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import MM, UM
@@ -258,3 +259,20 @@ def test_an_interrupted_run_writes_nothing(small: Path, program: ProgramFile, tm
 def test_unknown_language_is_refused(small: Path, program: ProgramFile) -> None:
     with pytest.raises(InputError, match="gcode, krl, rapid"):
         compensate(program(), read_cell(small), language="fanuc")  # type: ignore[arg-type]
+
+
+def test_a_tool_that_swings_up_is_told_from_one_that_overshoots(small: Path, program: ProgramFile) -> None:
+    """A force step bends an elastic tool to twice its rest at most; more is fed by the cut, and is no forecast."""
+    plan = compensate(program(), read_cell(small)).plan
+    assert chatter(plan) == []
+    at_rest = np.linalg.norm(plan.deflection_part[:, :3] + plan.sag_part + plan.play_part, axis=1)[plan.cutting].max()
+    row = int(np.flatnonzero(plan.cutting)[5])
+    for key, quiet, loud in (("nominal", 1.9, 2.2), ("compensated", 0.9, 1.2)):
+        for times, told in ((quiet, False), (loud, True)):
+            off = getattr(plan, f"deviation_{key}_part").copy()
+            off[row] = [0.0, times * at_rest, 0.0]  # the groove runs along x
+            found = chatter(replace(plan, **{f"deviation_{key}_part": off}))
+            assert bool(found) == told, (key, times)
+            if told:
+                assert [item["line"] for item in found] == [plan.line[row]]
+                assert f"line {plan.line[row]}" in chatter_said(found)[0]

@@ -13,7 +13,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.feed_for_tolerance import lowered_plan, shown_feed
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
-from counterflex.app.prediction import figures, prediction
+from counterflex.app.prediction import chatter_said, figures, prediction
 from counterflex.app.robot_program import check_machine, left_out, other_lengths, routine_name, tool_data
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
@@ -132,7 +132,9 @@ def compensate(
     written["tolerance_um"] = round(tolerance_m / UM, 3)
     written["lines_in"] = len("\n".join(job.program.lines).splitlines())
     written["lines_out"] = sum(len(text.splitlines()) for name, text in files.items() if not name.endswith(".dat"))
-    written["warnings"] = [*written.get("warnings", ()), *_beyond_measured(cell, plan)]
+    predicted = figures(plan)
+    said = (*_beyond_measured(cell, plan), *chatter_said(predicted["chatter"]))
+    written["warnings"] = [*written.get("warnings", ()), *said]
     parts[WRITING](1.0)
     about = {
         "job": "compensate",
@@ -143,7 +145,7 @@ def compensate(
         "files": list(files),
         "job_hash": job_hash(plan),
         "written": written,
-        "prediction": figures(plan),
+        "prediction": predicted,
         **({} if feed is None else {"feed": shown_feed(lowered, feed)}),
         "seconds": round(time.perf_counter() - begin, 3),
         "counterflex": __version__,

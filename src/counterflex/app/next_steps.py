@@ -9,6 +9,7 @@ from counterflex.core.units import MM
 from counterflex.evaluate.features import FeatureRow
 from counterflex.files.cell import Cell
 from counterflex.programs.krl_writer import krl_pose
+from counterflex.programs.machine_functions import Dialect
 from counterflex.report.data import Fact
 
 _ENOUGH: Final = 0.8
@@ -24,12 +25,13 @@ _PLACES: Final = {
 }
 
 
-def to_load(summary: Mapping[str, Any], cell: Cell) -> tuple[Fact, ...]:
+def to_load(summary: Mapping[str, Any], cell: Cell, tools: Sequence[int]) -> tuple[Fact, ...]:
     """Files of a compensated program and what the controller must have set for them.
 
     Args:
         summary: Of the job ``compensate``.
         cell: The cell it was planned for.
+        tools: Numbers of the tools that cut.
     """
     controller, language = cell.tables.controller, summary["language"]
     files = ", ".join(summary["files"])
@@ -38,7 +40,7 @@ def to_load(summary: Mapping[str, Any], cell: Cell) -> tuple[Fact, ...]:
         return (
             Fact("Copy", files, "", "to KRC:\\R1\\Program, all of them"),
             Fact(f"BASE_DATA[{controller.base_number}]", frame, "mm, deg", "the part frame that was planned with"),
-            Fact("TOOL_DATA", tool, "mm, deg", f"the tool that was planned with; number {controller.tool_number}"),
+            *_tool_frames(cell, "krl", tools, tool, f"TOOL_DATA[{controller.tool_number}]"),
         )
     if language == "rapid":
         return (
@@ -46,12 +48,24 @@ def to_load(summary: Mapping[str, Any], cell: Cell) -> tuple[Fact, ...]:
                 "Load", files, "", "as a program module; it brings its wobjdata, and tooldata unless the cell names one"
             ),
             Fact("Part frame", frame, "mm, deg about z, y', x''", "in the robot's base, as planned"),
+            *_tool_frames(cell, "rapid", tools, tool, ""),
         )
     return (
         Fact("Load", files, "", "in place of the original, under the same name"),
         Fact("Part frame", frame, "mm, deg about z, y', x''", "program zero in the robot's base, as planned"),
         Fact("Tool", tool, "mm, deg about z, y', x''", "tip in the flange, as planned"),
     )
+
+
+def _tool_frames(cell: Cell, language: Dialect, tools: Sequence[int], frame: str, other: str) -> list[Fact]:
+    """Tool frames that a robot program uses by name: of the tools that have one, else ``other`` (empty: none)."""
+    named = cell.machine_functions(language).tool_data
+    names = {number: f"TOOL_DATA[{named[number]}]" if language == "krl" else named[number] for number in named}
+    own = [(names.get(number, other), number) for number in tools]
+    if len(tools) > 1:
+        what = "its tip, measured on this robot; lengths differ from tool to tool, the direction does not"
+        return [Fact(name, f"T{number}", "", what) for name, number in own if name]
+    return [Fact(name, frame, "mm, deg", f"T{number} as it was planned with") for name, number in own if name]
 
 
 def after_compensation(summary: Mapping[str, Any], cell: Cell) -> tuple[str, ...]:
@@ -72,7 +86,15 @@ def after_compensation(summary: Mapping[str, Any], cell: Cell) -> tuple[str, ...
         )
     if "predicted_compensated" in found:
         after, before = found["predicted_compensated"], found["predicted_nominal"]
-        if after["max_mm"] > (1.0 - _ENOUGH) * before["max_mm"]:
+        chatters = found["chatter"]
+        if chatters:
+            lines = ", ".join(str(item["line"]) for item in chatters[:_MOST])
+            steps.insert(
+                len(found["collisions"]),
+                f"Line {lines}: the tool is predicted to chatter, which no correction mends. Less depth (pecks: G83), "
+                "another feed or spindle speed, a stiffer tool.",
+            )
+        elif after["max_mm"] > (1.0 - _ENOUGH) * before["max_mm"]:
             steps.append(
                 f"Up to {after['max_mm']:.3f} mm remain where the force changes faster than the robot follows: a lower "
                 f"feed there leaves less, counterflex compensate {program} --feed-for-tolerance-um "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import platform
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -19,6 +19,11 @@ from counterflex.files.cell import Cell
 from counterflex.path.toolpath import RAPID
 from counterflex.plan.plan import Plan, across
 from counterflex.report.data import Fact, PredictionData
+
+_OVERSHOOT: Final = 2.0
+_FREE_PLAY_M: Final = 20.0 * UM
+"""Beside the overshoot: what play and friction leave open."""
+_LISTED: Final = 6
 
 
 def figures(plan: Plan) -> dict[str, Any]:
@@ -50,7 +55,39 @@ def figures(plan: Plan) -> dict[str, Any]:
             continue
         size = np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)[cutting]
         out[f"predicted_{name}"] = path_error(size, _weights(plan)[cutting])
+    out["chatter"] = chatter(plan)
     return out
+
+
+def chatter(plan: Plan) -> list[dict[str, Any]]:
+    """Lines in which the predicted tool swings up instead of following its force, with how far.
+
+    A force that is there at once makes an elastic tool overshoot to twice what it would give way at rest. What goes
+    further is fed by the cut itself, and so is more than that rest where a correction has taken the rest away: the
+    figures of such a line are those of a model that chatters, and no correction takes them away.
+    """
+    cutting, p = plan.cutting, plan.path.p_part_tcp
+    at_rest = np.linalg.norm(plan.deflection_part[:, :3] + plan.sag_part + plan.play_part, axis=1)
+    most = float(at_rest.max(initial=0.0, where=cutting))
+    worst: dict[int, float] = {}
+    for deviation, times in ((plan.deviation_nominal_part, _OVERSHOOT), (plan.deviation_compensated_part, 1.0)):
+        size = np.linalg.norm(across(deviation, p), axis=1)
+        for row in np.flatnonzero(cutting & (size > times * most + _FREE_PLAY_M)):
+            line = int(plan.line[row])
+            worst[line] = max(worst.get(line, 0.0), float(size[row]))
+    return [{"line": line, "deviation_mm": round(size / MM, 3)} for line, size in sorted(worst.items())]
+
+
+def chatter_said(found: list[dict[str, Any]]) -> list[str]:
+    """The same in words; empty where nothing chatters."""
+    if not found:
+        return []
+    hardest = max(found, key=lambda item: float(item["deviation_mm"]))
+    lines = ", ".join(str(item["line"]) for item in found[:_LISTED]) + (", ..." if len(found) > _LISTED else "")
+    return [
+        f"the model chatters in line {lines}, up to {hardest['deviation_mm']:.3g} mm in line {hardest['line']}: "
+        "predicted errors there are no forecast. Less depth (pecks: G83), another feed or spindle speed, a stiffer tool"
+    ]
 
 
 def path_error(size_m: Float, weight_m: Float) -> dict[str, float]:
@@ -86,7 +123,7 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionDat
         Fact("Cell", cell.name),
         Fact("Peak force", f"{found['peak_force_n']['value']:.0f} N", f"line {found['peak_force_n']['line']}"),
         Fact("Peak deflection", f"{worst['value'] / 1000:.2f} mm", f"line {worst['line']}"),
-        Fact("Material removed", f"{found['removed_mm3'] / 1000:.1f} cm3"),
+        Fact("Material removed", f"{found['removed_mm3'] / 1000:.1f} cm³"),
         Fact("Programmed time", f"{found['duration_s']:.0f} s"),
     ]
     for name, what in (("nominal", "before"), ("compensated", "after")):
@@ -103,6 +140,7 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionDat
             f"{100 * found['extrapolated_force_share']:.2g} % of the force comes from chips outside the range of the "
             "cutting constants."
         )
+    notes += [f"{text[0].upper()}{text[1:]}." for text in chatter_said(found["chatter"])]
     notes += [f"Rapid in line {c['line']} removes {c['volume_mm3']:.1f} mm3 of material." for c in found["collisions"]]
     return PredictionData(
         title=str(summary["program"]),
@@ -122,7 +160,7 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionDat
         line=plan.line,
         **_errors(plan, found),
         drawing=drawing(plan, cell),
-        load=to_load(summary, cell),
+        load=to_load(summary, cell, np.unique(plan.path.tool[plan.cutting]).tolist()),
         next_steps=after_compensation(summary, cell),
     )
 

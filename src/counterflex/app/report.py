@@ -56,7 +56,7 @@ def _page(comparison: Comparison, plan: Plan, found: Mapping[str, Any], timing: 
     number = simulate.tool_of(comparison.reference.job.path)
     tool = next(table for table in cell.tables.tools if table.number == number)
     facts = (
-        Fact("Part", str(comparison.summary["program"]), "", f"{found['removed_mm3'] / 1000:.1f} cm3 removed"),
+        Fact("Part", str(comparison.summary["program"]), "", f"{found['removed_mm3'] / 1000:.1f} cm³ removed"),
         Fact("Robot", robot_name(cell)),
         Fact("Cell", cell.name),
         Fact("Tool", tool.name or f"D{tool.diameter_mm:g}", "", f"{tool.flutes} flutes"),

@@ -14,7 +14,7 @@ from counterflex.report.data import CellDrawing
 
 _ROBOT: Final = "#e2701c"
 _TOOL: Final = "#26384a"
-_BLANK: Final = "#8fa3b5"
+_BLANK: Final = "#7c3aed"
 _PATH: Final = "#15803d"
 _REACH: Final = "#9aa5b0"
 
@@ -37,12 +37,12 @@ def cell_figure(drawing: CellDrawing) -> dict[str, Any]:
     data: list[dict[str, Any]] = []
     for number, (view, reach) in enumerate(((side, _from_side(drawing)), (above, _from_above(drawing)))):
         data += [_line(curve, number, "reach of the flange, wrist stretched", _REACH, 1.2, "dot") for curve in reach]
-        data.append(_blank(view(drawing.blank_m), number))
+        links = view(drawing.links_m)
+        data.append(_links(links[: drawing.flange + 1], number, drawing.robot.split(" (")[0], _ROBOT))
+        data.append(_links(links[drawing.flange :], number, "tool", _TOOL))
+        data.append(_blank(view(drawing.blank_m), number))  # before the tool, which would hide a small one
         if len(drawing.path_m):
             data.append(_line(view(drawing.path_m), number, "tool path", _PATH, 1.0))
-        links = view(drawing.links_m)
-        data.append(_links(links[: drawing.flange + 1], number, drawing.robot, _ROBOT))
-        data.append(_links(links[drawing.flange :], number, "tool", _TOOL))
     seen: set[str] = set()
     for trace in data:
         trace["showlegend"] = trace["name"] not in seen
@@ -91,7 +91,7 @@ def _blank(corners: Float, view: int) -> dict[str, Any]:
     """Outline of the blank as it is seen."""
     hull = corners[ConvexHull(corners).vertices]
     closed = np.vstack([hull, hull[:1]])
-    return {**_line(closed, view, "blank", _BLANK, 1.5), "fill": "toself", "fillcolor": "rgba(143,163,181,0.35)"}
+    return {**_line(closed, view, "blank", _BLANK, 1.5), "fill": "toself", "fillcolor": "rgba(124,58,237,0.35)"}
 
 
 def _layout() -> dict[str, Any]:

@@ -56,6 +56,12 @@ def budget_figure(budget: tuple[BudgetLine, ...]) -> dict[str, Any]:
             "yaxis": {"automargin": True},
             "showlegend": False,
         },
+        "narrow": {
+            "xaxis.title.text": "mean part, µm",
+            "xaxis.range": [low - 0.03 * span, high + 1.3 * span],
+            "xaxis.nticks": 4,
+            "yaxis.tickfont": {"size": 10},
+        },
     }
 
 
@@ -88,6 +94,7 @@ def histogram_figure(
             "yaxis": {"title": {"text": "share of area, %"}, "type": "log", "dtick": 1, "range": [-2.5, 2.0]},
             "legend": {"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "bottom"},
         },
+        "narrow": {"xaxis.title.text": "deviation, mm (+ = material left)", "margin.l": 52},
     }
 
 

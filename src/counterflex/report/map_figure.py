@@ -19,6 +19,7 @@ LIMIT_CELLS: Final = 120_000
 _LIMIT_3D: Final = 16_000
 _APART: Final = 0.14  # of the part's longer side
 _LABEL_PX: Final = (64.0, 20.0)
+_NUMBER_PX: Final = (24.0, 20.0)
 _BAND_MM: Final = 2.0
 
 
@@ -177,7 +178,12 @@ def map_figure(before: MapPicture, after: MapPicture, places: tuple[Callout, ...
             *(_pointer(place, n, offset) for place, offset in zip(places, offsets, strict=True) for n in (0, 1)),
         ],
     }  # fmt: skip
-    return {"data": data, "layout": layout, "narrow": _narrow(height / width, limit_mm)}
+    return {
+        "data": data,
+        "layout": layout,
+        "medium": _short(places, before, width),
+        "narrow": _narrow(height / width, limit_mm),
+    }
 
 
 def _narrow(aspect: float, limit_mm: float) -> dict[str, Any]:
@@ -203,6 +209,17 @@ def _narrow(aspect: float, limit_mm: float) -> dict[str, Any]:
         "annotations[1].y": low,
         "annotations[1].yshift": 12,
     }
+
+
+def _short(places: tuple[Callout, ...], picture: MapPicture, width_mm: float) -> dict[str, Any]:
+    """Call-outs on a narrow screen: numbers alone, the values stand in the table; placed anew, the maps are smaller."""
+    out: dict[str, Any] = {}
+    offsets = _offsets(places, picture, 290.0 / width_mm, _NUMBER_PX)
+    for k, (place, offset) in enumerate(zip(places, offsets, strict=True)):
+        for n in (2 + 2 * k, 3 + 2 * k):  # behind the two titles
+            out |= {f"annotations[{n}].text": f"<b>{place.label}</b>"}
+            out |= {f"annotations[{n}].ax": offset[0], f"annotations[{n}].ay": offset[1]}
+    return out
 
 
 def figure_3d(surface: NominalSurface, found: SurfaceDeviation, limit_mm: float) -> dict[str, Any]:
@@ -260,6 +277,7 @@ def figure_3d(surface: NominalSurface, found: SurfaceDeviation, limit_mm: float)
                 "camera": {"eye": {"x": -0.6, "y": -1.9, "z": 1.5}, "center": {"x": 0.0, "y": 0.0, "z": -0.15}},
             },
         },
+        "narrow": {"height": 400, "scene.camera.eye": {"x": -0.9, "y": -2.9, "z": 2.3}},
     }
 
 
@@ -282,9 +300,11 @@ def _blank(size: Float, picture: MapPicture, j: int, i: int) -> None:
     size[near] = 0.0
 
 
-def _offsets(places: tuple[Callout, ...], picture: MapPicture, px_per_mm: float) -> list[tuple[int, int]]:
+def _offsets(
+    places: tuple[Callout, ...], picture: MapPicture, px_per_mm: float, label_px: tuple[float, float] = _LABEL_PX
+) -> list[tuple[int, int]]:
     """Offset of each label from its place in pixels (right, down), so that labels hide no other label or place."""
-    width, height = _LABEL_PX
+    width, height = label_px
     spots = [(p.x_mm * px_per_mm, -p.y_mm * px_per_mm) for p in places]
     left, right = float(picture.x_mm[0]) * px_per_mm, float(picture.x_mm[-1]) * px_per_mm
     top, bottom = -float(picture.y_mm[-1]) * px_per_mm, -float(picture.y_mm[0]) * px_per_mm

@@ -97,6 +97,7 @@ def space_figure(data: PredictionData) -> dict[str, Any]:
             "coloraxis": {
                 "colorscale": "Viridis",
                 "cmin": 0.0,
+                "cmax": _brightest(size[data.cutting]),
                 "colorbar": {
                     "orientation": "h",
                     "x": 0.5,
@@ -115,7 +116,22 @@ def space_figure(data: PredictionData) -> dict[str, Any]:
                 "camera": {"eye": {"x": -1.0, "y": -1.9, "z": 1.3}, "center": {"x": 0.0, "y": 0.0, "z": -0.15}},
             },
         },
+        "narrow": {
+            "height": 420,
+            "scene.camera.eye": {"x": -1.7, "y": -3.2, "z": 2.2},
+            "scene.camera.center": {"x": 0.1, "y": 0.0, "z": -0.1},
+            **{
+                f"scene.{axis}axis.{key}": value
+                for axis in "xyz"
+                for key, value in (("nticks", 4), ("tickfont", {"size": 9}))
+            },
+        },
     }
+
+
+def _brightest(size: Float) -> float:
+    """End of the colours: one point that stands out does not make all others dark."""
+    return max(float(np.percentile(size, 99.0)), 1.0) if len(size) else 1.0
 
 
 def _few(rows: Any) -> Any:
