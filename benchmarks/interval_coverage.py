@@ -21,13 +21,14 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from coverage_cases import cubes, holder, poses, pulls, steps
+from coverage_cases import cubes, holder, poses, pulls, slots, steps
 from coverage_cases.counted import Counted
 
 Case = Callable[..., list[Counted]]
 CASES: dict[str, Case] = {
     "stiffness": pulls.stiffness_of_pulls,
     "kinematics": poses.kinematics_of_poses,
+    "cutting": slots.constants_of_slots,
     "holder": holder.holder_of_loads,
     "cubes": cubes.stiffness_of_cubes,
     "servo": steps.gains_of_steps,

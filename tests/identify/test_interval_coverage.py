@@ -13,7 +13,7 @@ from counterflex.identify.geometry_setup import set_up
 from counterflex.identify.jackknife import parts_of_groups, with_jackknife
 from counterflex.identify.solve import solve
 from counterflex.twin.laboratory import laboratory
-from coverage_cases import cubes, holder, poses, pulls
+from coverage_cases import cubes, holder, poses, pulls, slots
 from coverage_cases.counted import Counted
 
 Case = Callable[..., list[Counted]]
@@ -37,6 +37,7 @@ def by_sigma(found: dict[str, list[Counted]]) -> float:
 
 
 SEEDS = range(100, 106)
+LIMIT_OF_CUTS = 1.4
 BENT = ("axis6.ry", "spindle.ry")
 """What bearings beside their places move most; their intervals held the truth in 47 and 17 % before."""
 LEANING = ("axis1.drx", "axis2.dx")
@@ -62,6 +63,11 @@ def test_what_all_readings_share_is_in_the_intervals(case: Case, errors: bool) -
     found = count(case, range(100, 102), errors=errors)
     assert share(found) > 0.92
     assert 0.3 < by_sigma(found) < 1.3
+
+
+def test_cuts_that_differ_are_in_the_intervals_of_force_constants() -> None:
+    """Runout, wear, repeats and cross-talk; what is the same in all cuts stays out, and is said."""
+    assert by_sigma(count(slots.constants_of_slots, range(2), errors=True)) < LIMIT_OF_CUTS
 
 
 def test_intervals_are_not_below_what_poses_left_out_show() -> None:

@@ -26,6 +26,7 @@ from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
 from counterflex.identify.force_forms import EDGES, FORMS, Form, form
 from counterflex.identify.holdout import HeldOut, cross_validate, score_separate
+from counterflex.identify.jackknife import parts_of_groups, with_jackknife
 from counterflex.identify.model import CellModel
 from counterflex.identify.parameters import Parameters
 from counterflex.identify.recipe import Figure, Identification, Recipe
@@ -88,7 +89,9 @@ def identify(
     wanted = FORMS if options["form"] == "auto" else (form(str(options["form"])),)
     trials = problem.trials(wanted, int(options["folds"]), int(options["seed"]), progress)
     best = _simplest(trials)
-    fit = solve_physical(problem.parameters(best.form), problem.train(best.form))
+    train = problem.train(best.form)
+    fit = solve_physical(problem.parameters(best.form), train)
+    fit = with_jackknife(fit, [train], parts_of_groups([train]))
     judged, before = problem.judged(best, bool(holdout))
     progress(0.97, "reporting")
     chosen = Chosen(found, problem.train(best.form), best.form, fit, problem.h_ref_m, problem.range_m)

@@ -175,6 +175,10 @@ def remarks(chosen: Chosen, law: ForceLaw) -> tuple[str, ...]:
             "Runout is not seen: it needs a record of the single teeth (rate well above the tooth passing frequency) "
             "from a sensor that is true there (setting bandwidth_hz); its mean effect is part of the constants"
         )
+    out.append(
+        "Cross-talk of the force sensor and steady wear are the same in all cuts and not in the intervals: with 2 % "
+        "cross-talk, 5 um runout and 0.3 % wear from cut to cut they hold the truth in 83 % of simulated campaigns, not in 95 %"
+    )
     k, _, _ = constants(law, chosen.h_ref_m)
     change = fit.values[0] / k[0]
     if not 0.5 < change < 2.0:
