@@ -18,6 +18,7 @@ from counterflex.identify.compliances import bearing_of
 from counterflex.identify.dataset import Dataset, of_arrays
 from counterflex.identify.geometry_setup import set_up
 from counterflex.identify.kinematics_proposal import propose
+from counterflex.identify.kinematics_stages import model_of_data, priors_of
 from counterflex.identify.model import CellModel
 from counterflex.identify.sag_considered import with_honest_sigma
 from counterflex.identify.solve import solve
@@ -111,7 +112,7 @@ def kinematics_of_poses(seed: int, *, errors: bool) -> list[Counted]:
     truth, lab, own = truth_of(cell_file(), seed), laboratory(seed), cell()
     data = seen(truth, lab, angles(), errors=errors)
     options = kinematics.RECIPE.settings
-    model = kinematics.model_of_data(own, [data], kinematics.priors_of(options), "masses", tied=False)
+    model = model_of_data(own, [data], priors_of(options), "masses", tied=False)
     setup = set_up(own, model, [data])
     fit = solve(setup.parameters, setup.blocks)
     fit = with_honest_sigma(fit, setup.blocks, float(options["compliance_sigma"]), bearing_of(options))

@@ -11,6 +11,7 @@ from counterflex.app.truth import truth_of
 from counterflex.identify import kinematics, sag_considered
 from counterflex.identify.geometry_setup import set_up
 from counterflex.identify.jackknife import parts_of_groups, with_jackknife
+from counterflex.identify.kinematics_stages import model_of_data, priors_of
 from counterflex.identify.solve import solve
 from counterflex.twin.laboratory import laboratory
 from coverage_cases import cubes, holder, poses, pulls, slots
@@ -76,7 +77,7 @@ def test_intervals_are_not_below_what_poses_left_out_show() -> None:
         poses.seen(truth_of(poses.cell_file(), 100), laboratory(100), poses.angles(), errors=True),
     )
     options = kinematics.RECIPE.settings
-    model = kinematics.model_of_data(own, [data], kinematics.priors_of(options), "masses", tied=False)
+    model = model_of_data(own, [data], priors_of(options), "masses", tied=False)
     setup = set_up(own, model, [data])
     fit = solve(setup.parameters, setup.blocks)
     apart = with_jackknife(fit, setup.blocks, parts_of_groups(setup.blocks))
