@@ -13,8 +13,9 @@ from counterflex.app.truth import make_truth
 from counterflex.files.cell import read_cell
 from counterflex.files.run_log import read_log
 from counterflex.runtime.fusion import Source
+from counterflex.runtime.plausibility_kernel import DOUBT_STEP
 from counterflex.runtime.record_ring import COLUMNS
-from counterflex.runtime.supervisor import State
+from counterflex.runtime.supervisor import Cause, State
 from counterflex.twin.force_sensor import force_sensor
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -49,6 +50,8 @@ def test_fused_over_sockets_and_replayed(tmp_path: Path) -> None:
     assert cut == []
     named = dict(zip(COLUMNS, rows.T, strict=True))
     active = named["out_state"] == State.ACTIVE
+    assert not np.any(named["out_doubt"].astype(int) & DOUBT_STEP)
+    assert Cause.FORCE_OFFSET not in named["out_cause"]
     sources = set(named["out_sources"][active].astype(int).tolist())
     assert int(Source.PLAN | Source.FORCE) in sources
     factors = np.stack([named[f"factor_{d}"][active][-1] for d in ("feed", "across", "axial")])

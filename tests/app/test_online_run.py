@@ -16,8 +16,9 @@ from counterflex.app.truth import make_truth
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell import read_cell
 from counterflex.files.run_log import read_log
+from counterflex.runtime.plausibility_kernel import DOUBT_STEP
 from counterflex.runtime.record_ring import COLUMNS
-from counterflex.runtime.supervisor import State
+from counterflex.runtime.supervisor import Cause, State
 from counterflex.twin.force_sensor import force_sensor
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -82,6 +83,8 @@ def test_correcting_while_milling_pair(place: Place) -> None:
     named = dict(zip(COLUMNS, rows.T, strict=True))
     steps = np.diff(named["counter_ms"][named["elapsed"] > 0])
     assert np.all(steps >= 0)
+    assert not np.any(named["out_doubt"].astype(int) & DOUBT_STEP)
+    assert Cause.FORCE_OFFSET not in named["out_cause"]
     force = named["filtered_fy"][named["out_state"] == State.ACTIVE]
     assert np.max(np.abs(force)) > 200.0
     again = run_log.replay(place.folder / "acted-log", place.cell, place.plan, compensated=False)

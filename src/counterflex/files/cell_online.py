@@ -15,6 +15,7 @@ from counterflex.runtime.fusion import FusionTuning
 from counterflex.runtime.settings import (
     Delays,
     ForceMode,
+    ForceOffset,
     Lost,
     OnlineSettings,
     Output,
@@ -45,6 +46,7 @@ class OnlineTable(Table):
     force: Literal["none", "measured", "pilot", "scale", "fused"] = "pilot"
     tracker: Literal["none", "integrator", "observer", "designed"] = "none"
     tracker_lost: Literal["hold", "fallback"] = "hold"
+    force_offset: Literal["hold", "plan", "tell"] = "hold"
     output: Literal["cartesian", "axes"] = "cartesian"
     mode: Literal["absolute", "relative"] = "absolute"
     axis_play: bool = False
@@ -131,6 +133,7 @@ class OnlineTable(Table):
             force=ForceMode[self.force.upper()],
             tracker=TrackerMode[self.tracker.upper()],
             tracker_lost=Lost[self.tracker_lost.upper()],
+            force_offset=ForceOffset[self.force_offset.upper()],
             output=Output[self.output.upper()],
             axis_play=self.axis_play,
             own_play_rad=tuple(x * URAD for x in self.own_play_urad),  # type: ignore[arg-type]

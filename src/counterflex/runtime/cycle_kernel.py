@@ -14,8 +14,10 @@ from counterflex.runtime import layout as at
 from counterflex.runtime import monitor_layout as ml
 from counterflex.runtime.axis_play_kernel import play_after
 from counterflex.runtime.fast_force_kernel import take_samples
+from counterflex.runtime.force_step_kernel import believe_force
 from counterflex.runtime.monitor_kernel import hand_over, watch
 from counterflex.runtime.override_kernel import K_STEP, ask_speed
+from counterflex.runtime.quiet_kernel import swing_mass
 from counterflex.runtime.step_kernel import step
 from counterflex.runtime.watch_kernel import after_step, before_step
 
@@ -59,14 +61,19 @@ def cycle(table: Int) -> None:
     process_choices, process_constants = wholes(table, A_PROCESS + 3), reals(table, A_PROCESS + 2)
     process_results, process_outcome = reals(table, A_PROCESS + 7), wholes(table, A_PROCESS + 8)
     hand_over(process, flags)
+    constants, scratch = reals(table, A_CONSTANTS), matrix(table, A_ELASTIC + 3)
     before_step(
-        given, flags, reals(table, A_CONSTANTS), choices, state, whole, ring, results, limits, times, memory, counts,
-        work,
+        given, flags, constants, choices, state, whole, ring, results, limits, times, memory, counts, work,
+    )  # fmt: skip
+    monitored = reals(table, A_PROCESS + 5)
+    swing_kg = swing_mass(process_constants, monitored, process)
+    believe_force(
+        given, flags, choices, constants, state, whole, ring, scratch[1], swing_kg, limits, times, memory, counts, work
     )  # fmt: skip
     step(
         given,
         flags,
-        reals(table, A_CONSTANTS),
+        constants,
         choices,
         wholes(table, A_SUPERVISOR),
         plan,
@@ -85,7 +92,7 @@ def cycle(table: Int) -> None:
         reals(table, A_ELASTIC),
         matrix(table, A_ELASTIC + 1),
         matrix(table, A_ELASTIC + 2),
-        matrix(table, A_ELASTIC + 3),
+        scratch,
         reals(table, A_ELASTIC + 4),
         results,
         outcome,
@@ -96,11 +103,11 @@ def cycle(table: Int) -> None:
     )
     after_step(
         given, flags, choices, state, whole, ring, results, outcome, limits, times, wholes(table, A_TESTS + 5)[0],
-        memory, counts, work,
+        swing_kg * monitored[ml.S_MOVED], memory, counts, work,
     )  # fmt: skip
     watch(
         given, flags, results, outcome, place, plan, watched, reals(table, A_PROCESS + 1), process_constants,
-        process_choices, reals(table, A_PROCESS + 5), process, process_results, process_outcome,
+        process_choices, monitored, process, process_results, process_outcome,
         reals(table, A_PROCESS + 9),
     )  # fmt: skip
     speed, asked = reals(table, A_PROCESS + 4), reals(table, A_PROCESS + 10)

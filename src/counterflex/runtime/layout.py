@@ -91,7 +91,8 @@ W_BRIDGE: Final = 16  # age of a force up to which the plan alone goes on
 W_REPORTED_BACK: Final = 17  # cycles back to the nominal pose that a reported one belongs to
 W_AHEAD: Final = 18  # column of the plan that is read ahead of time
 W_TRACKER_LOST: Final = 19  # 1: a tracker that is not relied on any more holds; 0: its part stands still
-CHOICES: Final = 20
+W_FORCE_OFFSET: Final = 20  # what follows a step of the force: ForceOffset
+CHOICES: Final = 21
 
 # State, float64.
 S_Y: Final = 0  # 6: correction sent, m and rotation vector, part axes
@@ -136,7 +137,9 @@ S_IDLE: Final = 663  # 6: axis torque without a cut, as the axes move now
 S_BESIDE: Final = 669  # 6: axis torque less that of the measured force
 S_MOTOR: Final = 675  # 12: angles of the motors and of the links, corrected and under the predicted force
 S_SOON: Final = 687  # 6: force that the plan expects when a correction sent now acts
-STATE: Final = 693
+S_LATE: Final = 693  # 6: predicted force that a measured one is compared with, before the filters
+S_BELIEVED: Final = 699  # 6: force that the step takes for the measured one
+STATE: Final = 705
 
 # State, int64: 0..8 of the supervisor, then
 N_RING: Final = 9  # next row of the ring

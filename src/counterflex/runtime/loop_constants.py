@@ -27,7 +27,7 @@ from counterflex.runtime.settings import (
 SCALE_VARIANCE: Final = 0.25**2
 """Variance of a learnt factor of the force before anything is learnt."""
 _WINDOW = 200
-_TORQUE_MEMORY_S = 0.5
+TORQUE_MEMORY_S: Final = 0.5
 """Over which the friction in a motor current stays the same, so that its samples are no new information."""
 
 
@@ -62,7 +62,7 @@ def pack_constants(settings: OnlineSettings, T_base_part: Float, plan: LoopPlan 
     out[at.C_FOLLOW] = settings.delays.follow_s if fused else 0.0
     put(at.C_FUSION, settings.fusion.packed(T))
     out[at.C_TRACKER_LATE] = settings.delays.tracker_s
-    put(at.C_TORQUE, np.square(settings.fusion.torque_nm) * _TORQUE_MEMORY_S / T)
+    put(at.C_TORQUE, np.square(settings.fusion.torque_nm) * TORQUE_MEMORY_S / T)
     put(at.C_TRANSLATION, settings.translation.packed())
     put(at.C_ROTATION, settings.rotation.packed())
     share = settings.ramp_m_s / settings.translation.speed
@@ -122,6 +122,7 @@ def pack_choices(settings: OnlineSettings, plan: LoopPlan | None) -> Int:
     out[at.W_COMPENSATED], out[at.W_NORMAL] = settings.compensated, settings.normal_only
     out[at.W_ORIENTATION], out[at.W_PLAN] = settings.orientation, plan is not None
     out[at.W_TRACKER_LOST] = settings.tracker_lost == Lost.HOLD or settings.force == ForceMode.NONE
+    out[at.W_FORCE_OFFSET] = settings.force_offset
     out[at.W_STALE], out[at.W_LOST] = settings.stale_cycles, settings.lost_cycles
     out[at.W_WINDOW] = _WINDOW
     bridged = plan is not None and settings.force in (ForceMode.PILOT, ForceMode.SCALE)

@@ -41,6 +41,11 @@ class Plausibility:
         angle_rad: Largest angle between measured and predicted force.
         force_n: Force below which a direction is not judged.
         direction_s: How long a wrong direction lasts before it is a fault.
+        step_n: Largest step of the measured less the planned force where plan and speed stay.
+        step_plan: Share of a change of the planned force that swings on.
+        step_few_s: Over which samples a step is looked for.
+        step_long_s: How far apart the means are in which a slower one is looked for.
+        step_back_s: How long it must be gone.
         idle_n: Largest force where the plan cuts air.
         idle_nm: Largest moment there.
         idle_s: How long it lasts before the loop holds.
@@ -65,6 +70,11 @@ class Plausibility:
     angle_rad: float = 60.0 * DEG
     force_n: float = 50.0
     direction_s: float = 250.0 * MS
+    step_n: float = 40.0
+    step_plan: float = 0.4
+    step_few_s: float = 12.0 * MS
+    step_long_s: float = 600.0 * MS
+    step_back_s: float = 100.0 * MS
     idle_n: float = 15.0
     idle_nm: float = 5.0
     idle_s: float = 500.0 * MS
@@ -84,12 +94,16 @@ class Plausibility:
                 "plausibility: angle_rad lets every direction pass", value=self.angle_rad / DEG, limit="< 180 deg"
             )
 
-    def packed(self, period_s: float, gain: float = 0.0) -> tuple[Float, Int]:
+    def packed(
+        self, period_s: float, gain: float = 0.0, mode_hz: float = 8.0, mode_damping: float = 0.1
+    ) -> tuple[Float, Int]:
         """(LIMITS,) and (TIMES,) for the kernels, with times in cycles of ``period_s``, at least one each.
 
         Args:
             period_s: Cycle.
             gain: Of the tracker's integrator, per cycle; 0: none, the mirror image is not judged.
+            mode_hz: Lowest mode of the arm, about which it swings when a load comes or goes.
+            mode_damping: Its damping ratio.
         """
         limits = np.zeros(pk.LIMITS)
         for place, value in (
@@ -109,6 +123,10 @@ class Plausibility:
             (pk.L_PERIOD, period_s),
             (pk.L_MIRRORED, self.mirrored),
             (pk.L_SHARE, self.rejected_share),
+            (pk.L_STEP_N, self.step_n),
+            (pk.L_STEP_PLAN, self.step_plan),
+            (pk.L_STEP_FADE, math.exp(-mode_damping * 2.0 * math.pi * mode_hz * period_s)),
+            (pk.L_STEP_MEMORY, math.exp(-0.5 * mode_hz * period_s)),
         ):
             limits[place] = value
         times = np.zeros(pk.TIMES, dtype=np.int64)
@@ -121,6 +139,10 @@ class Plausibility:
             (pk.T_IDLE, self.idle_s),
             (pk.T_SHARE, self.rejected_s),
             (pk.T_SILENT, self.silent_s),
+            (pk.T_STEP_FEW, max(self.step_few_s, 2.0 * period_s)),
+            (pk.T_STEP_PERIOD, min(1.0 / mode_hz, pk.STEP_MOST // 3 * period_s)),
+            (pk.T_STEP_LONG, min(self.step_long_s, pk.STEP_MOST // 2 * period_s)),
+            (pk.T_STEP_BACK, self.step_back_s),
             (pk.T_WINDOW, min(100.0 * MS, pk.WINDOW_MOST * period_s)),
         ):
             times[place] = max(1, round(seconds / period_s))

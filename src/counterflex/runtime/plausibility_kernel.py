@@ -11,6 +11,7 @@ What each can see, and what it cannot:
 - *direction*: while cutting, the measured force must point about where the predicted one points. It sees a sensor frame
   that is turned or mirrored where this changes the direction of the force by more than the limit; a turn about the
   force itself, or a factor on it, it cannot see.
+- *step*: the force must not jump where neither plan nor speed do (:mod:`counterflex.runtime.force_step_kernel`).
 - *idle*: where the plan cuts air, the sensor must show next to nothing.
 """
 
@@ -40,7 +41,12 @@ L_PERIOD: Final = 13
 L_MIRRORED: Final = 14  # share by which the residual's change may differ from the correction's mirrored one
 L_SHARE: Final = 15  # share of a tracker's last samples that may be rejected
 L_LATE: Final = 16  # s, age of a tracker's sample that does not say it
-LIMITS: Final = 17
+L_STEP_N: Final = 17  # N, step of the residual of the force
+L_STEP_PLAN: Final = 18  # share of a change of the planned force that swings on
+L_STEP_FADE: Final = 19  # what is left of a swing of the arm after a cycle
+L_STEP_TORQUE: Final = 20  # of the variances C_TORQUE: of a single sample
+L_STEP_MEMORY: Final = 21  # what is left of a change of the residual after a cycle
+LIMITS: Final = 22
 
 # Limits in cycles, int64.
 T_ANSWER: Final = 0
@@ -53,7 +59,11 @@ T_WINDOW: Final = 6  # cycles over which changes of residual and correction are 
 T_SIGN: Final = 7  # samples in a row that mirror the correction; 0: not judged
 T_SHARE: Final = 8  # samples over which the share of rejected ones is kept
 T_SILENT: Final = 9  # cycles without a believed sample after which the tracker is lost
-TIMES: Final = 10
+T_STEP_FEW: Final = 10  # samples of the force in which a step shows
+T_STEP_PERIOD: Final = 11  # of the arm's lowest mode
+T_STEP_LONG: Final = 12  # over which a slower one is looked for
+T_STEP_BACK: Final = 13  # after which it is over
+TIMES: Final = 14
 
 # What is remembered, float64.
 M_STANDING: Final = 0  # 3: reported minus commanded while nothing is corrected and the robot stands
@@ -71,7 +81,18 @@ M_CLOCK: Final = M_TURN + 3  # when it was measured, cycles of the controller
 M_LATE: Final = M_CLOCK + 1  # how late it came, s
 M_SHARE: Final = M_LATE + 1  # share of rejected samples
 M_PAUSE: Final = M_SHARE + 1  # usual cycles without a sample between two; 0 where one comes in every cycle
-REMEMBERED: Final = M_PAUSE + 1
+STEP_MOST: Final = 256
+STEP_ROW: Final = 17
+"""Residual (6) and planned force (3) before the filters, way of the tool, torques of the axes (6), change."""
+M_STEPS: Final = M_PAUSE + 1
+M_STEP_BEFORE: Final = M_STEPS + STEP_ROW * STEP_MOST  # 10: mean residual, planned force, way before the step
+M_STEP_PLAN: Final = M_STEP_BEFORE + 10  # by how much the planned force has changed of late, fading, N
+M_STEP_SWING: Final = M_STEP_PLAN + 1  # likewise the largest force of inertia
+M_STEP_SIZE: Final = M_STEP_SWING + 1  # likewise the largest measured force
+M_STEP_CHANGE: Final = M_STEP_SIZE + 1  # likewise by how much the residual has changed
+M_STEP_NOISE: Final = M_STEP_CHANGE + 1  # variance of a sample, by what changes from one to the next
+M_STEP_WORK: Final = M_STEP_NOISE + 1  # 18: work space
+REMEMBERED: Final = M_STEP_WORK + 18
 
 # Counters, int64.
 K_ANSWER: Final = 0
@@ -95,7 +116,13 @@ K_WHY: Final = 17  # cause of the last one, 0 once one has been believed
 K_WITHOUT: Final = 18  # cycles since one was believed
 K_SAME: Final = 19  # samples in a row that repeat the one before although the tool moves
 K_PAUSED: Final = 20  # cycles since a sample came, believed or not
-COUNTS: Final = 21
+K_STEP: Final = 21  # 1: the force is suspected of a step, 2: told of one
+K_STEP_SINCE: Final = 22
+K_STEP_BACK: Final = 23
+K_STEP_PLACE: Final = 24  # of its ring
+K_STEP_FILLED: Final = 25
+K_STEP_EVEN: Final = 26  # cycles since plan or speed changed
+COUNTS: Final = 27
 
 # Bits that say what is doubted.
 DOUBT_ANSWER: Final = 1
@@ -116,6 +143,10 @@ DOUBT_FROZEN: Final = 512
 """The sample is the last one bit for bit although the tool has moved: it is not used."""
 DOUBT_STAMP: Final = 1024
 """The sample's time stamp cannot be: it is not used."""
+DOUBT_STEP: Final = 2048
+"""The measured force has made a step that neither plan nor speed explains: the plan goes on with what it was before."""
+DOUBT_OFFSET: Final = 4096
+"""It stands off so: the sensor's zero has jumped, or it is another cut."""
 
 _FADE = 0.98
 _SETTLE = 0.05
@@ -368,13 +399,16 @@ def direction_is_wrong(measured: Float, predicted: Float, good: bool, limits: Fl
     return bool(counts[K_DIRECTION] >= times[T_DIRECTION])
 
 
-@kernel("boolean(float64[::1], boolean, float64[::1], int64[::1], int64[::1])")
-def idle_is_wrong(measured: Float, air: bool, limits: Float, times: Int, counts: Int) -> bool:
+@kernel("boolean(float64[::1], boolean, float64, float64[::1], int64[::1], int64[::1])")
+def idle_is_wrong(measured: Float, air: bool, swing_n: float, limits: Float, times: Int, counts: Int) -> bool:
     """Whether the sensor shows a force where the plan cuts air: drifted zero, wrong load, or a missing plan (R17).
+
+    Both limits grow by the share of the force that the inertia of what hangs behind the sensor explains.
 
     Args:
         measured: (6,) N, N m, filtered.
         air: The plan cuts nothing here, nor did it within the filters' memory, nor will it within the lead.
+        swing_n: Force that the acceleration of late explains, N.
         limits: (LIMITS,).
         times: (TIMES,).
         counts: (COUNTS,); changed.
@@ -383,6 +417,7 @@ def idle_is_wrong(measured: Float, air: bool, limits: Float, times: Int, counts:
         Whether it was above the limits over T_IDLE cycles in a row.
     """
     moment = math.sqrt(measured[3] ** 2 + measured[4] ** 2 + measured[5] ** 2)
-    bad = air and not (_norm(measured) <= limits[L_IDLE_N] and moment <= limits[L_IDLE_NM])
+    share = 1.0 + swing_n / limits[L_IDLE_N]
+    bad = air and not (_norm(measured) <= share * limits[L_IDLE_N] and moment <= share * limits[L_IDLE_NM])
     counts[K_IDLE] = counts[K_IDLE] + 1 if bad else 0
     return bool(counts[K_IDLE] >= times[T_IDLE])

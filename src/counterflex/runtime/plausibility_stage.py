@@ -6,6 +6,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.runtime import plausibility_kernel as pk
+from counterflex.runtime.loop_constants import TORQUE_MEMORY_S
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 
 _SETTLED_S = 0.2
@@ -25,7 +26,9 @@ class PlausibilityStage:
     def __init__(self, settings: OnlineSettings) -> None:
         integrates = settings.tracker in (TrackerMode.INTEGRATOR, TrackerMode.DESIGNED)
         gain = settings.tuning.gain if integrates else 0.0
-        self._limits, self._times = settings.plausibility.packed(settings.period_s, gain)
+        fusion, period_s = settings.fusion, settings.period_s
+        self._limits, self._times = settings.plausibility.packed(period_s, gain, fusion.mode_hz, fusion.mode_damping)
+        self._limits[pk.L_STEP_TORQUE] = period_s / TORQUE_MEMORY_S
         self._limits[pk.L_LATE] = settings.delays.tracker_s
         if settings.force == ForceMode.FUSED:  # which takes slow trackers, too
             self._times[pk.T_SILENT] = max(1, round(settings.fusion.tracker_stale_s / settings.period_s))

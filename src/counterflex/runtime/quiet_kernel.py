@@ -74,12 +74,19 @@ def noise(constants: Float, state: Float, whole: Int) -> float:
 
 
 @kernel("float64(float64[::1], float64[::1], int64[::1])")
-def quiet_force(constants: Float, state: Float, whole: Int) -> float:
-    """Largest filtered force that is no cut, N."""
+def swing_mass(constants: Float, state: Float, whole: Int) -> float:
+    """Largest force that no cut needs by the acceleration of late, kg: ``3 k``."""
     mass = constants[ml.C_INERTIA]
     if whole[ml.N_SWUNG] >= IDLE_LEARNT:
         mass = math.sqrt(state[ml.S_SWUNG] / max(state[ml.S_SWUNG + 1], EVEN_M_S2 * EVEN_M_S2))
-    return float(constants[ml.C_Z] * noise(constants, state, whole) + CREST * mass * state[ml.S_MOVED])
+    return float(CREST * mass)
+
+
+@kernel("float64(float64[::1], float64[::1], int64[::1])")
+def quiet_force(constants: Float, state: Float, whole: Int) -> float:
+    """Largest filtered force that is no cut, N."""
+    swing = swing_mass(constants, state, whole) * state[ml.S_MOVED]
+    return float(constants[ml.C_Z] * noise(constants, state, whole) + swing)
 
 
 @kernel("void(float64, float64[::1], float64[::1], int64[::1])")

@@ -50,6 +50,17 @@ class Lost(IntEnum):
     HOLD = 1
 
 
+class ForceOffset(IntEnum):
+    """What follows a step of the measured force that neither the plan nor the program's speed explains."""
+
+    TELL = 0
+    """It is said; the force is used as before."""
+    PLAN = 1
+    """The force is left out: the plan, or what else the estimator has, goes on. A measured force alone holds."""
+    HOLD = 2
+    """The feed is held; the estimator of all sources goes on without the force where it has another."""
+
+
 class Output(IntEnum):
     """How the correction is sent."""
 
@@ -151,6 +162,7 @@ class OnlineSettings:
         force: See :class:`ForceMode`.
         tracker: See :class:`TrackerMode`.
         tracker_lost: See :class:`Lost`; a cell file says hold where it says nothing. A tracker alone always holds.
+        force_offset: See :class:`ForceOffset`; a cell file says hold where it says nothing.
         output: See :class:`Output`.
         axis_play: With output in axes, undo the play of the gears along program and correction together.
         own_play_rad: (6,) half the play that the controller itself adds in the direction of the programmed motion.
@@ -189,6 +201,7 @@ class OnlineSettings:
     force: ForceMode = ForceMode.PILOT
     tracker: TrackerMode = TrackerMode.NONE
     tracker_lost: Lost = Lost.FALLBACK
+    force_offset: ForceOffset = ForceOffset.TELL
     output: Output = Output.CARTESIAN
     axis_play: bool = False
     own_play_rad: tuple[float, float, float, float, float, float] = (0.0,) * 6

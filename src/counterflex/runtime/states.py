@@ -59,7 +59,8 @@ class Cause(IntEnum):
     INTERNAL = 26
     """The loop's own program failed."""
     FORCE_OFFSET = 27
-    """The sensor shows a force without a cut: wrong load or zero."""
+    """The sensor shows a force without a cut: wrong load or zero. In the cut: a step of it that neither plan nor speed
+    explains, by its zero or by another cut."""
     PROCESS_MISSING_CUT = 28
     PROCESS_OVERLOAD = 29
     PROCESS_WEAR = 30

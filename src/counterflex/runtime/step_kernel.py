@@ -175,8 +175,11 @@ def step(
     # Force.
     filtered = results[at.R_MEASURED : at.R_MEASURED + 6]
     if hard != _NOT_FINITE:
-        smooth(given[at.G_W : at.G_W + 6], filtered, coefficients, measured_memory, measured_ring, measured_place)
+        believed = state[at.S_BELIEVED : at.S_BELIEVED + 6]
+        smooth(believed, filtered, coefficients, measured_memory, measured_ring, measured_place)
         lag(behind, 0, constants, at.C_INERTIA, state, at.S_INERTIA, behind, 0)
+        for k in range(6):
+            state[at.S_LATE + k] = behind[k]
         smooth(behind[:6], measured[6:12], coefficients, predicted_memory, predicted_ring, predicted_place)
     late_prediction = measured[6:12]
     tells = not planned or moves(ring, whole[at.N_RING], nominal)

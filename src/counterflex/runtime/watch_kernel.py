@@ -11,6 +11,7 @@ import math
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.runtime import layout as at
+from counterflex.runtime.force_step_kernel import SUSPECTED, TOLD
 from counterflex.runtime.frame_kernel import all_finite, pose_deviation
 from counterflex.runtime.plausibility_kernel import (
     DOUBT_ANSWER,
@@ -18,8 +19,10 @@ from counterflex.runtime.plausibility_kernel import (
     DOUBT_DIRECTION,
     DOUBT_FRAME,
     DOUBT_IDLE,
+    DOUBT_OFFSET,
     DOUBT_RESIDUAL,
     DOUBT_RETURN,
+    DOUBT_STEP,
     K_AIR,
     K_ANSWER,
     K_DIRECTION,
@@ -29,6 +32,7 @@ from counterflex.runtime.plausibility_kernel import (
     K_RESIDUAL,
     K_SIGN,
     K_SOFT,
+    K_STEP,
     K_WHY,
     M_FORCE,
     T_WINDOW,
@@ -53,9 +57,17 @@ _STANDS_M = 20e-6
 _TURN_BACK = 3
 
 
-@kernel("int64(float64[::1], float64[::1], boolean, boolean, int64, float64[::1], int64[::1], int64[::1])")
+@kernel("int64(float64[::1], float64[::1], boolean, boolean, float64, int64, float64[::1], int64[::1], int64[::1])")
 def watch_force(
-    measured: Float, predicted: Float, good: bool, cuts: bool, settled: int, limits: Float, times: Int, counts: Int
+    measured: Float,
+    predicted: Float,
+    good: bool,
+    cuts: bool,
+    swing_n: float,
+    settled: int,
+    limits: Float,
+    times: Int,
+    counts: Int,
 ) -> int:
     """Doubts about the force where there is a plan.
 
@@ -64,6 +76,7 @@ def watch_force(
         predicted: (6,) through the same filters.
         good: The measured one is fresh.
         cuts: The plan cuts material now or within the lead.
+        swing_n: Force that inertia explains.
         settled: Cycles after a cut until the filters have forgotten it.
         limits: Of the tests.
         times: Likewise.
@@ -73,7 +86,7 @@ def watch_force(
     doubt = 0
     if direction_is_wrong(measured, predicted, good, limits, times, counts):
         doubt |= DOUBT_DIRECTION
-    if idle_is_wrong(measured, good and counts[K_AIR] >= settled, limits, times, counts):
+    if idle_is_wrong(measured, good and counts[K_AIR] >= settled, swing_n, limits, times, counts):
         doubt |= DOUBT_IDLE
     return doubt
 
@@ -290,7 +303,7 @@ def before_step(
 
 @kernel(
     "void(float64[::1], int64[::1], int64[::1], float64[::1], int64[::1], float64[:, ::1], float64[::1], int64[::1],"
-    " float64[::1], int64[::1], int64, float64[::1], int64[::1], float64[:, ::1])"
+    " float64[::1], int64[::1], int64, float64, float64[::1], int64[::1], float64[:, ::1])"
 )
 def after_step(
     given: Float,
@@ -304,6 +317,7 @@ def after_step(
     limits: Float,
     times: Int,
     settled: int,
+    swing_n: float,
     memory: Float,
     counts: Int,
     work: Float,
@@ -322,6 +336,7 @@ def after_step(
         limits: Of the tests.
         times: Likewise.
         settled: Cycles after a cut until the force filters have forgotten it.
+        swing_n: Force at the sensor that inertia explains.
         memory: What the tests remember; changed.
         counts: Their counters; changed.
         work: (2, 12) work space.
@@ -336,7 +351,11 @@ def after_step(
         cuts = results[at.R_CUT] > 0.0 or soon[0] != 0.0 or soon[1] != 0.0 or soon[2] != 0.0
         measured = results[at.R_MEASURED : at.R_MEASURED + 6]
         predicted = state[at.S_BEFORE : at.S_BEFORE + 6]
-        doubt |= watch_force(measured, predicted, good, cuts, settled, limits, times, counts)
+        doubt |= watch_force(measured, predicted, good, cuts, swing_n, settled, limits, times, counts)
+        if counts[K_STEP] == SUSPECTED:
+            doubt |= DOUBT_STEP
+        elif counts[K_STEP] == TOLD:
+            doubt |= DOUBT_OFFSET
         if not good and flags[at.F_FORCE_AGE] < choices[at.W_BRIDGE]:
             doubt |= DOUBT_BRIDGED
     if flags[at.F_REPORTED] == 1 and flags[at.F_ELAPSED] > 0:
@@ -362,4 +381,6 @@ def after_step(
         why = counts[K_WHY] if counts[K_WHY] != 0 else tracker_cause(limits, times, memory, counts)
         if why != 0:
             outcome[at.O_DEGRADED] = why
+    if counts[K_STEP] == TOLD:
+        outcome[at.O_DEGRADED] = _OFFSET
     counts[K_SOFT], counts[K_HARD] = causes(doubt, now)

@@ -17,7 +17,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MS
 from counterflex.links.control_array import Request
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.settings import ForceMode, Lost, OnlineSettings
+from counterflex.runtime.settings import ForceMode, ForceOffset, Lost, OnlineSettings
 from counterflex.runtime.supervisor import Cause, State
 from counterflex.twin.fake_rsi import RsiContext
 from counterflex.twin.netft_server import COUNTS
@@ -28,7 +28,7 @@ _SETTLED: Final = 250
 _AFTER: Final = 700
 _FOLLOWED_M: Final = 0.1 * MM
 """How far a correction may go with something that is not so, before it is not believed."""
-_SOON: Final = 125
+_SOON: Final = 50
 """Cycles within which something must be said."""
 _RAIL_N: Final = (2**31 - 1) / COUNTS
 
@@ -214,7 +214,7 @@ def _off(n: float, mode: ForceMode) -> Callable[[Effort], Outcome]:
     """The force that the sensor shows is off by so much in the cut; what was planned is known."""
 
     def run(effort: Effort) -> Outcome:
-        settings = OnlineSettings(force=mode)
+        settings = OnlineSettings(force=mode, force_offset=ForceOffset.HOLD)
         add = sensor_reading() @ np.r_[0.0, n, 0.0, 0.0, 0.0, 0.0]
         with Rig(
             seed=effort.seed,
@@ -227,14 +227,12 @@ def _off(n: float, mode: ForceMode) -> Callable[[Effort], Outcome]:
             rig.activate().run(150)
             begin, told = rig.cycle_count, -1
             rig.sensed = lambda w: w + add
-            seen = int(rig.loop.monitor.outcome[0])
             for k in range(200):
                 rig.cycle()
-                event = int(rig.loop.monitor.outcome[0]) & ~seen
-                if told < 0 and (event or rig.seen.told[-1]):
+                if told < 0 and rig.seen.told[-1] == Cause.FORCE_OFFSET:
                     told = k + 1
             found = aftermath(rig, begin)
-        done = found.outcome(0 < told <= _SOON)
+        done = found.outcome(0 < told <= _SOON and Cause.FORCE_OFFSET in found.causes and found.hold_s is not None)
         when = f"told after {told * PERIOD_S:.3f} s" if told > 0 else "never told"
         return replace(done, happened=f"{when}; {done.happened}")
 
@@ -321,7 +319,7 @@ SCENARIOS: Final = (
             "R17",
             f"force-off-{mode.name.lower()}{n:+g}",
             f"the force is off by {n:g} N in the cut, from now on; force = {mode.name.lower()}, 300 N are planned",
-            "told within 0.5 s",
+            "feed hold, named within 0.2 s",
             _off(n, mode),
         )
         for mode in (ForceMode.MEASURED, ForceMode.PILOT)
