@@ -34,7 +34,7 @@ CASES: dict[str, Case] = {
     "servo": steps.gains_of_steps,
 }
 SEEDS = 100
-QUICK = 3
+QUICK = 1
 _OFTEN = 0.5  # share of seeds in which a parameter is seen, below which it is not counted
 
 
@@ -91,7 +91,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--recipe", action="append", choices=sorted(CASES), help="only these")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="truths per case")
-    parser.add_argument("--quick", action="store_true", help=f"{QUICK} seeds, for a smoke run")
+    parser.add_argument("--quick", action="store_true", help=f"{QUICK} seed, for a smoke run")
     parser.add_argument("--each", action="store_true", help="every parameter")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args()
