@@ -60,10 +60,11 @@ class _Robot:
         self.counters = type("Counters", (), {"malformed_in_a_row": 0, "late_at_robot": -1, "repeated": 0})()
         self.x = 0.0
         self.waited = 1
+        self.held = False
         self.sent: list[Float] = []
 
     def wait(self, _: float) -> bool:
-        self.x += 1e-4
+        self.x += 0.0 if self.held else 1e-4
         self.counter += 4
         self.counters.malformed_in_a_row = int(self.rng.random() < 0.003) * 3
         self.enable = self.counter // 4 % 300 > 120
@@ -75,7 +76,7 @@ class _Robot:
         return True
 
     def fill(self, given_: Float) -> None:
-        given_[:12] = np.r_[R.reshape(-1), self.x, 1e-5 * self.rng.standard_normal(2)]
+        given_[:12] = np.r_[R.reshape(-1), self.x, 2e-6 * self.rng.standard_normal(2)]
         given_[at.G_Q : at.G_Q + 6] = Q + 0.01 * self.rng.standard_normal(6)
         if self.rng.random() < self.nan:
             given_[int(self.rng.integers(at.G_W))] = self.rng.choice([np.nan, np.inf, -np.inf])
@@ -89,7 +90,8 @@ class _Robot:
     def forget(self) -> None:
         """Nobody is known."""
 
-    def answer(self, correction: Float, *_: object, **__: object) -> bool:
+    def answer(self, correction: Float, *_: object, feed_hold: bool = False, **__: object) -> bool:
+        self.held = feed_hold
         self.sent.append(correction.copy())
         return True
 

@@ -25,7 +25,7 @@ LEGAL = {
     State.ARMED: {State.READY, State.ACTIVE, State.FAULT},
     State.ACTIVE: {State.HOLD, State.RAMP_OUT, State.FAULT},
     State.HOLD: {State.ACTIVE, State.RAMP_OUT, State.FAULT},
-    State.RAMP_OUT: {State.READY, State.IDLE, State.FAULT},
+    State.RAMP_OUT: {State.READY, State.IDLE, State.HOLD, State.FAULT},
     State.FAULT: {State.IDLE},
 }
 SETTINGS = force_only()

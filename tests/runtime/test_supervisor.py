@@ -15,15 +15,18 @@ from counterflex.core.arrays import Int
 from counterflex.core.errors import InputError
 from counterflex.runtime.supervisor import (
     AT_CAUSE,
-    AT_CYCLES,
+    AT_ENDING,
     AT_FEED_HOLD,
     AT_GOOD,
+    AT_HELD,
     AT_RETURNS,
     AT_RISE,
     AT_STATE,
     AT_STOP,
     IN_ARM,
     IN_AT_ZERO,
+    IN_AWAY,
+    IN_CUT,
     IN_ENABLE,
     IN_HARD,
     IN_HEALTHY,
@@ -48,7 +51,7 @@ LEGAL = {
     State.ARMED: {State.READY, State.ACTIVE, State.FAULT},
     State.ACTIVE: {State.HOLD, State.RAMP_OUT, State.FAULT},
     State.HOLD: {State.ACTIVE, State.RAMP_OUT, State.FAULT},
-    State.RAMP_OUT: {State.READY, State.IDLE, State.FAULT},
+    State.RAMP_OUT: {State.READY, State.IDLE, State.HOLD, State.FAULT},
     State.FAULT: {State.IDLE},
 }
 
@@ -65,6 +68,8 @@ def inputs(**values: int) -> Int:
         "hard": IN_HARD,
         "zero": IN_AT_ZERO,
         "stands": IN_STANDS,
+        "away": IN_AWAY,
+        "cut": IN_CUT,
     }
     out = np.zeros(INPUTS, dtype=np.int64)
     out[IN_TELEGRAM] = 1
@@ -161,7 +166,8 @@ class Row:
     """A transition: from, to, cause (None: as before), and what it needs; what is not named may be anything.
 
     ``lasts``: HOLD has lasted as long as it may; ``calm``: nothing wrong for long enough, and a return is left;
-    ``process``: it was held by the process monitor.
+    ``process``: it was held by the process monitor; ``ending``: it was asked to end before; ``away``: the correction is
+    away in the cut; ``cut``: material is or may be cut.
     """
 
     before: State
@@ -179,29 +185,42 @@ class Row:
 SOFT, HARD, BEFORE = Cause.FORCE_STALE, Cause.NOT_FINITE, Cause.TRACKER_LOST
 # The first row that fits holds; where none does, nothing changes.
 TABLE = [
+    Row(State.IDLE, State.READY, Cause.ENABLE_LOST, "not-hard not-soft healthy zero not-held away"),
     Row(State.IDLE, State.READY, Cause.NONE, "not-hard not-soft healthy zero not-held"),
     Row(State.IDLE, State.READY, None, "not-hard not-soft healthy zero held"),
     Row(State.READY, State.FAULT, HARD, "hard"),
     Row(State.READY, State.IDLE, SOFT, "not-healthy soft"),
     Row(State.READY, State.IDLE, None, "not-healthy"),
-    Row(State.READY, State.ARMED, Cause.NONE, "arm not-stop not-soft zero not-enable"),
+    Row(State.READY, State.ARMED, Cause.NONE, "arm not-stop not-soft zero not-enable not-away"),
     Row(State.ARMED, State.FAULT, HARD, "hard"),
     Row(State.ARMED, State.READY, Cause.OPERATOR, "stop"),
     Row(State.ARMED, State.READY, SOFT, "soft"),
+    Row(State.ARMED, State.READY, Cause.ENABLE_LOST, "away"),
     Row(State.ARMED, State.ACTIVE, Cause.NONE, "enable"),
     Row(State.ACTIVE, State.FAULT, HARD, "hard"),
     Row(State.ACTIVE, State.HOLD, SOFT, "soft"),
+    Row(State.ACTIVE, State.HOLD, Cause.OPERATOR, "stop cut not-stands"),
     Row(State.ACTIVE, State.RAMP_OUT, Cause.OPERATOR, "stop"),
+    Row(State.ACTIVE, State.HOLD, Cause.ENABLE_LOST, "not-enable away cut not-stands"),
+    Row(State.ACTIVE, State.RAMP_OUT, Cause.ENABLE_LOST, "not-enable away"),
+    Row(State.ACTIVE, State.HOLD, Cause.PROGRAM, "not-enable cut not-stands"),
     Row(State.ACTIVE, State.RAMP_OUT, Cause.PROGRAM, "not-enable"),
     Row(State.HOLD, State.FAULT, HARD, "hard"),
-    Row(State.HOLD, State.RAMP_OUT, None, "stop"),
-    Row(State.HOLD, State.RAMP_OUT, None, "not-enable"),
+    Row(State.HOLD, State.RAMP_OUT, None, "stop not-cut"),
+    Row(State.HOLD, State.RAMP_OUT, None, "stop stands"),
+    Row(State.HOLD, State.RAMP_OUT, None, "not-enable not-cut"),
+    Row(State.HOLD, State.RAMP_OUT, None, "not-enable stands"),
+    Row(State.HOLD, State.RAMP_OUT, None, "ending not-cut"),
+    Row(State.HOLD, State.RAMP_OUT, None, "ending stands"),
     Row(State.HOLD, State.RAMP_OUT, None, "lasts stands"),
     Row(State.HOLD, State.FAULT, Cause.HELD_TOO_LONG, "lasts not-stands"),
-    Row(State.HOLD, State.ACTIVE, Cause.NONE, "calm not-soft not-process"),
+    Row(State.HOLD, State.ACTIVE, Cause.NONE, "calm not-soft not-process not-stop enable not-ending"),
     Row(State.RAMP_OUT, State.FAULT, HARD, "hard"),
     Row(State.RAMP_OUT, State.READY, None, "zero healthy"),
     Row(State.RAMP_OUT, State.IDLE, None, "zero not-healthy"),
+    Row(State.RAMP_OUT, State.FAULT, Cause.HELD_TOO_LONG, "cut not-stands lasts"),
+    Row(State.RAMP_OUT, State.HOLD, None, "cut not-stands"),
+    Row(State.FAULT, State.IDLE, Cause.ENABLE_LOST, "reset zero not-hard away"),
     Row(State.FAULT, State.IDLE, Cause.NONE, "reset zero not-hard"),
 ]
 
@@ -217,24 +236,24 @@ def expected(state: State, before: Cause, values: dict[str, int]) -> tuple[State
 def test_every_transition_stands_in_the_table_and_every_row_is_met(state: State) -> None:
     """Every state with every input: the supervisor does what the table says, and no row is idle."""
     met = set()
-    extras = ("soft", "hard", "lasts", "calm", "process", "held")
-    for values in ALL:
-        for bits in itertools.product((0, 1), repeat=len(extras)):
-            extra = dict(zip(extras, bits, strict=True))
-            if state == State.HOLD and extra["process"]:
-                before = Cause.PROCESS_OVERLOAD
-            else:
-                before = BEFORE
-            at = np.zeros(STATES, dtype=np.int64)
-            at[AT_STATE], at[AT_CAUSE], at[AT_FEED_HOLD] = state, before, extra["held"]
-            at[AT_CYCLES] = 5 if extra["lasts"] else 0
-            at[AT_GOOD] = 3 if extra["calm"] else 0
-            given_now = inputs(**values, soft=SOFT * extra["soft"], hard=HARD * extra["hard"])
-            supervise(at, given_now, SETTINGS)
-            found = State(int(at[AT_STATE])), Cause(int(at[AT_CAUSE]))
-            everything = {**values, **extra}
-            assert found == expected(state, before, everything), everything
-            met |= {k for k, row in enumerate(TABLE) if row.before == state and row.fits(everything)}
+    of_hold, of_others = {"calm", "process", "ending"}, {"arm", "reset", "held"}
+    told = ("healthy", "arm", "enable", "stop", "reset", "zero", "stands", "away", "cut")
+    names = (*told, "soft", "hard", "lasts", "calm", "process", "held", "ending")
+    without = of_others if state == State.HOLD else of_hold
+    varied = [name for name in names if name not in without]
+    for bits in itertools.product((0, 1), repeat=len(varied)):
+        everything = dict.fromkeys(names, 0) | dict(zip(varied, bits, strict=True))
+        before = Cause.PROCESS_OVERLOAD if everything["process"] else BEFORE
+        at = np.zeros(STATES, dtype=np.int64)
+        at[AT_STATE], at[AT_CAUSE], at[AT_FEED_HOLD] = state, before, everything["held"]
+        at[AT_HELD], at[AT_GOOD] = 5 * everything["lasts"], 3 * everything["calm"]
+        at[AT_ENDING] = everything["ending"]
+        values = {name: everything[name] for name in told}
+        given_now = inputs(**values, soft=SOFT * everything["soft"], hard=HARD * everything["hard"])
+        supervise(at, given_now, SETTINGS)
+        found = State(int(at[AT_STATE])), Cause(int(at[AT_CAUSE]))
+        assert found == expected(state, before, everything), everything
+        met |= {k for k, row in enumerate(TABLE) if row.before == state and row.fits(everything)}
     assert met == {k for k, row in enumerate(TABLE) if row.before == state}
 
 
@@ -304,6 +323,25 @@ def test_a_robot_that_goes_on_is_stopped_with_its_correction() -> None:
     assert at[AT_CAUSE] == Cause.HELD_TOO_LONG
 
 
+def test_a_robot_that_stands_and_goes_on_in_turn_is_stopped_after_the_same_time() -> None:
+    """Each ramp that is broken off would begin the hold anew: the stop would come to no end."""
+    at = started(State.ACTIVE)
+    run(at, 1, enable=1, stop=1, cut=1)
+    found = []
+    for _ in range(10):
+        found += run(at, 2, enable=1, stop=1, cut=1, stands=1) + run(at, 1, enable=1, stop=1, cut=1)
+    states = [state for state, _, _ in found]
+    assert states.count(State.RAMP_OUT) > 4
+    assert states[-1] == State.FAULT
+    assert at[AT_CAUSE] == Cause.HELD_TOO_LONG
+
+
+def test_a_feed_that_is_held_is_not_let_go_by_a_program_that_switches_off_in_the_cut() -> None:
+    at = started(State.READY, feed_hold=1, cause=Cause.OPERATOR)
+    assert run(at, 3, healthy=1, zero=1, cut=1)[-1][1] == 1
+    assert run(at, 1, healthy=1, zero=1)[-1][1] == 0
+
+
 @pytest.mark.parametrize("who", ["program", "operator"])
 def test_who_ends_the_correction_decides_about_the_feed(who: str) -> None:
     """The program that switches the correction off has left the cut; the operator may be anywhere."""
@@ -335,8 +373,9 @@ class Operation(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.at: Int = np.zeros(STATES, dtype=np.int64)
-        self.armed = self.asked = False
-        self.enable = 0
+        self.armed = self.asked = self.asked_to_end = False
+        self.enable = self.cut = 0
+        self.held = 0
 
     @property
     def state(self) -> State:
@@ -344,8 +383,19 @@ class Operation(RuleBasedStateMachine):
 
     def step(self, **values: int) -> None:
         before = self.state
-        supervise(self.at, inputs(enable=self.enable, **values), SETTINGS)
+        supervise(self.at, inputs(enable=self.enable, cut=self.cut, **values), SETTINGS)
         after = self.state
+        if before in (State.ACTIVE, State.HOLD, State.RAMP_OUT) and (values.get("stop") or not self.enable):
+            self.asked_to_end = True
+        if after in (State.IDLE, State.READY, State.ARMED, State.FAULT):
+            self.asked_to_end = False
+        assert not self.asked_to_end or after in (State.HOLD, State.RAMP_OUT)
+        if after == State.RAMP_OUT and before != State.RAMP_OUT:
+            assert values.get("stands") or not self.cut
+        if before == State.RAMP_OUT and self.cut and not values.get("stands"):
+            assert after != State.RAMP_OUT
+        self.held = self.held + 1 if after == State.HOLD else 0 if after != State.RAMP_OUT else self.held
+        assert self.held <= 5 + 2  # cycles of the setting, and those in which it begins
         assert after == before or after in LEGAL[before]
         if after == State.ARMED:
             self.armed = True
@@ -353,7 +403,7 @@ class Operation(RuleBasedStateMachine):
             self.armed = False
         if after in (State.HOLD, State.FAULT):
             self.asked = True
-        elif after == State.ACTIVE or values.get("reset") or not self.enable:
+        elif after == State.ACTIVE or values.get("reset") or not (self.enable or self.cut):
             self.asked = False
 
     @rule(cycles=st.integers(1, 9), healthy=st.booleans(), stands=st.booleans(), zero=st.booleans())
@@ -368,6 +418,10 @@ class Operation(RuleBasedStateMachine):
     @rule()
     def hard(self) -> None:
         self.step(hard=Cause.DIVERGENCE)
+
+    @rule(cut=st.integers(0, 1))
+    def material(self, cut: int) -> None:
+        self.cut = cut
 
     @rule(on=st.integers(0, 1))
     def program(self, on: int) -> None:

@@ -26,6 +26,7 @@ from counterflex.files.run_log import RunLog
 from counterflex.files.summary_file import write_summary
 from counterflex.links.control_array import CONTROL, Kept, Life, Request
 from counterflex.links.living import Beat
+from counterflex.links.one_run import require_free
 from counterflex.links.operator_words import OperatorFile
 from counterflex.links.shared_words import SharedWords
 from counterflex.runtime.record_ring import RecordRing
@@ -126,6 +127,7 @@ class Supervised:
         Raises:
             CounterflexError: What the loop or the recorder could not do.
         """
+        require_free(self._out)
         # From the beginning: a loop whose run is killed while it compiles must see that, too.
         self._beat = Beat(self.control, Life.RUN_NS, Life.RUN_PID)
         for process in (self.loop, self.recorder):

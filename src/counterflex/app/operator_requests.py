@@ -110,7 +110,7 @@ def _done(words: Any, action: str, begin_ns: int) -> bool:
     if words[Life.LOOP_NS] <= begin_ns:
         return False
     if action == "stop":
-        return state not in (State.ARMED, State.ACTIVE, State.HOLD)
+        return state not in (State.ARMED, State.ACTIVE)  # in the cut it is held first, and ramped out as it stands
     if action == "reset":
         return not words[Request.RESET] and state != State.FAULT
     return bool(state in (State.ARMED, State.ACTIVE))
@@ -122,6 +122,8 @@ def _why_not(words: Any, action: str) -> str:
         return "not stopped yet: no telegram of the robot has come since; the loop does it with the next one"
     if action == "arm":
         words[Request.ARM] = 0
+        if words[Shown.FEED_HOLD]:
+            return "the feed is held until somebody has seen why: acknowledge first (counterflex operator reset)"
         return "a check fails, or the robot program has switched the correction on already"
     if words[Request.RESET]:
         words[Request.RESET] = 0

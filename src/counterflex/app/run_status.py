@@ -47,6 +47,7 @@ class Status:
         planned_n: Planned there, through the same filter; None without a plan.
         still_s: For how long the loop has not said that it lives.
         rejected: Samples of the tracker that were rejected, so far.
+        set_back: How often the tracker's clock was set back, so far.
     """
 
     state: State
@@ -72,6 +73,7 @@ class Status:
     planned_n: float | None = None
     still_s: float = 0.0
     rejected: int = 0
+    set_back: int = 0
 
 
 class StatusReader:
@@ -130,6 +132,7 @@ class StatusReader:
             _shared(int(control[Shown.PLANNED_MN]), 1e-3),
             (now - int(control[Life.LOOP_NS])) * NS,
             int(last[OUTCOME + O_REJECTED]),
+            int(control[Tally.TRACKER_SET_BACK]),
         )
 
 

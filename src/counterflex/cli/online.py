@@ -171,6 +171,8 @@ def run(
         rests = f"  from {level(status.sources)}" if status.sources else ""
         if status.rejected:
             rests += f"  {status.rejected} tracker samples rejected"
+        if status.set_back:
+            rests += f"  tracker's clock set back, {status.set_back} times"
         if status.degraded:
             rests += f" ({status.degraded.name.lower().replace('_', ' ')})"
         trouble = "  feed held" if status.feed_hold else ""

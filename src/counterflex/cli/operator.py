@@ -40,6 +40,8 @@ def status(log: Log, as_json: AsJson = False) -> None:
 def stop(log: Log, as_json: AsJson = False) -> None:
     """End the correction: a feed hold is asked for, the correction is ramped out, the robot is told to stop.
 
+    In the cut it is ramped out as soon as the robot stands. One that goes on is told to stop with its correction.
+
     The loop itself takes it in its next cycle, also where the process that started it, or the recorder, has died. The
     run goes on and can be armed again. The robot's own stop is for emergencies; this is none.
 

@@ -35,7 +35,7 @@ def clear_leftovers(folder: Path, name: str) -> None:
     with contextlib.suppress(OSError):
         for entry in list(os.scandir(folder)):
             match = mine.fullmatch(entry.name)
-            if match is None or _lives(int(match[1])):
+            if match is None or process_lives(int(match[1])):
                 continue
             if entry.is_dir(follow_symlinks=False):
                 shutil.rmtree(entry.path, ignore_errors=True)
@@ -44,8 +44,13 @@ def clear_leftovers(folder: Path, name: str) -> None:
                     Path(entry.path).unlink()
 
 
-def _lives(process: int) -> bool:
-    """Whether a process of this computer lives; one that only waits to be buried does not."""
+def process_lives(process: int) -> bool:
+    """Whether a process of this computer lives; one that only waits to be buried does not.
+
+    Where the system has no harmless way to ask (other than POSIX) every process lives.
+    """
+    if os.name != "posix":
+        return True
     try:
         os.kill(process, 0)
     except ProcessLookupError:

@@ -37,68 +37,70 @@ class Tally(IntEnum):
     """Answers that came too late for the controller, by its own count; -1 where it does not say."""
     CLOCK = 10
     """How often this computer's clock and the controller's counter parted."""
-    TARES = 11
+    TRACKER_SET_BACK = 11
+    """How often the tracker's clock was set back."""
+    TARES = 12
     """Zeros of the force sensor refused in a row."""
-    IDLE_MN = 12
+    IDLE_MN = 13
     """What the sensor showed then, mN."""
-    IDLE_MNM = 13
+    IDLE_MNM = 14
     """Its moment, mN m."""
 
 
 class Kept(IntEnum):
     """What the recorder says of the log: places of the control array after those of :class:`Tally`."""
 
-    TAKEN = 14
+    TAKEN = 15
     """Records taken over from the loop."""
-    TROUBLE = 15
+    TROUBLE = 16
     """Why they cannot be written, see :func:`counterflex.files.log_place.trouble_said`; 0: they are."""
-    LOST = 16
+    LOST = 17
     """Records that could not be written, or whose file has gone."""
 
 
 class Life(IntEnum):
     """Who lives: places of the control array after those of :class:`Kept`."""
 
-    LOOP_NS = 17
+    LOOP_NS = 18
     """When the loop last said that it lives."""
-    RECORDER_NS = 18
-    RUN_NS = 19
+    RECORDER_NS = 19
+    RUN_NS = 20
     """The process that started the others."""
-    LOOP_PID = 20
-    RECORDER_PID = 21
-    RUN_PID = 22
-    GONE = 23
+    LOOP_PID = 21
+    RECORDER_PID = 22
+    RUN_PID = 23
+    GONE = 24
     """1: the operating system says that one of the other two has died; written by the loop."""
-    ENDED = 24
+    ENDED = 25
     """1: the loop has ended by itself."""
-    MAY_ARM = 25
+    MAY_ARM = 26
     """1: the run was started to correct; one that only watches is not armed from outside."""
 
 
 class Shown(IntEnum):
     """What the loop is doing: places of the control array after those of :class:`Life`."""
 
-    STATE = 26
-    CAUSE = 27
+    STATE = 27
+    CAUSE = 28
     """Of the state, else what keeps the loop from being armed."""
-    HARD = 28
+    HARD = 29
     """Cause of a fault that is still there."""
-    FEED_HOLD = 29
-    CORRECTION_NM = 30
+    FEED_HOLD = 30
+    CORRECTION_NM = 31
     """Size of the correction that is sent."""
-    CYCLES = 31
+    CYCLES = 32
     """Telegrams so far."""
-    ROBOT_NS = 32
+    ROBOT_NS = 33
     """When the last telegram came."""
-    FORCE_NS = 33
+    FORCE_NS = 34
     """When the last good force came; -1: there is no force sensor."""
-    TRACKER_NS = 34
+    TRACKER_NS = 35
     """When the last good pose came; -1: there is no tracker."""
-    PLACE_PPM = 35
+    PLACE_PPM = 36
     """Place on the plan, of its length in rows; -1: not on it, or there is no plan."""
-    FORCE_MN = 36
+    FORCE_MN = 37
     """Measured, filtered; -1: there is none."""
-    PLANNED_MN = 37
+    PLANNED_MN = 38
     """Planned there, through the same filter; -1: there is no plan."""
 
 

@@ -177,6 +177,11 @@ class OnlineSession:
         self.compute_ns = 0
 
     @property
+    def set_back(self) -> int:
+        """How often the tracker's clock was set back."""
+        return self._arrival.set_back
+
+    @property
     def patience_s(self) -> float:
         """How long to wait for the next telegram: until half a cycle after it is due, then a cycle each."""
         period = self.loop.settings.period_s
@@ -285,6 +290,7 @@ class OnlineSession:
                 came=came,
                 cycles=self.cycles,
                 clock_jumps=self.watch.clock_jumps,
+                set_back=self.set_back,
                 force_age=self._force_age,
                 tracker_age=self._tracker_age,
             )

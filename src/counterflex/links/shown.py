@@ -41,7 +41,17 @@ class Teller:
         control[Shown.PLACE_PPM] = _NOTHING
         control[Shown.FORCE_MN], control[Shown.PLANNED_MN] = self._force_ns, 0 if self._rows else _NOTHING
 
-    def tell(self, now_ns: int, *, came: bool, cycles: int, clock_jumps: int, force_age: int, tracker_age: int) -> None:
+    def tell(
+        self,
+        now_ns: int,
+        *,
+        came: bool,
+        cycles: int,
+        clock_jumps: int,
+        set_back: int,
+        force_age: int,
+        tracker_age: int,
+    ) -> None:
         """Tell of a cycle.
 
         Args:
@@ -49,6 +59,7 @@ class Teller:
             came: There was a telegram.
             cycles: Telegrams so far.
             clock_jumps: How often the clocks parted.
+            set_back: How often the tracker's clock was set back.
             force_age: Cycles since the last good force.
             tracker_age: Cycles since the last good pose.
         """
@@ -61,6 +72,7 @@ class Teller:
             counters.lost,
             counters.late_at_robot,
             clock_jumps,
+            set_back,
             tare.refusals,
             round(1e3 * math.hypot(*tare.mean[:3])),
             round(1e3 * math.hypot(*tare.mean[3:])),

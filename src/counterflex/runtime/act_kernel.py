@@ -22,6 +22,7 @@ from counterflex.runtime.supervisor import (
     IN_ARM,
     IN_AT_ZERO,
     IN_AWAY,
+    IN_CUT,
     IN_ENABLE,
     IN_HARD,
     IN_HEALTHY,
@@ -43,6 +44,14 @@ SESSION_S: Final = 1.0
 """How long a session of a controller may go on without a telegram, s; what comes later is another one's."""
 DEBOUNCE: Final = 5
 """Telegrams in a row without the program's Enable from which the correction counts as switched off: 20 ms at 4 ms."""
+NO_CUT: Final = 0
+"""The plan says that nothing is cut here."""
+CUT: Final = 1
+"""The plan says that material is cut here; without a plan: there is a force."""
+MAY_CUT: Final = 2
+"""Nothing says whether material is cut here."""
+CUTS_N: Final = 50.0
+"""Measured force above which a loop without a plan takes the tool to be in the cut, and one with a plan doubts it."""
 KEPT: Final = 0
 """The correction that was sent last is in force."""
 NOTHING: Final = 1
@@ -107,29 +116,61 @@ def in_force(given: Float, flags: Int, ring: Float, here: int, state: Float) -> 
     return KEPT if near_kept <= near_nothing else NOTHING
 
 
-@kernel("int64(int64[::1], int64, int64[::1])")
-def _wanted(flags: Int, cuts: int, whole: Int) -> int:
+@kernel("int64(boolean, boolean, float64, float64, int64)")
+def cuts_here(planned: bool, near: bool, cut: float, force_n: float, state: int) -> int:
+    """What is known of whether material is cut here.
+
+    Args:
+        planned: There is a plan.
+        near: It is believed here: the commanded point is on its path.
+        cut: 1 where the plan cuts.
+        force_n: Size of the measured force, N; 0 where it is not used.
+        state: Of the supervisor; a loop that does not act may be anywhere, and far from the path the plan says nothing.
+
+    Returns:
+        NO_CUT, CUT or MAY_CUT.
+    """
+    if planned and cut > 0.0:
+        return CUT if near or state > _ARMED else NO_CUT
+    if force_n > CUTS_N and not planned:
+        return CUT
+    return NO_CUT if near and force_n <= CUTS_N else MAY_CUT
+
+
+@kernel("int64(int64[::1], int64, int64, int64[::1])")
+def _wanted(flags: Int, cuts: int, standing: int, whole: Int) -> int:
     """Whether the program wants the correction, a flicker of its signal aside, and what follows where it is away.
 
     While the correction acts the signal counts as off from the :data:`DEBOUNCE`-th telegram in a row without it. In the
     cut the feed is then held: a program that has left the cut has no reason to be held, one in the cut would go on
-    without its correction. The same where the signal is back for as long, and nobody has armed again.
+    without its correction, also one that comes into the next cut while the correction is still ramped out. The same
+    where the signal is back for as long, and nobody has armed again; and where the program goes through a cut for as
+    long although it was armed and the correction never acted: disarmed by a check, or never switched on.
 
     Args:
         flags: (at.FLAGS,) inputs.
-        cuts: 1: in the cut.
+        cuts: NO_CUT, CUT or MAY_CUT.
+        standing: 1: the program stands.
         whole: (at.WHOLE,); changed.
     """
     state, enable = whole[AT_STATE], flags[at.F_ENABLE]
+    if flags[at.F_RESET] == 1 and state != _HOLD:
+        whole[at.N_ACTED] = whole[at.N_AWAY] = whole[at.N_ARMED] = 0
+    acts = state in (_ACTIVE, _HOLD)
+    if state == _ARMED:
+        whole[at.N_ARMED] = 1
+    elif acts:
+        whole[at.N_ARMED] = 0
     if flags[at.F_ELAPSED] > 0:
         whole[at.N_DISABLED] = 0 if enable == 1 else whole[at.N_DISABLED] + 1
         whole[at.N_ENABLED] = whole[at.N_ENABLED] + 1 if enable == 1 else 0
-    if flags[at.F_RESET] == 1 and state != _HOLD:
-        whole[at.N_ACTED] = whole[at.N_AWAY] = 0
-    acts = state in (_ACTIVE, _HOLD)
+        uncorrected = cuts == CUT and standing == 0 and whole[at.N_ARMED] == 1 and state <= _ARMED
+        whole[at.N_UNCORRECTED] = whole[at.N_UNCORRECTED] + 1 if uncorrected else 0
     wanted = 1 if enable == 1 or (acts and whole[at.N_DISABLED] < DEBOUNCE) else 0
     ended = whole[at.N_ACTED] == 1 and (state < _ARMED or state == _RAMP_OUT) and whole[AT_CAUSE] in (0, _PROGRAM)
-    if (acts and wanted == 0 and cuts == 1) or (ended and whole[at.N_ENABLED] >= DEBOUNCE):
+    if cuts == CUT and wanted == 0 and (acts or (state == _RAMP_OUT and standing == 0)):
+        whole[at.N_AWAY] = 1
+    if (ended and whole[at.N_ENABLED] >= DEBOUNCE) or whole[at.N_UNCORRECTED] >= DEBOUNCE:
         whole[at.N_AWAY] = 1
     return wanted
 
@@ -157,7 +198,7 @@ def ask_supervisor(
         soft: Cause of a hold, or 0.
         hard: Cause of a fault, or 0.
         standing: 1: the program stands.
-        cuts: 1: the plan cuts material here; without a plan: there is a force.
+        cuts: NO_CUT, CUT or MAY_CUT.
         period: Of a cycle, s.
         session: What :func:`in_force` says where the controller's counter jumped, else KEPT.
         supervisor_settings: (6,).
@@ -171,7 +212,9 @@ def ask_supervisor(
     inputs = whole[at.N_INPUTS :]
     inputs[IN_TELEGRAM] = 1 if flags[at.F_ELAPSED] > 0 else 0
     inputs[IN_HEALTHY], inputs[IN_ARM] = flags[at.F_HEALTHY], flags[at.F_ARM]
-    inputs[IN_ENABLE] = _wanted(flags, cuts, whole)
+    inputs[IN_ENABLE] = _wanted(flags, cuts, standing, whole)
+    # A program that switches the correction off says that it has left the cut, where nothing else tells.
+    inputs[IN_CUT] = 1 if cuts == CUT or (cuts == MAY_CUT and inputs[IN_ENABLE] == 1) else 0
     inputs[IN_AWAY] = whole[at.N_AWAY]
     inputs[IN_STOP], inputs[IN_RESET], inputs[IN_SOFT], inputs[IN_HARD] = (
         flags[at.F_STOP],

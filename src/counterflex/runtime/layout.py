@@ -141,18 +141,20 @@ S_LATE: Final = 693  # 6: predicted force that a measured one is compared with, 
 S_BELIEVED: Final = 699  # 6: force that the step takes for the measured one
 STATE: Final = 705
 
-# State, int64: 0..8 of the supervisor, then
-N_RING: Final = 9  # next row of the ring
-N_CYCLES: Final = 10  # cycles since the start
-N_LATE: Final = 11  # telegrams lost in a row
-N_INPUTS: Final = 12  # 11: inputs of the supervisor
-N_SESSION: Final = 23  # 1: another session of the controller came, and the fault it raised has not been reset
-N_DISBELIEVED: Final = 24  # tracker samples in a row that were too far off
-N_DISABLED: Final = 25  # telegrams in a row in which the program did not want the correction
-N_ENABLED: Final = 26  # telegrams in a row in which it did
-N_ACTED: Final = 27  # 1: the correction has acted since a person last acknowledged
-N_AWAY: Final = 28  # 1: it is away in the cut, or wanted again without having been armed
-WHOLE: Final = 29
+# State, int64: 0..10 of the supervisor, then
+N_RING: Final = 11  # next row of the ring
+N_CYCLES: Final = 12  # cycles since the start
+N_LATE: Final = 13  # telegrams lost in a row
+N_INPUTS: Final = 14  # 12: inputs of the supervisor
+N_SESSION: Final = 26  # 1: another session of the controller came, and the fault it raised has not been reset
+N_DISBELIEVED: Final = 27  # tracker samples in a row that were too far off
+N_DISABLED: Final = 28  # telegrams in a row in which the program did not want the correction
+N_ENABLED: Final = 29  # telegrams in a row in which it did
+N_ACTED: Final = 30  # 1: the correction has acted since a person last acknowledged
+N_AWAY: Final = 31  # 1: it is away in the cut, or wanted again without having been armed
+N_ARMED: Final = 32  # 1: it was armed and has not acted since, nor has a person acknowledged
+N_UNCORRECTED: Final = 33  # telegrams in a row in which the program moved in the cut although it was armed
+WHOLE: Final = 34
 
 RING_ROWS: Final = 256
 RING_NOMINAL: Final = 0  # 12

@@ -12,7 +12,17 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.robot.kernels_step import OUT_D, OUT_SIGMA, REFUSED, deflect
 from counterflex.runtime import layout as at
-from counterflex.runtime.act_kernel import FAULT_LOST, KEPT, NOTHING, as_axes, ask_supervisor, in_force, limit, remember
+from counterflex.runtime.act_kernel import (
+    FAULT_LOST,
+    KEPT,
+    NOTHING,
+    as_axes,
+    ask_supervisor,
+    cuts_here,
+    in_force,
+    limit,
+    remember,
+)
 from counterflex.runtime.direction_kernel import control
 from counterflex.runtime.estimate_kernel import (
     answered,
@@ -48,8 +58,6 @@ from counterflex.signals.filters import smooth
 
 MOST_ELAPSED = 4
 """Cycles that are made up for at most after telegrams were lost."""
-_CUTS_N = 50.0
-"""Measured force above which a loop without a plan takes the tool to be in the cut."""
 _PROCESS = int(Source.FORCE | Source.CURRENTS)
 _MEASURED, _PILOT, _SCALE, _FUSED = 1, 2, 3, 4
 _INTEGRATOR, _OBSERVER, _DESIGNED = 1, 2, 3
@@ -362,14 +370,13 @@ def step(
         soft = _SOFT_LIMIT
     # Who may act, and how far.
     held = whole[AT_STATE] == _HOLD
-    standing = 1 if held and stands(ring, here, nominal) else 0
+    standing = 1 if stands(ring, here, nominal) else 0
     session = KEPT
     if flags[at.F_HARD] == _SESSION:
         session = in_force(given, flags, ring, here, state) if whole[AT_STATE] > _ARMED else NOTHING
-    cuts = cut > 0.0 if planned else force_mode != 0 and size_of(filtered, 0) > _CUTS_N
-    now = ask_supervisor(
-        flags, soft, hard, standing, 1 if cuts else 0, period, session, supervisor_settings, state, whole, outcome
-    )
+    near = planned and distance <= constants[at.C_OFF_PATH]
+    cuts = cuts_here(planned, near, cut, size_of(filtered, 0) if force_mode != 0 else 0.0, whole[AT_STATE])
+    now = ask_supervisor(flags, soft, hard, standing, cuts, period, session, supervisor_settings, state, whole, outcome)
     limits = limit(now, 1 if held else 0, share, wanted, elapsed, constants, state, results)
     remember(here, hard, nominal, bent, choices, constants, state, whole, ring)
     # Where axis angles cannot be computed they stay as they were: a fault holds, also in the axes.

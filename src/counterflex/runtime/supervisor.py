@@ -4,9 +4,12 @@ A pure function of one cycle. Correction acts in ACTIVE only. What goes wrong fr
 (HOLD) and asks for a feed hold. When it lasts, the correction is ramped out slowly where the robot stands; a robot that
 goes on although it is to hold is told to stop with the correction as it is (FAULT), because a program that goes on is
 never left without its correction in the cut. A feed hold that was asked for stays so, and the robot is told to stop
-behind the ramp, until a person acknowledges it or the program itself has switched the correction off. What must not
-happen is a FAULT: the output is held, the robot is told to stop, and only a person leads out of it, with the correction
-at zero. There is no way from FAULT to ACTIVE.
+behind the ramp, until a person acknowledges it or the program itself has switched the correction off. A stop, and a
+program that switches the correction off in the cut, go the same way: held first, ramped out as soon as the robot
+stands, stopped with its correction where it does not. Only out of the cut the ramp begins at once; a robot that goes on
+in the cut while it lasts is held again, for what is left of the hold's time. What must not happen is a FAULT: the
+output is held, the robot is told to stop, and only a person leads out of it, with the correction at zero. There is no
+way from FAULT to ACTIVE.
 """
 
 from __future__ import annotations
@@ -33,7 +36,8 @@ IN_HARD = 7  # cause of a fault, or 0
 IN_AT_ZERO = 8  # 1: the output is zero and at rest
 IN_STANDS = 9  # 1: the commanded pose, correction aside, does not move
 IN_AWAY = 10  # 1: the correction is away although the program is in the cut, or wants it again
-INPUTS = 11
+IN_CUT = 11  # 1: material is cut here, or it may be
+INPUTS = 12
 
 # State of the supervisor.
 AT_STATE = 0
@@ -45,7 +49,9 @@ AT_FEED_HOLD = 5  # 1: the robot is to hold its feed
 AT_STOP = 6  # cycles left in which the robot is told to stop behind a ramp
 AT_RETURNS = 7  # returns from HOLD to ACTIVE, those long ago forgotten
 AT_CALM = 8  # cycles in ACTIVE since one was forgotten
-STATES = 9
+AT_HELD = 9  # cycles in HOLD since the correction acted last, those before a ramp that was broken off included
+AT_ENDING = 10  # 1: asked to end: HOLD leads to the ramp or to FAULT, never back
+STATES = 11
 
 # Settings.
 SET_HOLD_CYCLES = 0
@@ -62,7 +68,8 @@ class SupervisorSettings:
     """How long things may last, in cycles.
 
     Attributes:
-        hold: Longest HOLD before the output is ramped out, or the robot stopped that does not hold.
+        hold: Longest HOLD, also in several pieces with ramps that were broken off between them, before the output is
+            ramped out, or the robot stopped that does not hold.
         good: Clean cycles before HOLD may end.
         rise: Cycles over which the correction is faded in.
         stop: Cycles in FAULT in which the robot is told to stop, before the loop falls silent; also behind a ramp.
@@ -102,7 +109,8 @@ def _ask_the_robot(at: Int, given: Int, settings: Int, following: int, cause: in
 
     It begins with HOLD and FAULT, and where the operator ends the correction. It ends where the correction acts again,
     with the operator's acknowledgment outside of HOLD and FAULT, and where the program has switched the correction off
-    out of the cut. Where the correction is away in the cut, or wanted again without having been armed, it begins too.
+    and is out of the cut. Where the correction is away in the cut, or wanted again without having been armed, it begins
+    too.
 
     Args:
         at: (STATES,) before the change of state; AT_FEED_HOLD and AT_STOP are changed.
@@ -118,7 +126,7 @@ def _ask_the_robot(at: Int, given: Int, settings: Int, following: int, cause: in
         at[AT_FEED_HOLD] = 0
     elif given[IN_AWAY] == 1:
         at[AT_FEED_HOLD] = 1
-    elif given[IN_ENABLE] == 0:
+    elif given[IN_ENABLE] == 0 and given[IN_CUT] == 0:
         at[AT_FEED_HOLD] = 0
     elif following == _RAMP_OUT and state == _ACTIVE and cause == _OPERATOR:
         at[AT_FEED_HOLD] = 1
@@ -142,6 +150,9 @@ def supervise(at: Int, given: Int, settings: Int) -> None:
     state, cause = at[AT_STATE], at[AT_CAUSE]
     soft, hard = given[IN_SOFT], given[IN_HARD]
     following = state
+    # The correction moves towards zero only where the robot stands, or where nothing is cut.
+    may_ramp = given[IN_CUT] == 0 or given[IN_STANDS] == 1
+    ends = at[AT_ENDING] == 1 or given[IN_STOP] == 1 or given[IN_ENABLE] == 0
     if hard != 0 and state != _FAULT and state != _IDLE:
         following, cause = _FAULT, hard
     elif state == _IDLE:
@@ -158,6 +169,7 @@ def supervise(at: Int, given: Int, settings: Int) -> None:
             and soft == 0
             and given[IN_AT_ZERO] == 1
             and given[IN_ENABLE] == 0
+            and given[IN_AWAY] == 0
         ):
             following, cause = _ARMED, 0
     elif state == _ARMED:
@@ -165,21 +177,24 @@ def supervise(at: Int, given: Int, settings: Int) -> None:
             following, cause = _READY, _OPERATOR
         elif soft != 0:
             following, cause = _READY, soft
+        elif given[IN_AWAY] == 1:
+            following, cause = _READY, _ENABLE_LOST
         elif given[IN_ENABLE] == 1:
             following, cause = _ACTIVE, 0
     elif state == _ACTIVE:
         if soft != 0:
             following, cause = _HOLD, soft
-        elif given[IN_STOP] == 1:
-            following, cause = _RAMP_OUT, _OPERATOR
-        elif given[IN_ENABLE] == 0:
-            following, cause = _RAMP_OUT, _ENABLE_LOST if given[IN_AWAY] == 1 else _PROGRAM
+        elif ends:
+            following = _RAMP_OUT if may_ramp else _HOLD
+            if given[IN_STOP] == 1:
+                cause = _OPERATOR
+            else:
+                cause = _ENABLE_LOST if given[IN_AWAY] == 1 else _PROGRAM
     elif state == _HOLD:
-        # The program that switches the correction off has left the cut, whatever it was held for.
-        may_return = (cause < _OF_PROCESS or cause >= _RUN_LOST) and at[AT_RETURNS] < settings[SET_RETURNS]
-        if given[IN_STOP] == 1 or given[IN_ENABLE] == 0:
+        may_return = (cause < _OF_PROCESS or cause >= _RUN_LOST) and at[AT_RETURNS] < settings[SET_RETURNS] and not ends
+        if ends and may_ramp:
             following = _RAMP_OUT
-        elif at[AT_CYCLES] >= settings[SET_HOLD_CYCLES]:
+        elif at[AT_HELD] >= settings[SET_HOLD_CYCLES]:
             if given[IN_STANDS] == 1:
                 following = _RAMP_OUT
             else:
@@ -189,12 +204,19 @@ def supervise(at: Int, given: Int, settings: Int) -> None:
     elif state == _RAMP_OUT:
         if given[IN_AT_ZERO] == 1:
             following = _READY if given[IN_HEALTHY] == 1 else _IDLE
+        elif not may_ramp:  # it goes on, or has come into the cut: held for what is left of the hold's time
+            following, cause = (_HOLD, cause) if at[AT_HELD] < settings[SET_HOLD_CYCLES] else (_FAULT, _TOO_LONG)
     elif given[IN_RESET] == 1 and given[IN_AT_ZERO] == 1 and hard in (0, _STOPPED):
         # A controller whose next session nobody answered would not wait for a reset: it may come before.
         following, cause = _IDLE, 0
-    if given[IN_AWAY] == 1 and following in (_IDLE, _READY, _RAMP_OUT) and cause in (0, _PROGRAM):
+    if given[IN_AWAY] == 1 and following in (_IDLE, _READY, _RAMP_OUT, _HOLD) and cause in (0, _PROGRAM):
         cause = _ENABLE_LOST
     _ask_the_robot(at, given, settings, following, cause)
+    if following not in (_HOLD, _RAMP_OUT):
+        at[AT_HELD] = at[AT_ENDING] = 0
+    else:
+        at[AT_HELD] += 1 if following == _HOLD and state != _ACTIVE else 0
+        at[AT_ENDING] = 1 if ends or following == _RAMP_OUT else 0
     at[AT_GOOD] = at[AT_GOOD] + 1 if following == _HOLD and soft == 0 else 0
     if following == _ACTIVE:
         if state == _ARMED:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from counterflex.core.arrays import as_positive
 
-_ANEW_S = 2.0
-_ANEW_SAMPLES = 5
+_ANEW_S: Final = 2.0
+_ANEW_SAMPLES: Final = 5
+_FALLEN_SAMPLES: Final = 8
 
 
 class ArrivalClock:
@@ -15,12 +17,19 @@ class ArrivalClock:
 
     Of all samples the one with the smallest difference of arrival and stamp came the shortest way; its age is what was
     identified for it, and every other sample is older by as much as its difference is larger. The smallest difference
-    is let up slowly, so that a clock that runs slower than ours is followed; one that runs faster is at once. A clock
-    that was set back is taken anew after five samples that would be older than 2 s.
+    is let up slowly, so that a clock that runs slower than ours is followed; one that runs faster is at once.
+
+    A clock that was set back is known by time stamps that fall; by how much does not matter. It is taken anew with the
+    eighth sample of the new time; until then its samples are older than those before them, and whoever uses them sees
+    it. One sample with a wrong stamp changes nothing: the next one has the old time again. Without stamps that fall
+    (the source was silent meanwhile) it is known after five samples that would be older than 2 s.
 
     Args:
         least_s: Age of a sample that came the shortest way.
         rate: By how much the clocks may run apart, 1 (1e-4 is 0.1 ms in a second).
+
+    Attributes:
+        set_back: How often the other clock was taken anew.
     """
 
     def __init__(self, least_s: float, rate: float = 1e-4) -> None:
@@ -28,7 +37,10 @@ class ArrivalClock:
         self._rate = as_positive("rate", rate, zero=True)
         self._floor = math.inf
         self._last = 0.0
-        self._far = 0
+        self._far = self._fallen = 0
+        self._stamp = -math.inf
+        self._new_floor = math.inf
+        self.set_back = 0
 
     def age(self, now_s: float, stamp_s: float) -> float:
         """Age of a sample.
@@ -44,8 +56,25 @@ class ArrivalClock:
         if self._floor < math.inf:
             self._floor += self._rate * max(0.0, now_s - self._last)
         self._last = now_s
+        self._watch_stamp(apart, stamp_s)
         self._far = self._far + 1 if apart - self._floor > _ANEW_S else 0
         if self._far >= _ANEW_SAMPLES:
-            self._floor, self._far = apart, 0
+            self._begin_anew(apart)
         self._floor = min(self._floor, apart)
         return self.least_s + apart - self._floor
+
+    def _watch_stamp(self, apart: float, stamp_s: float) -> None:
+        """Stamps that have fallen, and what follows: the new time, or the old one again."""
+        if stamp_s < self._stamp:
+            self._fallen, self._new_floor = 1, apart
+        elif self._fallen and apart < 0.5 * (self._floor + self._new_floor):
+            self._fallen = 0
+        elif self._fallen:
+            self._fallen, self._new_floor = self._fallen + 1, min(self._new_floor, apart)
+        self._stamp = stamp_s
+        if self._fallen >= _FALLEN_SAMPLES:
+            self._begin_anew(self._new_floor)
+
+    def _begin_anew(self, floor: float) -> None:
+        self._floor, self._far, self._fallen = floor, 0, 0
+        self.set_back += 1

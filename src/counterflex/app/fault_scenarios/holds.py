@@ -78,6 +78,36 @@ def _silent(cycles: int, *, holds_feed: bool) -> Callable[[Effort], Outcome]:
     return run
 
 
+def _stopped(*, holds_feed: bool) -> Callable[[Effort], Outcome]:
+    """The operator's stop in the cut: never without the correction while the robot moves, and an end in any case."""
+
+    def run(effort: Effort) -> Outcome:
+        with Rig(
+            seed=effort.seed, sensors=effort.sensors, force=_steady, holds_feed=holds_feed, context=RsiContext()
+        ) as rig:
+            rig.activate().run(SETTLED)
+            begin, lost = rig.cycle_count, 0.0
+            rig.control[Request.STOP] = 1
+            for _ in range(700):
+                before, gone = rig.robot.correction[:3].copy(), rig.gone
+                rig.cycle()
+                if rig.gone != gone:
+                    lost += float(np.linalg.norm(rig.robot.correction[:3] - before))
+            path, stopped = rig.seen.path(begin), rig.robot.stopped
+            step = float(rig.seen.steps()[begin - 1 :].max())
+            held = first_cycle(rig, State.HOLD, begin)
+            state, cause = rig.state, rig.loop.cause
+        ended = state <= State.READY if holds_feed else (state, cause) == (State.FAULT, Cause.HELD_TOO_LONG)
+        return Outcome(
+            ended and stopped == "Stop" and lost < _LEAST_M and step <= LARGEST_STEP_M,
+            f"{described(path)}; while the robot moved its correction changed by {lost / MM:.3f} mm; robot: {stopped}",
+            step,
+            None if held is None else held * PERIOD_S,
+        )
+
+    return run
+
+
 def _log(*, holds: bool) -> Callable[[Effort], Outcome]:
     """Nobody takes the records: before arming, then while the correction acts."""
 
@@ -206,6 +236,20 @@ SCENARIOS: Final = (
         "no force any more; the robot goes on although a feed hold is asked for",
         "never without its correction: told to stop with the correction as it is (0.1 mm)",
         _silent(0, holds_feed=False),
+    ),
+    Scenario(
+        "R16",
+        "stop-in-the-cut",
+        "the operator's stop in the cut; the robot holds its feed",
+        "ramped out where it stands, then told to stop; 0.1 mm while it moves",
+        _stopped(holds_feed=True),
+    ),
+    Scenario(
+        "R16",
+        "stop-disobeyed",
+        "the operator's stop in the cut; the robot goes on although a feed hold is asked for",
+        "never without its correction: told to stop with the correction as it is (0.1 mm)",
+        _stopped(holds_feed=False),
     ),
     Scenario(
         "R17",

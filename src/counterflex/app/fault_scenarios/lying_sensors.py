@@ -38,7 +38,7 @@ def _tracker(
     *,
     cycles: int = 0,
     goes_on: bool = False,
-    named: bool = True,
+    set_back: bool = False,
     settings: OnlineSettings | None = None,
 ) -> Callable[[Effort], Outcome]:
     """The tracker lies from some cycle on; with ``cycles`` so many, and then no more.
@@ -47,7 +47,7 @@ def _tracker(
         lie: Makes it lie.
         cycles: See above; 0: to the end.
         goes_on: Nothing but going on is right.
-        named: What is wrong must be said.
+        set_back: Its clock is set back: that is noticed once, said, and its samples are used again.
         settings: Of the loop; None: the measured force and the tracker's integrator.
     """
 
@@ -65,8 +65,13 @@ def _tracker(
             rig.run(_AFTER - cycles)
             found = aftermath(rig, begin)
             active = rig.state == State.ACTIVE
+            noticed = rig.session.set_back
         said = any("TRACKER" in cause.name or cause in _OF_A_TRACKER for cause in found.causes)
-        return found.outcome(found.followed_m <= _FOLLOWED_M and (active if goes_on else said or not named))
+        return found.outcome(
+            found.followed_m <= _FOLLOWED_M
+            and (active if goes_on else said)
+            and (not set_back or (said and noticed == 1))
+        )
 
     return run
 
@@ -290,9 +295,9 @@ SCENARIOS: Final = (
     ),
     _tracked(
         "tracker-late",
-        "its samples are 100 ms older from now on",
-        "not followed by more than 0.1 mm",
-        _tracker(_stamps((-100.0 * MS,)), named=False),
+        "its clock is set back by 100 ms",
+        "noticed and named, goes on by the new time; not followed by more than 0.1 mm",
+        _tracker(_stamps((-100.0 * MS,)), goes_on=True, set_back=True),
     ),
     _tracked(
         "tracker-unseen",

@@ -1,0 +1,54 @@
+"""Age of samples by another clock's stamps: the clock is set back, forth, or one stamp is wrong."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from counterflex.signals.arrival import ArrivalClock
+
+LEAST_S = 4e-3
+PERIOD_S = 4e-3
+
+
+def ages(clock: ArrivalClock, begin: int, n: int, *, ahead_s: float = 0.0, late_s: float = 0.0) -> list[float]:
+    """Ages of n samples, one a cycle, by a clock that is ahead; each comes late_s later than the quickest."""
+    return [clock.age(PERIOD_S * k + late_s, PERIOD_S * k - LEAST_S + ahead_s) for k in range(begin, begin + n)]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(0.005, 30.0), st.integers(10, 500))
+def test_a_clock_that_is_set_back_is_taken_anew_whatever_the_step(back_s: float, before: int) -> None:
+    """Less than 2 s was taken for samples that are late, for hours: the floor rises by 0.1 ms in a second."""
+    clock = ArrivalClock(LEAST_S)
+    assert ages(clock, 0, before)[-1] == pytest.approx(LEAST_S, abs=1e-3)
+    assert clock.set_back == 0
+    found = ages(clock, before, 10, ahead_s=-back_s)
+    assert found[0] > LEAST_S + 0.9 * back_s  # whoever uses it sees that it is older than the last one
+    assert found[-1] == pytest.approx(LEAST_S, abs=1e-3)
+    assert clock.set_back == 1
+
+
+@pytest.mark.parametrize("wrong_s", [-0.5, -0.01, 0.5])
+def test_one_wrong_stamp_is_forgotten(wrong_s: float) -> None:
+    clock = ArrivalClock(LEAST_S)
+    ages(clock, 0, 100)
+    ages(clock, 100, 1, ahead_s=wrong_s)
+    assert ages(clock, 101, 10)[-1] == pytest.approx(LEAST_S, abs=1e-3)
+    if wrong_s < 0.0:
+        assert clock.set_back == 0
+
+
+def test_samples_that_come_late_are_late() -> None:
+    """A network that stands still for 0.2 s is no clock that was set back: the stamps go on."""
+    clock = ArrivalClock(LEAST_S)
+    ages(clock, 0, 100)
+    assert ages(clock, 100, 50, late_s=0.2) == pytest.approx([LEAST_S + 0.2] * 50, abs=1e-3)
+    assert clock.set_back == 0
+
+
+def test_a_clock_that_is_set_forth_is_followed_at_once() -> None:
+    clock = ArrivalClock(LEAST_S)
+    ages(clock, 0, 100)
+    assert ages(clock, 100, 20, ahead_s=0.7) == pytest.approx([LEAST_S] * 20, abs=1e-3)
