@@ -15,7 +15,8 @@ from counterflex.identify.arm_parameters import ArmPriors
 from counterflex.identify.changes import Calibration, ElementCompliance, TableValues
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.geometry_setup import set_up
-from counterflex.identify.kinematics import identify, model_of_data
+from counterflex.identify.kinematics import identify
+from counterflex.identify.kinematics_stages import model_of_data
 from counterflex.identify.solve import solve
 from counterflex.identify.tracker_data import arm_as_known, start_frames
 

@@ -291,8 +291,8 @@ def step(
                 pose_deviation(given, at.G_ACTUAL, past[:12], contained[:6], deviation[:6])
                 if choices[at.W_NORMAL] == 1 and planned:
                     across(deviation, 0, plan, row)
-                believed = size_of(deviation, 0) <= constants[at.C_JUMP] or not active
-                if believed:
+                agrees = size_of(deviation, 0) <= constants[at.C_JUMP] or not active
+                if agrees:
                     designed(deviation[:6], active and forward_share == 1.0, constants, state)
                 elif soft == 0:
                     soft = _TRACKER_LOST
@@ -309,14 +309,14 @@ def step(
                 sum_up(deviation[:6], constants[at.C_GAIN], constants[at.C_SATURATION : at.C_SATURATION + 2], state)
         else:
             then = (here - choices[at.W_DEFLECTION_BACK] + at.RING_ROWS) % at.RING_ROWS
-            believed = observe(
+            agrees = observe(
                 deviation,
                 ring[then, at.RING_DEFLECTION : at.RING_DEFLECTION + 6],
                 constants[at.C_NOISE : at.C_NOISE + 2],
                 constants[at.C_JUMP] if active else math.inf,
                 state,
             )
-            if not believed and soft == 0:
+            if not agrees and soft == 0:
                 soft = _TRACKER_LOST
     if tracker_mode == _OBSERVER:
         for part in range(2):
