@@ -298,6 +298,6 @@ def test_a_segment_that_lost_its_facts_goes_on_with_the_run_before_it(
 
 def test_another_program_s_columns_are_still_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path)
-    monkeypatch.setattr("counterflex.files.run_log.COLUMNS", (*COLUMNS[:-1], "other"))
-    with pytest.raises(FileFormatError, match="other columns"):
+    monkeypatch.setattr("counterflex.files.run_log_columns.COLUMNS", (*COLUMNS[:-1], "other"))
+    with pytest.raises(FileFormatError, match="columns mean something else"):
         read_segment(tmp_path / "run-000.mcap")
