@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from counterflex import __version__
 from counterflex.app.made_on import made_on
 from counterflex.app.online_loop import online_loop
+from counterflex.app.run_log_missing import counted
 from counterflex.core.arrays import Float
 from counterflex.files.cell import read_cell
 from counterflex.files.mcap_salvage import salvage
@@ -194,6 +195,26 @@ def test_two_runs_in_one_folder(folder: Path, logged: Float, counterflex: Any) -
         (0, CYCLES, 0),
         (1, 120, 0),
     ]
+
+
+def test_runs_whose_segments_alternate(
+    folder: Path, logged: Float, counterflex: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each is replayed by itself, and gaps are counted by run and cycle; the second misses cycles 61 to 80."""
+    loop = online_loop(read_cell(folder / "cell.toml"), None, compensated=False)
+    logs = [RunLog(folder / "two", {"compensated": True, "loop_sha256": loop.sha256(), "who": k}) for k in range(2)]
+    monkeypatch.setattr("counterflex.files.run_log.SEGMENT_BYTES", 1)  # a segment of its own for every piece
+    for k in range(0, CYCLES, 20):
+        logs[0].add(logged[k : k + 20], 0.2 * (k + 1))
+        if k != 60:
+            logs[1].add(logged[k : k + 20], 0.2 * (k + 1))
+    for log in logs:
+        log.close()
+    found = counterflex("log", "replay", "two", "--cell", "cell.toml", "--json")
+    shown = json.loads(found.out)
+    assert (found.status, shown["missing"], len(shown["gaps"])) == (5, 20, 1)
+    assert shown["compared"] == CYCLES + 60  # nothing behind a gap without a recorded state
+    assert counted(folder / "two") == (2 * CYCLES - 20, 20)
 
 
 def test_show(folder: Path, logged: Float, counterflex: Any) -> None:

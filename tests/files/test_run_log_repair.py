@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import os
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -108,9 +110,49 @@ def test_cut_or_damaged_anywhere(written: Written, tmp_path: Path, share: float,
     assert (tmp_path / done.kept).read_bytes() == bytes(damaged)
 
 
-def test_a_segment_that_is_being_written_is_left_alone(tmp_path: Path) -> None:
+def test_a_segment_that_a_living_process_holds_is_left_alone_and_a_dead_one_s_is_repaired_at_once(
+    tmp_path: Path,
+) -> None:
+    """A log whose robot is silent, or whose disk stands still, is not written to for minutes; clocks may be wrong."""
+    log = RunLog(tmp_path, {"seed": 3})
+    log.add(rows(50), 1.0)
+    file = tmp_path / "run-000.mcap"
+    before = file.read_bytes()
+    for age in (0.0, 600.0, -600.0):
+        with pytest.raises(InputError, match="a process that lives holds it"):
+            repair_segment(file, file.stat().st_mtime + age)
+    assert file.read_bytes() == before
+    log.close()
+    file.write_bytes(before)  # as after kill -9
+    done = repair_segment(file)
+    assert done is not None
+    assert done.records == 50
+
+
+def test_a_killed_process_holds_nothing_any_more(tmp_path: Path) -> None:
+    code = (
+        "import sys, numpy as np; from counterflex.files.run_log import RunLog;"
+        " from counterflex.runtime.record_ring import WIDTH;"
+        " log = RunLog(sys.argv[1], {}); log.add(np.zeros((5, WIDTH)), 1.0); print('written', flush=True); input()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline().strip() == b"written"
+        with pytest.raises(InputError, match="being written"):
+            repair_segment(tmp_path / "run-000.mcap", LATER)
+        other.kill()
+    done = repair_segment(tmp_path / "run-000.mcap")
+    assert done is not None
+    assert done.records == 5
+
+
+def test_where_no_lock_tells_the_time_of_the_file_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another computer has written it, perhaps to a folder that both see: its locks need not be known here."""
     file = unfinished(tmp_path, rows(50))
     before = file.read_bytes()
+    monkeypatch.setattr("counterflex.files.run_log_repair.boot_id", lambda: "another")
     os.utime(file, (1000.0, 1000.0))
     with pytest.raises(InputError, match="being written"):
         repair_segment(file, 1004.0)

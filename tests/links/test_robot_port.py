@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from counterflex.core.errors import InputError, OutputError
+from counterflex.core.held import boot_id
 from counterflex.links import system_calls
-from counterflex.links.instance_lock import InstanceLock, boot_id
+from counterflex.links.instance_lock import InstanceLock
 from counterflex.links.robot_port import RobotPort, Verdict
 
 

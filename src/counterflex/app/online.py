@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import multiprocessing
+import threading
 import time
 from collections.abc import Callable
 from multiprocessing.process import BaseProcess
@@ -17,22 +18,27 @@ from counterflex import __version__
 from counterflex.app.made_on import made_on
 from counterflex.app.online_process import END_S, loop_process
 from counterflex.app.online_session import RunSettings, one_protocol
-from counterflex.app.recorder import SUMMARY, Recorder, recorder_process
+from counterflex.app.recorder import SUMMARY, NoLog, Recorder, recorder_process
 from counterflex.app.run_end import AS_ASKED, ended_how
 from counterflex.app.run_status import Status, StatusReader
 from counterflex.core.arrays import Int
 from counterflex.core.errors import OutputError
+from counterflex.core.units import NS
 from counterflex.files.run_log import RunLog
 from counterflex.files.summary_file import write_summary
-from counterflex.links.control_array import CONTROL, Kept, Life, Request
-from counterflex.links.living import Beat
-from counterflex.links.one_run import require_free
+from counterflex.links.control_array import CONTROL, Kept, Life, Request, Shown
+from counterflex.links.living import SILENT_S, Beat
+from counterflex.links.one_run import OneRun
 from counterflex.links.operator_words import OperatorFile
 from counterflex.links.shared_words import SharedWords
 from counterflex.runtime.record_ring import RecordRing
 
 _POLL_S: Final = 0.02
 _SHOWN_S: Final = 0.5
+RECORDER_END_S: Final = 30.0
+"""How long the recorder may take to finish the log, as long as it says that it lives; else it has :data:`END_S`."""
+_STOOD: Final = "the recorder stood still and was ended: 0.1 s before that may be missing, log repair counts it"
+_DISK_STANDS: Final = "the recorder stands still, and so does the disk; what is missing can be counted by log repair"
 
 
 def run(
@@ -75,8 +81,9 @@ def run(
         supervised.watch(watch, ended, None if most_s is None else begin + most_s)
         summary = supervised.summary() | {"seconds": round(time.monotonic() - begin, 2)}
         summary["ended"] = ended_how(summary, arm=settings.arm)
-        with contextlib.suppress(OutputError):  # a folder that is gone is told as a log that is lost
-            write_summary(Path(out) / SUMMARY, {"job": "run", "cell": settings.cell.name, **summary})
+        if not supervised.disk_stands:
+            with contextlib.suppress(OutputError):  # a folder that is gone is told as a log that is lost
+                write_summary(Path(out) / SUMMARY, {"job": "run", "cell": settings.cell.name, **summary})
         return summary
     finally:
         supervised.close()
@@ -93,6 +100,7 @@ class Supervised:
         loop: Its process.
         recorder: Its process.
         control: See :mod:`counterflex.links.control_array`.
+        disk_stands: The log cannot be written to, and whoever tries waits without end.
     """
 
     def __init__(self, settings: RunSettings, out: Path) -> None:
@@ -102,10 +110,12 @@ class Supervised:
         self.control: Int = np.frombuffer(self._words.words, dtype=np.int64)
         self._ring = RecordRing()
         self._operator: OperatorFile | None = None
+        self._one: OneRun | None = None
         self._beat: Beat | None = None
         self._status: StatusReader | None = None
         self._about: dict[str, Any] = {}
         self._trouble = ""
+        self.disk_stands = False
         self._fault: BaseException | None = None
         self._pipes: list[Any] = []
         shared = (self._ring.name, self._words.path, out)
@@ -127,7 +137,7 @@ class Supervised:
         Raises:
             CounterflexError: What the loop or the recorder could not do.
         """
-        require_free(self._out)
+        self._one = OneRun(self._out)
         # From the beginning: a loop whose run is killed while it compiles must see that, too.
         self._beat = Beat(self.control, Life.RUN_NS, Life.RUN_PID)
         for process in (self.loop, self.recorder):
@@ -203,14 +213,12 @@ class Supervised:
                     self._trouble = str(said)
 
     def summary(self) -> dict[str, Any]:
-        """What the recorder counted; where it died, what is still there is written and counted here."""
-        found: dict[str, Any] | None = None
-        with contextlib.suppress(EOFError, OSError):
-            found = self._recorder_pipe.recv()
-        self.recorder.join(END_S)
-        died = found is None
+        """What the recorder counted; where it died or stands still, what is still there is written and counted here."""
+        found = self._recorder_said()
+        died = found is None and not self.recorder.is_alive()
         if found is None:
-            found = self._inherit()
+            found = self._inherited() if died else self._instead()
+        self.recorder.join(END_S)
         exit_code = self.loop.exitcode
         return {
             **found,
@@ -219,7 +227,44 @@ class Supervised:
             "loop_ended": AS_ASKED if exit_code == 0 and self.control[Life.ENDED] else f"died ({exit_code})",
         }
 
-    def _inherit(self) -> dict[str, Any]:
+    def _recorder_said(self) -> dict[str, Any] | None:
+        """Its summary; None where it has died or does not come to its end: a bounded wait, longer while it lives."""
+        begin = time.monotonic()
+        with contextlib.suppress(EOFError, OSError):
+            while not self._recorder_pipe.poll(_POLL_S):
+                silent_s = (time.monotonic_ns() - int(self.control[Life.RECORDER_NS])) * NS
+                if time.monotonic() - begin > (END_S if silent_s > SILENT_S else RECORDER_END_S):
+                    return None
+            found: dict[str, Any] = self._recorder_pipe.recv()
+            return found
+        self.recorder.join(END_S)
+        return None
+
+    def _instead(self) -> dict[str, Any]:
+        """The recorder stands still: it is ended, and what it has not taken is written here, if the disk takes it."""
+        taken = int(self.control[Kept.TAKEN])
+        self.recorder.kill()
+        self.recorder.join(END_S)
+        found: list[dict[str, Any]] = []
+        if not self.recorder.is_alive():
+            writer = threading.Thread(target=self._inherit_into, args=(found,), daemon=True)
+            writer.start()
+            writer.join(RECORDER_END_S)
+        if found:
+            return found[0] | {"log_trouble": _STOOD}
+        self.disk_stands = True
+        recorder = Recorder(self._ring.name, NoLog(), self.control)
+        recorder.take()
+        found.append(recorder.summary())
+        recorder.close()
+        kept = {"cycles": int(self.control[Shown.CYCLES]), "records": taken, "records_lost": self._ring.count - taken}
+        return found[-1] | kept | {"log_trouble": _DISK_STANDS}
+
+    def _inherit_into(self, found: list[dict[str, Any]]) -> None:
+        with contextlib.suppress(OSError):
+            found.append(self._inherited())
+
+    def _inherited(self) -> dict[str, Any]:
         """The recorder has died: go on with the log behind what it has taken, as far as the ring still has it."""
         log = RunLog(self._out, self._about)
         recorder = Recorder(self._ring.name, log, self.control, behind=int(self.control[Kept.TAKEN]))
@@ -239,6 +284,8 @@ class Supervised:
         for process in (self.loop, self.recorder):
             if process.pid is not None:
                 process.join(END_S)
+        if self.recorder.pid is not None and (time.monotonic_ns() - int(self.control[Life.RECORDER_NS])) * NS > END_S:
+            self.recorder.kill()  # it stands still: who waits for it would wait without end
         self._loop_pipe.close()
         if self._status is not None:
             self._status.close()
@@ -248,6 +295,8 @@ class Supervised:
         del self.control
         self._words.remove()
         self._words.close()
+        if self._one is not None:
+            self._one.close()
 
 
 def _about(settings: RunSettings, loop_sha256: str) -> dict[str, Any]:

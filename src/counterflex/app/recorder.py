@@ -33,11 +33,24 @@ from counterflex.links.living import Beat, Living
 from counterflex.links.shared_words import SharedWords
 from counterflex.runtime.layout import O_CAUSE, O_DEGRADED, O_SOFT, O_STATE
 from counterflex.runtime.record_ring import OUTCOME, RESULTS, RecordRing
+from counterflex.runtime.state_slots import LoopState
 from counterflex.runtime.supervisor import Cause, State
 
 SUMMARY: Final = "summary.json"
 _POLL_S: Final = 0.02
 _INCIDENTS_SHOWN: Final = 250
+
+
+class NoLog:
+    """In place of a log that cannot be written: all records are lost."""
+
+    def __init__(self) -> None:
+        self.written = self.lost = self.trouble_number = 0
+        self.trouble = ""
+
+    def add(self, rows: Float, *, state: LoopState | None = None) -> None:  # noqa: ARG002 - as a log takes them
+        """Count them."""
+        self.lost += len(rows)
 
 
 class Recorder:
@@ -50,7 +63,7 @@ class Recorder:
         behind: Rows that another recorder has taken before.
     """
 
-    def __init__(self, ring: str, log: RunLog, control: Int, *, behind: int = 0) -> None:
+    def __init__(self, ring: str, log: RunLog | NoLog, control: Int, *, behind: int = 0) -> None:
         self._reader = RecordRing(ring)
         self._reader.rewind(behind)
         self._log, self._control = log, control

@@ -17,6 +17,7 @@ from counterflex.app.online_loop import loop_plan, online_loop
 from counterflex.app.process_events import shown_process
 from counterflex.app.run_log_missing import LogMissing
 from counterflex.core import atomic
+from counterflex.core.arrays import Int
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import NS, UM
 from counterflex.evaluate.incidents import IncidentFinder
@@ -205,6 +206,8 @@ def replay(
     answer = Replayed()
     after = _last_states(folder, from_s) if from_s > 0.0 else {}
     current: Replay | None = None
+    replays: dict[int, Replay] = {}
+    left: dict[int, Int] = {}  # what the one loop remembered when another run's segment came between
     number = -1
     total = len(list(Path(folder).glob("run-*.mcap")))
     for k, segment in enumerate(segments(folder)):
@@ -216,15 +219,20 @@ def replay(
         if not segment.about or answer.difference is not None:
             continue
         if current is None or segment.run != number:
-            _collect(answer, current)
-            current, number = Replay(loop, after=passed), segment.run
+            if current is not None:
+                left[number] = np.concatenate([array.reshape(-1).view(np.int64) for array in loop.memory()])
+            number = segment.run
+            current = replays[number] if number in replays else replays.setdefault(number, Replay(loop, after=passed))
+            if number in left:
+                loop.restore(left.pop(number))
             for note in _notes(segment.about, given, loop.sha256(), compensated=compensated):
                 if note not in answer.notes:
                     answer.notes.append(note)
         current(segment.rows, segment.states)
         if current.difference is not None:
             answer.difference, answer.run = current.difference, number
-    _collect(answer, current)
+    for done in replays.values():
+        _collect(answer, done)
     answer.missing += sum(answer.lost.end().at_end.values())
     return answer
 
@@ -243,13 +251,12 @@ def _last_states(folder: str | Path, from_s: float) -> dict[int, int]:
     return found
 
 
-def _collect(answer: Replayed, done: Replay | None) -> None:
-    if done is not None:
-        answer.compared += done.compared
-        answer.skipped += done.skipped
-        answer.gaps += done.gaps
-        answer.missing += sum(gap.missing for gap in done.gaps)
-        answer.begun += done.begun
+def _collect(answer: Replayed, done: Replay) -> None:
+    answer.compared += done.compared
+    answer.skipped += done.skipped
+    answer.gaps += done.gaps
+    answer.missing += sum(gap.missing for gap in done.gaps)
+    answer.begun += done.begun
 
 
 def _notes(about: dict[str, Any], given: dict[str, Path], sha256: str, *, compensated: bool) -> list[str]:

@@ -3,11 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from counterflex.evaluate.missing_cycles import MissingCycles, MissingFinder
-from counterflex.files.run_log import Segment
+from counterflex.files.run_log import Segment, segments
 from counterflex.runtime.record_ring import CYCLE
+
+
+def counted(folder: str | Path) -> tuple[int, int]:
+    """Records of all runs of a folder, and the cycles that each run misses by its own count.
+
+    Raises:
+        FileFormatError: There is none, or it cannot be read.
+    """
+    records, missing = 0, LogMissing()
+    for segment in segments(folder):
+        records += len(segment.rows)
+        missing.add(segment)
+    return records, missing.end().missing
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """The run log (``counterflex-run-log``, version 2): MCAP segments that read back after power loss or ``kill -9``.
 
 Each segment begins with what the run was made of (settings, hashes of the inputs); records follow in small chunks,
-flushed every 100 ms. Every chunk that is whole can be read, also from a segment that was never finished, and behind a
+flushed every 100 ms. The file is held as long as it is written to, so that nobody takes one for cut short that is not.
+Every chunk that is whole can be read, also from a segment that was never finished, and behind a
 stretch that is damaged. A full disk ends a segment; a new one is begun when there is room again. Every few seconds the
 whole state of the loop stands beside the records, so that they can be computed again from there.
 """
@@ -26,6 +27,7 @@ from mcap.writer import Writer
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, OutputError
+from counterflex.core.held import boot_id, own
 from counterflex.files.log_place import LOOKED_S, LogBefore, LogGone, LogPlace
 from counterflex.files.mcap_salvage import Salvaged, message, parsed, salvage
 from counterflex.files.run_log_columns import columns_of, placed, require_all
@@ -52,6 +54,8 @@ FLUSH_S: Final = 0.06
 """With the recorder's own period less than 100 ms of records are lost with it."""
 SYNC_S: Final = 1.0
 SEGMENT_BYTES: Final = 64 << 20
+HELD: Final = "held"
+"""Key of the start of the computer on which a segment was held (:mod:`counterflex.core.held`) while it was written."""
 UNKNOWN: Final = "unknown"
 """Key of what a segment is made of where nothing of that can be read."""
 _RETRY_S: Final = 1.0
@@ -112,6 +116,8 @@ class RunLog:
                 self.first = self._number
             self._facts = {"format": KIND, "version": VERSION, "run": self.first, "segment": self._number}
             self._facts.update(self._about)
+            if own(stream.fileno()):
+                self._facts[HELD] = boot_id()
             writer, self._channel, self._states = begin_segment(stream, self._facts)
             writer.flush()
         except BaseException:

@@ -13,14 +13,15 @@ from typing import Any, Final
 
 from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError, InputError, OutputError
+from counterflex.core.held import boot_id, own
 from counterflex.evaluate.missing_cycles import MissingFinder
-from counterflex.files.run_log import Segment, read_segment
+from counterflex.files.run_log import HELD, Segment, read_segment
 from counterflex.files.run_log_columns import require_all
 from counterflex.files.run_log_segment import KIND, VERSION, add_about, add_record, add_state, begin_segment
 from counterflex.runtime.record_ring import CYCLE
 
 STILL_S: Final = 5.0
-"""A file written to within this time is taken for one that is being written."""
+"""A file written to within this time is taken for one that is being written, where no lock tells."""
 _BARE: Final = {"format": KIND, "version": VERSION}
 
 
@@ -59,7 +60,8 @@ def repair_segment(
 
     Args:
         path: ``run-NNN.mcap``.
-        now_s: Time by the wall clock; None is now.
+        now_s: Time by the wall clock; None is now. It counts only where no lock tells whether the file is written to:
+            on a file system without locks, or a log that another computer, or this one before it was started, wrote.
         about: What the run was made of, where the segment itself no longer says it.
         cycle: Last cycle of its run that earlier segments account for; None where that is not known: then cycles before
             its first record are counted in the first segment of a run only, which begins with cycle 1.
@@ -73,6 +75,7 @@ def repair_segment(
         OutputError: The folder cannot be written.
     """
     file = Path(path)
+    held = _held(file)  # before it is read: who is gone now has written his last
     try:
         found = read_segment(file)
     except FileFormatError as fault:
@@ -82,15 +85,7 @@ def repair_segment(
     if found.whole:
         return None
     require_all(found.absent, found.about or about or {}, str(file), "written anew")
-    age = (time.time() if now_s is None else now_s) - file.stat().st_mtime
-    if age < STILL_S and not found.finished:
-        raise InputError(
-            "this segment is being written",
-            where=str(file),
-            value=f"changed {max(age, 0.0):.1f} s ago",
-            limit=f">= {STILL_S:g} s",
-            hint="End the run first",
-        )
+    _require_ended(file, found, held, now_s)
     kept = _free_name(file)
     rows, states = found.rows, sorted(found.states, key=lambda state: state.cycle)
     made_of = found.about or about or {}
@@ -124,6 +119,37 @@ def repair_segment(
             os.fsync(stream.fileno())
         _keep(file, kept)
     return Repaired(file.name, kept.name, len(rows), "", missing, len(found.damage))
+
+
+def _held(file: Path) -> bool | None:
+    """Whether a process that lives holds the file; None: nobody can say."""
+    try:
+        handle = os.open(file, os.O_RDWR)
+    except OSError:
+        return None
+    try:
+        ours = own(handle)
+    finally:
+        os.close(handle)
+    return None if ours is None else not ours
+
+
+def _require_ended(file: Path, segment: Segment, held: bool | None, now_s: float | None) -> None:
+    """Who holds a segment decides; where it was held on this computer, the time of the file says nothing more."""
+    told = {"where": str(file), "hint": "End the run first"}
+    if held:
+        raise InputError("this segment is being written", value="a process that lives holds it", **told)
+    boot = boot_id()
+    if segment.finished or (held is False and boot and segment.about.get(HELD) == boot):
+        return
+    age = (time.time() if now_s is None else now_s) - file.stat().st_mtime
+    if abs(age) < STILL_S:
+        raise InputError(
+            "this segment may be being written",
+            value=f"changed {max(age, 0.0):.1f} s ago, perhaps by another computer",
+            limit=f">= {STILL_S:g} s",
+            **told,
+        )
 
 
 def _begin(segment: Segment, about: Mapping[str, Any]) -> int | None:

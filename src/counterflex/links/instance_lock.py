@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 from counterflex.core.errors import OutputError
+from counterflex.core.held import boot_id
 
 if sys.platform == "win32":
     import msvcrt
 else:
     import fcntl
 
-_BOOT: Final = Path("/proc/sys/kernel/random/boot_id")
 _LOCKED_AT: Final = 4096
 """Byte that is locked on Windows: beyond the text, so that others may read it."""
 
@@ -87,14 +87,6 @@ def holders(folder: Path) -> list[dict[str, Any]]:
         if isinstance(said, dict):
             found.append(said)
     return found
-
-
-def boot_id() -> str:
-    """What the kernel calls this start of the machine; empty where it does not say."""
-    try:
-        return _BOOT.read_text(encoding="ascii").strip()
-    except OSError:
-        return ""
 
 
 def _lock(stream: TextIOWrapper) -> None:

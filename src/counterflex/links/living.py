@@ -12,6 +12,7 @@ import select
 import sys
 import threading
 import time
+from collections.abc import Callable
 from typing import Any, Final
 
 from counterflex.core.arrays import Int
@@ -20,21 +21,28 @@ from counterflex.links.control_array import Life
 _PRIORITY: Final = 1
 BEAT_S: Final = 0.01
 """How often a process says that it lives."""
+SILENT_S: Final = 1.0
+"""A process that has spoken and has said nothing for so long is dead or stands still."""
+_SILENT_NS: Final = round(SILENT_S * 1e9)
+_BEATS: Final = {Life.LOOP_PID: Life.LOOP_NS, Life.RECORDER_PID: Life.RECORDER_NS, Life.RUN_PID: Life.RUN_NS}
 
 
 class Living:
     """Processes that are watched, once their numbers are known.
 
     Where the system has no handles for processes (``pidfd``, Linux 5.3), a parent that has died is seen by the parent
-    having changed, another process by a signal that is none; on Windows by what they say of themselves only.
+    having changed, another process by a signal that is none (not on Windows), and each by its silence: one that has
+    spoken and says nothing for :data:`SILENT_S` counts as gone.
 
     Args:
         control: Shared, see :mod:`counterflex.links.control_array`.
         numbers: Which ones: places of their process numbers.
+        clock_ns: Monotonic.
     """
 
-    def __init__(self, control: Int, *numbers: Life) -> None:
-        self._control, self._unknown = control, list(numbers)
+    def __init__(self, control: Int, *numbers: Life, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        self._control, self._unknown, self._clock_ns = control, list(numbers), clock_ns
+        self._beats = [int(_BEATS[place]) for place in numbers]
         self._handles = select.poll() if hasattr(select, "poll") and hasattr(os, "pidfd_open") else None
         self._plain: list[int] = []
         self._open: list[int] = []
@@ -48,9 +56,13 @@ class Living:
             self._unknown = [place for place in self._unknown if not self._begin(int(self._control[place]))]
         if self._handles is not None and self._open and self._handles.poll(0):
             self._gone = True
-        if self._plain and not all(_lives(number) for number in self._plain):
+        if self._plain and (self._silent() or not all(_lives(number) for number in self._plain)):
             self._gone = True
         return self._gone
+
+    def _silent(self) -> bool:
+        now = self._clock_ns()
+        return any((said := int(self._control[place])) != 0 and now - said > _SILENT_NS for place in self._beats)
 
     def _begin(self, number: int) -> bool:
         if number == 0:

@@ -2,6 +2,8 @@
 
 The memory is a file of its user only (mode 0600), on Linux one that never touches a disk. Who can open it can read and
 write it, nobody else. Needs no more than Python itself: a command that must be quick joins it in a millisecond.
+Who shares the numbers holds the file (:mod:`counterflex.core.held`); what nobody holds was left by processes that were
+killed, and is cleared when the next ones are made.
 """
 
 from __future__ import annotations
@@ -14,9 +16,10 @@ from pathlib import Path
 from typing import Final, Self
 
 from counterflex.core.errors import InputError, OutputError
+from counterflex.core.held import clear_unheld, share
 
 _SHARED: Final = Path("/dev/shm")
-_PREFIX: Final = "counterflex-run-"
+_PREFIX: Final = "counterflex-words-"
 _BYTES: Final = 8
 
 
@@ -42,7 +45,7 @@ class SharedWords:
         else:
             handle, self.path = _opened(path, count * _BYTES), path
         try:
-            self._memory = mmap.mmap(handle, count * _BYTES)
+            self._memory = mmap.mmap(handle, count * _BYTES)  # has a handle of its own: holds the file as long as it is
         finally:
             os.close(handle)
         self.words = memoryview(self._memory).cast("q")
@@ -69,8 +72,9 @@ class SharedWords:
 
 def _made(size: int) -> tuple[int, Path]:
     folder = _SHARED if _SHARED.is_dir() and os.access(_SHARED, os.W_OK) else None
+    clear_unheld(folder or Path(tempfile.gettempdir()), _PREFIX)
     try:
-        handle, name = tempfile.mkstemp(prefix=_PREFIX, dir=folder)  # mode 0600
+        handle, name = _new(folder)
         try:
             os.write(handle, bytes(size))  # takes the room now: a hole that cannot be filled later ends a process
         except OSError:
@@ -84,11 +88,23 @@ def _made(size: int) -> tuple[int, Path]:
     return handle, Path(name)
 
 
+def _new(folder: Path | None) -> tuple[int, str]:
+    """An empty file that is held; another process may clear one between its making and its holding."""
+    while True:
+        handle, name = tempfile.mkstemp(prefix=_PREFIX, dir=folder)  # mode 0600
+        if share(handle):
+            return handle, name
+        os.close(handle)
+
+
 def _opened(path: Path, size: int) -> int:
     try:
         handle = os.open(path, os.O_RDWR)
     except OSError as fault:
         raise InputError(f"no shared memory there: {fault.strerror or fault}", where=str(path)) from fault
+    if not share(handle):
+        os.close(handle)
+        raise InputError("no shared memory there: it has just been cleared", where=str(path))
     found = os.fstat(handle)
     if found.st_size != size or (hasattr(os, "getuid") and found.st_uid != os.getuid()):
         os.close(handle)

@@ -1,18 +1,24 @@
 """From the loop to the recorder: a ring of records in shared memory. Writing never waits and never fails.
 
 The loop writes whole rows and then their number; the reader takes what is new. A reader that is too slow loses the
-oldest rows and is told how many; the loop notices nothing.
+oldest rows and is told how many; the loop notices nothing. Who uses a ring holds it (:mod:`counterflex.core.held`); one
+that nobody holds was left by processes that were killed, and is cleared when the next one is made.
 """
 
 from __future__ import annotations
 
+import contextlib
+import os
+import secrets
 from multiprocessing import shared_memory
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
+from counterflex.core.held import clear_unheld, share
 from counterflex.runtime import layout as at
 from counterflex.runtime import monitor_layout as ml
 from counterflex.runtime.state_slots import BYTES as STATE_BYTES
@@ -23,6 +29,9 @@ ROWS: Final = 4096
 MOST: Final = ROWS - ROWS // 8
 """Rows that may wait for the reader: the oldest may be overwritten while they are copied."""
 _HEAD: Final = 64  # bytes
+_PLACE: Final = Path("/dev/shm")
+"""Where the system shows shared memory as files; where it does not, nothing is held, and nothing cleared."""
+_PREFIX: Final = "counterflex-ring-"
 
 
 def _columns() -> tuple[str, ...]:
@@ -119,9 +128,8 @@ class RecordRing:
     """
 
     def __init__(self, name: str | None = None) -> None:
-        size = RING_BYTES
         try:
-            self._memory = shared_memory.SharedMemory(name=name, create=name is None, size=size if name is None else 0)
+            self._memory, self._held = _made() if name is None else _joined(name)
         except FileNotFoundError as fault:
             raise InputError("there is no such ring of records", value=name) from fault
         self._owner = name is None
@@ -183,3 +191,39 @@ class RecordRing:
         self._memory.close()
         if self._owner:
             self._memory.unlink()
+        if self._held is not None:
+            os.close(self._held)
+
+
+def _made() -> tuple[shared_memory.SharedMemory, int | None]:
+    """A ring of a new name, held; another process may clear one between its making and its holding."""
+    clear_unheld(_PLACE, _PREFIX)
+    while True:
+        name = _PREFIX + secrets.token_hex(4)
+        try:
+            memory = shared_memory.SharedMemory(name=name, create=True, size=RING_BYTES)
+        except FileExistsError:
+            continue
+        held = _hold(name)
+        if held is not None or (_PLACE / name).exists() or not _PLACE.is_dir():
+            return memory, held
+        memory.close()
+        with contextlib.suppress(FileNotFoundError):
+            memory.unlink()
+
+
+def _joined(name: str) -> tuple[shared_memory.SharedMemory, int | None]:
+    memory = shared_memory.SharedMemory(name=name)
+    return memory, _hold(name)
+
+
+def _hold(name: str) -> int | None:
+    """A handle that holds the ring; None where there is none to hold."""
+    try:
+        held = os.open(_PLACE / name, os.O_RDWR)
+    except OSError:
+        return None
+    if share(held):
+        return held
+    os.close(held)
+    return None

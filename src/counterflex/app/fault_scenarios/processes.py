@@ -19,6 +19,7 @@ import numpy as np
 from counterflex.app.fault_scenarios.demonstration import PERIOD_S
 from counterflex.app.fault_scenarios.process_rig import ProcessRig
 from counterflex.app.fault_scenarios.scenario import Effort, Outcome, Scenario
+from counterflex.app.run_log_missing import counted
 from counterflex.core.units import MM
 from counterflex.files.run_log import read_log
 from counterflex.links.control_array import Request
@@ -66,15 +67,14 @@ def _killed_loop(effort: Effort) -> Outcome:
                 rig.cycle()
                 armed += rig.state > State.READY
         time.sleep(0.3)
-        rows, _, _ = read_log(folder)
-        unread = int(np.sum(np.diff(rows[:, -1]) > 1))
+        records, unread = counted(folder)
     return Outcome(
         worst == 0.0 and armed == 0 and stopped == kills and unread == 0,
         f"{kills} kills: the robot held what it had and stopped by its timeout {stopped} times; started again it was "
-        f"armed {armed} times; {len(rows)} records, {unread} gaps",
+        f"armed {armed} times; {records} records, {unread} missing",
         worst,
         10 * PERIOD_S,
-        {"kills": float(kills), "records": float(len(rows))},
+        {"kills": float(kills), "records": float(records)},
     )
 
 
@@ -170,10 +170,9 @@ def _stopped_recorder(effort: Effort) -> Outcome:
         state = rig.state
         rig.run(50, _push, period_s=PERIOD_S)
         time.sleep(0.3)
-        rows, _, _ = read_log(folder)
+        _, gaps = counted(folder)
         worst = float(rig.steps(begin).max())
         missed = rig.robot.late - late
-    gaps = int(np.sum(np.maximum(np.diff(rows[:, -1]) - 1, 0)))
     return Outcome(
         state == State.ACTIVE and missed == 0 and gaps == 0 and worst <= _LIMIT_M * 1.02,
         f"the loop stayed active, {missed} answers missing; {gaps} records lost, the ring holds 16 s",

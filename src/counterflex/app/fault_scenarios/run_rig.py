@@ -21,10 +21,11 @@ import numpy as np
 
 from counterflex.app.fault_scenarios.demonstration import PERIOD_S, demo_config, reported
 from counterflex.app.fault_scenarios.process_rig import write_files
+from counterflex.app.run_log import repair
+from counterflex.app.run_log_missing import counted
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
-from counterflex.files.run_log import read_log
-from counterflex.files.run_log_repair import Repaired, repair_segment
+from counterflex.files.run_log_repair import Repaired
 from counterflex.twin.fake_rsi import FakeRsi, RsiContext
 from counterflex.twin.netft_server import NetftServer
 
@@ -208,8 +209,7 @@ class RunRig:
         return out
 
     def repaired(self) -> tuple[list[Repaired], int, int]:
-        """Repair the log as a person does later: what was done, records, cycles missing between them."""
-        done = [repair_segment(file, time.time() + 60.0) for file in sorted(self.log.glob("run-*.mcap"))]
-        rows, _, _ = read_log(self.log)
-        missing = np.diff(rows[:, -1])
-        return [one for one in done if one is not None], len(rows), int(np.sum(missing[missing > 1] - 1))
+        """Repair the log as a person does at once: what was done, records, cycles missing of its runs."""
+        done, _ = repair(self.log)
+        records, missing = counted(self.log)
+        return done, records, missing
