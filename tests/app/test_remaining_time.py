@@ -45,7 +45,7 @@ def test_the_time_left_is_told_within_a_factor_of_two(name: str, share: float) -
     assert set(work) == set(took)  # a part that is named otherwise would be left out
     clock = Clock()
     meter = Meter(name, clock)
-    parts = in_parts(meter.report, work)
+    parts = in_parts(meter, work)
     total = sum(took.values())
     for part in work:
         for step in range(1, 51):

@@ -9,7 +9,7 @@ import pytest
 
 from counterflex.app.task_graph import Task, run_tasks
 from counterflex.core.errors import InputError
-from counterflex.core.progress import silent
+from counterflex.core.progress import Progress, silent
 
 
 def joined(target: str, *sources: str) -> int:
@@ -64,3 +64,19 @@ def test_circles_and_twins_are_refused(tmp_path: Path) -> None:
             run_tasks([a, b], workers, silent)
     with pytest.raises(InputError, match="same name"):
         run_tasks([a, a], 1, silent)
+
+
+def half(*, progress: Progress = silent) -> None:
+    progress(0.5)
+
+
+def test_a_running_task_moves_the_bar_by_its_work() -> None:
+    told: list[float] = []
+
+    def report(fraction: float, what: str = "") -> None:
+        told.append(fraction)
+
+    tasks = [Task("long", "", half, weight=3.0, tells=True), Task("short", "", half, (), ("long",), tells=True)]
+    run_tasks(tasks, 1, report)
+    assert told == pytest.approx([0.0, 0.375, 0.75, 0.875, 1.0])
+    assert set(run_tasks(tasks, 2, silent)) == {"long", "short"}  # a worker hands the progress over as well

@@ -28,7 +28,7 @@ def ratios(costs_s: dict[str, float], weights: dict[str, float], steps: int = 20
     """
     clock = Clock()
     meter = Meter("job", clock)
-    parts = in_parts(meter.report, weights)
+    parts = in_parts(meter, weights)
     total, spent, found = sum(costs_s.values()), 0.0, []
     for name, cost_s in costs_s.items():
         for k in range(steps):

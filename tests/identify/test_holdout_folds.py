@@ -105,3 +105,24 @@ def test_gross_errors_are_told_apart_and_left_out(arm: Any) -> None:
     assert set(np.flatnonzero(held.gross)) == set(bad.tolist())
     assert held.count == 57
     assert held.largest()[0] < 1e-3
+
+
+def test_folds_tell_what_is_done_of_them_too(arm: Any) -> None:
+    rng = np.random.default_rng(1)
+    parameters, told = arm.parameters(), []
+
+    def progress(fraction: float, what: str = "") -> None:
+        told.append((fraction, what))
+
+    points = arm.points(arm.truth(parameters, rng), rng, count=24)
+    cross_validate(parameters, [points], needed=FRAME, folds=3, progress=progress)
+    fractions = [fraction for fraction, _ in told]
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1.0
+    for fold in range(3):  # several reports within each, all with its name
+        within = [what for fraction, what in told if fold / 3 < fraction < (fold + 0.99) / 3]
+        assert len(within) >= 3
+        assert set(within) == {f"held out {fold + 1} of 3"}
+    told.clear()
+    score_separate(parameters, [points], [points], needed=FRAME, progress=progress)
+    assert len(told) >= 3

@@ -162,6 +162,7 @@ def _tasks(places: Sequence[_Place], start: Path, part: Path | None, *, with_tol
                     (plan, place.cell_after(k - 1, start), place.truth, str(place.step_folder(k)), place.seed or 0),
                     (f"{place.name}/{place.steps[k - 1].recipe}",) if k else (),
                     plan.weight,
+                    tells=True,
                 )
             )
         last = (f"{place.name}/{place.steps[-1].recipe}",) if place.steps else ()
@@ -179,7 +180,9 @@ def _tasks(places: Sequence[_Place], start: Path, part: Path | None, *, with_tol
     if part is None:
         return tasks
     shared = start.parent / "compensated"
-    tasks.insert(0, Task("compensated", "planning", compensated, (str(part), str(start), str(shared)), (), 0.2))
+    tasks.insert(
+        0, Task("compensated", "planning", compensated, (str(part), str(start), str(shared)), (), 0.2, tells=True)
+    )
     for place in places:
         tasks += _machining(place, start, part, shared, with_told=with_told)
     return tasks
@@ -190,7 +193,15 @@ def _machining(place: _Place, start: Path, part: Path, shared: Path, *, with_tol
     own = place.folder / "compensated"
     end = place.cell_after(len(place.steps) - 1, start)
     planned = [
-        Task(f"{place.name}/plan", f"{place.name}: planning", compensated, (str(part), end, str(own)), last, 0.2)
+        Task(
+            f"{place.name}/plan",
+            f"{place.name}: planning",
+            compensated,
+            (str(part), end, str(own)),
+            last,
+            0.2,
+            tells=True,
+        )
     ]
     variants = [("nominal", part, ()), ("seeded", shared / part.name, ("compensated",))]
     if place.steps:
@@ -212,6 +223,7 @@ def _machining(place: _Place, start: Path, part: Path, shared: Path, *, with_tol
             machined,
             (str(program), str(part), str(start), place.truth, str(place.folder / f"machined-{name}")),
             after,
+            tells=True,
         )
         for name, program, after in variants
     ]

@@ -18,6 +18,7 @@ from counterflex.app.kept import begin, fingerprint, finish, finished
 from counterflex.app.truth import knowing
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
+from counterflex.core.progress import Progress, share_of, silent
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.summary import Variant
 from counterflex.files.cell import Cell, read_cell
@@ -33,8 +34,8 @@ POSES: Final = 16
 """Points of a program at which poses and deflections are compared with the truth."""
 
 
-def compensated(program: str, cell_file: str, folder: str) -> dict[str, Any]:
-    """Compensate a program with a cell, unless that was done before.
+def compensated(program: str, cell_file: str, folder: str, *, progress: Progress = silent) -> dict[str, Any]:
+    """Compensate a program with a cell, unless that was done before, telling the fraction done.
 
     Returns:
         ``prediction``: figures of the plan.
@@ -46,7 +47,7 @@ def compensated(program: str, cell_file: str, folder: str) -> dict[str, Any]:
         return before
     begin(out, mark)
     cell = read_cell(cell_file)
-    result = compensate(program, cell)
+    result = compensate(program, cell, progress=progress)
     for name, text in result.files.items():
         atomic.write_bytes(out / name, text.encode(result.encoding, errors="replace"))
     found = {"prediction": result.summary["prediction"]}
@@ -72,8 +73,12 @@ def told(program: str, cell_file: str, truth_file: str, folder: str) -> dict[str
     return {}
 
 
-def machined(program: str, original: str, cell_file: str, truth_file: str, folder: str) -> Variant:
+def machined(
+    program: str, original: str, cell_file: str, truth_file: str, folder: str, *, progress: Progress = silent
+) -> Variant:
     """Machine a program on a truth, unless that was done before, and judge it against the original.
+
+    The fraction done is told of the machining, which takes nine tenths of the time.
 
     Returns:
         Its figures.
@@ -82,7 +87,8 @@ def machined(program: str, original: str, cell_file: str, truth_file: str, folde
     mark = fingerprint(program, original, cell_file, truth_file, code=_MACHINING, code_without=ONLINE, job="simulate")
     if finished(out, mark) is None:
         begin(out, mark)
-        simulate.run(program, cell_file, truth_file, out, original=original)
+        told = share_of(progress, 0.0, 0.9)
+        simulate.run(program, cell_file, truth_file, out, original=original, progress=told)
         finish(out, mark, {})
     run, _ = read_run(out / simulate.RUN)
     return judge(_reference(original, cell_file), run, HeightMap.load(out / simulate.SURFACE)).variant

@@ -16,6 +16,7 @@ from counterflex.app.kept import begin, fingerprint, finish, finished
 from counterflex.app.propose import propose
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError
+from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.files.cell_update import copied_text
 
 CELL: Final = "cell.toml"
@@ -23,11 +24,21 @@ DATA, HOLDOUT = "data", "holdout"
 RESULT: Final = "result"
 ONLINE: Final = ("runtime", "links", "wire")
 """Rooms that take no part in identifying, planning and machining without a loop."""
+WORK: Final = {
+    "propose data": 3.0,
+    "measure data": 3.0,
+    "propose holdout": 1.5,
+    "measure holdout": 1.5,
+    "identify": 3.0,
+}
+"""Parts of the work with what they cost in the mean over the recipes (``seconds`` of a step's result)."""
 _HOLDOUT_SEED: Final = 1000
 """Added to the seed of a proposal, so that validation stands elsewhere than the fit."""
 
 
-def step(plan: Measurement, cell_file: str, truth_file: str, folder: str, seed: int) -> dict[str, Any]:
+def step(
+    plan: Measurement, cell_file: str, truth_file: str, folder: str, seed: int, *, progress: Progress = silent
+) -> dict[str, Any]:
     """Do one recipe, unless it was done before from the same inputs.
 
     Writes into the folder: the two proposals, ``data/`` and ``holdout/`` (datasets), ``result/`` (what ``identify``
@@ -40,6 +51,7 @@ def step(plan: Measurement, cell_file: str, truth_file: str, folder: str, seed: 
         truth_file: The simulated cell; only the measurements see it.
         folder: Of this step.
         seed: Of laboratory and proposals.
+        progress: Told the fraction done.
 
     Returns:
         ``recipe``, ``accepted``, ``why`` (it was refused), ``headline`` and ``figures`` of the identification,
@@ -59,6 +71,7 @@ def step(plan: Measurement, cell_file: str, truth_file: str, folder: str, seed: 
     if before is not None:
         return before
     begin(out, mark)
+    parts = in_parts(progress, WORK)
     seconds: dict[str, float] = {}
     rows: dict[str, int] = {}
     manifests: dict[str, str] = {}
@@ -68,9 +81,16 @@ def step(plan: Measurement, cell_file: str, truth_file: str, folder: str, seed: 
             plan.recipe, count, cell_file, out / f"{name}-proposal", settings=plan.propose, seed=seed + offset
         )
         seconds[f"propose {name}"] = time.perf_counter() - clock
+        parts[f"propose {name}"](1.0)
         clock = time.perf_counter()
         measured = laboratory.measure(
-            proposal, cell_file, truth_file, out / name, seed=seed, session=f"{plan.recipe} {name}"
+            proposal,
+            cell_file,
+            truth_file,
+            out / name,
+            seed=seed,
+            session=f"{plan.recipe} {name}",
+            progress=parts[f"measure {name}"],
         )
         seconds[f"measure {name}"] = time.perf_counter() - clock
         rows[name], manifests[name] = measured["rows"], measured["manifest"]
@@ -85,6 +105,7 @@ def step(plan: Measurement, cell_file: str, truth_file: str, folder: str, seed: 
             holdout=[manifests[HOLDOUT]],
             settings=plan.identify,
             seed=seed,
+            progress=parts["identify"],
         )
     except CounterflexError as fault:
         found |= {"accepted": False, "why": str(fault), "headline": [], "figures": []}

@@ -22,7 +22,7 @@ from counterflex.app.propose import propose as propose
 from counterflex.app.recipe_settings import Setting, read_settings
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError, InputError, ModelError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.files.cell import Cell, read_cell
 from counterflex.files.cell_measured import IdentifiedTable, IdentifiedValue
 from counterflex.files.cell_update import check_update, updated_text
@@ -45,6 +45,9 @@ CELL: Final = "cell.toml"
 RESULT: Final = "result.json"
 REPORT: Final = "report.html"
 ARCHIVE: Final = "archive"
+READING, FINDING, WRITING = "reading the data", "identifying", "writing the results"
+WORK: Final = {READING: 0.5, FINDING: 10.0, WRITING: 0.6}
+"""Parts of the work with what they cost for some hundred measurements (``benchmarks/progress_parts.py``)."""
 FEW: Final = 10
 """Measurements (groups of rows) below which an error on data not used says little."""
 _UNSEEN: Final = ("holdout_", "region_", "file_")
@@ -162,10 +165,14 @@ def run(
         ModelError: The result is worse than the cell file on data not used; nothing is written.
     """
     begin = time.perf_counter()
+    parts = in_parts(progress, WORK)
+    parts[READING](0.0)
     task = prepare(name, data, cell, holdout=holdout, settings=settings, seed=seed)
+    parts[READING](1.0)
     folder = Path(out)
     with atomic.atomic_folder(folder) as staging:
-        found = task.recipe.identify(model_of(task.cell), task.data, task.holdout, task.settings, progress)
+        found = task.recipe.identify(model_of(task.cell), task.data, task.holdout, task.settings, parts[FINDING])
+        parts[WRITING](0.0)
         check_better(found)
         date = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
         entry = provenance(task, found, date)
@@ -187,6 +194,7 @@ def run(
             result,
             taken=folder / ARCHIVE if archive is None else Path(archive),
         )
+        parts[WRITING](1.0)
     return result
 
 

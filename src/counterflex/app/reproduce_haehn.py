@@ -5,12 +5,11 @@ Every identification and every run is kept on disk when it has ended; an interru
 
 from __future__ import annotations
 
-import concurrent.futures
 import shutil
 import statistics
 import time
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final
@@ -19,9 +18,9 @@ from counterflex import __version__
 from counterflex.app import campaign, compensate, evaluate, haehn_case, haehn_report, live, online_session, over_sockets
 from counterflex.app.campaign_step import CELL, ONLINE
 from counterflex.app.kept import Mark, begin, fingerprint, finish, finished, made_again
-from counterflex.app.workers import count_of, interrupts_held, pool_of
+from counterflex.app.workers import Shares, count_of, done_one_by_one, interrupts_held, pool_of, share
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, in_parts, share_of, silent
 from counterflex.files.schema import write_toml
 from counterflex.files.summary_file import write_summary
 from counterflex.report.page import write_page
@@ -77,8 +76,9 @@ def run(
         raise InputError("no such truth level", value=level, limit=", ".join(RECIPES))
     start, begun = time.perf_counter(), time.time()
     folder = Path(out)
-    share = 0.4 if level == "identified" else 0.1
-    cells = _identify(folder, seeds, level, workers, _part_of(progress, 0.0, share))
+    of_cells = 4.0 if level == "identified" else 1.0
+    parts = in_parts(progress, {"identifying": of_cells, "milling": 10.0 - of_cells})
+    cells = _identify(folder, seeds, level, workers, parts["identifying"])
     edges = ("straight",) if quick else tuple(haehn_case.EDGES)
     jobs = [
         (seed, edge, kind, output)
@@ -88,11 +88,11 @@ def run(
         for output in item.outputs
         if output == "cartesian" or not quick
     ]
-    found = _mill_all(folder, jobs, cells, workers, _part_of(progress, share, 1.0 - share))
+    found = _mill_all(folder, jobs, cells, workers, share_of(parts["milling"], 0.0, 0.99))
     summary = _summary(found, level, time.perf_counter() - start)
     summary["made_again"] = made_again(folder, begun)
     write_summary(folder / "summary.json", summary)
-    progress(0.99, "page")
+    parts["milling"](0.99, "page")
     write_page(haehn_report.page(summary, folder), folder / "report.html")
     progress(1.0, "done")
     return summary
@@ -108,24 +108,31 @@ def _mill_all(
     """Prepare every edge on every cell, then mill; results in the order of the jobs."""
     places = {(seed, edge): folder / f"seed-{seed}" / edge for seed, edge, _, _ in jobs}
     found: dict[tuple[int, str, str, str], dict[str, Any]] = {}
-    with pool_of(count_of(workers, len(jobs))) as pool:
+    shares, weights = Shares(len(jobs)), [1.0] * len(jobs)
+    with pool_of(count_of(workers, len(jobs)), shares) as pool:
         with interrupts_held():
             plans = [pool.submit(_prepare, place, key[1], cells[key[0]]) for key, place in places.items()]
         for plan in plans:
             plan.result()
         with interrupts_held():
             waiting = {
-                pool.submit(one, places[job[:2]], cells[job[0]].with_name(campaign.TRUTH), job[0], job[2], job[3]): job
-                for job in jobs
+                pool.submit(_one_at, k, places[job[:2]], cells[job[0]].with_name(campaign.TRUTH), job): job
+                for k, job in enumerate(jobs)
             }
-        for done in concurrent.futures.as_completed(waiting):
+
+        def told() -> None:
+            progress(shares.sum(weights), f"milled {len(found)} of {len(jobs)}")
+
+        for done in done_one_by_one(waiting, told):
             found[waiting[done]] = done.result()
-            progress(len(found) / len(jobs), f"milled {len(found)} of {len(jobs)}")
     return {(s, e, haehn_case.variant_name(k, o)): found[s, e, k, o] for s, e, k, o in jobs}
 
 
-def _part_of(progress: Progress, first: float, length: float) -> Callable[..., None]:
-    return lambda fraction, what="": progress(first + length * fraction, what)
+def _one_at(task: int, place: Path, truth: Path, job: tuple[int, str, str, str]) -> dict[str, Any]:
+    """A run in a worker process, which tells how far it is."""
+    found = one(place, truth, job[0], job[2], job[3], progress=share(task))
+    share(task)(1.0)
+    return found
 
 
 def _identify(folder: Path, seeds: int, level: str, workers: int | None, progress: Progress) -> dict[int, Path]:

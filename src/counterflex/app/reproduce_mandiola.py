@@ -5,7 +5,6 @@ Every run is kept on disk when it has ended; an interrupted job goes on where it
 
 from __future__ import annotations
 
-import concurrent.futures
 import shutil
 import time
 from collections.abc import Mapping, Sequence
@@ -20,7 +19,7 @@ from counterflex.app import live, mandiola_case, mandiola_report, online_session
 from counterflex.app.compensate import compensate
 from counterflex.app.kept import begin, fingerprint, finish, finished, made_again
 from counterflex.app.mandiola_case import VARIANTS, Case
-from counterflex.app.workers import count_of, interrupts_held, pool_of
+from counterflex.app.workers import Shares, count_of, done_one_by_one, interrupts_held, pool_of, share
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
@@ -108,21 +107,29 @@ def _run_all(
     """Plan every path, then run all variants, the longest first; results in the order of the table."""
     order = [(seed, shape, variant) for seed in cases for shape in SHAPES for variant in VARIANTS]
     found: dict[tuple[int, str, str], dict[str, Any]] = {}
-    with pool_of(count_of(workers, len(order))) as pool:
+    jobs = sorted(order, key=lambda job: SHAPES.index(job[1]))
+    shares, weights = Shares(len(jobs)), [1.0] * len(jobs)
+    with pool_of(count_of(workers, len(order)), shares) as pool:
         with interrupts_held():
             plans = [pool.submit(prepare, next(iter(cases.values())), shape) for shape in SHAPES]
         for plan in plans:
             plan.result()
         with interrupts_held():
-            waiting = {
-                pool.submit(one, cases[job[0]], job[1], job[2]): job
-                for job in sorted(order, key=lambda job: SHAPES.index(job[1]))
-            }
-        progress(0.01, f"{len(order)} runs")
-        for done in concurrent.futures.as_completed(waiting):
+            waiting = {pool.submit(_one_at, k, cases[job[0]], job[1], job[2]): job for k, job in enumerate(jobs)}
+
+        def told() -> None:
+            progress(0.01 + 0.98 * shares.sum(weights), f"ran {len(found)} of {len(order)}")
+
+        for done in done_one_by_one(waiting, told):
             found[waiting[done]] = done.result()
-            progress(0.01 + 0.98 * len(found) / len(order), f"ran {len(found)} of {len(order)}")
     return {job: found[job] for job in order}
+
+
+def _one_at(task: int, case: Case, shape: str, variant: str) -> dict[str, Any]:
+    """A run in a worker process, which tells how far it is."""
+    found = one(case, shape, variant, progress=share(task))
+    share(task)(1.0)
+    return found
 
 
 def prepare(case: Case, shape: str) -> None:

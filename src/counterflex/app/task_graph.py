@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from counterflex.app.workers import count_of, interrupts_held, pool_of
+from counterflex.app.workers import TOLD_S, Shares, count_of, interrupts_held, pool_of, share
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress
 
@@ -23,6 +23,7 @@ class Task:
         arguments: Plain values and paths.
         after: Names of tasks that must have ended; their results are on disk.
         weight: Expected time, in any unit.
+        tells: The function takes ``progress`` and tells the fraction done.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Task:
     arguments: tuple[Any, ...] = ()
     after: tuple[str, ...] = ()
     weight: float = 1.0
+    tells: bool = False
 
 
 def run_tasks(tasks: Sequence[Task], workers: int | None, progress: Progress) -> dict[str, Any]:
@@ -39,7 +41,7 @@ def run_tasks(tasks: Sequence[Task], workers: int | None, progress: Progress) ->
     Args:
         tasks: In order of urgency.
         workers: Processes; None is one per core, 1 works in this process.
-        progress: Told the share of the weights done.
+        progress: Told the share of the weights done, of running tasks that tell theirs too.
 
     Returns:
         What each returned, by name.
@@ -51,11 +53,15 @@ def run_tasks(tasks: Sequence[Task], workers: int | None, progress: Progress) ->
     if len({task.name for task in tasks}) != len(tasks):
         raise InputError("two tasks have the same name")
     results: dict[str, Any] = {}
-    total = sum(task.weight for task in tasks) or 1.0
     count = count_of(workers, len(tasks))
+    shares, weights, place = (
+        Shares(len(tasks)),
+        [task.weight for task in tasks],
+        {t.name: i for i, t in enumerate(tasks)},
+    )
 
     def told(text: str) -> None:
-        progress(sum(task.weight for task in tasks if task.name in results) / total, text)
+        progress(shares.sum(weights), text)
 
     def ready(waiting: Sequence[Task]) -> Task | None:
         return next((task for task in waiting if all(name in results for name in task.after)), None)
@@ -65,25 +71,44 @@ def run_tasks(tasks: Sequence[Task], workers: int | None, progress: Progress) ->
         while left:
             task = _found(ready(left), left)
             told(task.text)
-            results[task.name] = task.function(*task.arguments)
+            done_of, text = shares.of(place[task.name]), task.text
+
+            def heard(fraction: float, what: str = "", done_of: Progress = done_of, text: str = text) -> None:  # noqa: ARG001
+                done_of(fraction)
+                told(text)
+
+            results[task.name] = _work(task, heard)
+            done_of(1.0)
             left.remove(task)
         told("")
         return results
-    with pool_of(count) as pool:
+    with pool_of(count, shares) as pool:
         running: dict[concurrent.futures.Future[Any], Task] = {}
         while left or running:
             while len(running) < count and (task_ready := ready(left)) is not None:
                 with interrupts_held():
-                    running[pool.submit(task_ready.function, *task_ready.arguments)] = task_ready
+                    running[pool.submit(_work_at, task_ready, place[task_ready.name])] = task_ready
                 left.remove(task_ready)
             if not running:
                 _found(None, left)
-            told(", ".join(task.text for task in running.values()))
-            done, _ = concurrent.futures.wait(running, return_when=concurrent.futures.FIRST_COMPLETED)
+            done: set[concurrent.futures.Future[Any]] = set()
+            while not done:
+                told(", ".join(task.text for task in running.values()))
+                done, _ = concurrent.futures.wait(running, TOLD_S, return_when=concurrent.futures.FIRST_COMPLETED)
             for future in done:
-                results[running.pop(future).name] = future.result()
+                task = running.pop(future)
+                results[task.name] = future.result()
+                shares.of(place[task.name])(1.0)
     told("")
     return results
+
+
+def _work(task: Task, progress: Progress) -> Any:
+    return task.function(*task.arguments, **({"progress": progress} if task.tells else {}))
+
+
+def _work_at(task: Task, place: int) -> Any:
+    return _work(task, share(place))
 
 
 def _found(task: Task | None, left: Sequence[Task]) -> Task:

@@ -15,7 +15,8 @@ from counterflex.core.progress import Progress, silent
 
 ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 """What keeps libraries of linear algebra to one thread: several workers with several each would wait for each other."""
-_TOLD_S: Final = 0.5
+TOLD_S: Final = 0.5
+"""How often the job looks how far the workers are."""
 MOST: Final = 61
 """More processes Windows cannot wait for."""
 
@@ -144,6 +145,6 @@ def done_one_by_one(
     """
     left = set(waiting)
     while left:
-        done, left = concurrent.futures.wait(left, _TOLD_S, return_when=concurrent.futures.FIRST_COMPLETED)
+        done, left = concurrent.futures.wait(left, TOLD_S, return_when=concurrent.futures.FIRST_COMPLETED)
         told()
         yield from done

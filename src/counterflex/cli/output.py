@@ -119,13 +119,13 @@ def progress_bar(what: str, *, quiet: bool = False) -> Iterator[Progress]:
 
     meter = Meter(what)
     if quiet:
-        yield meter.report
+        yield meter
     elif sys.stderr.isatty():
-        with _bar(meter) as report:
-            yield report
+        with _bar(meter) as told:
+            yield told
     else:
         with _lines(meter, line_period_s()):
-            yield meter.report
+            yield meter
 
 
 def line_period_s() -> float:
@@ -172,9 +172,5 @@ def _bar(meter: Meter) -> Iterator[Progress]:
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"), Left())
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(meter.what, total=1.0)
-
-        def report(fraction: float, what: str = "") -> None:
-            meter.report(fraction, what)
-            bar.update(task, completed=meter.fraction, description=meter.what)
-
-        yield report
+        meter.heard = lambda: bar.update(task, completed=meter.fraction, description=meter.what)
+        yield meter

@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import URAD
 from counterflex.identify import compliances, cube_proposal, pull_checks
 from counterflex.identify.compliances import DIRECTIONS, bearing_of, springs
@@ -42,6 +42,10 @@ those of :mod:`counterflex.identify.cube_proposal`."""
 
 _TRIED: Final = 30  # rows that other readings of the data are tried on
 
+CHECKING, FITTING, HELD_OUT = "checking the data", "fitting", "held out"
+WORK: Final = {CHECKING: 0.07, FITTING: 0.31, HELD_OUT: 0.26}
+"""Parts of the work with what they cost (processor time of two data sets, ``benchmarks/progress_parts.py``)."""
+
 
 def identify(
     cell: CellModel,
@@ -69,22 +73,30 @@ def identify(
     if not data:
         raise InputError("cubes need at least one dataset")
     chain, options = cell.chain, cube_options(cell.chain, settings)
+    parts = in_parts(progress, WORK)
     motions, unseen = ([read_cubes(chain, d) for d in some] for some in (data, holdout))
     plan = layout(chain, springs(chain, options), [m.pulls for m in [*motions, *unseen]], bearing_m=bearing_of(options))
     said: list[str] = []
-    for d in [*data, *holdout]:
+    for i, d in enumerate([*data, *holdout]):
         pull_checks.check_plain(d)
         said += check_reading(d, _readings(d), _score(chain, plan), as_stated=bool(options["as_stated"]), rows=_TRIED)
+        parts[CHECKING]((i + 1) / (len(data) + len(holdout)))
     scale = _share(options["scale_sigma"])
     blocks = [block(chain, plan, m, scale) for m in motions]
-    fit = solve(plan.parameters, blocks, progress=progress)
+    fit = solve(plan.parameters, blocks, progress=parts[FITTING])
     fit = with_honest_sigma(fit, blocks)
+    parts[FITTING](1.0)
+    told = parts[HELD_OUT]
     if unseen:
         others = [block(chain, plan, m) for m in unseen]
-        held, measured = score_separate(plan.parameters, blocks, others, error=rotation_error), others
+        held, measured = score_separate(plan.parameters, blocks, others, error=rotation_error, progress=told), others
     else:
         folds = int(options["folds"])
-        held, measured = cross_validate(plan.parameters, blocks, error=rotation_error, folds=folds), blocks
+        held, measured = (
+            cross_validate(plan.parameters, blocks, error=rotation_error, folds=folds, progress=told),
+            blocks,
+        )
+    told(1.0)
     return Identification(
         recipe="cubes",
         fits={"cubes": fit},

@@ -12,13 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, in_parts, saying, silent
 from counterflex.core.units import MM
 from counterflex.identify.changes import CuttingLaw
 from counterflex.identify.cutting_report import Chosen, figures, pictures, remarks
@@ -54,6 +54,10 @@ SETTINGS: dict[str, float | int | str | bool] = {
     "seed": 0,
 }
 
+READING, HELD_OUT, FITTING = "reading the cuts", "held out", "fitting"
+WORK: Final = {READING: 0.1, HELD_OUT: 0.7, FITTING: 0.03}
+"""Parts of the work with what they cost (processor time of two data sets, ``benchmarks/progress_parts.py``)."""
+
 
 def identify(
     cell: CellModel,
@@ -68,10 +72,12 @@ def identify(
         InputError: Too few settled cuts, cuts of several tools, or data that another reading explains far better.
     """
     options = {**SETTINGS, **settings}
+    parts = in_parts(progress, WORK)
     tool = int(options["tool"]) or None
     said: list[str] = []
-    for dataset in [*data, *holdout]:
+    for i, dataset in enumerate([*data, *holdout]):
         said += check(cell, dataset, tool, as_stated=bool(options["as_stated"]))
+        parts[READING](0.5 * (i + 1) / (len(data) + len(holdout)))
     found = pieces_of(
         cell,
         [*data, *holdout],
@@ -87,13 +93,15 @@ def identify(
             hint="Cut slots at several feeds and depths: counterflex identify cutting --propose 20",
         )
     wanted = FORMS if options["form"] == "auto" else (form(str(options["form"])),)
-    trials = problem.trials(wanted, int(options["folds"]), int(options["seed"]), progress)
+    parts[READING](1.0)
+    trials = problem.trials(wanted, int(options["folds"]), int(options["seed"]), parts[HELD_OUT])
+    parts[HELD_OUT](1.0)
     best = _simplest(trials)
     train = problem.train(best.form)
     fit = solve_physical(problem.parameters(best.form), train)
     fit = with_jackknife(fit, [train], parts_of_groups([train]))
     judged, before = problem.judged(best, bool(holdout))
-    progress(0.97, "reporting")
+    parts[FITTING](1.0)
     chosen = Chosen(found, problem.train(best.form), best.form, fit, problem.h_ref_m, problem.range_m)
     law = chosen.law(_source(data))
     return Identification(
@@ -193,7 +201,8 @@ class _Problem:
         out = []
         full = FORMS[-1]
         forms = list(wanted) if full in wanted else [*wanted, full]
-        for i, item in enumerate(forms):
+        told = in_parts(progress, {f"held out: {item.text}": item.count + 3.0 for item in forms})
+        for item in forms:
             if 3 * self.train_count <= item.count + 3 and item is not full:
                 continue
             held = cross_validate(
@@ -203,9 +212,9 @@ class _Problem:
                 error=row_error,
                 folds=folds,
                 seed=seed,
+                progress=saying(told[f"held out: {item.text}"], f"held out: {item.text}"),
             )
             out.append(Trial(item, held.identified, held))
-            progress(0.9 * (i + 1) / len(forms), f"held out: {item.text}")
         self._nominal = out[-1].held.nominal
         kept = [t for t in out if t.form in wanted]
         if not kept:

@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress
+from counterflex.core.progress import Progress, in_parts, saying
 from counterflex.core.units import DEG, KN, MICRO, MM
 from counterflex.identify.changes import Change, TableValues
 from counterflex.identify.dataset import Dataset
@@ -55,6 +55,10 @@ SETTINGS: Mapping[str, float | int | str | bool] = {
     "shorter_m": SHORTER_M,
 }
 
+CHECKING, FITTING, HELD_OUT, COMPARING = "checking the readings", "sensitivities", "held out", "estimators compared"
+WORK = {CHECKING: 1.0, FITTING: 1.0, HELD_OUT: 5.0, COMPARING: 0.3}
+"""Parts of the work with what they cost (share of processor time), as the progress tells them."""
+
 
 def identify(
     cell: CellModel,
@@ -77,15 +81,16 @@ def identify(
         FileFormatError: A channel is missing or not a number.
     """
     s = {**SETTINGS, **settings}
+    parts = in_parts(progress, WORK)
     holder = _at(_glued(holder_before(cell), (*data, *holdout)), data)
     reference_c = holder.reference_c
     blocks = [readings(d, holder, reference_c=reference_c) for d in data]
     unseen = [readings(d, holder, reference_c=reference_c) for d in holdout]
     _check_loads(blocks, ", ".join(d.where or d.name for d in data))
     remarks: list[str] = []
-    for d in (*data, *holdout):
+    for i, d in enumerate((*data, *holdout)):
         remarks += _check(d, holder, bool(s["as_stated"]))
-    progress(0.3, "readings checked")
+        parts[CHECKING]((i + 1) / (len(data) + len(holdout)))
     spread_k = float(np.ptp(np.concatenate([b.warmer_k for b in blocks])))
     spread_s = max(float(np.ptp(b.time_s)) for b in blocks)
     free = parameters(
@@ -94,9 +99,10 @@ def identify(
         temperature=bool(s["temperature"]) and spread_k > SPREAD_K,
         drift=bool(s["drift"]) and spread_s > DRIFT_S,
     )
-    fit = with_honest_sigma(solve(free, blocks), blocks)
-    progress(0.5, "sensitivities")
-    held = _held_out(free, blocks, unseen, len(holder.gauges))
+    fit = with_honest_sigma(solve(free, blocks, progress=saying(parts[FITTING], FITTING)), blocks)
+    parts[FITTING](1.0)
+    held = _held_out(free, blocks, unseen, len(holder.gauges), parts[HELD_OUT])
+    parts[HELD_OUT](1.0)
     n = len(holder.gauges)
     found = replace(
         holder,
@@ -106,7 +112,7 @@ def identify(
     )
     estimated = np.concatenate([b.estimated(fit.values) for b in blocks])
     figures, more = _figures(holder, found, blocks, estimated)
-    progress(0.95, "estimators compared")
+    parts[COMPARING](1.0)
     mean, before = held.mean()
     worst, worst_before = held.largest()
     p95, p95_before = held.quantile(0.95)
@@ -186,12 +192,14 @@ def _check(data: Dataset, holder: StrainHolder, as_stated: bool) -> tuple[str, .
     return check_reading(data, tried, score, as_stated=as_stated)
 
 
-def _held_out(free: Parameters, blocks: Sequence[HolderReadings], unseen: Sequence[HolderReadings], n: int) -> HeldOut:
+def _held_out(
+    free: Parameters, blocks: Sequence[HolderReadings], unseen: Sequence[HolderReadings], n: int, progress: Progress
+) -> HeldOut:
     zeros = [name for name in needed(n) if free.items[free.index(name)].free]
     if unseen:
         local = [f"bridge{i + 1}.zero" for i in range(n)]
-        return score_separate(free, blocks, unseen, needed=zeros, local=local, error=_force_error)
-    return cross_validate(free, blocks, needed=zeros, error=_force_error)
+        return score_separate(free, blocks, unseen, needed=zeros, local=local, error=_force_error, progress=progress)
+    return cross_validate(free, blocks, needed=zeros, error=_force_error, progress=progress)
 
 
 def _force_error(block: Any, x: Float) -> Float:

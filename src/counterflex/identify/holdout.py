@@ -15,7 +15,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, share_of, silent
 from counterflex.identify.fit import Fit
 from counterflex.identify.parameters import Parameters
 from counterflex.identify.residuals import Residuals
@@ -24,6 +24,8 @@ from counterflex.identify.solve import Stop, solve
 FOLDS: Final = 5
 GROSS: Final = 10.0
 """A row off by this many medians with the identified and with the nominal values counts as a gross error."""
+_WHOLE: Final = 0.8
+"""Share of the work that the fit of all parameters takes, beside that of those needed first."""
 
 RowError = Callable[[Residuals, Float], Float]
 """``error(block, x)`` -> (rows,) error of each row in SI, for the score."""
@@ -187,7 +189,8 @@ def cross_validate(
     fits = []
     for fold in range(count):
         training = [b.subset(dealt[i] != fold) if i in dealt else b for i, b in enumerate(blocks)]
-        pair = _fit_both(parameters, training, needed, robust, start, stop)
+        told = share_of(progress, fold / count, (fold + 1) / count, f"held out {fold + 1} of {count}")
+        pair = _fit_both(parameters, training, needed, robust, start, stop, told)
         fits.append(pair[0])
         for i in judged:
             mine = dealt[i] == fold
@@ -195,7 +198,7 @@ def cross_validate(
                 unseen = blocks[i].subset(mine)
                 found, before = error(unseen, pair[0].values), error(unseen, pair[1])
                 pieces.append((i, np.flatnonzero(mine), fold, before, found))
-        progress((fold + 1) / count, f"held out {fold + 1} of {count}")
+        told(1.0)
     return _collect(pieces, fits)
 
 
@@ -210,6 +213,7 @@ def score_separate(
     robust: bool = True,
     start: Float | None = None,
     stop: Stop | None = None,
+    progress: Progress = silent,
 ) -> HeldOut:
     """Predict the rows of a separate file by a fit to the other data.
 
@@ -224,6 +228,7 @@ def score_separate(
         robust: As for the solver.
         start: (p,) SI to start the fit from; None is nominal.
         stop: As for the solver.
+        progress: Told about the fits.
 
     Returns:
         Errors of all rows of ``unseen``.
@@ -235,7 +240,7 @@ def score_separate(
         raise InputError("the separate file holds nothing to predict")
     for name in local:
         parameters.index(name)
-    fit, nominal = _fit_both(parameters, blocks, needed, robust, start, stop)
+    fit, nominal = _fit_both(parameters, blocks, needed, robust, start, stop, progress)
     found, before = fit.values, nominal
     if local:
         found = _found_anew(parameters, found, local, unseen, robust, stop)
@@ -253,18 +258,20 @@ def _fit_both(
     robust: bool,
     start: Float | None,
     stop: Stop | None,
+    progress: Progress,
 ) -> tuple[Fit, Float]:
     """The fit, and the values known before with what any use needs fitted."""
     for name in needed:
         parameters.index(name)
-    fit = solve(parameters, training, robust=robust, start=start, stop=stop)
+    fit = solve(parameters, training, robust=robust, start=start, stop=stop, progress=share_of(progress, 0.0, _WHOLE))
     only = parameters.held([name for name in parameters.names if name not in set(needed)])
     if not np.any(only.free):
         return fit, parameters.nominal
     begin = parameters.nominal
     if start is not None:
         begin = np.where(only.free, start, begin)
-    return fit, solve(only, training, robust=robust, start=begin, stop=stop).values
+    told = share_of(progress, _WHOLE, 1.0)
+    return fit, solve(only, training, robust=robust, start=begin, stop=stop, progress=told).values
 
 
 def _found_anew(

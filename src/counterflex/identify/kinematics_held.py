@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Int
 from counterflex.core.errors import CounterflexError, InputError
-from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.progress import Progress, in_parts, share_of, silent
 from counterflex.core.units import MM
 from counterflex.identify.arm_geometry import ArmGeometry
 from counterflex.identify.dataset import Dataset
@@ -50,7 +50,7 @@ def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit, pro
     if holdout:
         return score_separate(
             setup.parameters, setup.blocks, setup.unseen, needed=setup.needed, local=setup.local,
-            error=position_error, start=fit.values,
+            error=position_error, start=fit.values, progress=progress,
         )  # fmt: skip
     scored = [i for i, b in enumerate(setup.blocks) if isinstance(b, TrackerResiduals)]
     judged = scored or [i for i, b in enumerate(setup.blocks) if b.components[0] in ("distance m", "height m")]
@@ -101,7 +101,7 @@ def held_apart(setup: Setup, fit: Fit, progress: Progress = silent) -> tuple[tup
         own = _own_frames(setup, weighted, parts)
         try:
             held = (
-                _found_anew(setup, fit, weighted, parts, own)
+                _found_anew(setup, fit, weighted, parts, own, told)
                 if any(own)
                 else cross_validate(
                     setup.parameters, weighted, needed=setup.needed, error=position_error, scored=list(poses),
@@ -134,7 +134,12 @@ def _own_frames(setup: Setup, blocks: Sequence[Any], parts: Mapping[int, Int]) -
 
 
 def _found_anew(
-    setup: Setup, fit: Fit, blocks: Sequence[Any], parts: Mapping[int, Int], own: Sequence[Sequence[str]]
+    setup: Setup,
+    fit: Fit,
+    blocks: Sequence[Any],
+    parts: Mapping[int, Int],
+    own: Sequence[Sequence[str]],
+    progress: Progress,
 ) -> HeldOut:
     """Errors of parts by an arm that has not seen them, in frames of their own where nobody else has these.
 
@@ -152,6 +157,7 @@ def _found_anew(
             setup.parameters, [b for b in rest if len(b.group)], unseen, local=local, error=position_error,
             needed=[n for n in setup.needed if n not in local], start=fit.values, robust=False,
             stop=Stop(tolerance=1e-6),
+            progress=share_of(progress, part / len(own), (part + 1) / len(own), f"held out {part + 1} of {len(own)}"),
         )  # fmt: skip
         found.append(one)
     joined = {

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.progress import Progress
+from counterflex.core.progress import Progress, in_parts, share_of
 from counterflex.core.units import DEG, MINUTE, MM
 from counterflex.geometry import pose, rotation
 from counterflex.identify import payload_checks, payload_weight
@@ -30,6 +30,7 @@ from counterflex.identify.payload_hose import (
     choose_rest,
     degrees_of,
     frames_of,
+    trials_of,
 )
 from counterflex.identify.payload_parameters import (
     DRIFT,
@@ -56,6 +57,7 @@ SHOWS = 2.6
 """Standard deviations beyond which a drift is kept: one of six components exceeds that by chance in 6 % of cases."""
 _HOUR = 60.0 * MINUTE
 _ROUNDS = 2
+CHECKING, WEIGHT, HOSE, HELD_OUT = "checking the data", "weight and zero", "hose pack", "held-out orientations"
 SETTINGS: Mapping[str, float | int | str | bool] = {
     "hose": "auto",
     "hose_from": "auto",
@@ -112,10 +114,16 @@ def identify(
         return [replace(block_of(d, chain, hose_from), group=g) for d, g in zip(data, groups, strict=True)]
 
     blocks = blocks_in()
+    degrees = degrees_of(s)
+    bodies = hose_bodies(chain, sensor.segment)
+    frames = frames_of(s, bodies, with_joints=all(d.has("q") for d in (*data, *holdout)))
+    trials = trials_of(blocks, degrees, frames, forced=str(s["hose"]) != "auto")
+    parts = in_parts(progress, _work(trials))
     remarks = list(check_orientations(blocks, ", ".join(d.where or d.name for d in data)))
-    for d in (*data, *holdout):
+    for i, d in enumerate((*data, *holdout)):
         remarks += payload_weight.check(d, lambda x: block_of(x, chain), as_stated=bool(s["as_stated"]))
         remarks += payload_checks.check(d, sensor, lambda x: block_of(x, chain), as_stated=bool(s["as_stated"]))
+        parts[CHECKING]((i + 1) / (len(data) + len(holdout)))
     before = _at(sensor, reference_c)
     known = replace(
         Knowledge(),
@@ -124,16 +132,14 @@ def identify(
         offset_nm=float(s["offset_nm"]),
     )
     effects = _effects(blocks, s)
-    fit = solve(parameters(before, known, effects), blocks)
-    for _ in range(_ROUNDS):  # a heavier tool bends the arm more, which turns the sensor
+    shares = [share_of(parts[WEIGHT], i / (_ROUNDS + 1), (i + 1) / (_ROUNDS + 1), WEIGHT) for i in range(_ROUNDS + 1)]
+    fit = solve(parameters(before, known, effects), blocks, progress=shares[0])
+    for i in range(_ROUNDS):  # a heavier tool bends the arm more, which turns the sensor
         chain = with_mass_behind(chain, sensor.segment, float(fit.values[6]), seg_frame_com(sensor, fit))
         blocks = blocks_in()
-        fit = solve(parameters(before, known, effects), blocks)
-    progress(0.2, "weight and zero")
+        fit = solve(parameters(before, known, effects), blocks, progress=shares[i + 1])
+    parts[WEIGHT](1.0)
     effects = _that_show(fit, effects)
-    degrees = degrees_of(s)
-    bodies = hose_bodies(chain, sensor.segment)
-    frames = frames_of(s, bodies, with_joints=all(d.has("q") for d in (*data, *holdout)))
     rest = choose_rest(
         blocks_in,
         before,
@@ -141,9 +147,10 @@ def identify(
         effects,
         degrees,
         frames,
-        progress,
+        parts[HOSE],
         forced=str(s["hose"]) != "auto",
     )
+    parts[HOSE](1.0)
     effects = replace(effects, degree=rest.degree)
     chosen = parameters(before, known, effects)
     blocks = blocks_in(rest.hose_from)
@@ -152,11 +159,13 @@ def identify(
     remarks += payload_weight.check_rest(blocks, fit, as_stated=bool(s["as_stated"]))
     unseen = [block_of(d, chain, rest.hose_from) for d in holdout]
     if unseen:
-        force = score_separate(chosen, blocks, unseen, needed=needed(), error=force_error)
+        force = score_separate(
+            chosen, blocks, unseen, needed=needed(), error=force_error, progress=share_of(parts[HELD_OUT], 0.2, 0.6)
+        )
     else:
         force = rest.tried[rest.key] if rest.key in rest.tried else held_out_forces(chosen, blocks)
-    moment = held_out_moments(force, chosen, blocks, unseen)
-    progress(0.95, "held-out orientations")
+    moment = held_out_moments(force, chosen, blocks, unseen, share_of(parts[HELD_OUT], 0.6, 1.0))
+    parts[HELD_OUT](1.0)
     found = sensor_of(replace(sensor, hose_from=rest.hose_from), fit.values, reference_c)
     remarks += _remarks(cell, found, fit, effects, rest, blocks)
     return Identification(
@@ -168,6 +177,12 @@ def identify(
         remarks=tuple(remarks),
         pictures=_pictures(unseen or blocks, force, moment),
     )
+
+
+def _work(trials: Mapping[str, float]) -> dict[str, float]:
+    """Parts with what they cost, in fits of the plain weight (processor time, ``benchmarks/progress_parts.py``)."""
+    hose = sum(trials.values())
+    return {CHECKING: 5.0, WEIGHT: 0.5, HOSE: hose, HELD_OUT: 1.0 + 0.15 * max(trials.values(), default=1.0)}
 
 
 def _at(sensor: FlangeSensor, reference_c: float) -> FlangeSensor:

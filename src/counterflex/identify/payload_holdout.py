@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from counterflex.core.progress import Progress, silent
 from counterflex.identify.holdout import HeldOut, cross_validate
 from counterflex.identify.parameters import Parameters
 from counterflex.identify.payload_parameters import needed
@@ -14,18 +15,23 @@ from counterflex.identify.payload_residuals import SensorReadings, force_error, 
 from counterflex.identify.solve import solve
 
 
-def held_out_forces(chosen: Parameters, blocks: Sequence[SensorReadings]) -> HeldOut:
+def held_out_forces(chosen: Parameters, blocks: Sequence[SensorReadings], progress: Progress = silent) -> HeldOut:
     """Force errors by folds; the nominal ones with the zero found on the training part.
 
     Args:
         chosen: Parameters of the fit.
         blocks: Readings.
+        progress: Told about folds.
     """
-    return cross_validate(chosen, blocks, needed=needed(), error=force_error)
+    return cross_validate(chosen, blocks, needed=needed(), error=force_error, progress=progress)
 
 
 def held_out_moments(
-    force: HeldOut, chosen: Parameters, blocks: Sequence[SensorReadings], unseen: Sequence[SensorReadings]
+    force: HeldOut,
+    chosen: Parameters,
+    blocks: Sequence[SensorReadings],
+    unseen: Sequence[SensorReadings],
+    progress: Progress = silent,
 ) -> HeldOut:
     """Moment errors of the same rows by the same fits.
 
@@ -34,6 +40,7 @@ def held_out_moments(
         chosen: Parameters of its fits.
         blocks: Readings that were fitted.
         unseen: Readings of a separate file, or empty for folds of ``blocks``.
+        progress: Told about folds.
     """
     zero_only = chosen.held([name for name in chosen.names if name not in needed()])
     nominal, identified = np.empty(len(force.row)), np.empty(len(force.row))
@@ -49,4 +56,5 @@ def held_out_moments(
             if np.any(m):
                 rows = block.subset(np.isin(np.arange(len(block.group)), force.row[m]))
                 identified[m], nominal[m] = moment_error(rows, fit.values), moment_error(rows, before)
+        progress((fold + 1) / len(force.fits))
     return replace(force, nominal=nominal, identified=identified)

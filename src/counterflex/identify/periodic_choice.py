@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
+from counterflex.core.progress import Progress, share_of, silent
 from counterflex.identify.arm_geometry import ArmGeometry, PeriodicTerm
 from counterflex.identify.fit import Fit
 from counterflex.identify.geometry_setup import Setup
@@ -68,13 +69,14 @@ class _Table:
         return out
 
 
-def choose_harmonics(setup: Setup, fit: Fit, prior_rad: float) -> Harmonics:
+def choose_harmonics(setup: Setup, fit: Fit, prior_rad: float, progress: Progress = silent) -> Harmonics:
     """Harmonics of the drives that hold-out wants.
 
     Args:
         setup: Of the geometry without periodic errors.
         fit: Of its blocks.
         prior_rad: Standard deviation of an amplitude.
+        progress: Told about harmonics and folds.
 
     Returns:
         Orders by axis 0..5, only where there are any.
@@ -84,12 +86,20 @@ def choose_harmonics(setup: Setup, fit: Fit, prior_rad: float) -> Harmonics:
         return {}
     p = len(fit.values)
     known = np.array([q.has_prior for q in setup.parameters], dtype=np.float64)
-    taken = _pursue(tables, known, prior_rad)
+    taken = _pursue(tables, known, prior_rad, share_of(progress, 0.0, 0.5))
     if not taken:
         return {}
     # Priors pull towards nominal, not towards the fit.
     pull = np.concatenate([fit.parameters.coordinates(fit.values) * known, np.zeros(2 * len(taken))])
-    errors = _held_out(tables, taken, np.concatenate([known, np.ones(2 * len(taken))]), pull, p, prior_rad)
+    errors = _held_out(
+        tables,
+        taken,
+        np.concatenate([known, np.ones(2 * len(taken))]),
+        pull,
+        p,
+        prior_rad,
+        share_of(progress, 0.5, 1.0),
+    )
     best = float(np.min(errors))
     count = int(np.flatnonzero(errors <= _NEARLY * best)[0])
     if errors[count] > (1.0 - GAIN) * errors[0]:
@@ -129,7 +139,7 @@ def _tables(setup: Setup, fit: Fit) -> list[_Table]:
     return out
 
 
-def _pursue(tables: Sequence[_Table], known: Float, prior_rad: float) -> list[tuple[int, int]]:
+def _pursue(tables: Sequence[_Table], known: Float, prior_rad: float, progress: Progress) -> list[tuple[int, int]]:
     """Harmonics in the order in which they lower the misfit, one by one, each the best beside all before."""
     orders = np.arange(1, HIGHEST + 1)
     waves = [
@@ -171,6 +181,7 @@ def _pursue(tables: Sequence[_Table], known: Float, prior_rad: float) -> list[tu
         if gain[axis, place] < _CHANCE:
             break
         taken.append((int(axis), int(place) + 1))
+        progress(len(taken) / MOST)
         columns = np.concatenate([t.columns(int(axis), int(place) + 1).reshape(-1, 2) for t in tables])
         for _ in range(2):
             columns = columns - basis @ (basis.T @ columns)
@@ -181,13 +192,20 @@ def _pursue(tables: Sequence[_Table], known: Float, prior_rad: float) -> list[tu
 
 
 def _held_out(
-    tables: Sequence[_Table], taken: Sequence[tuple[int, int]], prior: Float, pull: Float, p: int, prior_rad: float
+    tables: Sequence[_Table],
+    taken: Sequence[tuple[int, int]],
+    prior: Float,
+    pull: Float,
+    p: int,
+    prior_rad: float,
+    progress: Progress,
 ) -> Float:
     """Mean position error of held-out poses with the first 0, 1, 2, ... harmonics."""
     wide = [np.concatenate([t.J, *(t.columns(a, k) * prior_rad for a, k in taken)], axis=-1) for t in tables]
     errors: list[list[Float]] = [[] for _ in range(len(taken) + 1)]
     size = len(prior)
-    for f in sorted({int(f) for t in tables for f in np.unique(t.fold)}):
+    folds = sorted({int(f) for t in tables for f in np.unique(t.fold)})
+    for turn, f in enumerate(folds):
         A, y = np.zeros((size, size)), np.zeros(size)
         for t, J in zip(tables, wide, strict=True):
             rows = J[t.fold != f].reshape(-1, size)
@@ -201,4 +219,5 @@ def _held_out(
                 mine = (t.fold == f) & (t.sigma[:, 0] > 0.0)
                 off = (t.r[mine, :3] - J[mine][:, :3, :n] @ u) * t.sigma[mine]
                 errors[count].append(np.linalg.norm(off, axis=1))
+            progress((turn + (count + 1) / (len(taken) + 1)) / len(folds))
     return np.array([float(np.mean(np.concatenate(e))) for e in errors])

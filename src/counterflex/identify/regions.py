@@ -214,10 +214,11 @@ def search(
         if not errors:
             errors.append(_error(parameters, now, plan))
         trials = []
-        for i in promising:
+        for k, i in enumerate(promising):
             wider, shaped = _with(parameters, now, open_[i], phi[open_[i].name])
             trials.append((_error(wider, shaped, plan), open_[i], wider, shaped))
-        progress((turn + 1) / MOST, "regions of stiffness")
+            # Each round is half as likely as the one before.
+            progress(1.0 - 0.5**turn * (1.0 - 0.5 * (k + 1) / len(promising)), "regions of stiffness")
         error, region, wider, shaped = min(trials, key=lambda trial: trial[0])
         if error > (1.0 - GAIN) * errors[-1]:
             break

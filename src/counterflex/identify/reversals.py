@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, in_parts, share_of, silent
 from counterflex.core.units import MRAD, MS, URAD
 from counterflex.identify.changes import AxisPlay
 from counterflex.identify.correlated import with_correlation
@@ -72,14 +72,18 @@ def identify(
     figures: list[Figure] = []
     remarks: list[str] = []
     pictures: list[Picture] = []
-    for done, axis in enumerate(axes):
+    rows_of = {axis: float(sum(len(m.q) for m in found if m.axis == axis)) for axis in axes}
+    parts = in_parts(progress, {f"axis {axis + 1}": rows_of[axis] for axis in axes}) if axes else {}
+    for axis in axes:
+        told = parts[f"axis {axis + 1}"]
         mine = [m for m in found if m.axis == axis]
         other = [m for m in unseen if m.axis == axis]
         remarks += _turned_torque(mine, bool(settings.get("as_stated", False)))
         large = any(m.by == "encoder" and float(np.ptp(m.q)) > LARGE_RAD for m in mine)
         p, places = parameters(cell, axis, free_compliance=large, delay=all(m.time_s is not None for m in mine))
         rows = [AxisResiduals(tuple(blocks(mine, places)))]
-        fit = with_correlation(solve(p, rows, robust=False, stop=_STOP), rows)
+        first = share_of(told, 0.0, 0.3, f"axis {axis + 1}")
+        fit = with_correlation(solve(p, rows, robust=False, stop=_STOP, progress=first), rows)
         needed = [name for name in p.names if name.endswith(".delay")]
         turn_spread = 0.0
         if other:
@@ -97,7 +101,15 @@ def identify(
         elif len(mine) > 1:
             folds = min(4, len(mine))
             held = cross_validate(
-                p, rows, needed=needed, error=angle_error, folds=folds, robust=False, stop=_STOP, start=fit.values
+                p,
+                rows,
+                needed=needed,
+                error=angle_error,
+                folds=folds,
+                robust=False,
+                stop=_STOP,
+                start=fit.values,
+                progress=share_of(told, 0.3, 1.0, f"axis {axis + 1}"),
             )
             errors.append(held)
             fit = _at_least(fit, jackknife([part.values for part in held.fits]))
@@ -110,7 +122,7 @@ def identify(
         figures += _figures(cell, fit, axis, play, mine, (turn_spread, share))
         remarks += _remarks(cell, fit, axis, play, mine)
         pictures += [_loop(b, fit, m) for b, m in list(zip(rows[0].parts, mine, strict=True))[:2]]
-        progress((done + 1) / len(axes), f"axis {axis + 1}")
+        told(1.0)
     if not errors:
         raise InputError(
             "each axis has one motion only, so none can be held out",

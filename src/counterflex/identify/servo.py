@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, share_of, silent
 from counterflex.core.units import MS, URAD
 from counterflex.identify.changes import AxisServo, Change, TableValues
 from counterflex.identify.correlated import with_correlation
@@ -83,14 +83,16 @@ def identify(
     remarks: list[str] = []
     pictures: list[Picture] = []
     errors: list[HeldOut] = []
+    of_steps = 1.0 if not records else 0.6  # a record takes about as long as two axes
     for axis in range(6) if steps else ():
+        part = share_of(progress, of_steps * axis / 6, of_steps * (axis + 1) / 6, f"axis {axis + 1}")
         block = ServoResiduals(axis, tuple(s.of_axis(axis) for s in steps))
         swing = max(float(np.max(np.abs(r.error))) / float(np.median(r.sigma)) for r in block.releases)
         if swing < _MOVES:
             remarks.append(f"axis {axis + 1}: no load step moved its motor; its gains stay as they were")
             continue
         remarks += _signs(block, steps[0].where, as_stated)
-        fit, held = _gains(cell, axis, block, unseen)
+        fit, held = _gains(cell, axis, block, unseen, part)
         fit = _with_torque(fit, axis, share)
         fits[f"axis {axis + 1}"] = fit
         errors.append(held)
@@ -98,7 +100,7 @@ def identify(
         changes.append(AxisServo(axis, servo))
         figures += _figures(cell, axis, fit, servo)
         pictures += _pictures(block, fit)[:1]
-        progress((axis + 1) / 7, f"axis {axis + 1}")
+        part(1.0)
     if steps and not errors:
         raise InputError("no load step moved any motor noticeably", value=f"{len(steps)} steps")
     if fits:
@@ -140,18 +142,21 @@ def gain_parameters(cell: CellModel, axis: int, guess_gain: float) -> tuple[Para
     return Parameters(items), known is not None
 
 
-def _gains(cell: CellModel, axis: int, block: ServoResiduals, unseen: Sequence[LoadStep]) -> tuple[Fit, HeldOut]:
+def _gains(
+    cell: CellModel, axis: int, block: ServoResiduals, unseen: Sequence[LoadStep], progress: Progress
+) -> tuple[Fit, HeldOut]:
     unit = block.predict(np.array([1.0, GUESS.position_gain_per_s, GUESS.integral_time_s]))
     measured = np.concatenate([r.error for r in block.releases])
     inverse = float(unit @ measured) / max(float(unit @ unit), 1e-300)
     p, known = gain_parameters(cell, axis, 1.0 / max(inverse, 1e-12))
-    fit = with_correlation(solve(p, [block], robust=False, stop=_STOP), [block])
+    fit = with_correlation(solve(p, [block], robust=False, stop=_STOP, progress=share_of(progress, 0.0, 0.2)), [block])
     if unseen:
         other = ServoResiduals(axis, tuple(s.of_axis(axis) for s in unseen))
         held = score_separate(p, [block], [other], error=row_error, robust=False, stop=_STOP)
         seen = np.concatenate([r.error for r in other.releases])
     else:
-        held = cross_validate(p, [block], error=row_error, robust=False, stop=_STOP, folds=min(5, len(block.releases)))
+        folds, told = min(5, len(block.releases)), share_of(progress, 0.2, 1.0)
+        held = cross_validate(p, [block], error=row_error, robust=False, stop=_STOP, folds=folds, progress=told)
         seen = measured
     if not known:
         held = replace(held, nominal=np.abs(seen))

@@ -32,6 +32,8 @@ _ROUNDS = 40
 _DAMPED_AFTER = 10
 _AT_REST = 1e-2
 _COARSE_TOLERANCE = 1e-2
+_LASTS = 0.75
+"""Of the rounds that may still be needed, so many after each: most fits need far fewer than they may take."""
 _LOOSE = 1e-6
 _FEW = 10
 _AT_BOUND = 1e-4
@@ -155,7 +157,7 @@ def _coarse(problem: Stacked, u: Float, stop: Stop, progress: Progress) -> Float
         now = [spread(r) for r in problem.rows(moved)]
         gain = max(math.log(a / b) for a, b in zip(typical, now, strict=True))
         u, typical = moved, now
-        progress(0.3 * (turn + 1) / _COARSE_ROUNDS, f"start, round {turn + 1}")
+        progress(0.3 * (1.0 - _LASTS ** (turn + 1)), f"start, round {turn + 1}")
         if gain < _COARSE_GAIN:
             break
     return u
@@ -170,7 +172,7 @@ def _settle(problem: Stacked, state: _State, robust: bool, stop: Stop, progress:
         state.u = result.x
         before = list(state.factors)
         state.renew(problem, robust, turn >= _DAMPED_AFTER)
-        progress(0.3 + 0.6 * (turn + 1) / _ROUNDS, f"round {turn + 1}")
+        progress(0.3 + 0.6 * (1.0 - _LASTS ** (turn + 1)), f"round {turn + 1}")
         grown = max(abs(math.log(a / b)) for a, b in zip(before, state.factors, strict=True))
         if turn > 0 and moved < _AT_REST and grown < _AT_REST:
             state.rested = True

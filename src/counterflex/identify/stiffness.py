@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, in_parts, saying, share_of, silent
 from counterflex.core.units import UM
 from counterflex.identify import compliances, pull_checks, pull_proposal, pull_report, regions
 from counterflex.identify.changes import ElementRegion
@@ -42,6 +42,9 @@ load where the data demand it; ``folds`` of the hold-out; ``as_stated``, data th
 those of :mod:`counterflex.identify.pull_proposal`."""
 _SETTLED_M: Final = 1.0 * UM
 _ROUNDS: Final = 5
+CHECKING, COMPLIANCES, REGIONS, HELD_OUT = "checking the data", "compliances", "regions of stiffness", "held out"
+WORK: Final = {CHECKING: 0.06, COMPLIANCES: 0.15, REGIONS: 0.43, HELD_OUT: 0.16}
+"""Parts of the work with what they cost (processor time of two data sets, ``benchmarks/progress_parts.py``)."""
 
 
 def identify(
@@ -68,6 +71,7 @@ def identify(
         FileFormatError: A channel or standard deviation is missing.
     """
     options = {**SETTINGS, **settings}
+    parts = in_parts(progress, WORK)
     if not data:
         raise InputError("stiffness needs at least one dataset of pulls")
     chain, stated = cell.chain, bool(options["as_stated"])
@@ -79,19 +83,25 @@ def identify(
         pull_checks.check_plain(d)
     everything = [_read(chain, d, tracker) for d in [*data, *holdout]]
     plan = layout(chain, springs(chain, options), everything, _turn(tracker), bearing_m=bearing_of(options))
-    for d, p in zip([*data, *holdout], everything, strict=True):
+    for i, (d, p) in enumerate(zip([*data, *holdout], everything, strict=True)):
         pull_checks.check_work(chain, p, _axes(tracker), as_stated=stated, most=pull_checks.ALL_BUT)
         said += check_reading(d, pull_checks.readings(chain, d), _score(chain, plan, tracker), as_stated=stated)
         said += pull_checks.check_work(chain, p, _axes(tracker), as_stated=stated)
+        parts[CHECKING]((i + 1) / len(everything))
     pulls, unseen = everything[: len(data)], everything[len(data) :]
-    fit, blocks = settle(chain, plan, pulls, [block(chain, plan, p, _axes(tracker)) for p in pulls], progress)
-    found = regions.search(chain, plan, pulls, blocks, fit, progress) if options["regions"] else None
+    blocks = [block(chain, plan, p, _axes(tracker)) for p in pulls]
+    fit, blocks = settle(chain, plan, pulls, blocks, saying(parts[COMPLIANCES], COMPLIANCES))
+    parts[COMPLIANCES](1.0)
+    found = regions.search(chain, plan, pulls, blocks, fit, parts[REGIONS]) if options["regions"] else None
     parameters = plan.parameters
     if found is not None and found.regions:
         parameters, blocks = found.parameters, list(found.blocks)
         fit = solve(parameters, blocks)
     fit = with_honest_sigma(fit, blocks)
-    held, measured = _judged(chain, plan, found, fit, blocks, unseen, _axes(tracker), int(options["folds"]))
+    parts[REGIONS](1.0)
+    folds = int(options["folds"])
+    held, measured = _judged(chain, plan, found, fit, blocks, unseen, _axes(tracker), folds, parts[HELD_OUT])
+    parts[HELD_OUT](1.0)
     headline = pull_report.headline(held, measured)
     if not stated:
         pull_checks.check_worth(headline[0].value, data[0].where or data[0].name)
@@ -131,14 +141,15 @@ def settle(
         The fit, and the blocks with their offsets at its values.
     """
     now = list(blocks)
-    fit = solve(plan.parameters, now, progress=progress)
-    for _ in range(_ROUNDS):
+    fit = solve(plan.parameters, now, progress=share_of(progress, 0.0, 0.5))
+    for turn in range(_ROUNDS):
         new = [refreshed(b, chain, plan, p, fit.values) for b, p in zip(now, pulls, strict=True)]
         change = max(
             float(np.max(np.abs(a.offset - b.offset)[:, :3], initial=0.0)) for a, b in zip(now, new, strict=True)
         )
         now = new
-        fit = solve(plan.parameters, now, start=fit.values, progress=progress)
+        told = share_of(progress, 1.0 - 0.5 ** (turn + 1), 1.0 - 0.5 ** (turn + 2))
+        fit = solve(plan.parameters, now, start=fit.values, progress=told)
         if change < _SETTLED_M:
             break
     return fit, now
@@ -153,16 +164,19 @@ def _judged(
     unseen: Sequence[Pulls],
     R_base_tracker: Float | None,
     folds: int,
+    progress: Progress,
 ) -> tuple[HeldOut, list[Float]]:
     """Errors on data not used, and the displacements they are errors of."""
     parameters = plan.parameters if found is None else found.parameters
     if not unseen:
-        held = cross_validate(parameters, blocks, needed=plan.frame_names, error=position_error, folds=folds)
+        held = cross_validate(
+            parameters, blocks, needed=plan.frame_names, error=position_error, folds=folds, progress=progress
+        )
         return held, [b.measured for b in blocks]
     others = [refreshed(block(chain, plan, p, R_base_tracker), chain, plan, p, fit.values) for p in unseen]
     if found is not None and found.regions:
         others = [regions.shaped_like(found, chain, plan, p, b) for p, b in zip(unseen, others, strict=True)]
-    held = score_separate(parameters, blocks, others, needed=plan.frame_names, error=position_error)
+    held = score_separate(parameters, blocks, others, needed=plan.frame_names, error=position_error, progress=progress)
     return held, [b.measured for b in others]
 
 

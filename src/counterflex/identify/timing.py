@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import MS, UM, URAD
 from counterflex.identify.changes import TableValues
 from counterflex.identify.dataset import Dataset
@@ -58,13 +58,16 @@ def identify(
     found: list[tuple[Delay, HeldOut]] = []
     remarks: list[str] = []
     every = [(pair, dataset) for dataset in data for pair in pairs(cell, dataset, wanted)]
-    for done, (pair, dataset) in enumerate(every):
+    names = [f"{pair.name} of {dataset.name}" for pair, dataset in every]
+    work = {f"{i + 1}: {name}": float(len(every[i][1])) for i, name in enumerate(names)}
+    parts = list(in_parts(progress, work).values()) if work else []
+    for told, name, (pair, _) in zip(parts, names, every, strict=True):
         remarks += [*pair.reference.remarks, *pair.answer.remarks]
         delay = find_delay(pair, cast(Any, order))
         remarks += check_delay(delay, as_stated=as_stated)
         unseen = [p for other in holdout for p in pairs(cell, other, pair.name)] if holdout else []
         found.append((delay, _separate(delay, unseen) if unseen else delay.held_out))
-        progress((done + 1) / len(every), f"{pair.name} of {dataset.name}")
+        told(1.0, name)
     return Identification(
         recipe="timing",
         fits={_name(d, i, found): d.fit for i, (d, _) in enumerate(found)},

@@ -82,7 +82,7 @@ def identify(
         [parameters.nominal[:first], displacement_between(T0, start_tracker)]
         + ([] if X0 is None or start_target is None else [displacement_between(X0, start_target)])
     )
-    parts = in_parts(progress, {"registering": 1.0, "fitting": 2.0, "held out": 5.0})
+    parts = in_parts(progress, {"registering": 2.0, "fitting": 1.0, "held out": 5.0})
     parts["registering"](1.0)
     fit = solve(parameters, blocks, start=start, progress=parts["fitting"])
     scored = [i for i, b in enumerate(blocks) if isinstance(b, FiducialResiduals)] or list(range(len(blocks)))
