@@ -75,9 +75,9 @@ class Meter:
         if self.heard is not None:
             self.heard()
 
-    def planned(self, ends: Sequence[float]) -> None:
+    def planned(self, fractions: Sequence[float]) -> None:
         """Take the fractions at which parts of the job end, 0..1; parts of parts come on top."""
-        self._ends = sorted({*self._ends, *(end for end in ends if 0.0 < end < 1.0)})
+        self._ends = sorted({*self._ends, *(end for end in fractions if 0.0 < end < 1.0)})
 
     def elapsed_s(self) -> float:
         """Time since the beginning, s."""

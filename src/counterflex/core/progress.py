@@ -41,16 +41,16 @@ def in_parts(progress: Progress, parts: Mapping[str, float]) -> dict[str, Progre
     return out
 
 
-def share_of(progress: Progress, begin: float, end: float, what: str = "") -> Progress:
+def share_of(progress: Progress, fraction_before: float, fraction_after: float, what: str = "") -> Progress:
     """Progress of a stretch of a job, for loops.
 
     Args:
         progress: Of the whole job.
-        begin: Fraction of the job done before, 0..1.
-        end: Fraction of the job done after.
+        fraction_before: Fraction of the job done before, 0..1.
+        fraction_after: Fraction of the job done after.
         what: What is said whatever the stretch says; empty leaves it to the stretch.
     """
-    return _Part(progress, begin, end, what, always=bool(what))
+    return _Part(progress, fraction_before, fraction_after, what, always=bool(what))
 
 
 def saying(progress: Progress, what: str) -> Progress:
@@ -69,9 +69,9 @@ class _Part:
         place = (1.0 - fraction) * self.begin + fraction * self.end
         self.progress(place, self.name if self.always else what or self.name)
 
-    def planned(self, ends: Sequence[float]) -> None:
+    def planned(self, fractions: Sequence[float]) -> None:
         """Tell where parts of this part end."""
-        _plan(self.progress, [(1.0 - end) * self.begin + end * self.end for end in ends])
+        _plan(self.progress, [(1.0 - end) * self.begin + end * self.end for end in fractions])
 
 
 def _plan(progress: Progress, ends: Sequence[float]) -> None:
