@@ -20,14 +20,17 @@ from counterflex.app.fault_scenarios import (
     strangers,
 )
 from counterflex.app.fault_scenarios import clocks as clock_faults
-from counterflex.app.fault_scenarios.demonstration import force_only
+from counterflex.app.fault_scenarios.demonstration import demo_cell, demo_config, force_only, reported
 from counterflex.app.fault_scenarios.network import LARGEST_STEP_M, OLDEST
 from counterflex.app.fault_scenarios.rig import Rig
 from counterflex.app.fault_scenarios.scenario import Effort, Scenario
 from counterflex.core.errors import InputError
 from counterflex.files.summary_file import read_summary
+from counterflex.geometry import pose
 from counterflex.links.telegram_watch import WatchSettings
+from counterflex.robot.chain import forward
 from counterflex.runtime.supervisor import State
+from counterflex.twin.fake_rsi import FakeRsi, RsiContext
 from counterflex.twin.impairment import Impairment
 
 OPEN: tuple[str, ...] = ()
@@ -112,3 +115,12 @@ def test_names_are_unique_and_ordered() -> None:
     assert len({(s.requirement, s.name) for s in SCENARIOS}) == len(SCENARIOS)
     numbers = [int(s.requirement[1:]) for s in SCENARIOS]
     assert numbers == sorted(numbers)
+
+
+def test_the_robot_of_the_command_shows_a_pose_that_its_angles_have_in_the_part_of_the_cell_file() -> None:
+    """Else the command never arms (frame offset), and its faults in real time try nothing."""
+    cell, robot = demo_cell(), FakeRsi(demo_config(), RsiContext())
+    for gone in (0, 123, 499, 500):
+        shown = reported(robot, 7, running=True, gone=gone, of_cell=True)
+        T = pose.inverse(cell.T_base_part) @ forward(cell.controller_chain, shown.q_command)
+        np.testing.assert_allclose(shown.T_part_nominal, T, atol=1e-7)

@@ -94,7 +94,8 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
         end, said = End.FAULT, f"the correction was ended, not by the program: {cause}"
     elif lost or summary["log_trouble"]:
         why = f" ({summary['log_trouble']})" if summary["log_trouble"] else ""
-        end, said = End.LOG_LOST, f"{lost} records are missing in the log{why}"
+        what = f"{lost} records are missing in the log" if lost else "the log is not whole"
+        end, said = End.LOG_LOST, what + why
     elif by == "operator":
         end, said = End.STOPPED, "the correction was ended before the program ended it"
     elif arm and by in ("never", "armed"):

@@ -76,7 +76,14 @@ def _angles() -> Float:
     return inverse_path(demo_cell().controller_chain, _program_base() @ _path(), Q).q
 
 
-def reported(robot: FakeRsi, cycle: int, running: bool, gone: int | None = None) -> Report:
+@functools.cache
+def _in_part() -> Float:
+    """(n, 4, 4) the same poses in the part frame of the cell file."""
+    out: Float = pose.inverse(demo_cell().T_base_part) @ _program_base() @ _path()
+    return out
+
+
+def reported(robot: FakeRsi, cycle: int, running: bool, gone: int | None = None, *, of_cell: bool = False) -> Report:
     """What a robot on a straight path shows that follows its correction at once.
 
     Args:
@@ -84,9 +91,10 @@ def reported(robot: FakeRsi, cycle: int, running: bool, gone: int | None = None)
         cycle: Number of the cycle.
         running: The program runs.
         gone: Cycles in which the robot went on; None: all of them. It begins anew every 50 mm.
+        of_cell: The program's BASE is the cell's part frame; else it is one in which the path runs along x.
     """
     at = (cycle if gone is None else gone) % _STEPS
-    T = _path()[at]
+    T = (_in_part() if of_cell else _path())[at]
     q = _angles()[at]
     corrected, offset = T.copy(), robot.pose_correction()
     corrected[:3, 3] += offset[:3]

@@ -145,7 +145,7 @@ class RunRig:
             push = 0.0 if stands else force_n
             self.sensor.send(np.array([0.0, push, 0.0, 0.0, 0.0, 0.0]) + 0.3 * self._noise.standard_normal(6))
         self.robot.frees["Enable"] = float(enable)
-        report = reported(self.robot, len(self.times), running=True, gone=self._gone)
+        report = reported(self.robot, len(self.times), running=True, gone=self._gone, of_cell=True)
         answer = None
         with contextlib.suppress(ConnectionError):
             self._socket.sendto(self.robot.telegram(report), self._address)
