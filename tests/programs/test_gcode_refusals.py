@@ -125,7 +125,7 @@ def test_no_feed_at_all(plain: bool) -> None:
 
 @pytest.mark.parametrize("text", ["", "\n\n", "  \t\n"])
 def test_empty_text(text: str) -> None:
-    with pytest.raises(ProgramError, match=r"part:1:1: the program is empty"):
+    with pytest.raises(ProgramError, match=r"part:1:1: the program is empty\. Give a file with G-code; post it again"):
         read_gcode(text, name="part")
 
 

@@ -31,6 +31,7 @@ from counterflex.links.living import SILENT_S, Beat
 from counterflex.links.one_run import OneRun
 from counterflex.links.operator_words import OperatorFile
 from counterflex.links.shared_words import SharedWords
+from counterflex.links.tracker_off import tracker_off
 from counterflex.runtime.record_ring import RecordRing
 
 _POLL_S: Final = 0.02
@@ -224,6 +225,7 @@ class Supervised:
             **found,
             "trouble": self._trouble,
             "recorder_died": died,
+            "tracker_off": tracker_off(self.control),
             "loop_ended": AS_ASKED if exit_code == 0 and self.control[Life.ENDED] else f"died ({exit_code})",
         }
 

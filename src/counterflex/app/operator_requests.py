@@ -17,6 +17,7 @@ from counterflex.files.log_place import trouble_said
 from counterflex.files.machine_file import machine_file
 from counterflex.links.control_array import Kept, Life, Request, Shown, Tally
 from counterflex.links.operator_words import find
+from counterflex.links.tracker_off import tracker_off
 from counterflex.runtime.states import Cause, State
 
 ACTIONS: Final = ("status", "stop", "reset", "arm")
@@ -154,6 +155,7 @@ def _looks(words: Any, now_ns: int) -> dict[str, Any]:
         "place": measured(Shown.PLACE_PPM, 4, 1e-6),
         "force_n": measured(Shown.FORCE_MN, 1, 1e-3),
         "planned_n": measured(Shown.PLANNED_MN, 1, 1e-3),
+        "tracker_off": tracker_off(words),
         "foreign": words[Tally.FOREIGN],
         "log_trouble": trouble_said(words[Kept.TROUBLE]),
         "records_lost": words[Kept.LOST],
@@ -170,8 +172,9 @@ def request(folder: str | Path, action: str) -> dict[str, Any]:
     Returns:
         ``done``, or why not (``refused``); ``state``, ``cause``, ``feed_hold``, ``correction_mm``, ``robot_heard``,
         ``cycles``; ``age_ms`` of each source (None: nothing yet); ``place`` on the plan, 0 to 1, ``force_n`` measured
-        and ``planned_n`` there (None: not known); ``foreign`` telegrams dropped; ``log_trouble``, ``records_lost``;
-        ``took_ms`` from the request to its effect.
+        and ``planned_n`` there (None: not known); ``tracker_off`` of
+        :func:`counterflex.links.tracker_off.tracker_off`; ``foreign`` telegrams dropped; ``log_trouble``,
+        ``records_lost``; ``took_ms`` from the request to its effect.
 
     Raises:
         InputError: No such request.

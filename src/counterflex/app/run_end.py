@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.core.arrays import Float
+from counterflex.links.tracker_off import off_said
 from counterflex.runtime.layout import O_CAUSE, O_STATE
 from counterflex.runtime.record_ring import OUTCOME
 from counterflex.runtime.supervisor import Cause, State
@@ -73,7 +74,8 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
     """How a run ended.
 
     Args:
-        summary: ``loop_ended``, ``correction_ended``, ``records_lost``, ``log_trouble``, ``recorder_died``.
+        summary: ``loop_ended``, ``correction_ended``, ``records_lost``, ``log_trouble``, ``recorder_died``,
+            ``tracker_off`` (:func:`counterflex.links.tracker_off.tracker_off`).
         arm: It was started to correct.
 
     Returns:
@@ -100,7 +102,9 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
         end, said = End.STOPPED, "the correction was ended before the program ended it"
     elif arm and by in ("never", "armed"):
         what = "never armed" if by == "never" else "armed, but the robot program never switched the correction on"
-        end, said = End.NEVER_ARMED, f"{what}{'' if summary['cycles'] else ': no telegram came'}"
+        off = summary.get("tracker_off")
+        why = ": no telegram came" if not summary["cycles"] else f": {off_said(off)}" if off is not None else ""
+        end, said = End.NEVER_ARMED, what + why
     else:
         end, said = End.PLANNED, "as planned"
     wrong = end in (End.DIED, End.FAULT, End.LOG_LOST)

@@ -12,6 +12,7 @@ from counterflex.core.units import NS
 from counterflex.evaluate.process_record import ProcessEvent, ProcessRecord
 from counterflex.files.log_place import trouble_said
 from counterflex.links.control_array import Kept, Life, Shown, Tally
+from counterflex.links.tracker_off import off_said, tracker_off
 from counterflex.runtime.fusion import Source
 from counterflex.runtime.layout import O_CAUSE, O_DEGRADED, O_FEED_HOLD, O_REJECTED, O_SOFT, O_SOURCES, O_STATE
 from counterflex.runtime.monitor_layout import R_SPEED
@@ -48,6 +49,8 @@ class Status:
         still_s: For how long the loop has not said that it lives.
         rejected: Samples of the tracker that were rejected, so far.
         set_back: How often the tracker's clock was set back, so far.
+        tracker_off: How far from the controller's pose the tracker sees the tool, and what to do, where that keeps the
+            loop from being armed; else empty.
     """
 
     state: State
@@ -74,6 +77,7 @@ class Status:
     still_s: float = 0.0
     rejected: int = 0
     set_back: int = 0
+    tracker_off: str = ""
 
 
 class StatusReader:
@@ -107,6 +111,7 @@ class StatusReader:
         if last is None:
             return None
         now = time.monotonic_ns()
+        off = tracker_off(control)
         x, y, z = (float(v) * 1e6 for v in last[RESULTS : RESULTS + 3])
         return Status(
             State(int(last[OUTCOME + O_STATE])),
@@ -133,6 +138,7 @@ class StatusReader:
             (now - int(control[Life.LOOP_NS])) * NS,
             int(last[OUTCOME + O_REJECTED]),
             int(control[Tally.TRACKER_SET_BACK]),
+            "" if off is None else off_said(off),
         )
 
 

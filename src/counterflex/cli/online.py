@@ -180,6 +180,8 @@ def run(
             trouble += f"  LOG LOST: {status.log_trouble or 'it goes on'}, {status.records_lost} records lost"
         if status.still_s > _STILL_S:
             trouble += f"  THE LOOP STANDS STILL: no sign of life for {status.still_s:.1f} s; stop the robot"
+        if status.tracker_off:
+            trouble += f"  NOT READY: {status.tracker_off}"
         if status.tares:
             trouble += (
                 f"  NO ZERO: {status.idle_n:.1f} N and {status.idle_nm:.1f} N m without a cut, limits"

@@ -75,6 +75,10 @@ def _seen(found: dict[str, Any]) -> list[str]:
         lines.append("force: " + ", ".join(force))
     ages = [f"{name} {'nothing yet' if age is None else f'{age:.0f} ms'}" for name, age in found["age_ms"].items()]
     lines.append("age: " + ", ".join(ages))
+    if found.get("tracker_off") is not None:
+        from counterflex.links.tracker_off import off_said
+
+        lines.append(off_said(found["tracker_off"]))
     lines.append(f"foreign telegrams dropped: {found['foreign']}")
     lost = f" ({found['log_trouble']})" if found["log_trouble"] else ""
     lines.append(f"{'LOG LOST, ' if lost or found['records_lost'] else ''}records lost: {found['records_lost']}{lost}")

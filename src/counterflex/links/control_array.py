@@ -102,6 +102,13 @@ class Shown(IntEnum):
     """Measured, filtered; -1: there is none."""
     PLANNED_MN = 38
     """Planned there, through the same filter; -1: there is no plan."""
+    TRACKER_OFF_NM = 39
+    """How far from the controller's pose the tracker sees the tool, while that keeps the loop idle; -1: it does not."""
+    TRACKER_LIMIT_NM = 40
+    """What that may be."""
+    TRACKER_TURN_UDEG = 41
+    """The same of the orientation, millionths of a degree; -1 likewise."""
+    TRACKER_TURN_LIMIT_UDEG = 42
 
 
 CONTROL = REQUESTS + len(Tally) + len(Kept) + len(Life) + len(Shown)

@@ -6,11 +6,14 @@ import math
 from typing import Final
 
 from counterflex.core.arrays import Int
+from counterflex.core.units import DEG
 from counterflex.links.control_array import REQUESTS, Life, Shown, Tally
 from counterflex.links.robot_port import Counters
 from counterflex.links.tare import Tare
 from counterflex.runtime import layout as at
 from counterflex.runtime.loop import Loop
+from counterflex.runtime.plausibility_kernel import K_FRAME, M_SEEN, M_TURN
+from counterflex.runtime.states import State
 
 _TALLIES: Final = slice(REQUESTS, REQUESTS + len(Tally))
 _SHOWN: Final = slice(min(Shown), max(Shown) + 1)
@@ -37,6 +40,10 @@ class Teller:
         self._rows = loop.plan_rows - 1 if loop.planned else 0
         self._force_ns, self._tracker_ns = (0 if force else _NOTHING), (0 if tracker else _NOTHING)
         self._robot_ns = 0
+        self._doubts, self._seen = loop.plausibility.counts.data, loop.plausibility.memory.data
+        limits = loop.settings.plausibility
+        self._frame_nm, self._frame_udeg = round(1e9 * limits.frame_m), round(1e6 * limits.frame_rad / DEG)
+        control[Shown.TRACKER_OFF_NM] = control[Shown.TRACKER_TURN_UDEG] = _NOTHING
         control[Shown.FORCE_NS], control[Shown.TRACKER_NS] = self._force_ns, self._tracker_ns
         control[Shown.PLACE_PPM] = _NOTHING
         control[Shown.FORCE_MN], control[Shown.PLANNED_MN] = self._force_ns, 0 if self._rows else _NOTHING
@@ -98,8 +105,17 @@ class Teller:
             round(1e6 * place / self._rows) if self._rows and place >= 0.0 else _NOTHING,
             _NOTHING if self._force_ns == _NOTHING else _whole(1e3, *results[at.R_MEASURED : at.R_MEASURED + 3]),
             _whole(1e3, *planned[:3]) if self._rows else _NOTHING,
+            *self._tracker_off(),
         )
         control[_LOOP] = now_ns
+
+    def _tracker_off(self) -> tuple[int, int, int, int]:
+        """Distance, its limit, angle, its limit; -1 for what was found where that does not keep the loop idle."""
+        if self._doubts[K_FRAME] != 1 or self._outcome[at.O_STATE] >= State.ARMED:
+            return _NOTHING, self._frame_nm, _NOTHING, self._frame_udeg
+        seen = self._seen
+        distance = _whole(1e9, *seen[M_SEEN : M_SEEN + 3])
+        return distance, self._frame_nm, _whole(1e6 / DEG, *seen[M_TURN : M_TURN + 3]), self._frame_udeg
 
 
 def _whole(units: float, x: float, y: float, z: float) -> int:

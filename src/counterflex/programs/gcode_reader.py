@@ -83,7 +83,11 @@ def read_gcode(
     newline = "\r\n" if "\r\n" in text else "\n"
     lines = split_lines(text)
     if not any(line.strip() for line in lines):
-        raise ProgramError("the program is empty", where=f"{name}:1:1")
+        raise ProgramError(
+            "the program is empty",
+            where=f"{name}:1:1",
+            hint="Give a file with G-code; post it again where the CAM system wrote nothing",
+        )
     state = State(work_offsets=work_offset_table(work_offsets))
     if part_at_g54:
         state.position = state.work_offsets["G54"]
