@@ -29,8 +29,27 @@ _PREPARE = (
     ("cell", "example", "--out", "cell.toml"),
     ("truth", "cell-small.toml", "--seed", "1", "--out", "truth.toml"),
 )
+_TRACKER = (
+    ("identify", "tracker-frame", "--propose", "12", "--cell", "cell-small.toml", "--out", "proposal-frame"),
+    ("twin", "measure", "proposal-frame/proposal.toml", "--cell", "cell-small.toml", "--truth", "truth.toml",
+     "--out", "measured-frame"),
+    ("identify", "tracker-frame", "measured-frame/tracker-frame.toml", "--cell", "cell-small.toml",
+     "--out", "found-frame"),
+)  # fmt: skip
 _MEASURED = ("tracker-frame", "kinematics", "stiffness", "cubes", "play", "timing", "servo", "payload", "cutting")
-_COUNT = {"tracker-frame": 12, "kinematics": 60, "stiffness": 40, "cubes": 24, "payload": 30}
+_COUNT = {
+    "tracker-frame": 100,
+    "kinematics": 200,
+    "stiffness": 160,
+    "cubes": 120,
+    "play": 36,
+    "timing": 20,
+    "servo": 24,
+    "payload": 60,
+    "cutting": 16,
+}
+_TRACKED = "found-frame/cell.toml"
+"""The small cell with its tracker, in whose axes pulls are measured."""
 _LONG = {
     "compensate": ("compensate", "part.ngc", "--cell", "cell.toml", "--out", "compensated"),
     "simulate": ("simulate", "groove.ngc", "--cell", "cell-small.toml", "--truth", "truth.toml", "--out", "run"),
@@ -116,8 +135,11 @@ def commands(folder: Path, wanted: list[str], *, quick: bool) -> dict[str, tuple
         names = (f"twin measure {recipe}", f"identify {recipe}")
         if quick or (wanted and not set(names) & set(wanted)):
             continue
+        if recipe == "stiffness":
+            for words in _TRACKER:
+                subprocess.run((*_COMMAND, *words), cwd=folder, check=True, stdout=subprocess.DEVNULL)
         proposal, measured = f"proposal-{recipe}", f"measured-{recipe}"
-        many = ("--propose", str(_COUNT.get(recipe, 4)))
+        many = ("--propose", str(_COUNT[recipe]))
         made = subprocess.run(
             (*_COMMAND, "identify", recipe, *many, "--cell", "cell-small.toml", "--out", proposal),
             cwd=folder,
@@ -134,7 +156,7 @@ def commands(folder: Path, wanted: list[str], *, quick: bool) -> dict[str, tuple
             recipe,
             f"{measured}/{recipe}.toml",
             "--cell",
-            "cell-small.toml",
+            _TRACKED if recipe == "stiffness" else "cell-small.toml",
             "--out",
             f"found-{recipe}",
         )

@@ -27,7 +27,9 @@ _SURE: Final = 0.05
 _OWN: Final = 0.1
 """When this share of a part is done, its rest is told half by its own rate, half by that of the others."""
 _ODD: Final = 4.0
-"""A part is taken to be faster or slower than the typical one by this factor at most: a part may have been skipped."""
+"""A part is taken to be faster or slower than the typical one by this factor at most."""
+_SKIPPED: Final = 0.1
+"""A part faster than this share of the typical rate had nothing to do, and says nothing of the others."""
 _STANDS: Final = 1.25
 """How fast the time left of a part grows when nothing is heard of it long after it should have been."""
 
@@ -93,7 +95,9 @@ class Meter:
         own = self._own_rate(begin)
         done = self.fraction - begin
         everything = known if own is None else [*known, (own, done)]
-        typical = _typical(everything)
+        least = _SKIPPED * statistics.median_high(rate for rate, _ in everything)
+        known = [item for item in known if item[0] >= least]
+        typical = _typical([item for item in everything if item[0] >= least])
         if own is None or not known:
             rate = typical if own is None else own
         else:
