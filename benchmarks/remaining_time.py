@@ -29,7 +29,7 @@ _PREPARE = (
     ("cell", "example", "--out", "cell.toml"),
     ("truth", "cell-small.toml", "--seed", "1", "--out", "truth.toml"),
 )
-_TRACKER = (
+_TRACKER: tuple[tuple[str, ...], ...] = (
     ("identify", "tracker-frame", "--propose", "12", "--cell", "cell-small.toml", "--out", "proposal-frame"),
     ("twin", "measure", "proposal-frame/proposal.toml", "--cell", "cell-small.toml", "--truth", "truth.toml",
      "--out", "measured-frame"),
@@ -136,8 +136,8 @@ def commands(folder: Path, wanted: list[str], *, quick: bool) -> dict[str, tuple
         if quick or (wanted and not set(names) & set(wanted)):
             continue
         if recipe == "stiffness":
-            for words in _TRACKER:
-                subprocess.run((*_COMMAND, *words), cwd=folder, check=True, stdout=subprocess.DEVNULL)
+            for step in _TRACKER:
+                subprocess.run((*_COMMAND, *step), cwd=folder, check=True, stdout=subprocess.DEVNULL)
         proposal, measured = f"proposal-{recipe}", f"measured-{recipe}"
         many = ("--propose", str(_COUNT[recipe]))
         made = subprocess.run(
