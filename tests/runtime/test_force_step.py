@@ -132,6 +132,27 @@ def test_a_missing_cut_is_none(mode: ForceMode) -> None:
             assert np.linalg.norm(plant.loop.correction[:3]) < 0.1 * MM
 
 
+@pytest.mark.parametrize("factor", [1.0, 1.6])
+@pytest.mark.parametrize("mode", _MODES)
+def test_a_load_that_comes_later_than_planned_and_slowly_is_none(mode: ForceMode, factor: float) -> None:
+    """The blank begins 20 mm behind where the plan has it, and the load rises for 0.5 s, beyond the planned one."""
+    plant = Plant(straight(), force=mode, force_offset=ForceOffset.HOLD).ready()
+    while plant.x < 0.15:
+        rises = min(1.0, max(0.0, (plant.x - 0.05) / (0.5 * FEED)))
+        plant.cycle(factor * rises * FORCE if plant.x > 0.05 else None)
+        assert not _doubted(plant)
+        assert plant.loop.state == State.ACTIVE
+
+
+def test_a_force_whose_own_cause_is_known_is_not_called_an_offset() -> None:
+    """It leaves its range or is invalid: that is the cause, and its samples are not judged."""
+    for cause in (Cause.FORCE_SATURATED, Cause.FORCE_INVALID):
+        plant = _in_the_plateau(ForceMode.PILOT, ForceOffset.HOLD)
+        for _ in range(100):
+            plant.cycle(FORCE, sensed=5.0 * FORCE, soft=cause)
+            assert not _doubted(plant)
+
+
 @pytest.mark.parametrize(("real", "told"), [(1.0, False), (0.0, True)])
 def test_motor_currents_tell_the_sensor_from_the_process(real: float, told: bool) -> None:
     """A change of the process is in the torque of the axes, one of the sensor's zero is not."""

@@ -12,7 +12,8 @@ mean. So there are two stages:
 
 A wrong factor of the planned force changes r too, but only where the planned force changes or the program's speed does:
 both widen the bounds, and fade as the arm's swing does. A force that has gone to about nothing is a missing cut or a
-broken tool and not taken for an offset: it is followed. Motor currents, where there are any, say whether it is the
+broken tool and not taken for an offset: it is followed, and so is the load that comes late after it, until it has
+settled. A force that agrees with the planned one is none either. Motor currents, where there are any, say whether it is the
 process: a real change of the force changes the torque of the axes by ``J^T dw``, one of the sensor's zero does not.
 
 A force that moves off more slowly is found by its means over a period now and some periods ago while plan and speed
@@ -59,8 +60,11 @@ from counterflex.runtime.supervisor import AT_STATE, Cause, State
 
 SUSPECTED: Final = 1
 TOLD: Final = 2
+_ENTERING: Final = 3
+"""A load is missing, or coming after it was: nothing is judged until it has settled."""
 _ARMED, _HOLD = int(State.ARMED), int(State.HOLD)
 _OFFSET = int(Cause.FORCE_OFFSET)
+_STALE, _INVALID, _SATURATED = int(Cause.FORCE_STALE), int(Cause.FORCE_INVALID), int(Cause.FORCE_SATURATED)
 _TELL, _HOLDS, _FUSED = 0, 2, 4
 _FROM_CURRENTS = 8
 _PLANNED, _WAY, _CHANGE = 6, 9, 16  # in a row, behind the residual
@@ -82,6 +86,8 @@ _MISSING: Final = 0.15
 """Share of the planned force below which the measured one is missing rather than off."""
 _EVEN: Final = 0.5
 """Share of the largest step by which the planned force may change for the same."""
+_AGREES: Final = 0.5
+"""Share of the smallest step within which the measured force is the planned one."""
 _NOTHING_N: Final = 1.0
 
 
@@ -228,7 +234,8 @@ def _tell(
     mean_rows(memory, counts, 0, period, 0, mean)
     noise = _SIGMAS * math.sqrt(memory[M_STEP_NOISE] / period)
     bound = _bound(mean, before, limits[L_STEP_N], 0.5 * limits[L_STEP_PLAN], period, memory)
-    stands = _apart(mean, before) > bound and not _missing(mean, planned, limits, noise)
+    stands = _apart(mean, before) > bound and _size(mean) > _AGREES * limits[L_STEP_N]
+    stands = stands and not _missing(mean, planned, limits, noise)
     if stands and shown:
         for k in range(6):
             mean[k] -= before[k]
@@ -285,6 +292,7 @@ def _judge(
     if _missing(fresh, planned, limits, noise):
         forget_step(counts)
         counts[K_STEP_FILLED] = counts[K_STEP_EVEN] = 0
+        counts[K_STEP] = _ENTERING
         return
     if counts[K_STEP] == SUSPECTED:
         counts[K_STEP_SINCE] += 1
@@ -296,12 +304,15 @@ def _judge(
     mean_rows(memory, counts, few, period, 0, mean)
     newest = M_STEPS + STEP_ROW * ((counts[K_STEP_PLACE] - 1 + STEP_MOST) % STEP_MOST)
     memory[newest + _CHANGE] = _apart(fresh, mean)
+    if counts[K_STEP] == _ENTERING:
+        counts[K_STEP] = _ENTERING if memory[newest + _CHANGE] > _EVEN * limits[L_STEP_N] + noise else 0
+        return
     even = memory[M_STEP_PLAN] < _EVEN * limits[L_STEP_N] and _uneven(fresh, mean) < _STEADY
     counts[K_STEP_EVEN] = min(counts[K_STEP_EVEN] + 1, STEP_MOST) if even else 0
     if not acts:
         return
     bound = _bound(fresh, mean, _SOONER * limits[L_STEP_N], limits[L_STEP_PLAN], few, memory)
-    if memory[newest + _CHANGE] > bound:
+    if memory[newest + _CHANGE] > bound and _size(fresh) > _AGREES * limits[L_STEP_N] + noise:
         counts[K_STEP], counts[K_STEP_SINCE] = SUSPECTED, few
         _copy(mean, before)
         return
@@ -365,7 +376,8 @@ def believe_force(
     # A feed hold is acknowledged by a reset, too; what it was held for goes on.
     if not acts or (flags[at.F_RESET] == 1 and whole[AT_STATE] != _HOLD):
         forget_step(counts)
-    if flags[at.F_FORCE_AGE] >= choices[at.W_STALE]:
+    soft = flags[at.F_SOFT]
+    if flags[at.F_FORCE_AGE] >= choices[at.W_STALE] or soft in (_STALE, _INVALID, _SATURATED):
         counts[K_STEP_FILLED] = counts[K_STEP_EVEN] = counts[K_STEP_BACK] = 0
         if counts[K_STEP] == SUSPECTED:
             forget_step(counts)
