@@ -13,8 +13,9 @@ mean. So there are two stages:
 A wrong factor of the planned force changes r too, but only where the planned force changes or the program's speed does:
 both widen the bounds, and fade as the arm's swing does. A force that has gone to about nothing is a missing cut or a
 broken tool and not taken for an offset: it is followed, and so is the load that comes late after it, until it has
-settled. A force that agrees with the planned one is none either. Motor currents, where there are any, say whether it is the
-process: a real change of the force changes the torque of the axes by ``J^T dw``, one of the sensor's zero does not.
+settled. A force that agrees with the planned one is none either. Motor currents, where there are any, say whether it
+is the process: a real change of the force changes the torque of the axes by ``J^T dw``, one of the sensor's zero does
+not.
 
 A force that moves off more slowly is found by its means over a period now and some periods ago while plan and speed
 stay the same.
