@@ -6,10 +6,8 @@ sample that was used, in the words that the processes of a run share, so that ev
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
-from counterflex.core.arrays import Int
 from counterflex.links.control_array import Shown
 
 WHAT_TO_DO: Final = (
@@ -18,7 +16,14 @@ WHAT_TO_DO: Final = (
 )
 
 
-def tracker_off(words: Int | Sequence[int]) -> dict[str, float] | None:
+class Words(Protocol):
+    """Words that processes share, by their number: an array, or a view that needs no NumPy."""
+
+    def __getitem__(self, key: int, /) -> Any:
+        """One word."""
+
+
+def tracker_off(words: Words) -> dict[str, float] | None:
     """How far off the tracker sees the tool, while that keeps the loop from being armed.
 
     Args:
