@@ -12,7 +12,7 @@ from counterflex.core.progress import in_parts
 from counterflex.identify import kinematics, stiffness
 
 # Seconds that the parts took on two busy cores: of the UR10 and the first two parts of a proof by the jobs' own clocks,
-# in earlier runs; of the others processor time as benchmarks/progress_parts.py prints it, at a load of 4 to 5.
+# in earlier runs; of the others processor time as tools/measure_progress.py prints it, at a load of 4 to 5.
 MEASURED: dict[str, tuple[Mapping[str, float], Mapping[str, float]]] = {
     "identify kinematics, a published UR10": (
         kinematics.WORK,

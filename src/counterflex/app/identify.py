@@ -47,7 +47,7 @@ REPORT: Final = "report.html"
 ARCHIVE: Final = "archive"
 READING, FINDING, WRITING = "reading the data", "identifying", "writing the results"
 WORK: Final = {READING: 0.5, FINDING: 10.0, WRITING: 0.6}
-"""Parts of the work with what they cost for some hundred measurements (``benchmarks/progress_parts.py``)."""
+"""Parts of the work with what they cost for some hundred measurements (``tools/measure_progress.py``)."""
 FEW: Final = 10
 """Measurements (groups of rows) below which an error on data not used says little."""
 _UNSEEN: Final = ("holdout_", "region_", "file_")

@@ -44,7 +44,7 @@ _TRIED: Final = 30  # rows that other readings of the data are tried on
 
 CHECKING, FITTING, HELD_OUT = "checking the data", "fitting", "held out"
 WORK: Final = {CHECKING: 0.07, FITTING: 0.31, HELD_OUT: 0.26}
-"""Parts of the work with what they cost (processor time of two data sets, ``benchmarks/progress_parts.py``)."""
+"""Parts of the work with what they cost (processor time of two data sets, ``tools/measure_progress.py``)."""
 
 
 def identify(

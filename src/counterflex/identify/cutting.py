@@ -56,7 +56,7 @@ SETTINGS: dict[str, float | int | str | bool] = {
 
 READING, HELD_OUT, FITTING = "reading the cuts", "held out", "fitting"
 WORK: Final = {READING: 0.1, HELD_OUT: 0.7, FITTING: 0.03}
-"""Parts of the work with what they cost (processor time of two data sets, ``benchmarks/progress_parts.py``)."""
+"""Parts of the work with what they cost (processor time of two data sets, ``tools/measure_progress.py``)."""
 
 
 def identify(

@@ -180,7 +180,7 @@ def identify(
 
 
 def _work(trials: Mapping[str, float]) -> dict[str, float]:
-    """Parts with what they cost, in fits of the plain weight (processor time, ``benchmarks/progress_parts.py``)."""
+    """Parts with what they cost, in fits of the plain weight (processor time, ``tools/measure_progress.py``)."""
     hose = sum(trials.values())
     return {CHECKING: 5.0, WEIGHT: 0.5, HOSE: hose, HELD_OUT: 1.0 + 0.15 * max(trials.values(), default=1.0)}
 

@@ -44,7 +44,7 @@ _SETTLED_M: Final = 1.0 * UM
 _ROUNDS: Final = 5
 CHECKING, COMPLIANCES, REGIONS, HELD_OUT = "checking the data", "compliances", "regions of stiffness", "held out"
 WORK: Final = {CHECKING: 0.07, COMPLIANCES: 0.15, REGIONS: 0.2, HELD_OUT: 0.16}
-"""Parts of the work with what they cost (processor time of two data sets, ``benchmarks/progress_parts.py``)."""
+"""Parts of the work with what they cost (processor time of two data sets, ``tools/measure_progress.py``)."""
 
 
 def identify(

@@ -4,7 +4,7 @@ Runs one command in this process and notes every report of progress. Of each par
 say the same but for numbers) the table says the share of the processor time and of the bar that it took. Where both
 columns are alike, the weights are right.
 
-Run: ``python benchmarks/progress_parts.py [--wall] COMMAND ...``, for example with ``identify stiffness pulls.toml
+Run: ``python tools/measure_progress.py [--wall] COMMAND ...``, for example with ``identify stiffness pulls.toml
 --cell cell.toml --out found``. ``--wall`` counts elapsed time, for commands that work in other processes.
 """
 
