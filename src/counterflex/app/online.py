@@ -18,6 +18,7 @@ from counterflex import __version__
 from counterflex.app.made_on import made_on
 from counterflex.app.online_process import END_S, loop_process
 from counterflex.app.online_session import RunSettings, one_protocol
+from counterflex.app.process_start import first_word, signals_wait
 from counterflex.app.recorder import SUMMARY, NoLog, Recorder, recorder_process
 from counterflex.app.run_end import AS_ASKED, ended_how
 from counterflex.app.run_status import Status, StatusReader
@@ -72,22 +73,26 @@ def run(
         KeyboardInterrupt: The second one; after the first the correction is ramped out and the summary returned.
     """
     one_protocol(settings)
-    supervised = Supervised(settings, Path(out).absolute())
+    supervised: Supervised | None = None
     try:
+        with signals_wait():
+            supervised = Supervised(settings, Path(out).absolute())
         where, unusual = supervised.begin()
         for line in unusual:
             told(line)
         started(where)
         begin = time.monotonic()
         supervised.watch(watch, ended, None if most_s is None else begin + most_s)
-        summary = supervised.summary() | {"seconds": round(time.monotonic() - begin, 2)}
+        summary = supervised.told() | {"seconds": round(time.monotonic() - begin, 2)}
         summary["ended"] = ended_how(summary, arm=settings.arm)
         if not supervised.disk_stands:
             with contextlib.suppress(OutputError):  # a folder that is gone is told as a log that is lost
                 write_summary(Path(out) / SUMMARY, {"job": "run", "cell": settings.cell.name, **summary})
         return summary
     finally:
-        supervised.close()
+        if supervised is not None:
+            with signals_wait():  # bounded; cut short it would leave memory and locks behind
+                supervised.close()
 
 
 class Supervised:
@@ -117,8 +122,10 @@ class Supervised:
         self._about: dict[str, Any] = {}
         self._trouble = ""
         self.disk_stands = False
+        self._interrupted = False
         self._fault: BaseException | None = None
         self._pipes: list[Any] = []
+        self._up: list[BaseProcess] = []
         shared = (self._ring.name, self._words.path, out)
         self.loop, self._loop_pipe = self._process("loop", loop_process, settings, *shared)
         self.recorder, self._recorder_pipe = self._process("recorder", recorder_process, *shared)
@@ -138,32 +145,29 @@ class Supervised:
         Raises:
             CounterflexError: What the loop or the recorder could not do.
         """
-        self._one = OneRun(self._out)
-        # From the beginning: a loop whose run is killed while it compiles must see that, too.
-        self._beat = Beat(self.control, Life.RUN_NS, Life.RUN_PID)
-        for process in (self.loop, self.recorder):
-            process.start()
+        with signals_wait():
+            self._one = OneRun(self._out)
+            # From the beginning: a loop whose run is killed while it compiles must see that, too.
+            self._beat = Beat(self.control, Life.RUN_NS, Life.RUN_PID)
+            for process in (self.loop, self.recorder):
+                process.start()
         for theirs in self._pipes[1::2]:
             theirs.close()
-        where, loop_sha256, unusual = self._said(self.loop, self._loop_pipe, "the loop's process")
+        where, loop_sha256, unusual = first_word(
+            self.loop, self._loop_pipe, "the loop's process", lambda: int(self.control[Life.LOOP_NS])
+        )
+        self._up.append(self.loop)
         self._about = _about(self._settings, loop_sha256)
-        self._recorder_pipe.send(self._about)
-        self._about["run"] = self._said(self.recorder, self._recorder_pipe, "the recorder's process")
+        with contextlib.suppress(OSError):  # who has died is told below
+            self._recorder_pipe.send(self._about)
+        self._up.append(self.recorder)
+        self._about["run"] = first_word(
+            self.recorder, self._recorder_pipe, "the recorder's process", lambda: int(self.control[Life.RECORDER_NS])
+        )
         self.control[Life.MAY_ARM] = self.control[Request.ARM] = int(self._settings.arm)
         self._operator = OperatorFile(self._out, self._words.path)
         self._status = StatusReader(self._ring.name, self.control)
         return where, unusual
-
-    @staticmethod
-    def _said(process: BaseProcess, pipe: Any, who: str) -> Any:
-        try:
-            said = pipe.recv()
-        except (EOFError, ConnectionError):
-            process.join(END_S)
-            raise OutputError(f"{who} died before it began", value=process.exitcode) from None
-        if isinstance(said, BaseException):
-            raise said
-        return said
 
     def watch(self, watch: Callable[[Status], None], ended: Callable[[], bool], end_s: float | None) -> None:
         """Watch until the loop has ended; the first interrupt asks it to end.
@@ -177,14 +181,13 @@ class Supervised:
             KeyboardInterrupt: The second one.
             CounterflexError: What ended the loop.
         """
-        interrupted = False
         while self.loop.is_alive():
             try:
                 self._watch(watch, ended, end_s)
             except KeyboardInterrupt:
-                if interrupted:
+                if self._interrupted:
                     raise
-                interrupted = True
+                self._interrupted = True
                 self.control[Request.END] = 1  # the loop ramps out first; a second time it is left alone
         self._hear()
         if self._fault is not None:
@@ -213,6 +216,20 @@ class Supervised:
                 else:
                     self._trouble = str(said)
 
+    def told(self) -> dict[str, Any]:
+        """The summary; the first interrupt does not lose it: the loop has ended, and so will what is waited for.
+
+        Raises:
+            KeyboardInterrupt: The second one.
+        """
+        try:
+            return self.summary()
+        except KeyboardInterrupt:
+            if self._interrupted:
+                raise
+            self._interrupted = True
+            return self.summary()
+
     def summary(self) -> dict[str, Any]:
         """What the recorder counted; where it died or stands still, what is still there is written and counted here."""
         found = self._recorder_said()
@@ -237,7 +254,8 @@ class Supervised:
                 silent_s = (time.monotonic_ns() - int(self.control[Life.RECORDER_NS])) * NS
                 if time.monotonic() - begin > (END_S if silent_s > SILENT_S else RECORDER_END_S):
                     return None
-            found: dict[str, Any] = self._recorder_pipe.recv()
+            with signals_wait():
+                found: dict[str, Any] = self._recorder_pipe.recv()
             return found
         self.recorder.join(END_S)
         return None
@@ -285,6 +303,8 @@ class Supervised:
         self._recorder_pipe.close()
         for process in (self.loop, self.recorder):
             if process.pid is not None:
+                if process not in self._up:  # nothing is corrected yet, nothing is written
+                    process.kill()
                 process.join(END_S)
         if self.recorder.pid is not None and (time.monotonic_ns() - int(self.control[Life.RECORDER_NS])) * NS > END_S:
             self.recorder.kill()  # it stands still: who waits for it would wait without end

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 import time
 from pathlib import Path
@@ -19,10 +18,11 @@ from counterflex.files.machine_file import machine_file
 from counterflex.files.plausible import unusual
 from counterflex.links.control_array import CONTROL, Life, Request
 from counterflex.links.instance_lock import InstanceLock
-from counterflex.links.living import Living
+from counterflex.links.living import Beat, Living
 from counterflex.links.realtime import prepare
 from counterflex.links.session import OnlineSession
 from counterflex.links.shared_words import SharedWords
+from counterflex.links.signals import hear_signals
 from counterflex.runtime.layout import O_STOP
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.supervisor import State
@@ -57,17 +57,19 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
         shared = SharedWords(CONTROL, words)
         control: Int = np.frombuffer(shared.words, dtype=np.int64)
         _end_when_asked(control)
-        control[Life.LOOP_PID] = os.getpid()
+        hear_signals()
+        starts = Beat(control, Life.LOOP_NS, Life.LOOP_PID)  # what it compiles may take minutes
         ring = RecordRing(ring_name)
         session = open_session(settings, ring=ring, control=control)
         lock = InstanceLock(machine_file().parent, session.link.address[1], run=str(out), words=str(words))
         session.loop.run()
         session.loop.reset()
+        told = [one.said() for one in unusual(read_cell(settings.cell).tables)]
+        starts.close()
         prepare()
     except BaseException as fault:
         _say(pipe, fault)
         return
-    told = [one.said() for one in unusual(read_cell(settings.cell).tables)]
     living, run = Living(control, Life.RUN_PID, Life.RECORDER_PID), Living(control, Life.RUN_PID)
     control[_LOOP_NS] = time.monotonic_ns()
     _say(pipe, (session.link.address, session.loop.sha256(), told))

@@ -31,6 +31,7 @@ from counterflex.files.summary_file import write_summary
 from counterflex.links.control_array import CONTROL, Kept, Life, Tally
 from counterflex.links.living import Beat, Living
 from counterflex.links.shared_words import SharedWords
+from counterflex.links.signals import hear_signals
 from counterflex.runtime.layout import O_CAUSE, O_DEGRADED, O_SOFT, O_STATE
 from counterflex.runtime.record_ring import OUTCOME, RESULTS, RecordRing
 from counterflex.runtime.state_slots import LoopState
@@ -156,6 +157,7 @@ def recorder_process(ring_name: str, words: Path, out: Path, pipe: Any) -> None:
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTSTP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
+    hear_signals()
     shared = SharedWords(CONTROL, words)
     control: Int = np.frombuffer(shared.words, dtype=np.int64)
     try:
