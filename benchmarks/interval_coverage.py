@@ -7,7 +7,7 @@ seeds whose interval holds the truth; printed are their median, the worst, all t
 standard deviation (root mean square, median over the parameters): 1 is honest, 0.5 is twice too wide.
 
 Run ``OPENBLAS_NUM_THREADS=1 python benchmarks/interval_coverage.py``; ``--recipe`` picks some, ``--seeds`` how many,
-``--quick`` a smoke run, ``--json`` prints one JSON object, ``--each`` every parameter.
+``--first`` from which, ``--quick`` a smoke run, ``--json`` prints one JSON object, ``--each`` every parameter.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 
 import numpy as np
 
@@ -32,6 +33,7 @@ CASES: dict[str, Case] = {
     "holder": holder.holder_of_loads,
     "cubes": cubes.stiffness_of_cubes,
     "servo": steps.gains_of_steps,
+    "servo, gains known": partial(steps.gains_of_steps, known=True),
 }
 SEEDS = 100
 QUICK = 1
@@ -55,11 +57,11 @@ class Row:
     each: dict[str, tuple[float, float]]
 
 
-def row(recipe: str, errors: bool, seeds: int) -> Row:
-    """Run one case over seeds 0..seeds-1."""
+def row(recipe: str, errors: bool, seeds: int, first: int = 0) -> Row:
+    """Run one case over seeds first..first+seeds-1."""
     start = time.perf_counter()
     every: dict[str, list[Counted]] = {}
-    for seed in range(seeds):
+    for seed in range(first, first + seeds):
         for one in CASES[recipe](seed, errors=errors):
             every.setdefault(one.name, []).append(one)
     kept = {name: them for name, them in every.items() if len(them) >= _OFTEN * seeds}
@@ -91,6 +93,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--recipe", action="append", choices=sorted(CASES), help="only these")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="truths per case")
+    parser.add_argument("--first", type=int, default=0, help="first seed: others than a setting was chosen on")
     parser.add_argument("--quick", action="store_true", help=f"{QUICK} seed, for a smoke run")
     parser.add_argument("--each", action="store_true", help="every parameter")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -98,16 +101,16 @@ def main() -> int:
     seeds = QUICK if options.quick else options.seeds
     rows = []
     if not options.json:
-        print(f"{'recipe':14}{'data':>8}{'seeds':>6}{'par.':>6}{'all %':>8}{'median %':>10}{'worst %':>9}"
+        print(f"{'recipe':18}{'data':>8}{'seeds':>6}{'par.':>6}{'all %':>8}{'median %':>10}{'worst %':>9}"
               f"{'error/sigma':>13}{'s':>7}  worst parameter")  # fmt: skip
     for recipe in options.recipe or CASES:
         for errors in (False, True):
-            r = row(recipe, errors, seeds)
+            r = row(recipe, errors, seeds, options.first)
             rows.append(r)
             if options.json:
                 continue
             print(
-                f"{r.recipe:14}{'errors' if r.errors else 'plain':>8}{r.seeds:6d}{r.parameters:6d}"
+                f"{r.recipe:18}{'errors' if r.errors else 'plain':>8}{r.seeds:6d}{r.parameters:6d}"
                 f"{100 * r.together:8.1f}{100 * r.median:10.1f}{100 * r.worst:9.1f}{r.by_sigma:13.2f}{r.seconds:7.1f}"
                 f"  {r.worst_name}",
                 flush=True,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from counterflex.core.units import MS, URAD
 from counterflex.files.cell import read_cell
 from counterflex.identify import servo
 from counterflex.identify.dataset import of_arrays
+from counterflex.identify.servo_exchange import together
 from counterflex.robot.description import Servo
 from counterflex.robot.servo import servo_error
 from coverage_cases.counted import Counted, counted
@@ -38,18 +40,34 @@ def released(t: Float, size: Float, rng: np.random.Generator) -> Float:
     return np.asarray(size * (drop + 0.3 * ring)[:, None])
 
 
-def gains_of_steps(seed: int, *, errors: bool) -> list[Counted]:
-    """Load steps of six axes, identified."""
+def gains_of_steps(seed: int, *, errors: bool, known: bool = False) -> list[Counted]:
+    """Load steps of six axes, identified.
+
+    Args:
+        seed: Of the truth.
+        errors: With what the model lacks.
+        known: Whether the cell file has gains, within a tenth of the true ones. If not, nothing says which of Kv and
+            1/Ti is the larger, and as many truths have the one as the other.
+    """
     rng = np.random.default_rng([51, seed])
     t = STEP_S * np.arange(300, dtype=np.float64)
     cell = model_of(read_cell(CELL))
-    known = cell.robot.servo or (None,) * 6
-    base = [Servo(k, 22.0, 0.07) if s is None else s for k, s in zip(NOMINAL, known, strict=True)]
+    base = [Servo(k, 22.0, 0.07) for k in NOMINAL]
+    if known:
+        cell = replace(cell, robot=replace(cell.robot, servo=tuple(base)))
     spread = np.exp(np.array([0.1, 0.05, 0.05]) * rng.standard_normal((6, 3)))
     true = [
         Servo(b.speed_gain_nm_s * k, b.position_gain_per_s * v, b.integral_time_s * i)
         for b, (k, v, i) in zip(base, spread, strict=True)
     ]
+    if not known:
+        other = np.random.default_rng([52, seed]).random(6) < 0.5
+        true = [
+            replace(s, position_gain_per_s=1.0 / s.integral_time_s, integral_time_s=1.0 / s.position_gain_per_s)
+            if o
+            else s
+            for s, o in zip(true, other, strict=True)
+        ]
     scale = 1.0 + TORQUE * rng.standard_normal(6) * errors
     rows: dict[str, list[Float]] = {k: [] for k in ("time_s", "q_command", "q_motor", "tau_motor", "f_tcp_base")}
     for _ in range(STEPS):
@@ -72,7 +90,7 @@ def gains_of_steps(seed: int, *, errors: bool) -> list[Counted]:
     arrays = {key: np.concatenate(value) for key, value in rows.items()}
     sigma = {"q_motor": 0.5 * URAD, "tau_motor": 2.0}
     data = of_arrays("steps", "servo_steps", arrays, sigma, group=np.repeat(np.arange(STEPS), len(t)))
-    found = servo.identify(cell, [data], [], {"as_stated": True})
+    found = servo.identify(cell, [data], [], {"as_stated": True, "torque_share": TORQUE * errors})
     out: list[Counted] = []
     for axis, s in enumerate(true):
         name = f"axis{axis + 1}"
@@ -80,5 +98,13 @@ def gains_of_steps(seed: int, *, errors: bool) -> list[Counted]:
         values["integral_time"] = s.integral_time_s
         truth = {f"{name}.{key}": value for key, value in values.items()}
         fit = found.fits.get(f"axis {axis + 1}")
-        out += [] if fit is None else counted(fit, truth)
+        if fit is None:
+            continue
+        out += counted(fit, truth)
+        both = together(fit, axis)
+        rate = 1.0 / s.integral_time_s
+        pair = {"sum": s.position_gain_per_s + rate, "product": s.position_gain_per_s * rate}
+        for i, (key, value) in enumerate(pair.items()):
+            ends = [float(v[i]) for v in (both.value, both.sigma, both.lower, both.upper)]
+            out.append(Counted(f"{name}.{key}", value, *ends))
     return out

@@ -18,8 +18,10 @@ from counterflex.identify.changes import AxisServo, TableValues
 from counterflex.identify.dataset import Dataset, of_arrays
 from counterflex.identify.derivative_check import convergence_order
 from counterflex.identify.model import CellModel
+from counterflex.identify.parameters import Parameter, Parameters
 from counterflex.identify.ringing import lowest_mode
 from counterflex.identify.servo_data import load_steps
+from counterflex.identify.servo_exchange import exchange_probability
 from counterflex.identify.servo_residuals import Release, ServoResiduals, give_way
 from counterflex.robot.description import Servo
 from counterflex.robot.servo import servo_error
@@ -183,3 +185,18 @@ def test_proposal_moves_every_motor(cell: CellModel) -> None:
     assert all(0.0 < proposal.expected[f"axis{a}.speed_gain"] < 5e4 for a in range(1, 7))
     with pytest.raises(InputError, match="load steps to propose"):
         servo.RECIPE.propose(cell, 1, {})
+
+
+def test_exchange_of_alike_rates_is_as_probable_as_what_was_known_says() -> None:
+    """Law: both readings together are certain; equal priors leave them even; gains known to a tenth decide."""
+    vague = Parameters.of(
+        [
+            Parameter("axis1.position_gain", "1/s", 20.0, 1.0, log=True),
+            Parameter("axis1.integral_time", "s", 1.0 / 20.0, 1.0, log=True),
+        ]
+    )
+    x, y = np.array([25.0, 1.0 / 14.0]), np.array([14.0, 1.0 / 25.0])
+    assert exchange_probability(vague, x, 0, 1) == pytest.approx(0.5)
+    known = Parameters.of([replace(p, nominal=n, prior_sigma=0.1) for p, n in zip(vague, (22.0, 0.07), strict=True)])
+    assert exchange_probability(known, x, 0, 1) + exchange_probability(known, y, 0, 1) == pytest.approx(1.0)
+    assert exchange_probability(known, x, 0, 1) < 1e-6

@@ -11,17 +11,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float
+from counterflex.core.arrays import Bool, Float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, saying, silent
 from counterflex.core.units import MM
 from counterflex.identify.changes import CuttingLaw
-from counterflex.identify.cutting_report import Chosen, figures, pictures, remarks
+from counterflex.identify.cutting_report import Chosen, Shared, figures, pictures, remarks
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
 from counterflex.identify.force_forms import EDGES, FORMS, Form, form
@@ -31,6 +31,7 @@ from counterflex.identify.model import CellModel
 from counterflex.identify.parameters import Parameters
 from counterflex.identify.recipe import Figure, Identification, Recipe
 from counterflex.identify.residuals import Residuals
+from counterflex.identify.slot_considered import RUNOUT_M, WEAR, force_sensor, with_shared
 from counterflex.identify.slot_pieces import Cutting, Found, pieces_of
 from counterflex.identify.slot_program import SETTINGS as PROPOSAL
 from counterflex.identify.slot_program import propose
@@ -49,6 +50,8 @@ SETTINGS: dict[str, float | int | str | bool] = {
     "trim_diameters": 1.0,
     "settle_s": 0.2,
     "top_sigma_m": TOP_SIGMA_M,
+    "wear_sigma": WEAR,
+    "runout_sigma_m": RUNOUT_M,
     "folds": 5,
     "as_stated": False,
     "seed": 0,
@@ -74,6 +77,8 @@ def identify(
     options = {**SETTINGS, **settings}
     parts = in_parts(progress, WORK)
     tool = int(options["tool"]) or None
+    sensor = force_sensor(data)
+    wear, eccentric = (as_positive(key, float(options[key]), zero=True) for key in ("wear_sigma", "runout_sigma_m"))
     said: list[str] = []
     for i, dataset in enumerate([*data, *holdout]):
         said += check(cell, dataset, tool, as_stated=bool(options["as_stated"]))
@@ -100,10 +105,13 @@ def identify(
     train = problem.train(best.form)
     fit = solve_physical(problem.parameters(best.form), train)
     fit = with_jackknife(fit, [train], parts_of_groups([train]))
+    chosen = Chosen(found, train, best.form, fit, problem.h_ref_m, problem.range_m)
+    law, seen = chosen.law(_source(data)), chosen.runout()
+    shared = Shared(sensor, wear, eccentric if seen is None else seen.value_m, seen is not None, fit.sigma)
+    fit = with_shared(fit, train, law, sensor, wear, shared.runout_m)
+    chosen = replace(chosen, fit=fit, shared=shared)
     judged, before = problem.judged(best, bool(holdout))
     parts[FITTING](1.0)
-    chosen = Chosen(found, problem.train(best.form), best.form, fit, problem.h_ref_m, problem.range_m)
-    law = chosen.law(_source(data))
     return Identification(
         recipe="cutting",
         fits={"cutting": fit},

@@ -16,6 +16,7 @@ from counterflex.identify.fit import Fit
 from counterflex.identify.force_forms import DIRECTIONS, NAMES, Form, constants
 from counterflex.identify.recipe import Curve, Figure, Picture
 from counterflex.identify.runout import Runout, TurnForce, runout
+from counterflex.identify.slot_considered import ACCURACY, ALIGNMENT_KEY, CROSS_KEY, SCALE_KEY, ForceSensor
 from counterflex.identify.slot_pieces import Found
 from counterflex.identify.slot_residuals import GIVE, LAW, SlotResiduals
 from counterflex.identify.wear_trend import wear_trend
@@ -24,6 +25,31 @@ LEVEL = 0.02
 """Slope of the floor below which a slot counts as level in the picture."""
 NARROW = 4.0
 """Ratio of largest to smallest chip thickness below which exponent and edge force cannot be told apart."""
+
+
+COVERAGE = "99 %"
+"""Counted by ``benchmarks/interval_coverage.py --recipe cutting --first 300`` (errors)."""
+ONE_WAY = 0.5
+"""Length of the mean feed direction above which the cuts went one way."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """What was taken to be the same in all cuts.
+
+    Attributes:
+        sensor: The force sensor.
+        wear: Growth of the force to the last piece, share.
+        runout_m: Runout.
+        found: Whether the runout was found in the records.
+        before: (p,) standard deviations without all this.
+    """
+
+    sensor: ForceSensor
+    wear: float
+    runout_m: float
+    found: bool
+    before: Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +63,7 @@ class Chosen:
         fit: Its fit.
         h_ref_m: Reference thickness.
         range_m: Least and largest mean thickness of the fitted pieces.
+        shared: What is in its standard deviations because all cuts share it.
     """
 
     found: Found
@@ -45,6 +72,7 @@ class Chosen:
     fit: Fit
     h_ref_m: float
     range_m: tuple[float, float]
+    shared: Shared | None = None
 
     def law(self, source: str) -> ForceLaw:
         """The fitted law, good for the thickness met."""
@@ -175,11 +203,8 @@ def remarks(chosen: Chosen, law: ForceLaw) -> tuple[str, ...]:
             "Runout is not seen: it needs a record of the single teeth (rate well above the tooth passing frequency) "
             "from a sensor that is true there (setting bandwidth_hz); its mean effect is part of the constants"
         )
-    out.append(
-        "Cross-talk of the force sensor and steady wear are the same in all cuts and not in the intervals: with 2 % "
-        "cross-talk, 5 um runout and 0.3 % wear from cut to cut, 75 % of all 95 % intervals held the true constant "
-        "(25 simulated test series)"
-    )
+    if chosen.shared is not None:
+        out += _shared(chosen, chosen.shared)
     k, _, _ = constants(law, chosen.h_ref_m)
     change = fit.values[0] / k[0]
     if not 0.5 < change < 2.0:
@@ -188,6 +213,27 @@ def remarks(chosen: Chosen, law: ForceLaw) -> tuple[str, ...]:
             "mistake in depth, feed or speed"
         )
     return tuple(out)
+
+
+def _shared(chosen: Chosen, shared: Shared) -> list[str]:
+    """What all cuts share, with what it was taken to be, and how to get rid of the largest part."""
+    out = [
+        f"In the standard deviations because all cuts share it: force sensor ({shared.sensor.text}), wear "
+        f"({100 * shared.wear:.2g} % more force at the last piece), runout ({shared.runout_m / UM:.2g} um, "
+        f"{'found' if shared.found else 'usual'}). Your sensor's data sheet goes into the manifest under [settings]: "
+        f"{ACCURACY}, or {SCALE_KEY} and {CROSS_KEY}; {ALIGNMENT_KEY.replace('_rad', '_deg')}",
+        "With 2 % cross-talk, 1 % scale, 5 um runout, 0.3 % wear from cut to cut and forces that repeat within 2 %, "
+        f"{COVERAGE} of all 95 % intervals held the true constant (100 simulated test series)",
+    ]
+    fit = chosen.fit
+    most = [n for i, n in enumerate(fit.parameters.names[:3]) if fit.sigma[i] > math.sqrt(2.0) * shared.before[i]]
+    heading = chosen.block.pieces.axes[:, 0]
+    if most and np.linalg.norm(heading.mean(axis=0)) > ONE_WAY:
+        out.append(
+            f"The standard deviation of {', '.join(most)} is for the most part what all cuts share. Cut half of the "
+            "pieces the opposite way: what the sensor shows of one axis in another then takes the other sign"
+        )
+    return out
 
 
 def pictures(chosen: Chosen, before: ForceLaw) -> tuple[Picture, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, in_parts, saying
+from counterflex.core.progress import Progress, in_parts, saying, silent
 from counterflex.core.units import DEG, KN, MICRO, MM
 from counterflex.identify.changes import Change, TableValues
 from counterflex.identify.dataset import Dataset
@@ -82,24 +82,14 @@ def identify(
     """
     s = {**SETTINGS, **settings}
     parts = in_parts(progress, WORK)
-    holder = _at(_glued(holder_before(cell), (*data, *holdout)), data)
-    reference_c = holder.reference_c
-    blocks = [readings(d, holder, reference_c=reference_c) for d in data]
-    unseen = [readings(d, holder, reference_c=reference_c) for d in holdout]
+    holder, blocks = prepared(cell, data, holdout)
+    unseen = [readings(d, holder, reference_c=holder.reference_c) for d in holdout]
     _check_loads(blocks, ", ".join(d.where or d.name for d in data))
     remarks: list[str] = []
     for i, d in enumerate((*data, *holdout)):
         remarks += _check(d, holder, bool(s["as_stated"]))
         parts[CHECKING]((i + 1) / (len(data) + len(holdout)))
-    spread_k = float(np.ptp(np.concatenate([b.warmer_k for b in blocks])))
-    spread_s = max(float(np.ptp(b.time_s)) for b in blocks)
-    free = parameters(
-        holder,
-        float(s["drawing_share"]),
-        temperature=bool(s["temperature"]) and spread_k > SPREAD_K,
-        drift=bool(s["drift"]) and spread_s > DRIFT_S,
-    )
-    fit = with_honest_sigma(solve(free, blocks, progress=saying(parts[FITTING], FITTING)), blocks)
+    free, fit = fitted(holder, blocks, s, saying(parts[FITTING], FITTING))
     parts[FITTING](1.0)
     held = _held_out(free, blocks, unseen, len(holder.gauges), parts[HELD_OUT])
     parts[HELD_OUT](1.0)
@@ -129,6 +119,46 @@ def identify(
         remarks=(*remarks, *more, *_remarks(holder, found, fit, blocks)),
         pictures=(_picture(blocks, unseen, held),),
     )
+
+
+def prepared(
+    cell: CellModel, data: Sequence[Dataset], holdout: Sequence[Dataset] = ()
+) -> tuple[StrainHolder, list[HolderReadings]]:
+    """The holder as it is known before, at the mean temperature of the data, and their readings.
+
+    Args:
+        cell: Before.
+        data: Kind ``holder_loads``.
+        holdout: Likewise; its bridges have to sit where those of ``data`` do.
+
+    Raises:
+        InputError: The data do not agree on where the bridges sit.
+    """
+    holder = _at(_glued(holder_before(cell), (*data, *holdout)), data)
+    return holder, [readings(d, holder, reference_c=holder.reference_c) for d in data]
+
+
+def fitted(
+    holder: StrainHolder, blocks: Sequence[HolderReadings], settings: Mapping[str, Any], progress: Progress = silent
+) -> tuple[Parameters, Fit]:
+    """The parameters of a holder and their fit, its standard deviations with what all loads share.
+
+    Args:
+        holder: Before.
+        blocks: Readings under known loads.
+        settings: Others than :data:`SETTINGS`.
+        progress: Told about the fit.
+    """
+    s = {**SETTINGS, **settings}
+    spread_k = float(np.ptp(np.concatenate([b.warmer_k for b in blocks])))
+    spread_s = max(float(np.ptp(b.time_s)) for b in blocks)
+    free = parameters(
+        holder,
+        float(s["drawing_share"]),
+        temperature=bool(s["temperature"]) and spread_k > SPREAD_K,
+        drift=bool(s["drift"]) and spread_s > DRIFT_S,
+    )
+    return free, with_honest_sigma(solve(free, blocks, progress=progress), blocks)
 
 
 def _glued(holder: StrainHolder, data: Sequence[Dataset]) -> StrainHolder:

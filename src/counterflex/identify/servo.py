@@ -25,6 +25,7 @@ from counterflex.identify.reversal_data import motions
 from counterflex.identify.reversals import motor_friction
 from counterflex.identify.ringing import Mode, lowest_mode
 from counterflex.identify.servo_data import LoadStep, load_steps
+from counterflex.identify.servo_exchange import together, with_exchange
 from counterflex.identify.servo_proposal import FORCE_N, propose
 from counterflex.identify.servo_residuals import ServoResiduals
 from counterflex.identify.solve import Stop, solve
@@ -109,8 +110,8 @@ def identify(
             "its standard deviation"
         )
         remarks.append(
-            "Kv and 1/Ti act alike: their sum and product are what a load step shows, and which is which is known no "
-            "better than their difference"
+            "Kv and 1/Ti act alike: a load step shows their sum and product, and only what was known beforehand says "
+            "which is which. The planner uses them alike: the intervals of sum and product are what counts"
         )
         changed, told, missing = _mode(steps)
         changes += changed
@@ -160,18 +161,7 @@ def _gains(
         seen = measured
     if not known:
         held = replace(held, nominal=np.abs(seen))
-    return _exchangeable(fit, axis), held
-
-
-def _exchangeable(fit: Fit, axis: int) -> Fit:
-    """Kv and 1/Ti enter alike, so which is which is known no better than their difference: that much is added."""
-    place = {key: fit.parameters.index(f"axis{axis + 1}.{key}") for key in ("position_gain", "integral_time")}
-    rate, time = (float(fit.values[i]) for i in place.values())
-    apart = 0.5 * abs(rate - 1.0 / time)
-    sigma = fit.sigma.copy()
-    for key, share in (("position_gain", apart), ("integral_time", apart * time**2)):
-        sigma[place[key]] = float(np.hypot(sigma[place[key]], share))
-    return replace(fit, sigma=sigma)
+    return with_exchange(fit, axis), held
 
 
 def _with_torque(fit: Fit, axis: int, share: float) -> Fit:
@@ -256,6 +246,12 @@ def _figures(cell: CellModel, axis: int, fit: Fit, servo: Servo) -> list[Figure]
         old = None if before is None else getattr(before, field) / size
         out.append(Figure(f"{name}_{key}_{unit}", f"axis {axis + 1}: {text}", value / size, old))
         out.append(Figure(f"{name}_{key}_sigma_{unit}", "its standard deviation", sigma / size))
+    both = together(fit, axis)
+    for i, (key, text) in enumerate((("sum_per_s", "Kv + 1/Ti, 1/s"), ("product_per_s2", "Kv / Ti, 1/s2"))):
+        out.append(Figure(f"{name}_rate_{key}", f"axis {axis + 1}: {text}", float(both.value[i])))
+        out.append(
+            Figure(f"{name}_rate_{key.replace('_', '_sigma_', 1)}", "its standard deviation", float(both.sigma[i]))
+        )
     if servo.friction_nm > 0.0:
         out.append(
             Figure(f"{name}_motor_friction_nm", f"axis {axis + 1}: dry friction of the motor, N m", servo.friction_nm)

@@ -73,6 +73,7 @@ def planned_pieces(cutter: Cutter, moves: Sequence[PlannedMove], gauged: bool) -
         drop_sigma_m=np.zeros(n),
         give_m=np.zeros((n, 3)),
         elastic=np.zeros(n, dtype=np.bool_),
+        axes=np.tile(np.eye(3), (n, 1, 1)),
         turn_n=np.full(n, np.nan),
         cut=np.array([m.cut for m in own], dtype=np.int64),
         blank=np.array([m.blank for m in own], dtype=np.int64),

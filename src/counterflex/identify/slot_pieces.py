@@ -20,7 +20,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.model import CellModel
 from counterflex.identify.runout import fast_enough, turn_amplitude
-from counterflex.identify.slot_record import contact, mean_with_sigma, settled, split_ramp, zero
+from counterflex.identify.slot_record import contact, mean_with_sigma, settled, slope, split_ramp, zero
 from counterflex.robot.compliance import cartesian_compliance
 
 FORCES = ("w_tcp_base", "f_tcp_base", "f_tcp_part")
@@ -60,6 +60,7 @@ class Pieces:
         drop_sigma_m: (n,) its standard deviation.
         give_m: (n, 3) displacement of the tool under the measured force by the elastic model; 0 where unknown.
         elastic: (n,) whether it is known.
+        axes: (n, 3, 3) from the axes that the force was given in to the feed frame.
         turn_n: (n,) amplitude of the force across the tool axis once per turn, NaN where the record does not show it.
         cut: (n,) id of the cut, over all datasets.
         blank: (n,) index of the blank.
@@ -82,6 +83,7 @@ class Pieces:
     drop_sigma_m: Float
     give_m: Float
     elastic: Bool
+    axes: Float
     turn_n: Float
     cut: Int
     blank: Int
@@ -307,10 +309,10 @@ class _Reader:
                     mean, sigma = mean_with_sigma(shown[part], stated)
                     sigma = np.hypot(sigma, base.sigma)
                     floor = self.depth[rows[part]] if self.gauge is None else self.gauge.values[rows[part], 0]
-                    slope = _slope(travel[part], floor)
+                    steepness = slope(travel[part], floor)
                     span = float(np.ptp(travel[part]))
                     before = self.run_m + float(np.sum(np.diff(travel[: part[0] + 1]) * touching[1 : part[0] + 1]))
-                    piece = self._piece(rows[part], mean, sigma, (slope, self._slope_sigma(span)), before)
+                    piece = self._piece(rows[part], mean, sigma, (steepness, self._slope_sigma(span)), before)
                     piece["turn_n"] = self._once_per_turn(shown[part], time[part], float(self.spindle[rows[part[0]]]))
                     out.append((piece, self.dataset.place(int(rows[part[0]])), int(self.blank[rows[part[0]]])))
             self.run_m += float(np.sum(np.diff(travel) * touching[1:]))
@@ -375,6 +377,7 @@ class _Reader:
             "drop_sigma_m": slope[1] * feed,
             "give_m": give,
             "elastic": self.q is not None,
+            "axes": R @ in_part,
             "turn_n": np.nan,
             "cut": int(self.dataset.group[first]),
             "run_m": run,
@@ -390,10 +393,3 @@ SLOPE_SIGMA = 1e-3
 """Standard deviation of the slope of a slot's floor that nobody measured: the robot gives way differently along it."""
 AT_LEAST = 4
 """Fewest rows of a record that make a piece."""
-
-
-def _slope(travel: Float, depth: Float) -> float:
-    """Change of depth per travel."""
-    u = travel - travel.mean()
-    square = float(u @ u)
-    return float(u @ depth) / square if square > 0.0 else 0.0

@@ -151,3 +151,15 @@ def mean_with_sigma(values: Float, stated: Float | None) -> tuple[Float, Float]:
     rest = batches - batches.mean(axis=0) - u * (u * batches).sum(axis=0) / float(np.sum(u**2))
     spread = np.sqrt(np.sum(rest**2, axis=0) / (count - 2) / count)
     return mean, np.maximum(spread, floor)
+
+
+def slope(travel_m: Float, depth_m: Float) -> float:
+    """Change of depth per travel, least squares; 0 where the tool does not move.
+
+    Args:
+        travel_m: (n,) length that the tool has moved.
+        depth_m: (n,) depth there.
+    """
+    u = travel_m - travel_m.mean()
+    square = float(u @ u)
+    return float(u @ depth_m) / square if square > 0.0 else 0.0
