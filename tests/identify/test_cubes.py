@@ -15,6 +15,7 @@ from counterflex.files.cell import read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.identify import cubes
 from counterflex.identify.compliances import DIRECTIONS, springs
+from counterflex.identify.counted_coverage import COUNTED
 from counterflex.identify.cube_pairs import block, read_cubes
 from counterflex.identify.cube_proposal import pairs_of
 from counterflex.identify.dataset import Dataset, of_arrays
@@ -155,6 +156,7 @@ def test_a_sum_is_split_by_the_known_sensor(cell: CellModel) -> None:
         assert fit.value(f"axis6.{letter}") == pytest.approx(wanted[place], rel=0.08)
     assert any("axis6 and sensor" in r and "sum" in r for r in result.remarks)
     assert any("No pair of cubes spans" in r and "axis1" in r for r in result.remarks)
+    assert COUNTED["cubes"].text in result.remarks
 
 
 def test_wrong_data_are_named(cell: CellModel, measured: tuple[Truth, Dataset]) -> None:

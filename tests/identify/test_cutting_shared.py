@@ -11,6 +11,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import silent
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.dataset_file import read_dataset
+from counterflex.identify.counted_coverage import COUNTED
 from counterflex.identify.cutting import RECIPE
 from counterflex.identify.dataset import Dataset, of_arrays
 from counterflex.identify.force_forms import FORMS
@@ -118,4 +119,5 @@ def test_cutting_the_opposite_way_takes_the_cross_talk_out_and_the_report_says_s
     told = "the opposite way"
     assert any(told in r and "ka" in r for r in one.remarks)
     assert not any(told in r for r in two.remarks)
+    assert COUNTED["cutting"].text in one.remarks
     assert any("alignment 1 deg per axis (usual)" in r and "force_alignment_deg" in r for r in one.remarks)

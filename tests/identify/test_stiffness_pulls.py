@@ -20,6 +20,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify import regions, stiffness
 from counterflex.identify.changes import ElementCompliance
 from counterflex.identify.compliances import named_directions, springs, with_compliance
+from counterflex.identify.counted_coverage import COUNTED
 from counterflex.identify.dataset import Dataset, of_arrays
 from counterflex.identify.derivative_check import convergence_order
 from counterflex.identify.known_frames import tracker_table
@@ -370,5 +371,6 @@ def test_real_cable_pulls() -> None:
     figures = {f.name: f.value for f in result.headline}
     assert figures["holdout_median_percent"] < 20.0
     assert any("not to be used" in r and "axis6.rz" in r for r in result.remarks)
+    assert COUNTED["stiffness"].text in result.remarks
     tilting = stiffness.identify(cell, [data], [], {"wide": "all", "free": "tilting", "regions": False})
     assert {f.name: f.value for f in tilting.headline}["holdout_median_percent"] < 16.0

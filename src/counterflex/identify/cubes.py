@@ -13,6 +13,7 @@ from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import URAD
 from counterflex.identify import compliances, cube_proposal, pull_checks
 from counterflex.identify.compliances import DIRECTIONS, bearing_of, springs
+from counterflex.identify.counted_coverage import COUNTED
 from counterflex.identify.cube_pairs import SCALE, CubeMotions, block, read_cubes
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
@@ -165,7 +166,7 @@ def _remarks(chain: ElasticChain, plan: Layout, fit: Fit, motions: Sequence[Cube
     ]
     if weak:
         out.append(f"The loads hardly turn {', '.join(weak)}: load them by a pure moment (bar and two cables)")
-    return (*out, *fit.hidden)
+    return (*out, COUNTED["cubes"].text, *fit.hidden)
 
 
 def _readings(data: Dataset) -> Any:

@@ -12,6 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import MM, N_PER_MM, N_PER_MM2, UM
 from counterflex.cutting.arc_force import ArcCuts, term_force
 from counterflex.cutting.coefficients import H_KIENZLE_M, ForceLaw
+from counterflex.identify.counted_coverage import COUNTED
 from counterflex.identify.fit import Fit
 from counterflex.identify.force_forms import DIRECTIONS, NAMES, Form, constants
 from counterflex.identify.recipe import Curve, Figure, Picture
@@ -27,8 +28,6 @@ NARROW = 4.0
 """Ratio of largest to smallest chip thickness below which exponent and edge force cannot be told apart."""
 
 
-COVERAGE = "99 %"
-"""Counted by ``benchmarks/interval_coverage.py --recipe cutting --first 300`` (errors)."""
 ONE_WAY = 0.5
 """Length of the mean feed direction above which the cuts went one way."""
 
@@ -222,8 +221,7 @@ def _shared(chosen: Chosen, shared: Shared) -> list[str]:
         f"({100 * shared.wear:.2g} % more force at the last piece), runout ({shared.runout_m / UM:.2g} um, "
         f"{'found' if shared.found else 'usual'}). Your sensor's data sheet goes into the manifest under [settings]: "
         f"{ACCURACY}, or {SCALE_KEY} and {CROSS_KEY}; {ALIGNMENT_KEY.replace('_rad', '_deg')}",
-        "With 2 % cross-talk, 1 % scale, 5 um runout, 0.3 % wear from cut to cut and forces that repeat within 2 %, "
-        f"{COVERAGE} of all 95 % intervals held the true constant (100 simulated test series)",
+        COUNTED["cutting"].text,
     ]
     fit = chosen.fit
     most = [n for i, n in enumerate(fit.parameters.names[:3]) if fit.sigma[i] > math.sqrt(2.0) * shared.before[i]]

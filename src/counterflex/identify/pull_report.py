@@ -9,6 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM, UM_PER_KN
+from counterflex.identify.counted_coverage import COUNTED
 from counterflex.identify.fit import Fit
 from counterflex.identify.holdout import HeldOut
 from counterflex.identify.pull_blocks import Layout
@@ -106,7 +107,7 @@ def remarks(
     chain: ElasticChain, plan: Layout, fit: Fit, held: HeldOut, pulls: Sequence[Pulls], found: Found | None
 ) -> tuple[str, ...]:
     """What the data determine and what not, which rows are doubtful, what was assumed."""
-    out = [*_determined(plan, fit, held), *fit.hidden, *_doubtful(fit, pulls)]
+    out = [*_determined(plan, fit, held), COUNTED["stiffness"].text, *fit.hidden, *_doubtful(fit, pulls)]
     unknown = [p.name for p in pulls if not p.history]
     if unknown and chain.play is not None:
         out.append(
