@@ -18,8 +18,9 @@ from counterflex.app.online_loop import online_loop
 from counterflex.app.run_log_missing import counted
 from counterflex.core.arrays import Float
 from counterflex.files.cell import read_cell
-from counterflex.files.mcap_salvage import salvage
+from counterflex.files.mcap_salvage import MAGIC, salvage
 from counterflex.files.run_log import RunLog, read_log, read_segment
+from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose, rotation
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
@@ -263,3 +264,56 @@ def test_bad_input_in_one_line(folder: Path, logged: Float, refused: Any) -> Non
     assert "replace" in refused("log", "export", "log", "--csv", "log/run-000.mcap")
     (folder / "log" / "run-000.mcap").write_bytes(b"hello world")
     assert "not an MCAP file" in refused("log", "show", "log")
+
+
+def test_a_finished_log_that_was_cut_off_later_says_how_much_is_missing(
+    folder: Path, logged: Float, counterflex: Any
+) -> None:
+    """By itself it looks like that of a killed run; what the run said at its end tells how long it was."""
+    write_summary(folder / "log" / "summary.json", {"job": "run", "run": 0, "records": CYCLES - 3, "records_lost": 3})
+    assert counterflex("log", "show", "log").status == 0
+    last = max((folder / "log").glob("run-*.mcap"))
+    last.write_bytes(last.read_bytes()[: last.stat().st_size // 3])
+    os.utime(last, (1e9, 1e9))
+    kept, _, _ = read_log(folder / "log")
+    left = f"{CYCLES - len(kept)} cycles missing"
+    assert 0 < len(kept) < CYCLES
+    for words in (("show", "log"), ("replay", "log", "--cell", "cell.toml"), ("export", "log", "--csv", "x.csv")):
+        said = counterflex("log", *words)
+        assert (said.status, left in said.out) == (5, True)
+    repaired = counterflex("log", "repair", "log")
+    assert (repaired.status, left in repaired.out) == (5, True)
+    assert (counterflex("log", "show", "log").status, counted(folder / "log")) == (5, (len(kept), CYCLES - len(kept)))
+
+
+@pytest.mark.parametrize("summary", ["no JSON", '{"format": "counterflex-summary"}', '{"job": "run"}'])
+def test_a_summary_that_says_nothing_of_the_run_is_left_alone(
+    folder: Path, logged: Float, counterflex: Any, summary: str
+) -> None:
+    (folder / "log" / "summary.json").write_text(summary, encoding="utf-8")
+    assert counterflex("log", "show", "log").status == 0
+
+
+@pytest.mark.parametrize(
+    ("content", "said"), [(b"", "empty"), (b"a text\n" * 900, "not an MCAP file"), (MAGIC, "not one record")]
+)
+def test_what_is_no_log_says_what_to_do(folder: Path, logged: Float, refused: Any, content: bytes, said: str) -> None:
+    for file in (folder / "log").glob("run-*.mcap"):
+        file.write_bytes(content)
+    for words in (("show", "log"), ("replay", "log", "--cell", "cell.toml"), ("repair", "log")):
+        line = refused("log", *words)
+        assert said in line
+        assert "remove it, or move it out of this folder" in line
+
+
+def test_a_footer_that_points_nowhere_is_no_end(folder: Path, logged: Float, counterflex: Any) -> None:
+    """Every record is there, but another reader finds nothing: it is written anew."""
+    file = min((folder / "log").glob("run-*.mcap"))
+    content = bytearray(file.read_bytes())
+    content[-28:-8] = b"\xff" * 20
+    file.write_bytes(content)
+    os.utime(file, (1e9, 1e9))
+    assert f"cut short: {file.name}" in counterflex("log", "show", "log").out
+    assert counterflex("log", "repair", "log").status == 0
+    with file.open("rb") as stream:
+        assert sum(1 for _ in make_reader(stream).iter_messages()) > 0

@@ -113,3 +113,9 @@ def test_a_place_that_does_not_take_it_is_not_blamed_on_another_option(counterfl
     assert ended.status == 2
     assert "cannot write" in ended.err
     assert "--out" not in ended.err
+
+
+def test_a_folder_that_is_a_link_to_nowhere_is_named_before_anything_starts(folder: Path, refused: Any) -> None:
+    (folder / "out").symlink_to("nowhere")
+    line = refused("simulate", "part.ngc", "--cell", "cell.toml", "--truth", "cell.toml", "--out", "out")
+    assert "--out out: cannot write: a link that leads nowhere; got nowhere" in line

@@ -121,7 +121,7 @@ def test_two_runs_that_write_to_one_folder_at_once_keep_their_own_segments(
     missing = LogMissing()
     for segment in segments(tmp_path):
         missing.add(segment)
-    assert missing.end().lines() == []
+    assert missing.end(tmp_path).lines() == []
     for who, one in enumerate(data):
         own = [s.rows for s in segments(tmp_path) if s.about["who"] == who and s.run == who]
         np.testing.assert_array_equal(np.concatenate(own), one)

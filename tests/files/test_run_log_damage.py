@@ -194,7 +194,7 @@ def missing(folder: Path) -> LogMissing:
     out = LogMissing()
     for segment in segments(folder):
         out.add(segment)
-    return out.end()
+    return out.end(folder)
 
 
 @pytest.mark.parametrize("finished", [True, False])
@@ -293,6 +293,26 @@ def test_a_segment_that_lost_its_facts_goes_on_with_the_run_before_it(
     assert found[1].about["seed"] == 3
     (tmp_path / "run-000.mcap").unlink()
     assert next(segments(tmp_path)).about[UNKNOWN] is True
+    assert missing(tmp_path).missing == 40
+
+
+def test_a_segment_without_records_in_between_does_not_part_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = RunLog(tmp_path, {"seed": 3})
+    with monkeypatch.context() as patch:
+        patch.setattr("counterflex.files.run_log.SEGMENT_BYTES", 1000)
+        log.add(rows(1, 40), 0.1)
+        log.add(rows(41, 80), 0.2)
+    log.add(rows(81, 120), 0.3)
+    log.close()
+    middle, last = tmp_path / "run-001.mcap", tmp_path / "run-002.mcap"
+    content = bytearray(middle.read_bytes())
+    for chunk in salvage(bytes(content)).chunks:
+        content[chunk.begin + 60] ^= 4
+    middle.write_bytes(content)
+    last.write_bytes(last.read_bytes().replace(b"seed", b"deed"))
+    assert [(len(s.rows), s.run) for s in segments(tmp_path)] == [(40, 0), (0, 0), (40, 0)]
     assert missing(tmp_path).missing == 40
 
 

@@ -87,7 +87,8 @@ def run(
         summary["ended"] = ended_how(summary, arm=settings.arm)
         if not supervised.disk_stands:
             with contextlib.suppress(OutputError):  # a folder that is gone is told as a log that is lost
-                write_summary(Path(out) / SUMMARY, {"job": "run", "cell": settings.cell.name, **summary})
+                head = {"job": "run", "cell": settings.cell.name, "run": supervised.number}
+                write_summary(Path(out) / SUMMARY, {**head, **summary})
         return summary
     finally:
         if supervised is not None:
@@ -106,6 +107,7 @@ class Supervised:
         loop: Its process.
         recorder: Its process.
         control: See :mod:`counterflex.links.control_array`.
+        number: Of the first segment of the log; None before it has begun.
         disk_stands: The log cannot be written to, and whoever tries waits without end.
     """
 
@@ -123,6 +125,7 @@ class Supervised:
         self._trouble = ""
         self.disk_stands = False
         self._interrupted = False
+        self.number: int | None = None
         self._fault: BaseException | None = None
         self._pipes: list[Any] = []
         self._up: list[BaseProcess] = []
@@ -161,7 +164,7 @@ class Supervised:
         with contextlib.suppress(OSError):  # who has died is told below
             self._recorder_pipe.send(self._about)
         self._up.append(self.recorder)
-        self._about["run"] = first_word(
+        self.number = self._about["run"] = first_word(
             self.recorder, self._recorder_pipe, "the recorder's process", lambda: int(self.control[Life.RECORDER_NS])
         )
         self.control[Life.MAY_ARM] = self.control[Request.ARM] = int(self._settings.arm)

@@ -182,7 +182,7 @@ def recorder_process(ring_name: str, words: Path, out: Path, pipe: Any) -> None:
     summary = recorder.summary()
     if run.gone():
         with contextlib.suppress(CounterflexError, OSError):
-            write_summary(out / SUMMARY, {"job": "run", "run_died": True, **summary})
+            write_summary(out / SUMMARY, {"job": "run", "run": log.first, "run_died": True, **summary})
         shared.remove()
     with contextlib.suppress(OSError):
         pipe.send(summary)

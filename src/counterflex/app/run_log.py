@@ -54,7 +54,7 @@ def show(folder: str | Path) -> dict[str, Any]:
             about.setdefault(segment.run, segment.about)
             runs.setdefault(segment.run, RunRecord()).add(segment.rows)
             finders.setdefault(segment.run, IncidentFinder()).add(segment.rows)
-    for number, lost in missing.end().at_end.items():
+    for number, lost in missing.end(folder).at_end.items():
         runs[number].end(lost)
     incidents = numbered(finders)
     return {
@@ -233,7 +233,7 @@ def replay(
             answer.difference, answer.run = current.difference, number
     for done in replays.values():
         _collect(answer, done)
-    answer.missing += sum(answer.lost.end().at_end.values())
+    answer.missing += sum(answer.lost.end(folder).at_end.values())
     return answer
 
 
@@ -308,7 +308,7 @@ def export(folder: str | Path, csv: str | Path, progress: Progress = silent) -> 
             table = table.select(polars.lit(segment.run, dtype=polars.Int64).alias("run"), polars.all())
             table.write_csv(stream, include_header=k == 0)
             count += len(segment.rows)
-    return count, missing.end()
+    return count, missing.end(folder)
 
 
 def repair(folder: str | Path) -> tuple[list[Repaired], LogMissing]:
@@ -333,4 +333,4 @@ def repair(folder: str | Path) -> tuple[list[Repaired], LogMissing]:
                 done.append(found)
         if len(segment.rows):
             told[segment.run] = int(segment.rows[-1, CYCLE]) + segment.lost_at_end
-    return done, missing.end()
+    return done, missing.end(folder)

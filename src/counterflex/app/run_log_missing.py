@@ -6,8 +6,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.missing_cycles import MissingCycles, MissingFinder
 from counterflex.files.run_log import Segment, segments
+from counterflex.files.summary_file import read_summary
 from counterflex.runtime.record_ring import CYCLE
 
 
@@ -21,7 +23,20 @@ def counted(folder: str | Path) -> tuple[int, int]:
     for segment in segments(folder):
         records += len(segment.rows)
         missing.add(segment)
-    return records, missing.end().missing
+    return records, missing.end(folder).missing
+
+
+def _written(folder: str | Path) -> dict[int, int]:
+    """Cycles that the last run of a folder had, by what it said itself at its end; nothing where it did not come to it.
+
+    A file that ends early looks like that of a run that was killed: only who wrote it knows how long it was. Where the
+    recorder died the run counted less than there was, never more.
+    """
+    try:
+        said = read_summary(Path(folder) / "summary.json")
+        return {int(said["run"]): int(said["records"]) + int(said["records_lost"])} if said["job"] == "run" else {}
+    except (FileFormatError, KeyError, TypeError, ValueError):
+        return {}
 
 
 @dataclass(frozen=True)
@@ -62,6 +77,7 @@ class LogMissing:
     at_end: dict[int, int] = field(default_factory=dict)
     _finders: dict[int, MissingFinder] = field(default_factory=dict)
     _cycle: dict[int, int] = field(default_factory=dict)
+    _records: dict[int, int] = field(default_factory=dict)
 
     def add(self, segment: Segment) -> None:
         """Take the next segment."""
@@ -78,11 +94,20 @@ class LogMissing:
             self.damage.append(Damaged(segment.name, stretch.begin, stretch.end, before, missing))
         self._finders.setdefault(run, MissingFinder()).add(segment.rows)
         self.at_end[run] = segment.lost_at_end
+        self._records[run] = self._records.get(run, 0) + len(cycles)
         if len(cycles):
             self._cycle[run] = int(cycles[-1])
 
-    def end(self) -> LogMissing:
-        """All segments were taken."""
+    def end(self, folder: str | Path) -> LogMissing:
+        """All segments were taken.
+
+        Args:
+            folder: They are of; what its run said at its end tells how much is missing where a file ends early.
+        """
+        for run, written in _written(folder).items():
+            if run in self._finders:
+                missing = written - self._records[run] - self._finders[run].total
+                self.at_end[run] = max(self.at_end[run], missing)
         for run, finder in self._finders.items():
             finder.end(self.at_end[run])
             self.gaps[run] = finder.found

@@ -105,6 +105,9 @@ def output_folder(param: Param, value: Any) -> Any:
     for path in _paths(value):
         if path.exists() and not path.is_dir():
             raise OutputError("cannot write: a file has the name of the folder", where=_named(param, path))
+        if path.is_symlink() and not path.exists():
+            target = str(path.readlink())
+            raise OutputError("cannot write: a link that leads nowhere", where=_named(param, path), value=target)
         _way_to(param, path)
         if path.is_dir():
             _writable(param, path, path)

@@ -128,7 +128,8 @@ def salvage(data: bytes | mmap) -> Salvaged:
     at = len(MAGIC) if out.magic else 0
     while at < size:
         if size - at == len(MAGIC) and data[at:] == MAGIC:
-            out.finished = bool(out.records) and isinstance(out.records[-1], Footer)
+            last = out.records[-1] if out.records else None
+            out.finished = isinstance(last, Footer) and max(last.summary_start, last.summary_offset_start) < at
             break
         found = _sound(data, at)
         if found is None:

@@ -36,8 +36,6 @@ from counterflex.files.run_log_segment import (
     KIND,
     STATE_CHANNEL,
     STATE_HEAD,
-    STATES,
-    TOPIC,
     VERSION,
     Unreadable,
     add_about,
@@ -45,7 +43,9 @@ from counterflex.files.run_log_segment import (
     add_state,
     begin_segment,
     lost_at_end,
+    nothing_said,
     read_about,
+    require_ours,
 )
 from counterflex.runtime.record_ring import COLUMNS, CYCLE
 from counterflex.runtime.state_slots import LoopState
@@ -317,11 +317,11 @@ def read_segment(path: str | Path) -> Segment:
                 elif channel == CYCLE_CHANNEL and len(data) == 8 * len(columns):
                     rows.append(np.frombuffer(data, dtype="<f8"))
             elif opcode == Opcode.CHANNEL:
-                _require_ours(parsed(Channel, content), file)
+                require_ours(parsed(Channel, content), str(file))
         before.append(len(rows))
     if not about and not rows:
-        said = "not a run log, or cut before its beginning" if found.magic else "not an MCAP file"
-        raise FileFormatError(said, where=str(file), nothing=True)
+        said, hint = nothing_said(found, file.stat().st_size)
+        raise FileFormatError(said, where=str(file), nothing=True, hint=hint)
     damage = tuple(Unreadable(d.begin, d.end, before[d.chunks]) for d in found.damage)
     table = placed(np.array(rows).reshape(-1, len(columns)), columns)
     absent = tuple(name for name in COLUMNS if name not in columns)
@@ -337,11 +337,6 @@ def _salvaged(file: Path) -> Salvaged:
             return salvage(data)
 
 
-def _require_ours(channel: Channel | None, file: Path) -> None:
-    if channel is not None and (channel.id, channel.topic) not in ((CYCLE_CHANNEL, TOPIC), (STATE_CHANNEL, STATES)):
-        raise FileFormatError("not a run log", where=str(file), value=channel.topic)
-
-
 def segments(folder: str | Path) -> Iterator[Segment]:
     """Segments of a folder in order, one at a time; a file of which nothing can be read is a segment without records.
 
@@ -354,7 +349,8 @@ def segments(folder: str | Path) -> Iterator[Segment]:
     if not files:
         raise FileFormatError("there is no run log in this folder", where=str(folder), hint="Expected run-000.mcap")
     refused = None
-    before: Segment | None = None
+    before: Segment | None = None  # the last one with records
+    read = False
     for file in files:
         try:
             found = read_segment(file)
@@ -364,18 +360,19 @@ def segments(folder: str | Path) -> Iterator[Segment]:
             refused = refused or fault
             yield Segment(file.name, np.zeros((0, len(COLUMNS))), {}, False)
             continue
-        before = found if found.about else replace(found, about=_likely(found, before))
-        yield before
-    if refused is not None and before is None:
+        found = found if found.about else replace(found, about=_likely(found, before))
+        yield found
+        read = True
+        before = found if len(found.rows) else before
+    if refused is not None and not read:
         raise refused
 
 
 def _likely(segment: Segment, before: Segment | None) -> dict[str, Any]:
-    """What a segment that does not say it belongs to."""
-    number = segment.name[4:].partition(".")[0]
+    """The run that a segment without its facts belongs to: the one before, whose cycles it continues, or its own."""
+    number, rows = segment.name[4:].partition(".")[0], segment.rows
     own = int(number) if number.isdigit() else 0
-    rows = segment.rows
-    if before is not None and len(before.rows) and len(rows) and rows[0, CYCLE] > before.rows[-1, CYCLE]:
+    if before is not None and len(rows) and rows[0, CYCLE] > before.rows[-1, CYCLE]:
         return {**before.about, "segment": own}
     return {"run": own, "segment": own, UNKNOWN: True}
 

@@ -10,10 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, BinaryIO, Final
 
-from mcap.records import MessageIndex, Metadata
+from mcap.records import Channel, MessageIndex, Metadata
 from mcap.writer import CompressionType, Writer
 
 from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError
 from counterflex.files.mcap_salvage import Salvaged
 from counterflex.runtime.record_ring import COLUMNS
 from counterflex.runtime.state_slots import LoopState
@@ -110,6 +111,31 @@ def lost_at_end(found: Salvaged, rows: Float) -> int:
         for time_ns, _ in record.records
     }
     return sum(time_ns > last for time_ns in stamps)
+
+
+def require_ours(channel: Channel | None, where: str) -> None:
+    """Check that a channel is one of a run log.
+
+    Raises:
+        FileFormatError: It is another program's.
+    """
+    if channel is not None and (channel.id, channel.topic) not in ((CYCLE_CHANNEL, TOPIC), (STATE_CHANNEL, STATES)):
+        raise FileFormatError("not a run log", where=where, value=channel.topic)
+
+
+def nothing_said(found: Salvaged, size: int) -> tuple[str, str]:
+    """What a file is of which not one record can be read, and what to do.
+
+    Args:
+        found: In it.
+        size: Of the file, bytes.
+    """
+    remove = "Nothing in it can be saved: remove it, or move it out of this folder"
+    if size == 0:
+        return "empty", f"The run ended before it wrote, or its disk was full. {remove}"
+    if found.magic:
+        return "not one record of a run can be read", f"It was cut off or overwritten behind its beginning. {remove}"
+    return "not an MCAP file", f"Give the folder that run wrote with --out; if this is it, it was overwritten. {remove}"
 
 
 def _checksum(values: Mapping[str, str]) -> str:
