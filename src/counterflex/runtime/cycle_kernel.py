@@ -68,7 +68,8 @@ def cycle(table: Int) -> None:
     monitored = reals(table, A_PROCESS + 5)
     swing_kg = swing_mass(process_constants, monitored, process)
     believe_force(
-        given, flags, choices, constants, state, whole, ring, scratch[1], swing_kg, limits, times, memory, counts, work
+        given, flags, choices, constants, plan, state, whole, ring, scratch[1], swing_kg, limits, times, memory,
+        counts, work,
     )  # fmt: skip
     step(
         given,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from counterflex.core.arrays import Float, Int
@@ -10,6 +11,7 @@ from counterflex.runtime import layout as at
 from counterflex.runtime.idle_torque_kernel import less_force
 from counterflex.runtime.plausibility_kernel import (
     K_STEP_PLACE,
+    L_IDLE_N,
     L_STEP_TORQUE,
     M_STEP_WORK,
     M_STEPS,
@@ -22,6 +24,28 @@ TORQUE: Final = 10
 """Place of the six torques in a row."""
 _SHARE_SIGMA: Final = 0.3
 """Standard deviation of the share of a change that the currents show, up to which they tell."""
+_MISSING: Final = 0.15
+"""Share of the planned force below which the measured one is missing rather than off."""
+
+
+@kernel("float64(float64[::1], float64[::1])")
+def apart(a: Float, b: Float) -> float:
+    """Length of the difference of two vectors."""
+    return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+
+
+@kernel("float64(float64[::1])")
+def size(a: Float) -> float:
+    """Length of a vector."""
+    return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+
+
+@kernel("boolean(float64[::1], float64[::1], float64[::1], float64)")
+def missing(residual: Float, planned: Float, limits: Float, noise: float) -> bool:
+    """Whether next to nothing is measured where a force is planned: no cut, or a tool that is gone."""
+    x, y, z = residual[0] + planned[0], residual[1] + planned[1], residual[2] + planned[2]
+    least = max(limits[L_IDLE_N], _MISSING * size(planned)) + noise
+    return bool(x * x + y * y + z * z < least * least and size(planned) > 2.0 * least)
 
 
 @kernel("void(float64[::1], int64[::1], int64, int64, int64, float64[::1])")

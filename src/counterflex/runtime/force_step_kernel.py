@@ -18,7 +18,8 @@ is the process: a real change of the force changes the torque of the axes by ``J
 not.
 
 A force that moves off more slowly is found by its means over a period now and some periods ago while plan and speed
-stay the same.
+stay the same. What comes while the arm swings, or over seconds, is found in the next calm cut
+(:mod:`counterflex.runtime.force_calm_kernel`).
 """
 
 from __future__ import annotations
@@ -29,8 +30,13 @@ from typing import Final
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.runtime import layout as at
-from counterflex.runtime.force_change_kernel import TORQUE, by_currents, mean_rows
+from counterflex.runtime.force_calm_kernel import forget_calm, off_in_calm
+from counterflex.runtime.force_change_kernel import TORQUE, apart, by_currents, mean_rows, missing, size
+from counterflex.runtime.frame_kernel import directions
 from counterflex.runtime.plausibility_kernel import (
+    K_CALM,
+    K_CALM_LONG,
+    K_CALM_OFF,
     K_STEP,
     K_STEP_BACK,
     K_STEP_EVEN,
@@ -83,8 +89,6 @@ _INERTIA: Final = 0.4
 _AGAIN: Final = 0.7
 """Share of a change of the residual with which it may come again while it rings down."""
 _NOISE_KEEP: Final = 0.98
-_MISSING: Final = 0.15
-"""Share of the planned force below which the measured one is missing rather than off."""
 _EVEN: Final = 0.5
 """Share of the largest step by which the planned force may change for the same."""
 _AGREES: Final = 0.5
@@ -103,16 +107,6 @@ def _commanded_motion(ring: Float, here: int, nominal: Float, period: float) -> 
         square += (p - q) ** 2
         second += (p - 2.0 * q + r) ** 2
     return math.sqrt(square), math.sqrt(second) / (_SPAN * period) ** 2
-
-
-@kernel("float64(float64[::1], float64[::1])")
-def _apart(a: Float, b: Float) -> float:
-    return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
-
-
-@kernel("float64(float64[::1])")
-def _size(a: Float) -> float:
-    return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
 @kernel("void(int64[::1])")
@@ -166,10 +160,10 @@ def _take(
     counts[K_STEP_FILLED] = min(counts[K_STEP_FILLED] + 1, STEP_MOST)
     window = min(times[T_STEP_PERIOD] + few, counts[K_STEP_FILLED])
     planned = row[_PLANNED : _PLANNED + 3]
-    spread, fade = _apart(state[at.S_SOON : at.S_SOON + 3], planned), limits[L_STEP_FADE]
+    spread, fade = apart(state[at.S_SOON : at.S_SOON + 3], planned), limits[L_STEP_FADE]
     for back in range(1, window):
         old = M_STEPS + STEP_ROW * ((place - back + STEP_MOST) % STEP_MOST) + _PLANNED
-        spread = max(spread, _apart(memory[old : old + 3], planned))
+        spread = max(spread, apart(memory[old : old + 3], planned))
     memory[M_STEP_PLAN] = max(spread, fade * memory[M_STEP_PLAN])
     memory[M_STEP_SWING] = max(swing_n, fade * memory[M_STEP_SWING])
     memory[M_STEP_SIZE] = max(math.sqrt(square), fade * memory[M_STEP_SIZE])
@@ -193,20 +187,10 @@ def _bound(now: Float, before: Float, step_n: float, share: float, samples: int,
         samples: Of the mean.
         memory: (REMEMBERED,).
     """
-    explained = _apart(now[_PLANNED : _PLANNED + 3], before[_PLANNED : _PLANNED + 3])
+    explained = apart(now[_PLANNED : _PLANNED + 3], before[_PLANNED : _PLANNED + 3])
     explained += _uneven(now, before) * memory[M_STEP_SIZE] + share * memory[M_STEP_PLAN]
     explained += _INERTIA * memory[M_STEP_SWING] + _AGAIN * memory[M_STEP_CHANGE]
     return float(step_n + explained + _SIGMAS * math.sqrt(memory[M_STEP_NOISE] / samples))
-
-
-@kernel("boolean(float64[::1], float64[::1], float64[::1], float64)")
-def _missing(residual: Float, planned: Float, limits: Float, noise: float) -> bool:
-    """Whether next to nothing is measured where a force is planned: no cut, or a tool that is gone."""
-    size = math.sqrt(
-        (residual[0] + planned[0]) ** 2 + (residual[1] + planned[1]) ** 2 + (residual[2] + planned[2]) ** 2
-    )
-    least = max(limits[L_IDLE_N], _MISSING * _size(planned)) + noise
-    return bool(size < least and _size(planned) > 2.0 * least)
 
 
 @kernel("void(float64[::1], float64[::1])")
@@ -235,8 +219,8 @@ def _tell(
     mean_rows(memory, counts, 0, period, 0, mean)
     noise = _SIGMAS * math.sqrt(memory[M_STEP_NOISE] / period)
     bound = _bound(mean, before, limits[L_STEP_N], 0.5 * limits[L_STEP_PLAN], period, memory)
-    stands = _apart(mean, before) > bound and _size(mean) > _AGREES * limits[L_STEP_N]
-    stands = stands and not _missing(mean, planned, limits, noise)
+    stands = apart(mean, before) > bound and size(mean) > _AGREES * limits[L_STEP_N]
+    stands = stands and not missing(mean, planned, limits, noise)
     if stands and shown:
         for k in range(6):
             mean[k] -= before[k]
@@ -273,24 +257,24 @@ def _judge(
         times: (TIMES,).
         memory: (REMEMBERED,); changed.
         counts: (COUNTS,); changed.
-        work: (2, 12) work space.
+        work: (2, 14) work space.
     """
     few, period = times[T_STEP_FEW], times[T_STEP_PERIOD]
     fresh, mean, before = work[0, :10], work[1, :10], memory[M_STEP_BEFORE : M_STEP_BEFORE + 10]
     mean_rows(memory, counts, 0, few, 0, fresh)
     noise = _SIGMAS * math.sqrt(memory[M_STEP_NOISE] / few)
     if counts[K_STEP] == TOLD:
-        again = _uneven(fresh, before) < _STEADY and _apart(fresh, before) < 0.5 * limits[L_STEP_N] + noise
+        again = _uneven(fresh, before) < _STEADY and apart(fresh, before) < 0.5 * limits[L_STEP_N] + noise
         calm = fresh[_WAY] <= _STANDS_M or memory[M_STEP_PLAN] < limits[L_IDLE_N]
-        nothing = fresh[_WAY] <= _STANDS_M or _size(planned) < _NOTHING_N
+        nothing = fresh[_WAY] <= _STANDS_M or size(planned) < _NOTHING_N
         for k in range(3):
             mean[k] = fresh[k] + planned[k]
-        right = calm and nothing and _size(mean) < limits[L_IDLE_N]
+        right = calm and nothing and size(mean) < limits[L_IDLE_N]
         counts[K_STEP_BACK] = counts[K_STEP_BACK] + 1 if again or right else 0
         if counts[K_STEP_BACK] >= times[T_STEP_BACK]:
             forget_step(counts)
         return
-    if _missing(fresh, planned, limits, noise):
+    if missing(fresh, planned, limits, noise):
         forget_step(counts)
         counts[K_STEP_FILLED] = counts[K_STEP_EVEN] = 0
         counts[K_STEP] = _ENTERING
@@ -304,7 +288,7 @@ def _judge(
         return
     mean_rows(memory, counts, few, period, 0, mean)
     newest = M_STEPS + STEP_ROW * ((counts[K_STEP_PLACE] - 1 + STEP_MOST) % STEP_MOST)
-    memory[newest + _CHANGE] = _apart(fresh, mean)
+    memory[newest + _CHANGE] = apart(fresh, mean)
     if counts[K_STEP] == _ENTERING:
         counts[K_STEP] = _ENTERING if memory[newest + _CHANGE] > _EVEN * limits[L_STEP_N] + noise else 0
         return
@@ -313,7 +297,7 @@ def _judge(
     if not acts:
         return
     bound = _bound(fresh, mean, _SOONER * limits[L_STEP_N], limits[L_STEP_PLAN], few, memory)
-    if memory[newest + _CHANGE] > bound and _size(fresh) > _AGREES * limits[L_STEP_N] + noise:
+    if memory[newest + _CHANGE] > bound and size(fresh) > _AGREES * limits[L_STEP_N] + noise:
         counts[K_STEP], counts[K_STEP_SINCE] = SUSPECTED, few
         _copy(mean, before)
         return
@@ -328,14 +312,15 @@ def _judge(
 
 
 @kernel(
-    "void(float64[::1], int64[::1], int64[::1], float64[::1], float64[::1], int64[::1], float64[:, ::1],"
-    " float64[::1], float64, float64[::1], int64[::1], float64[::1], int64[::1], float64[:, ::1])"
+    "void(float64[::1], int64[::1], int64[::1], float64[::1], float64[:, ::1], float64[::1], int64[::1],"
+    " float64[:, ::1], float64[::1], float64, float64[::1], int64[::1], float64[::1], int64[::1], float64[:, ::1])"
 )
 def believe_force(
     given: Float,
     flags: Int,
     choices: Int,
     constants: Float,
+    plan: Float,
     state: Float,
     whole: Int,
     ring: Float,
@@ -358,6 +343,7 @@ def believe_force(
         flags: Likewise; F_SOFT is changed.
         choices: Of the loop.
         constants: Likewise.
+        plan: (n, PLAN_COLUMNS).
         state: State of the step; S_BELIEVED is written.
         whole: Likewise.
         ring: Of the last cycles.
@@ -367,7 +353,7 @@ def believe_force(
         times: Likewise.
         memory: What they remember; changed.
         counts: Their counters; changed.
-        work: (2, 12) work space.
+        work: (2, 14) work space.
     """
     for k in range(6):
         state[at.S_BELIEVED + k] = given[at.G_W + k]
@@ -377,9 +363,11 @@ def believe_force(
     # A feed hold is acknowledged by a reset, too; what it was held for goes on.
     if not acts or (flags[at.F_RESET] == 1 and whole[AT_STATE] != _HOLD):
         forget_step(counts)
+        forget_calm(counts)
     soft = flags[at.F_SOFT]
     if flags[at.F_FORCE_AGE] >= choices[at.W_STALE] or soft in (_STALE, _INVALID, _SATURATED):
         counts[K_STEP_FILLED] = counts[K_STEP_EVEN] = counts[K_STEP_BACK] = 0
+        counts[K_CALM] = counts[K_CALM_LONG] = counts[K_CALM_OFF] = 0
         if counts[K_STEP] == SUSPECTED:
             forget_step(counts)
     else:
@@ -391,11 +379,18 @@ def believe_force(
         shown = bool(flags[at.F_SOURCES] & _FROM_CURRENTS) and flags[at.F_CURRENT_AGE] < choices[at.W_STALE]
         late = state[at.S_LATE : at.S_LATE + 3]
         _judge(late, constants, jac, acts, shown, limits, times, memory, counts, work)
+        if counts[K_STEP] != 0 or not acts:
+            counts[K_CALM] = counts[K_CALM_LONG] = counts[K_CALM_OFF] = 0
+        else:
+            feed = work[0, :9]
+            directions(plan, int(state[at.S_PLACE]), nominal, feed)
+            if off_in_calm(feed, limits, times, memory, counts, work[1]):
+                counts[K_STEP], counts[K_STEP_SINCE], counts[K_STEP_BACK] = TOLD, 0, 0
     acts_as_set = counts[K_STEP] == TOLD and choices[at.W_FORCE_OFFSET] != _TELL
     if counts[K_STEP] == SUSPECTED or acts_as_set:
-        share, load = 1.0, _size(memory[M_STEP_BEFORE + _PLANNED : M_STEP_BEFORE + _PLANNED + 3])
+        share, load = 1.0, size(memory[M_STEP_BEFORE + _PLANNED : M_STEP_BEFORE + _PLANNED + 3])
         if load > _NOTHING_N:
-            share = min(1.0, _size(state[at.S_LATE : at.S_LATE + 3]) / load)
+            share = min(1.0, size(state[at.S_LATE : at.S_LATE + 3]) / load)
         for k in range(6):
             state[at.S_BELIEVED + k] = state[at.S_LATE + k] + share * memory[M_STEP_BEFORE + k]
     holds = choices[at.W_FORCE_OFFSET] == _HOLDS or choices[at.W_FORCE] == _FUSED  # which has other sources

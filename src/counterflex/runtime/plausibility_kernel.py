@@ -11,7 +11,8 @@ What each can see, and what it cannot:
 - *direction*: while cutting, the measured force must point about where the predicted one points. It sees a sensor frame
   that is turned or mirrored where this changes the direction of the force by more than the limit; a turn about the
   force itself, or a factor on it, it cannot see.
-- *step*: the force must not jump where neither plan nor speed do (:mod:`counterflex.runtime.force_step_kernel`).
+- *step*: the force must not jump where neither plan nor speed do (:mod:`counterflex.runtime.force_step_kernel`), and
+  in a calm cut it must be off the plan as it was in such cuts before (:mod:`counterflex.runtime.force_calm_kernel`).
 - *idle*: where the plan cuts air, the sensor must show next to nothing.
 """
 
@@ -92,7 +93,15 @@ M_STEP_SIZE: Final = M_STEP_SWING + 1  # likewise the largest measured force
 M_STEP_CHANGE: Final = M_STEP_SIZE + 1  # likewise by how much the residual has changed
 M_STEP_NOISE: Final = M_STEP_CHANGE + 1  # variance of a sample, by what changes from one to the next
 M_STEP_WORK: Final = M_STEP_NOISE + 1  # 18: work space
-REMEMBERED: Final = M_STEP_WORK + 18
+CALM_MOST: Final = 16
+CALM_ROW: Final = 14
+"""Mean residual (6) and planned force (3), feed axes; way of the tool; direction of feed (3); periods seen."""
+M_CALM: Final = M_STEP_WORK + 18  # CALM_MOST x CALM_ROW: what calm cuts have shown
+M_CALM_SUM: Final = M_CALM + CALM_MOST * CALM_ROW  # 10: of the period that is running
+M_CALM_FIRST: Final = M_CALM_SUM + 10  # 4: planned force and way with which it began
+M_CALM_SPREAD: Final = M_CALM_FIRST + 4  # 2: largest differences from them
+M_CALM_LAST: Final = M_CALM_SPREAD + 2  # 10: means of the period before
+REMEMBERED: Final = M_CALM_LAST + 10
 
 # Counters, int64.
 K_ANSWER: Final = 0
@@ -122,7 +131,11 @@ K_STEP_BACK: Final = 23
 K_STEP_PLACE: Final = 24  # of its ring
 K_STEP_FILLED: Final = 25
 K_STEP_EVEN: Final = 26  # cycles since plan or speed changed
-COUNTS: Final = 27
+K_CALM: Final = 27  # samples of the period that is running
+K_CALM_LONG: Final = 28  # calm periods in a row
+K_CALM_OFF: Final = 29  # of them off what such cuts have shown before
+K_CALM_ROWS: Final = 30
+COUNTS: Final = 31
 
 # Bits that say what is doubted.
 DOUBT_ANSWER: Final = 1

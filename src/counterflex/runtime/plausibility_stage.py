@@ -36,7 +36,7 @@ class PlausibilityStage:
         self._settled: Int = np.array([settled], dtype=np.int64)
         self.memory: Float = np.zeros(pk.REMEMBERED)
         self.counts: Int = np.zeros(pk.COUNTS, dtype=np.int64)
-        self._work: Float = np.zeros((2, 12))
+        self._work: Float = np.zeros((2, 14))
 
     def reset(self) -> None:
         """Begin anew: nothing seen, nothing doubted."""

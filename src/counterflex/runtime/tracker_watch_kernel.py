@@ -159,7 +159,7 @@ def judge_sample(
         times: Likewise.
         memory: What they remember; changed.
         counts: Their counters; changed.
-        work: (2, 12) work space.
+        work: (2, 14) work space.
 
     Returns:
         Bits ``DOUBT_...``.

@@ -131,7 +131,7 @@ def watch_robot(
         times: Likewise.
         memory: What they remember; changed.
         counts: Their counters; changed.
-        work: (2, 12) work space.
+        work: (2, 14) work space.
     """
     window = times[T_WINDOW]
     if cycles <= max(_TURN_BACK * window + window, back) + 1:
@@ -258,7 +258,7 @@ def before_step(
         times: Likewise.
         memory: What they remember; changed.
         counts: Their counters; changed.
-        work: (2, 12) work space.
+        work: (2, 14) work space.
     """
     soft, early = flags[at.F_SOFT], 0
     if all_finite(given, at.G_W, at.G_ACTUAL):
@@ -339,7 +339,7 @@ def after_step(
         swing_n: Force at the sensor that inertia explains.
         memory: What the tests remember; changed.
         counts: Their counters; changed.
-        work: (2, 12) work space.
+        work: (2, 14) work space.
     """
     doubt, now = counts[K_EARLY], outcome[at.O_STATE]
     forced = choices[at.W_FORCE] != 0

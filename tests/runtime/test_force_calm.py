@@ -1,0 +1,165 @@
+"""A force that is off the plan otherwise than in such cuts before: told in the next calm cut, with what it came by."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.runtime.test_force_step import _doubted
+from tests.runtime.test_plausibility import FEED, FORCE, Plant, straight
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.units import MM
+from counterflex.runtime import plausibility_kernel as pk
+from counterflex.runtime.force_calm_kernel import forget_calm, off_in_calm
+from counterflex.runtime.loop_plan import LoopPlan
+from counterflex.runtime.plausibility import Plausibility
+from counterflex.runtime.settings import ForceMode, ForceOffset
+from counterflex.runtime.supervisor import State
+
+_MODES = (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.FUSED)
+_ALONG_X = np.eye(3)
+_ALONG_Y = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_STEP = np.array([0.0, 150.0, 0.0])
+
+
+def _slot_with_a_gap(share: float = 1.0) -> LoopPlan:
+    """Two cuts with 4 mm of air between them, the second with a share of the force of the first."""
+    plan = straight()
+    x = plan.p_part[:, 0]
+    plan.w_tcp_part[(x > 0.1) & (x < 0.104)] = 0.0
+    plan.w_tcp_part[x >= 0.104] *= share
+    return plan
+
+
+def _load(x: float, share: float = 1.0) -> Float:
+    if not 0.03 < x < 0.17 or 0.1 < x < 0.104:
+        return np.zeros(3)
+    return FORCE if x < 0.1 else share * FORCE
+
+
+@pytest.mark.parametrize("reaction", [ForceOffset.PLAN, ForceOffset.HOLD])
+@pytest.mark.parametrize("mode", _MODES)
+def test_a_step_that_hides_in_an_entry_is_told_and_not_followed_any_more(
+    mode: ForceMode, reaction: ForceOffset
+) -> None:
+    """It comes with the load itself. What the first cut has shown tells in the second one (R17)."""
+    plant = Plant(_slot_with_a_gap(), force=mode, force_offset=reaction).ready()
+    entered, told = -1, -1
+    while plant.x < 0.168 and plant.k < 4000:
+        load = _load(plant.x)
+        plant.cycle(load, sensed=load + _STEP if plant.x >= 0.104 else load)
+        entered = plant.k if entered < 0 and plant.x >= 0.104 else entered
+        told = plant.k if told < 0 and _doubted(plant) else told
+        assert told < 0 or entered > 0
+        if told > 0 and reaction == ForceOffset.HOLD and plant.k == told + 1:
+            break
+    assert 0 < (told - entered) * 4e-3 < 1.5
+    assert _doubted(plant)
+    if mode == ForceMode.MEASURED and reaction == ForceOffset.PLAN:
+        right = plant.loop.correction[:3].copy()
+        clean = Plant(_slot_with_a_gap(), force=mode).ready()
+        while clean.k < plant.k:
+            clean.cycle(_load(clean.x))
+        assert np.linalg.norm(right - clean.loop.correction[:3]) < 0.1 * MM
+    if reaction == ForceOffset.HOLD:
+        assert plant.loop.state == (State.ACTIVE if mode == ForceMode.FUSED else State.HOLD)
+
+
+@pytest.mark.parametrize("mode", _MODES)
+def test_a_drift_over_two_seconds_is_told_while_it_lasts(mode: ForceMode) -> None:
+    """150 N in 2 s are no step. One over a minute is followed, see test_what_is_no_step_is_not_told."""
+    plant = Plant(straight(), force=mode, force_offset=ForceOffset.PLAN).ready()
+    begin, told = -1, -1
+    while plant.x < 0.165:
+        load = _load(plant.x) if not 0.1 < plant.x < 0.104 else FORCE
+        begin = plant.k if begin < 0 and plant.x > 0.075 else begin
+        share = min(1.0, (plant.k - begin) * 4e-3 / 2.0) if begin >= 0 else 0.0
+        plant.cycle(load, sensed=load + share * _STEP)
+        told = plant.k if told < 0 and _doubted(plant) else told
+    assert 0 < (told - begin) * 4e-3 < 2.5
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.7, 1.5, 2.0])
+@pytest.mark.parametrize("share", [0.3, 0.6, 1.0])
+@pytest.mark.parametrize("other", [0.9, 1.0, 1.1])
+def test_wrong_cutting_constants_are_no_offset(factor: float, share: float, other: float) -> None:
+    """The measured force is there for them: another factor than the plan's, and in another cut 10 % another one."""
+    plant = Plant(_slot_with_a_gap(share), force=ForceMode.MEASURED, force_offset=ForceOffset.HOLD).ready()
+    while plant.x < 0.195:
+        plant.cycle(factor * (1.0 if plant.x < 0.102 else other) * _load(plant.x, share))
+        assert not _doubted(plant), plant.x
+        assert plant.loop.state == State.ACTIVE
+
+
+class _Calm:
+    """The kernel alone, with samples of a given residual and planned force, part axes."""
+
+    def __init__(self) -> None:
+        self.limits, self.times = Plausibility().packed(4e-3)
+        self.memory: Float = np.zeros(pk.REMEMBERED)
+        self.counts: Int = np.zeros(pk.COUNTS, dtype=np.int64)
+
+    def cut(self, residual: Float, planned: Float, feed: Float, seconds: float, way: float = FEED * 16e-3) -> bool:
+        """Whether it has been told."""
+        found = False
+        for _ in range(round(seconds / 4e-3)):
+            row = self.memory[pk.M_STEPS : pk.M_STEPS + pk.STEP_ROW]
+            row[:3], row[6:9], row[9] = residual, planned, way
+            self.counts[pk.K_STEP_PLACE] = 1
+            work = np.zeros(pk.CALM_ROW)
+            found |= off_in_calm(feed.reshape(9).copy(), self.limits, self.times, self.memory, self.counts, work)
+        return found
+
+
+def test_what_a_wrong_plan_is_off_by_turns_with_the_feed() -> None:
+    """Behind a corner it is known already; the same residual as in front of it would be one that stands still."""
+    along = np.array([-100.0, 280.0, -40.0])
+    for residual, off in ((_ALONG_Y.T @ (0.8 * along), False), (0.8 * along, True)):
+        calm = _Calm()
+        assert not calm.cut(0.8 * along, along, _ALONG_X, 2.0)
+        assert calm.cut(residual, _ALONG_Y.T @ along, _ALONG_Y, 1.0) == off
+
+
+def test_another_kind_of_cut_is_learnt_and_one_that_comes_back_is_known() -> None:
+    """A slot, a thin cut, the slot again; then the slot with 100 N more."""
+    calm, slot, thin = _Calm(), np.array([-110.0, 320.0, -60.0]), np.array([40.0, 60.0, -10.0])
+    for _ in range(2):
+        assert not calm.cut(0.4 * slot, slot, _ALONG_X, 1.5)
+        assert not calm.cut(0.2 * thin, thin, _ALONG_X, 1.5)
+    assert calm.counts[pk.K_CALM_ROWS] == 2
+    more = np.array([0.0, 0.0, 100.0])
+    assert calm.cut(0.4 * slot + more, slot, _ALONG_X, 1.0)
+    assert calm.memory[pk.M_STEP_BEFORE : pk.M_STEP_BEFORE + 3] == pytest.approx(0.4 * slot)
+
+
+def test_where_no_cut_is_known_the_plan_alone_is_asked() -> None:
+    """Three times a small force passes, 150 N on it do not."""
+    thin = np.array([0.0, 40.0, 0.0])
+    assert not _Calm().cut(2.0 * thin, thin, _ALONG_X, 1.0)
+    assert _Calm().cut(0.2 * thin + _STEP, thin, _ALONG_X, 1.0)
+
+
+def test_a_change_of_speed_explains_the_force_that_goes_with_it() -> None:
+    """At a third of the feed half the force is missing, which the plan does not know."""
+    calm, slot = _Calm(), np.array([-110.0, 320.0, -60.0])
+    assert not calm.cut(0.0 * slot, slot, _ALONG_X, 1.5)
+    assert not calm.cut(-0.55 * slot, slot, _ALONG_X, 1.5, way=0.33 * FEED * 16e-3)
+    assert calm.cut(-0.55 * slot, slot, _ALONG_X, 1.0)
+
+
+def test_more_kinds_than_are_kept_replace_the_one_seen_least() -> None:
+    """Nothing is written beyond the table, and the slot that was cut longest is still known."""
+    calm, slot = _Calm(), np.array([-110.0, 320.0, -60.0])
+    calm.cut(0.0 * slot, slot, _ALONG_X, 3.0)
+    for k in range(2 * pk.CALM_MOST):
+        assert not calm.cut(np.zeros(3), np.array([0.0, 0.0, 60.0 * 1.3**k]), _ALONG_X, 0.6)
+    assert calm.counts[pk.K_CALM_ROWS] == pk.CALM_MOST
+    assert calm.cut(_STEP, slot, _ALONG_X, 1.0)
+
+
+def test_it_is_learnt_anew_once_forgotten() -> None:
+    """What was shown before says nothing any more."""
+    calm, slot = _Calm(), np.array([-110.0, 320.0, -60.0])
+    calm.cut(0.0 * slot, slot, _ALONG_X, 2.0)
+    forget_calm(calm.counts)
+    assert not calm.cut(_STEP, slot, _ALONG_X, 2.0)
