@@ -52,10 +52,18 @@ def left(folder: Path, program: Path, cell: Cell, truth: Truth) -> float:
 
 
 def test_the_plan_with_the_regions_leaves_less(tmp_path: Path, program: ProgramFile) -> None:
-    """0.25 mm left in place of 0.43 with seed 1, 0.61 in place of 0.80 with this one, off by more than regions."""
+    """Seeds 201 to 208: 0.58 to 0.78 of the error, mean 0.67; the cells are off by more than regions.
+
+    Each is better; the mean of three is below 0.8, above 2 standard deviations of what is expected (0.09 of one seed),
+    and below the 0.83 that half the effect would leave.
+    """
     file = program(SHORT)
     plain, known = cell_of(tmp_path, "plain", []), cell_of(tmp_path, "known", KNOWN)
     regions = tuple(row.region() for row in known.tables.robot.elastic_region)
-    truth = replace(truth_of(plain, 33), regions=regions)
-    error = {cell.path.stem: left(tmp_path, file, cell, truth) for cell in (plain, known)}
-    assert error["known"] < 0.85 * error["plain"]
+    shares = []
+    for seed in (33, 34, 35):
+        truth = replace(truth_of(plain, seed), regions=regions)
+        error = {cell.path.stem: left(tmp_path, file, cell, truth) for cell in (plain, known)}
+        shares.append(error["known"] / error["plain"])
+    assert max(shares) < 0.9
+    assert sum(shares) < 0.8 * len(shares)

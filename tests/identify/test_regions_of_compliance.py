@@ -37,7 +37,7 @@ CELL = Path(__file__).resolve().parents[2] / "examples" / "cells" / "kr300_d16_f
 TRUE = ElasticRegion("axis2", 5, 1, (-100 * DEG, -78 * DEG, -62 * DEG, -40 * DEG), (0.7, 0.7, 1.35, 1.35))
 SIGMA = 5.0 * UM
 FIT, JUDGE = 80, 60
-SEEDS = (21, 22)
+SEEDS, PLAIN = (21, 22, 23, 24), (21, 22)
 
 
 @cache
@@ -79,12 +79,17 @@ def unexplained(seed: int, changing: bool, regions: bool) -> float:
 
 
 def test_posture_dependent_compliance_is_met_better_and_plain_cells_no_worse() -> None:
-    """Bounds from seeds 1 to 4: 0.31 to 0.52 of the error without regions; what bearings do stays."""
+    """Seeds 101 to 108: 0.32 to 0.74 of the error without regions, mean 0.47; what bearings do stays.
+
+    Each must be better; the mean of four is below 0.7, by its scatter (0.13 of one seed) above 2 standard deviations of
+    what is expected, and below the 0.74 that half the effect would leave.
+    """
     for seed in SEEDS:
         assert unexplained(seed, True, True) < 0.9 * unexplained(seed, True, False)
+    shares = [unexplained(seed, True, True) / unexplained(seed, True, False) for seed in SEEDS]
+    assert sum(shares) < 0.7 * len(SEEDS)
+    for seed in PLAIN:
         assert unexplained(seed, False, True) < 1.05 * unexplained(seed, False, False)
-    both = [sum(unexplained(seed, True, regions) for seed in SEEDS) for regions in (True, False)]
-    assert both[0] < 0.75 * both[1]
 
 
 def test_what_goes_into_the_cell_file_is_what_was_there() -> None:
