@@ -147,6 +147,7 @@ def test_correcting_over_egm_pair(folder: Path, mode: str) -> None:
     assert {State.ARMED, State.ACTIVE} <= acting
     assert State.FAULT not in acting
     assert isinstance(session.link, EgmPathLink if mode == "path" else EgmGuidanceLink)
+    assert session.link.holds_feed is (mode == "pose")
     off = {}
     for name, tip in (("before", before), ("after", after)):
         off[name] = np.hypot(tip[:, 1] - 15e-3, tip[:, 2] - 34e-3)

@@ -80,13 +80,29 @@ def test_a_loop_that_only_watches_is_never_armed_on_purpose() -> None:
     assert ended_how(summary("as asked"), arm=False)["status"] == 0
 
 
-def test_what_ended_the_correction_last_counts() -> None:
-    def rows(*states: tuple[State, Cause]) -> Float:
-        out = np.zeros((len(states), WIDTH))
-        for row, (state, cause) in zip(out, states, strict=True):
-            row[OUTCOME + O_STATE], row[OUTCOME + O_CAUSE] = state, cause
-        return out
+def rows(*states: tuple[State, Cause]) -> Float:
+    out = np.zeros((len(states), WIDTH))
+    for row, (state, cause) in zip(out, states, strict=True):
+        row[OUTCOME + O_STATE], row[OUTCOME + O_CAUSE] = state, cause
+    return out
 
+
+@pytest.mark.parametrize("asked", [Cause.OPERATOR, Cause.FORCE_STALE])
+@pytest.mark.parametrize("holds_feed", [False, True])
+def test_a_stop_that_cannot_hold_the_feed_is_the_operators_end(asked: Cause, holds_feed: bool) -> None:
+    """A link without a word for feed hold (EGM path correction) stops a robot that goes on: no fault, if asked for."""
+    end = RunEnd()
+    end.add(rows((State.ARMED, Cause.NONE), (State.ACTIVE, Cause.NONE), (State.HOLD, asked)))
+    end.add(rows((State.HOLD, asked), (State.FAULT, Cause.HELD_TOO_LONG), (State.FAULT, Cause.HELD_TOO_LONG)))
+    found = summary("as asked") | {"correction_ended": end.shown(), "holds_feed": holds_feed}
+    told = ended_how(found, arm=True)
+    stopped = asked == Cause.OPERATOR and not holds_feed
+    assert told["status"] == (End.STOPPED if stopped else End.FAULT)
+    assert told["wrong"] is not stopped
+    assert ("told to stop" if stopped else "held too long") in told["said"]
+
+
+def test_what_ended_the_correction_last_counts() -> None:
     end = RunEnd()
     end.add(rows((State.READY, Cause.NONE), (State.ARMED, Cause.NONE), (State.ACTIVE, Cause.NONE)))
     assert end.shown()["by"] == "acting"

@@ -235,6 +235,31 @@ def test_what_a_controller_may_leave_out_is_done_without(names: tuple[str, ...])
         assert not link.enable
 
 
+@pytest.mark.parametrize(
+    ("joints", "u0", "said"),
+    [
+        (5, 1.0, r"feedBack.joints of 6 axes \(they are 5\)"),
+        (7, 1.0, r"feedBack.joints of 6 axes \(they are 7\)"),
+        (6, 0.0, r"orient of length 1 \(it is 0\)"),
+        (6, 0.5, r"orient of length 1 \(it is 0.5\)"),
+    ],
+)
+def test_another_robot_or_a_quaternion_that_is_none_is_named(joints: int, u0: float, said: str) -> None:
+    """They were counted as rubbish, and the run ended with "no telegram came"."""
+    link = EgmPathLink(port=0)
+    message = MESSAGES["EgmRobot"]()
+    with joined(link) as controller, pytest.raises(ProtocolError, match=said):
+        for k in range(100):
+            message.ParseFromString(robot(k, (1e-3 * k, 0, 0)))
+            message.feedBack.joints.ClearField("joints")
+            message.feedBack.joints.joints.extend([0.0] * joints)
+            message.feedBack.cartesian.orient.u0 = u0
+            for name in ("u1", "u2", "u3"):
+                setattr(message.feedBack.cartesian.orient, name, 0.0)
+            controller.send(message.SerializeToString())
+            link.wait(0.01)
+
+
 @pytest.mark.parametrize("name", ["header.seqno", "feedBack.joints", "feedBack.cartesian", "mciState"])
 def test_what_cannot_be_done_without_is_named(name: str) -> None:
     link = EgmPathLink(port=0)

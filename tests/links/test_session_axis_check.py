@@ -34,6 +34,7 @@ class _Robot:
     """Stands for the link: stands, then moves all axes; its TOOL is 5 mm beside the cell's."""
 
     commanded_is, measured_is = EXACT, ABOUT
+    holds_feed = True
 
     def __init__(self, spoil: Telegram) -> None:
         self.spoil = spoil

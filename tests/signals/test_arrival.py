@@ -52,3 +52,25 @@ def test_a_clock_that_is_set_forth_is_followed_at_once() -> None:
     clock = ArrivalClock(LEAST_S)
     ages(clock, 0, 100)
     assert ages(clock, 100, 20, ahead_s=0.7) == pytest.approx([LEAST_S] * 20, abs=1e-3)
+
+
+@pytest.mark.parametrize(("silent_s", "back_s"), [(0.5, 0.3), (5.0, 0.02), (30.0, 1.9), (1.0, 0.8)])
+def test_a_clock_that_is_set_back_while_its_source_is_silent(silent_s: float, back_s: float) -> None:
+    """No stamp falls, and the step is below 2 s: its samples were late for hours."""
+    clock = ArrivalClock(LEAST_S)
+    ages(clock, 0, 100)
+    begin = 100 + round(silent_s / PERIOD_S)
+    found = ages(clock, begin, 300, ahead_s=-back_s)
+    assert min(found[:240]) > LEAST_S + 0.9 * back_s  # late as long as it may be the network
+    assert found[-1] == pytest.approx(LEAST_S, abs=1e-3)
+    assert clock.set_back == 1
+
+
+def test_a_queue_behind_a_silence_is_late_until_it_is_worked_off() -> None:
+    """Later and later less: the network, not the clock."""
+    clock = ArrivalClock(LEAST_S)
+    ages(clock, 0, 100)
+    for k in range(1200):
+        late = 0.4 * (1.0 - k / 1200)
+        assert ages(clock, 300 + k, 1, late_s=late) == pytest.approx([LEAST_S + late], abs=2e-3)
+    assert clock.set_back == 0

@@ -168,6 +168,17 @@ def test_a_robots_message_written_by_hand_is_read() -> None:
         assert state.utilization == pytest.approx(0.42)
 
 
+def test_a_pose_without_one_of_its_coordinates_is_no_pose_at_zero() -> None:
+    """Fields that the protocol requires: a missing z was read as 0."""
+    turned = part(2, doubles([1.0, 0.0, 0.0, 0.0]))
+    head = part(1, varint(8) + varint(9) + varint(16) + varint(1234) + varint(24) + varint(2))
+    joints = part(1, repeated(1, [0.0] * 6))
+    for count in (1, 2):
+        data = head + part(2, joints + part(2, part(1, doubles([1.0, 2.0][:count])) + turned)) + part(5, bytes([8, 3]))
+        with pytest.raises(ProtocolError, match="feedBack.cartesian.pos.z"):
+            read_robot(data)
+
+
 def test_messages_of_the_other_side_are_refused() -> None:
     with pytest.raises(ProtocolError, match="not come from a robot"):
         read_robot(write_guidance(1, np.eye(4)))

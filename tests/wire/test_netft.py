@@ -97,6 +97,22 @@ def test_scaling_faults_are_named(old: bytes, new: bytes, said: str) -> None:
         netft.read_scaling(netft.write_scaling(1000, 1000, 1000, "x").replace(old, new))
 
 
+@pytest.mark.parametrize(
+    ("document", "said"),
+    [
+        (b"<!DOCTYPE html>\n<html><head><title>Router</title></head></html>", "a web page"),
+        (b"<HTML><BODY>404<BR></BODY></HTML>", "a web page"),
+        (b"<?xml version='1.0'?><html xmlns='http://www.w3.org/1999/xhtml'><body/></html>", "a web page"),
+        (b"\x1f\x8b\x08\x00abc", "compressed"),
+    ],
+)
+def test_a_web_page_is_no_sensor(document: bytes, said: str) -> None:
+    """Another device at the address: an XML error or a missing field told nobody so."""
+    with pytest.raises(ProtocolError, match=said) as told:
+        netft.read_scaling(document, "http://192.168.1.1:80/netftapi2.xml")
+    assert "address" in str(told.value)
+
+
 RATED = b"<cfgmr>330;330;990;30;30;30</cfgmr>"
 
 

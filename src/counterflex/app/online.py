@@ -246,6 +246,7 @@ class Supervised:
             "trouble": self._trouble,
             "recorder_died": died,
             "tracker_off": tracker_off(self.control),
+            "holds_feed": not self.control[Life.CANNOT_HOLD],
             "loop_ended": AS_ASKED if exit_code == 0 and self.control[Life.ENDED] else f"died ({exit_code})",
         }
 

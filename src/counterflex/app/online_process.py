@@ -71,6 +71,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
         _say(pipe, fault)
         return
     living, run = Living(control, Life.RUN_PID, Life.RECORDER_PID), Living(control, Life.RUN_PID)
+    control[Life.CANNOT_HOLD] = not session.link.holds_feed
     control[_LOOP_NS] = time.monotonic_ns()
     _say(pipe, (session.link.address, session.loop.sha256(), told))
     try:

@@ -41,6 +41,7 @@ class RunEnd:
     def __init__(self) -> None:
         self._state, self._cause = int(State.IDLE), int(Cause.NONE)
         self._how, self._why = "never", int(Cause.NONE)
+        self._began = int(Cause.NONE)
 
     def add(self, rows: Float) -> None:
         """Look at further records.
@@ -52,21 +53,28 @@ class RunEnd:
         changed = np.flatnonzero(np.diff(states, prepend=self._state))
         for k in changed:
             before, state = self._state, int(states[k])
+            if state == State.HOLD:
+                self._began = int(causes[k])
             self._state, self._cause = state, int(causes[k])
             if state == State.ACTIVE:
-                self._how, self._why = "acting", int(Cause.NONE)
+                self._how, self._why, self._began = "acting", int(Cause.NONE), int(Cause.NONE)
             elif state == State.ARMED and self._how in ("never", "program"):  # again: what comes now is judged
                 self._how, self._why = "armed", int(Cause.NONE)
             elif before in (State.ACTIVE, State.HOLD) and state == State.RAMP_OUT:
                 words = {Cause.PROGRAM: "program", Cause.OPERATOR: "operator"}
                 self._how, self._why = words.get(Cause(self._cause), "hold"), self._cause
             elif state == State.FAULT and before in (State.ARMED, State.ACTIVE, State.HOLD, State.RAMP_OUT):
-                self._how, self._why = "fault", self._cause
+                asked = self._cause == Cause.HELD_TOO_LONG and self._began == Cause.OPERATOR
+                self._how, self._why = "stop disobeyed" if asked else "fault", self._cause
         if self._how == "program" and np.any(causes == Cause.ENABLE_LOST):  # it went on cutting
             self._how, self._why = "hold", int(Cause.ENABLE_LOST)
 
     def shown(self) -> dict[str, str]:
-        """``by``: program, operator, hold, fault; acting: it still acts; armed: never switched on; never. ``cause``."""
+        """Who ended it (``by``) and why (``cause``).
+
+        By program, operator, hold, fault; stop disobeyed: the operator's stop, at which the robot went on; acting: it
+        still acts; armed: never switched on; never.
+        """
         return {"by": self._how, "cause": Cause(self._why).name.lower()}
 
 
@@ -75,6 +83,7 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
 
     Args:
         summary: ``loop_ended``, ``correction_ended``, ``records_lost``, ``log_trouble``, ``recorder_died``,
+            ``holds_feed`` (the robot's link has a word for it),
             ``tracker_off`` (:func:`counterflex.links.tracker_off.tracker_off`).
         arm: It was started to correct.
 
@@ -83,14 +92,14 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
         where a signal ended the run.
     """
     by, cause = summary["correction_ended"]["by"], summary["correction_ended"]["cause"].replace("_", " ")
-    lost = summary["records_lost"]
+    lost, no_hold = summary["records_lost"], not summary.get("holds_feed", True)
     if summary["loop_ended"] != AS_ASKED:
         end, said = End.DIED, f"the loop {summary['loop_ended']}: it did not end by itself, and ramped nothing out"
     elif summary["recorder_died"]:
         end, said = End.LOG_LOST, "the recorder died; the loop held the feed, ramped out and ended by itself"
     elif by == "acting":
         end, said = End.FAULT, "the robot fell silent while the correction acted"
-    elif by == "fault":
+    elif by == "fault" or (by == "stop disobeyed" and not no_hold):
         end, said = End.FAULT, f"a fault ended the correction: {cause}"
     elif by == "hold":
         end, said = End.FAULT, f"the correction was ended, not by the program: {cause}"
@@ -100,6 +109,9 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
         end, said = End.LOG_LOST, what + why
     elif by == "operator":
         end, said = End.STOPPED, "the correction was ended before the program ended it"
+    elif by == "stop disobeyed":
+        end = End.STOPPED
+        said = "the correction was ended before its program did; without a feed hold the robot was told to stop"
     elif arm and by in ("never", "armed"):
         what = "never armed" if by == "never" else "armed, but the robot program never switched the correction on"
         off = summary.get("tracker_off")

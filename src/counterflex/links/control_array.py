@@ -75,40 +75,42 @@ class Life(IntEnum):
     """1: the loop has ended by itself."""
     MAY_ARM = 26
     """1: the run was started to correct; one that only watches is not armed from outside."""
+    CANNOT_HOLD = 27
+    """1: the link has no word for a feed hold; a robot that goes on then is told to stop, which is all there is."""
 
 
 class Shown(IntEnum):
     """What the loop is doing: places of the control array after those of :class:`Life`."""
 
-    STATE = 27
-    CAUSE = 28
+    STATE = 28
+    CAUSE = 29
     """Of the state, else what keeps the loop from being armed."""
-    HARD = 29
+    HARD = 30
     """Cause of a fault that is still there."""
-    FEED_HOLD = 30
-    CORRECTION_NM = 31
+    FEED_HOLD = 31
+    CORRECTION_NM = 32
     """Size of the correction that is sent."""
-    CYCLES = 32
+    CYCLES = 33
     """Telegrams so far."""
-    ROBOT_NS = 33
+    ROBOT_NS = 34
     """When the last telegram came."""
-    FORCE_NS = 34
+    FORCE_NS = 35
     """When the last good force came; -1: there is no force sensor."""
-    TRACKER_NS = 35
+    TRACKER_NS = 36
     """When the last good pose came; -1: there is no tracker."""
-    PLACE_PPM = 36
+    PLACE_PPM = 37
     """Place on the plan, of its length in rows; -1: not on it, or there is no plan."""
-    FORCE_MN = 37
+    FORCE_MN = 38
     """Measured, filtered; -1: there is none."""
-    PLANNED_MN = 38
+    PLANNED_MN = 39
     """Planned there, through the same filter; -1: there is no plan."""
-    TRACKER_OFF_NM = 39
+    TRACKER_OFF_NM = 40
     """How far from the controller's pose the tracker sees the tool, while that keeps the loop idle; -1: it does not."""
-    TRACKER_LIMIT_NM = 40
+    TRACKER_LIMIT_NM = 41
     """What that may be."""
-    TRACKER_TURN_UDEG = 41
+    TRACKER_TURN_UDEG = 42
     """The same of the orientation, millionths of a degree; -1 likewise."""
-    TRACKER_TURN_LIMIT_UDEG = 42
+    TRACKER_TURN_LIMIT_UDEG = 43
 
 
 CONTROL = REQUESTS + len(Tally) + len(Kept) + len(Life) + len(Shown)

@@ -42,6 +42,7 @@ class EgmLink:
         restarted: The newest message belongs to another session than the one before.
         enable: The program runs a movement that can be corrected.
         clamped: The controller limits the motion (utilization above 100 %).
+        holds_feed: Whether there is a word for a feed hold: not in path correction.
         force: (6,) N, N m that the robot measures itself, of the newest message, or None.
         commanded_is: ABSENT: what is planned is not held against the angles, which are measured.
         measured_is: EXACT: angles and pose of the feedback.
@@ -67,6 +68,7 @@ class EgmLink:
         self.elapsed = 0
         self.restarted = False
         self.enable = False
+        self.holds_feed = True
         self.job = 0
         self.clamped = False
         self.force: Float | None = None

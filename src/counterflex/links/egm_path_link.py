@@ -36,6 +36,7 @@ class EgmPathLink(EgmLink):
     def __init__(self, *, watch_only: bool = True, **settings: object) -> None:
         super().__init__(**settings)  # type: ignore[arg-type]
         self._watch_only = watch_only
+        self.holds_feed = False
         span = max(1, round(PATH_PERIOD_S / self.period_s))
         self._trail: Float = np.zeros((span, 3))
         self._at = -1

@@ -26,6 +26,8 @@ class RobotLink(Protocol):
     """The robot program wants the correction."""
     clamped: bool
     """The controller limits the correction."""
+    holds_feed: bool
+    """Whether the link has a word for a feed hold."""
     job: int
     """Number of the job that the robot program says it is of; 0: it says none."""
 

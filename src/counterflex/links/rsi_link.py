@@ -41,6 +41,7 @@ class RsiLink:
         restarted: The newest telegram belongs to another session than the one before.
         enable: Free tag ``Enable`` of the robot program; True where the configuration has none.
         clamped: The controller says that it limits the correction (free tag ``....Stat`` above 1).
+        holds_feed: The configuration has the tag ``FeedHold``.
         job: Number of the job that the program says it is of: ``Enable`` above 1; 0: it says none.
         commanded_is: Whether set angles come with a set pose or measured with measured ones (EXACT), or not (ABOUT).
         measured_is: Likewise the measured pose; ABSENT without RIst.
@@ -107,6 +108,7 @@ class RsiLink:
         self.job = 0
         self._held: Float = np.zeros(len(names))
         self._told = self._held.data  # the same, read faster
+        self.holds_feed = self._place_of("FeedHold") >= 0
         places = [self._place_of("Stop"), self._place_of("FeedHold"), self._override, self._place_of("State")]
         nowhere = np.zeros(0, dtype=np.int64)
         self._table = ArrayTable(

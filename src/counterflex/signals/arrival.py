@@ -10,6 +10,11 @@ from counterflex.core.arrays import as_positive
 _ANEW_S: Final = 2.0
 _ANEW_SAMPLES: Final = 5
 _FALLEN_SAMPLES: Final = 8
+_SILENT_S: Final = 0.1
+"""Without samples for so long, by both clocks, the source was silent."""
+_STEADY_S: Final = 1.0
+"""So long later samples must come behind a silence, none of them sooner than the first ones, to be another time."""
+_LATER_S: Final = 2e-3
 
 
 class ArrivalClock:
@@ -21,8 +26,10 @@ class ArrivalClock:
 
     A clock that was set back is known by time stamps that fall; by how much does not matter. It is taken anew with the
     eighth sample of the new time; until then its samples are older than those before them, and whoever uses them sees
-    it. One sample with a wrong stamp changes nothing: the next one has the old time again. Without stamps that fall
-    (the source was silent meanwhile) it is known after five samples that would be older than 2 s.
+    it. One sample with a wrong stamp changes nothing: the next one has the old time again. Where no stamp falls, since
+    the source was silent meanwhile, it is known after five samples that would be older than 2 s, or when for 1 s behind
+    a silence of 0.1 s and more (of the stamps, too: a network that stands still lets them go on) every sample is later
+    by the same: a queue that is worked off becomes shorter.
 
     Args:
         least_s: Age of a sample that came the shortest way.
@@ -40,6 +47,8 @@ class ArrivalClock:
         self._far = self._fallen = 0
         self._stamp = -math.inf
         self._new_floor = math.inf
+        self._behind_s = math.inf
+        self._steady_s = 0.0
         self.set_back = 0
 
     def age(self, now_s: float, stamp_s: float) -> float:
@@ -55,6 +64,7 @@ class ArrivalClock:
         apart = now_s - stamp_s
         if self._floor < math.inf:
             self._floor += self._rate * max(0.0, now_s - self._last)
+        self._watch_silence(now_s, apart, stamp_s)
         self._last = now_s
         self._watch_stamp(apart, stamp_s)
         self._far = self._far + 1 if apart - self._floor > _ANEW_S else 0
@@ -75,6 +85,19 @@ class ArrivalClock:
         if self._fallen >= _FALLEN_SAMPLES:
             self._begin_anew(self._new_floor)
 
+    def _watch_silence(self, now_s: float, apart: float, stamp_s: float) -> None:
+        """Samples that are all later by the same since the source was silent: its clock was set back meanwhile."""
+        silent = min(now_s - self._last, stamp_s - self._stamp)
+        if self._floor < math.inf and silent > _SILENT_S and apart - self._floor > _LATER_S:
+            self._behind_s, self._steady_s = apart, now_s
+        elif apart < 0.5 * (self._floor + self._behind_s):
+            self._behind_s = math.inf
+        elif apart < self._behind_s - 0.5 * _LATER_S:
+            self._behind_s, self._steady_s = apart, now_s
+        if self._behind_s < math.inf and now_s - self._steady_s > _STEADY_S:
+            self._begin_anew(self._behind_s)
+
     def _begin_anew(self, floor: float) -> None:
         self._floor, self._far, self._fallen = floor, 0, 0
+        self._behind_s = math.inf
         self.set_back += 1

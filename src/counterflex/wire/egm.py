@@ -29,6 +29,8 @@ MCI_RUNNING: Final = 3
 RAPID_RUNNING: Final = 2
 PATH_PERIOD_S: Final = 24.0 * MS
 GUIDANCE_PERIOD_S: Final = 4.0 * MS
+_UNIT: Final = 1e-3
+"""How far a quaternion may be from unit length."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +51,8 @@ class RobotState:
         converged: The robot is where the sensor wants it, within the program's window.
         move: Number of the movement instruction that is run, or None.
         q_planned: (6,) rad planned angles, or None.
-        missing: Fields without which nothing can be corrected and that the message leaves out, by their names.
+        missing: Fields without which nothing can be corrected and that the message leaves out, or that hold something
+            else (another number of axes, a quaternion that is none), by their names.
     """
 
     sequence: int
@@ -76,7 +79,8 @@ def read_robot(data: bytes) -> RobotState:
     named in :attr:`RobotState.missing`.
 
     Raises:
-        ProtocolError: Not such a message, a number that is not finite, a quaternion far from unit length.
+        ProtocolError: Not such a message, a required field left out, a number that is not finite, a plan with another
+            number of joints or a quaternion far from unit length.
     """
     message = _parse("EgmRobot", data)
     if not message.HasField("header"):
@@ -91,8 +95,8 @@ def read_robot(data: bytes) -> RobotState:
         name
         for name, there in (
             ("header.seqno", message.header.HasField("seqno")),
-            ("feedBack.joints", back.HasField("joints")),
-            ("feedBack.cartesian", _placed(back)),
+            (_six_joints(back), not _six_joints(back)),
+            (_whole_pose(back), not _whole_pose(back)),
             ("mciState", message.HasField("mciState")),
         )
         if not there
@@ -100,8 +104,8 @@ def read_robot(data: bytes) -> RobotState:
     return RobotState(
         sequence=message.header.seqno,
         time_ms=message.header.tm,
-        q=_joints(back) if back.HasField("joints") else None,
-        T_frame_tcp=_pose(back.cartesian) if _placed(back) else None,
+        q=None if _six_joints(back) else _joints(back),
+        T_frame_tcp=None if _whole_pose(back) else _pose(back.cartesian),
         T_frame_tcp_planned=_pose(planned.cartesian) if _placed(planned) else None,
         motors_on=message.motorState.state == MOTORS_ON if message.HasField("motorState") else guided,
         guided=guided,
@@ -120,6 +124,27 @@ def _placed(part: Any) -> bool:
     cartesian = part.cartesian
     turned = cartesian.HasField("orient") or cartesian.HasField("euler")
     return bool(part.HasField("cartesian") and cartesian.HasField("pos") and turned)
+
+
+def _six_joints(back: Any) -> str:
+    """What is wrong with the number of angles of the feedback; empty: nothing."""
+    if not back.HasField("joints"):
+        return "feedBack.joints"
+    count = len(back.joints.joints)
+    return "" if count == 6 else f"feedBack.joints of 6 axes (they are {count})"
+
+
+def _whole_pose(back: Any) -> str:
+    """What is wrong with the pose of the feedback; empty: nothing."""
+    if not _placed(back):
+        return "feedBack.cartesian"
+    if back.cartesian.HasField("euler"):
+        return ""
+    u = back.cartesian.orient
+    size = math.hypot(u.u0, u.u1, u.u2, u.u3)
+    if not math.isfinite(size) or abs(size - 1.0) <= _UNIT:
+        return ""
+    return f"feedBack.cartesian.orient of length 1 (it is {size:.3g})"
 
 
 def measured_force(data: bytes) -> Float | None:
@@ -274,6 +299,9 @@ def _parse(name: str, data: bytes) -> Any:
         message.ParseFromString(data)
     except (DecodeError, ValueError, RecursionError) as fault:
         raise ProtocolError(f"not an {name} message: {fault}", value=f"{len(data)} bytes") from fault
+    if not message.IsInitialized():
+        lacking = ", ".join(message.FindInitializationErrors())
+        raise ProtocolError(f"an {name} message leaves out required fields: {lacking}", value=f"{len(data)} bytes")
     return message
 
 
@@ -309,7 +337,7 @@ def _pose(cartesian: Any) -> Float:
     u = cartesian.orient
     quat = np.array([_finite(v) for v in (u.u0, u.u1, u.u2, u.u3)])
     size = math.hypot(*quat.tolist())
-    if abs(size - 1.0) > 1e-3:
+    if abs(size - 1.0) > _UNIT:
         raise ProtocolError("an EGM quaternion is not of unit length", value=size, limit="1 +- 0.001")
     return pose.make(rotation.from_quat_wxyz(quat / size), p)
 

@@ -100,8 +100,18 @@ def read_scaling(document: bytes, where: str = "netftapi2.xml") -> Scaling:
     Counts per unit and the units are needed; name and rate are not: sensors differ in what else they tell.
 
     Raises:
-        ProtocolError: Not XML, a needed field missing or not a positive number, a unit that is not known.
+        ProtocolError: Not XML, a web page or compressed, a needed field missing or not a positive number, a unit that
+            is not known.
     """
+    packed = document.startswith(b"\x1f\x8b")
+    if packed or b"<html" in document[:1000].lower():
+        raise ProtocolError(
+            f"this is {'compressed' if packed else 'a web page'}, not the scaling document of a force sensor",
+            where=where,
+            value=repr(document[:40]),
+            limit="the XML that a Net F/T serves at /netftapi2.xml",
+            hint="Is the address right, and no login page or proxy before the sensor?",
+        )
     try:
         root = fromstring(document)
     except (ParseError, DefusedXmlException, ValueError, LookupError) as fault:
