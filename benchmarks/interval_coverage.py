@@ -31,6 +31,7 @@ CASES: dict[str, Case] = {
     "kinematics": poses.kinematics_of_poses,
     "cutting": slots.constants_of_slots,
     "holder": holder.holder_of_loads,
+    "holder, another": partial(holder.holder_of_loads, other=True),
     "cubes": cubes.stiffness_of_cubes,
     "servo": steps.gains_of_steps,
     "servo, gains known": partial(steps.gains_of_steps, known=True),
