@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from typer.testing import CliRunner
 import counterflex
 from counterflex.app import doctor, online
 from counterflex.app.run_end import End, RunEnd, ended_how
+from counterflex.app.run_status import Status
 from counterflex.cli.main import app
 from counterflex.core.arrays import Float
 from counterflex.runtime.layout import O_CAUSE, O_STATE
@@ -116,3 +119,36 @@ def test_what_ended_the_correction_last_counts() -> None:
     assert end.shown()["by"] == "armed"  # armed anew, and never switched on: not as planned
     end.add(rows((State.FAULT, Cause.WRONG_FRAME)))
     assert end.shown() == {"by": "fault", "cause": "wrong_frame"}
+
+
+DANGERS: dict[str, tuple[dict[str, Any], str]] = {
+    "feed": ({"feed_hold": True}, "feed held"),
+    "log": ({"log_trouble": "No space left on device", "records_lost": 7}, "LOG LOST: No space left on device, 7 rec"),
+    "lost": ({"records_lost": 7}, "LOG LOST: it goes on, 7 records lost"),
+    "still": ({"still_s": 2.0}, "THE LOOP STANDS STILL: no sign of life for 2.0 s; stop the robot"),
+    "tracker": ({"tracker_off": "3.4 mm off, limit 2 mm"}, "NOT READY: 3.4 mm off, limit 2 mm"),
+    "zero": ({"tares": 2, "idle_n": 30.0}, "NO ZERO: 30.0 N"),
+    "trouble": ({"trouble": "a kernel"}, "INTERNAL: a kernel"),
+    "foreign": ({"foreign": 9}, "FOREIGN TELEGRAMS: 9"),
+    "rejected": ({"rejected": 4}, "4 tracker samples rejected"),
+    "set back": ({"set_back": 3}, "tracker's clock set back, 3 times"),
+}
+
+
+@pytest.mark.parametrize("name", DANGERS)
+def test_the_status_line_says_every_danger(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """What nobody reads in the line nobody knows while it cuts; without it the line is silent."""
+    shown, said = DANGERS[name]
+    plain = Status(State.ACTIVE, Cause.NONE, 100, (0.0, 0.0, 0.0), 100.0, "")
+
+    def lines(status: Status) -> str:
+        def run(*_: Any, watch: Callable[[Status], None], **__: Any) -> dict[str, Any]:
+            watch(status)
+            return summary("as asked", "program") | {"ended": {"wrong": False, "status": 0, "said": ""}}
+
+        monkeypatch.setattr(online, "run", run)
+        words = ["run", "--cell", "cell.toml", "--egm", "6510", "--out", "log", "--json"]
+        return CliRunner().invoke(app, words).output
+
+    assert said in lines(replace(plain, **shown))
+    assert said not in lines(plain)
