@@ -22,7 +22,7 @@ from functools import partial
 
 import numpy as np
 
-from coverage_cases import cubes, holder, poses, pulls, slots, steps
+from coverage_cases import cubes, frames, holder, poses, pulls, slots, steps, turns
 from coverage_cases.counted import Counted
 
 Case = Callable[..., list[Counted]]
@@ -33,6 +33,9 @@ CASES: dict[str, Case] = {
     "holder": holder.holder_of_loads,
     "holder, another": partial(holder.holder_of_loads, other=True),
     "cubes": cubes.stiffness_of_cubes,
+    "tracker-frame by poses": frames.frame_of_poses,
+    "tracker-frame": frames.frame_of_fiducials,
+    "play": turns.play_of_reversals,
     "servo": steps.gains_of_steps,
     "servo, gains known": partial(steps.gains_of_steps, known=True),
 }
@@ -102,7 +105,7 @@ def main() -> int:
     seeds = QUICK if options.quick else options.seeds
     rows = []
     if not options.json:
-        print(f"{'recipe':18}{'data':>8}{'seeds':>6}{'par.':>6}{'all %':>8}{'median %':>10}{'worst %':>9}"
+        print(f"{'recipe':24}{'data':>8}{'seeds':>6}{'par.':>6}{'all %':>8}{'median %':>10}{'worst %':>9}"
               f"{'error/sigma':>13}{'s':>7}  worst parameter")  # fmt: skip
     for recipe in options.recipe or CASES:
         for errors in (False, True):
@@ -111,7 +114,7 @@ def main() -> int:
             if options.json:
                 continue
             print(
-                f"{r.recipe:18}{'errors' if r.errors else 'plain':>8}{r.seeds:6d}{r.parameters:6d}"
+                f"{r.recipe:24}{'errors' if r.errors else 'plain':>8}{r.seeds:6d}{r.parameters:6d}"
                 f"{100 * r.together:8.1f}{100 * r.median:10.1f}{100 * r.worst:9.1f}{r.by_sigma:13.2f}{r.seconds:7.1f}"
                 f"  {r.worst_name}",
                 flush=True,

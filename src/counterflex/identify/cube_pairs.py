@@ -21,6 +21,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError
 from counterflex.geometry import pose, rotation
+from counterflex.identify.coupled_springs import coupled_by
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.pull_blocks import Layout
 from counterflex.identify.pull_history import band_slopes, lost_angles, uncertain_angles, unknown_angles
@@ -164,6 +165,7 @@ def block(chain: ElasticChain, plan: Layout, motions: CubeMotions, scale: float 
     added[:, :3] += plan.bearing_m**2 * np.sum((felt * soft * between) ** 2, axis=1, keepdims=True)
     acts = _between(motions, plan.springs.segment)
     moved = misplaced_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, plan.bearing_m, lambda t: _at(t, lever), acts)
+    coupled = coupled_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, lambda t: _at(t, lever), acts)
     shown = np.zeros((len(pulls), 6, chain.n + 1))
     rows = np.arange(len(pulls))
     shown[rows, :, motions.first] = -scale * motions.d_before
@@ -179,7 +181,7 @@ def block(chain: ElasticChain, plan: Layout, motions: CubeMotions, scale: float 
         offset=(axes @ lost[:, :, None])[..., 0],
         band_gain=axes * slope[:, None, :],
         band_columns=plan.bands,
-        moved=np.concatenate([moved, shown], axis=2),
+        moved=np.concatenate([moved, coupled, shown], axis=2),
     )
 
 

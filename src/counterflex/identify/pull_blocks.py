@@ -12,6 +12,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.units import DEG, MM
 from counterflex.identify.compliances import Springs, with_compliance
 from counterflex.identify.considered import added, considered
+from counterflex.identify.coupled_springs import coupled_by
 from counterflex.identify.fit import Fit
 from counterflex.identify.jackknife import parts_of_groups, with_jackknife
 from counterflex.identify.parameters import Parameter, Parameters
@@ -131,7 +132,9 @@ def block(chain: ElasticChain, plan: Layout, pulls: Pulls, R_base_tracker: Float
     def at(twists: Float) -> Float:
         return carried(chain, pulls.q, twists, point)
 
-    moved = misplaced_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, plan.bearing_m, at)[:, :c]
+    aside = misplaced_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, plan.bearing_m, at)
+    coupled = coupled_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, at)
+    moved = np.concatenate([aside, coupled], axis=2)[:, :c]
     R = None
     if pulls.in_tracker and R_base_tracker is not None:
         R = R_base_tracker.T
@@ -185,9 +188,10 @@ def _compliance_at(chain: ElasticChain, pulls: Pulls) -> Float:
 def with_honest_sigma(fit: Fit, blocks: Sequence[PullResiduals]) -> Fit:
     """The fit with standard deviations that hold for what the springs lack.
 
-    What differs from pose to pose (friction, coupling between directions, drift) is seen in what the fit becomes
-    without some of them (:func:`counterflex.identify.jackknife.with_jackknife`); bearings that are not where they are
-    thought to be are the same in all poses, and go through the fit (:mod:`counterflex.identify.considered`).
+    What differs from pose to pose (friction, drift) is seen in what the fit becomes without some of them
+    (:func:`counterflex.identify.jackknife.with_jackknife`); bearings that are not where they are thought to be and
+    directions of an element that move each other are the same in all poses, and go through the fit
+    (:mod:`counterflex.identify.considered`).
     """
     wide = with_jackknife(fit, blocks, parts_of_groups(blocks))
     return added(wide, considered(fit, blocks, [b.moved for b in blocks]))

@@ -26,6 +26,8 @@ FRICTION_SIGMA: Final = 0.2
 """Relative standard deviation of friction and play in a cell file."""
 WEIGHT_SIGMA: Final = 0.1
 """Relative standard deviation of masses in a cell file."""
+DIRECTION_RAD: Final = 0.01
+"""How well the direction of a load is known, per axis."""
 _STEP = 1e-3  # relative change of the half bands for their derivative
 _LEAST_RAD = 1e-7
 
@@ -102,7 +104,9 @@ def uncertain_angles(chain: ElasticChain, pulls: Pulls) -> Float:
     """Standard deviation of the lost motion where play and friction are known but not exactly.
 
     Half the range of :func:`lost_angles` over friction and weights that are off by :data:`FRICTION_SIGMA` and
-    :data:`WEIGHT_SIGMA`: it shows where an axis nearly floats, so that nobody can say on which side of its play it is.
+    :data:`WEIGHT_SIGMA`, and over loads turned by twice :data:`DIRECTION_RAD`: it shows where an axis nearly floats, so
+    that nobody can say on which side of its play it is. Such rows, believed, make the play smaller and the torsion
+    softer than they are.
 
     Args:
         chain: With play or None.
@@ -118,6 +122,10 @@ def uncertain_angles(chain: ElasticChain, pulls: Pulls) -> Float:
         for dry in (1.0 - FRICTION_SIGMA, 1.0 + FRICTION_SIGMA)
         for weight in (1.0 - WEIGHT_SIGMA, 1.0 + WEIGHT_SIGMA)
     ]
+    w = pulls.w_tcp_base
+    for turn in 2.0 * DIRECTION_RAD * np.concatenate([np.eye(3), -np.eye(3)]):
+        turned = w + np.hstack([np.cross(turn, w[:, :3]), np.cross(turn, w[:, 3:])])
+        found.append(lost_angles(chain, replace(pulls, w_tcp_base=turned)))
     out: Float = 0.5 * (np.max(found, axis=0) - np.min(found, axis=0))
     return out
 

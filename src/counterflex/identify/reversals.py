@@ -13,13 +13,13 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, share_of, silent
 from counterflex.core.units import MRAD, MS, URAD
 from counterflex.identify.changes import AxisPlay
-from counterflex.identify.correlated import with_correlation
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fit import Fit
 from counterflex.identify.holdout import HeldOut, cross_validate, score_separate
 from counterflex.identify.model import CellModel
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
 from counterflex.identify.residuals import Residuals
+from counterflex.identify.reversal_considered import compliance_share, with_honest_sigma, with_spread
 from counterflex.identify.reversal_data import Motion, balance, motions
 from counterflex.identify.reversal_parameters import axis_play, blocks, compliance, parameters
 from counterflex.identify.reversal_residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
@@ -83,7 +83,8 @@ def identify(
         p, places = parameters(cell, axis, free_compliance=large, delay=all(m.time_s is not None for m in mine))
         rows = [AxisResiduals(tuple(blocks(mine, places)))]
         first = share_of(told, 0.0, 0.3, f"axis {axis + 1}")
-        fit = with_correlation(solve(p, rows, robust=False, stop=_STOP, progress=first), rows)
+        plain = solve(p, rows, robust=False, stop=_STOP, progress=first)
+        fit = with_honest_sigma(plain, rows[0])
         needed = [name for name in p.names if name.endswith(".delay")]
         turn_spread = 0.0
         if other:
@@ -115,7 +116,7 @@ def identify(
             fit = _at_least(fit, jackknife([part.values for part in held.fits]))
             turn_spread = float(jackknife([np.array([turn(part, axis)]) for part in held.fits])[0])
         share = float(settings.get("bearing_m", BEARING_M)) / min(m.lever_m for m in mine)
-        fit = _with_bearing(fit, share)
+        fit = with_spread(_with_bearing(fit, share), compliance_share(plain, rows[0]))
         fits[f"axis {axis + 1}"] = fit
         play = _play(fit, axis)
         changes.append(AxisPlay(axis, play))

@@ -8,11 +8,12 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
-from counterflex.core.errors import InputError
+from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, in_parts
 from counterflex.core.units import MM, UM, URAD
 from counterflex.identify.arm_geometry import ArmGeometry
 from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model, sag_as_known
+from counterflex.identify.compliances import bearing_of
 from counterflex.identify.data_checks import check_finite, check_spread
 from counterflex.identify.dataset import Dataset
 from counterflex.identify.fiducials import (
@@ -23,6 +24,7 @@ from counterflex.identify.fiducials import (
     robust_register,
 )
 from counterflex.identify.fit import Fit
+from counterflex.identify.frame_considered import SCALE, sigma_at, unrest, with_frame_sigma
 from counterflex.identify.frame_drift import Drift, drifts, rounds_of
 from counterflex.identify.holdout import HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.known_drives import known_drive_errors
@@ -85,6 +87,15 @@ def identify(
     parts = in_parts(progress, {"registering": 2.0, "fitting": 1.0, "held out": 5.0})
     parts["registering"](1.0)
     fit = solve(parameters, blocks, start=start, progress=parts["fitting"])
+    options = {**RECIPE.settings, **settings}
+    fit = with_frame_sigma(
+        fit,
+        blocks,
+        [_unrest(d, b, fit.values) for d, b in zip(data, blocks, strict=True)],
+        compliance=_share(options, "compliance_sigma"),
+        bearing_m=bearing_of(options),
+        scale=_share(options, "scale_sigma"),
+    )
     scored = [i for i, b in enumerate(blocks) if isinstance(b, FiducialResiduals)] or list(range(len(blocks)))
     if holdout:
         unseen = _blocks(cell, holdout, model, tracker, target, last=False)
@@ -106,7 +117,11 @@ def identify(
         recipe="tracker-frame",
         fits={"tracker-frame": fit},
         headline=_headline(held, known),
-        figures=(*_figures(fit, blocks, watch), *_frame_figures(fit, tracker, target)),
+        figures=(
+            *_figures(fit, blocks, watch),
+            *_frame_figures(fit, tracker, target),
+            *_part_figures(cell, fit, tracker),
+        ),
         changes=(change,),
         remarks=(*told, *_remarks(fit, blocks, watch, target is not None)),
         pictures=_pictures(fit, blocks),
@@ -188,6 +203,30 @@ def _blocks(
             arm = model.at(angles(d.values("q"))) if free and model is not None else given
             out.append(tracker_residuals(d, arm, tracker, target))
     return out
+
+
+def _share(options: Mapping[str, Any], name: str) -> float:
+    value = options[name]
+    if not (isinstance(value, int | float) and 0.0 <= float(value) <= 1.0):
+        raise InputError(f"setting {name}", value=str(value), limit="a relative standard deviation, 0 .. 1")
+    return float(value)
+
+
+def _unrest(d: Dataset, block: Residuals, x: Float) -> Float:
+    """What :func:`counterflex.identify.frame_considered.unrest` says of a dataset whose rounds are all in its block."""
+    if not isinstance(block, FiducialResiduals) or len(block.group) < len(d):
+        return np.zeros((len(block.group), len(block.components), 0))
+    p = d.channel("p_tracker_fiducial")
+    return unrest(block, p.values, p.need_sigma(), _time(d), x)
+
+
+def _part_figures(cell: CellModel, fit: Fit, tracker: PlacedFrame) -> tuple[Figure, ...]:
+    try:
+        zero = cell.T_base_part[:3, 3]
+    except FileFormatError:
+        return ()
+    size = _length(sigma_at(fit, tracker, zero))
+    return (Figure("part_sigma_um", "standard deviation of the part's zero as the tracker sees it", size / UM),)
 
 
 def _time(d: Dataset) -> Float | None:
@@ -319,7 +358,14 @@ RECIPE: Final = Recipe(
     name="tracker-frame",
     title="Tracker in the robot base, target on the tool, drift of the tracker",
     kinds=("fiducials", "tracker_poses"),
-    settings={"measure": "poses", "as_stated": False, "seed": 0},
+    settings={
+        "measure": "poses",
+        "compliance_sigma": 0.1,
+        "bearing_mm": 10.0,
+        "scale_sigma": SCALE,
+        "as_stated": False,
+        "seed": 0,
+    },
     identify=identify,
     propose=propose,
 )

@@ -1,0 +1,113 @@
+"""Play and friction from slow reversals of the simulated axes, and what gears and tracker do beside the model."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from counterflex.app.truth import truth_of
+from counterflex.core.arrays import Float
+from counterflex.core.batches import rows_of_each
+from counterflex.core.units import UM, URAD
+from counterflex.identify import reversals, reversals_proposal
+from counterflex.identify.dataset import of_arrays
+from counterflex.twin.laboratory import laboratory
+from counterflex.twin.measure_reversals import measure
+from counterflex.twin.truth import Truth
+from coverage_cases.counted import Counted, counted
+from coverage_cases.poses import cell, cell_file
+
+MOTIONS = 24
+AXES = (1, 4)
+CREEP, CREEP_S = 0.10, 0.7
+"""Wind-up that comes late: share of what the link lags behind, and its time constant."""
+SOFT_RAD = 8.0 * URAD
+"""Travel over which a dead band opens and closes that has no sharp ends, one standard deviation."""
+POSE = 0.05
+"""How far friction and play differ from pose to pose, of themselves, one standard deviation."""
+MESH_RAD, MESH_ORDERS = 1.0 * URAD, (200.0, 3000.0)
+"""Transmission error of the gear: amplitude, and how often in a turn."""
+WALK_M = 0.05 * UM
+"""Drift of the tracker from reading to reading."""
+
+
+@cache
+def proposal() -> dict[str, Float]:
+    columns = reversals_proposal.propose(cell(), MOTIONS, {"seed": 0}).columns
+    rows = np.isin(columns["axis"], np.array(AXES) + 1)
+    return {name: np.asarray(values)[rows] for name, values in columns.items()}
+
+
+@cache
+def measured(seed: int, axes: tuple[int, ...] = AXES) -> dict[str, Float]:
+    """Channels of the simulated laboratory, and their groups."""
+    request = proposal()
+    rows = np.isin(request["axis"], np.array(axes) + 1)
+    m = measure(truth_of(cell_file(), seed), laboratory(seed), {k: v[rows] for k, v in request.items()}, {})
+    group = np.asarray(m.group, dtype=np.float64)
+    return {**m.channels, "group": group, "sigma": np.asarray(m.sigma["p_tracker_target"])}
+
+
+def lagging(steps: Float, values: Float, length: float) -> Float:
+    """Values (n,) that follow with a lag, over steps (n,) of time or travel."""
+    out, now = np.empty_like(values), values[0]
+    for k, (step, value) in enumerate(zip(steps, values, strict=True)):
+        now += (value - now) * -np.expm1(-step / length)
+        out[k] = now
+    return out
+
+
+def beside(seed: int, time_s: Float, q: Float, lost: Float, place: int) -> Float:
+    """(n,) rad: how the link turns beside the model, from its lost motion (n,) rad."""
+    gear, pose_ = np.random.default_rng([51, seed]), np.random.default_rng([52, seed, place])
+    soft, order, phase = gear.standard_normal(), gear.uniform(*MESH_ORDERS), gear.uniform(0.0, 2.0 * np.pi)
+    late = lagging(np.diff(time_s, prepend=time_s[0]), lost, CREEP_S)
+    round_ = lagging(np.abs(np.diff(q, prepend=q[0])), lost, SOFT_RAD * abs(soft) + 1e-9)
+    return np.asarray(
+        CREEP * (late - lost)
+        + (round_ - lost)
+        + POSE * pose_.standard_normal() * (lost - lost.mean())
+        + MESH_RAD * np.sin(order * q + phase)
+    )
+
+
+def disturbed(seed: int, channels: dict[str, Float]) -> Float:
+    """(n, 3) m: what the tracker shows of an axis and of itself that the model does not have."""
+    p = np.array(channels["p_tracker_target"])
+    rng = np.random.default_rng([53, seed])
+    poses: dict[tuple[float, ...], int] = {}
+    for _, rows in rows_of_each(channels["group"].astype(np.int64)):
+        q = channels["q_motor"][rows]
+        axis = int(np.argmax(np.ptp(q, axis=0)))
+        angle = q[:, axis]
+        slope = np.polyfit(angle - angle.mean(), p[rows] - p[rows].mean(axis=0), 1)[0]
+        lever = float(np.linalg.norm(slope))
+        lost = (p[rows] @ slope) / lever**2 - angle
+        place = poses.setdefault(tuple(np.round(np.delete(q[0], axis), 4)), len(poses))
+        p[rows] += np.outer(beside(seed, channels["time_s"][rows, 0], angle, lost - lost[0], place), slope)
+        p[rows] += WALK_M * np.cumsum(rng.standard_normal((len(rows), 3)), axis=0)
+    return p
+
+
+def plays_of(truth: Truth, axes: tuple[int, ...]) -> dict[str, float]:
+    """True constants by name of the parameter."""
+    out: dict[str, float] = {}
+    for axis in axes:
+        drive, name = truth.drives[axis], f"axis{axis + 1}"
+        out[f"{name}.half_band"] = drive.dead_band_rad
+        out |= {f"{name}.friction{e + 1}": f for e, f in enumerate(drive.link_friction_nm)}
+        out |= {f"{name}.slip{e + 1}": d for e, d in enumerate(drive.link_slip_rad)}
+    return out
+
+
+def play_of_reversals(seed: int, *, errors: bool, axes: tuple[int, ...] = AXES) -> list[Counted]:
+    """One campaign of reversals, identified."""
+    channels = dict(measured(seed, axes))
+    numbers, sigma = channels.pop("group"), float(channels.pop("sigma"))
+    if errors:
+        channels["p_tracker_target"] = disturbed(seed, {**channels, "group": numbers})
+    data = of_arrays("reversals", "reversals", channels, {"p_tracker_target": sigma}, group=numbers.astype(np.int64))
+    found = reversals.identify(cell(), [data], [], {"as_stated": True})
+    known = plays_of(truth_of(cell_file(), seed), axes)
+    return [c for fit in found.fits.values() for c in counted(fit, known)]
