@@ -32,6 +32,7 @@ from counterflex.plan.plan import Plan, across, impulse_share
 from counterflex.plan.response import lasting, within
 from counterflex.plan.tool_deviation import Robot, can_move, lost_motion, mode_of, run
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
+from counterflex.plan.work import CORRECTION, JOINTS, MENDED, TRIAL, UNCOMPENSATED, UNDISTURBED, work_of
 from counterflex.robot import compliance, gravity
 from counterflex.robot.chain import ElasticChain, forward
 from counterflex.robot.drive_error import DriveErrors
@@ -52,9 +53,6 @@ APPROACH_S = 0.3
 """So long before and after contact the path is freed of sag and lost motion too: cuts begin in the right place."""
 _FADE_S = 0.2
 """Beyond that, corrections that are left over from shaping are taken for zero."""
-JOINTS, UNDISTURBED, CORRECTION = "joint angles", "undisturbed cut", "correction"
-TRIAL, MENDED, UNCOMPENSATED = "compensated program", "compensated program, mended", "uncompensated program"
-"""Parts of the work, as the progress names them."""
 
 
 @dataclass(frozen=True)
@@ -144,10 +142,8 @@ def plan(
     """
     known = can_move(setting.chain) and setting.chain.servo is not None
     tries = known and setting.shaping.smoothing_s > 0.0
-    work = {JOINTS: 1.0, UNDISTURBED: 2.0, CORRECTION: 7.0}
-    work |= {TRIAL: 5.0} if predict or tries else {}
-    work |= {MENDED: 5.0} if tries else {}
-    work |= {UNCOMPENSATED: 5.0} if predict else {}
+    seconds = float(path.time_s[-1] - path.time_s[0]) if len(path) else 0.0
+    work = work_of(len(path), seconds, moves=can_move(setting.chain), mends=tries, predicts=predict)
     parts = in_parts(progress, work)
     line: Int = line_of_motion[path.motion]
     parts[JOINTS](0.0)
