@@ -45,11 +45,11 @@ COUNTED: Final[Mapping[str, CountedShare]] = {
     item.recipe: item
     for item in (
         CountedShare(
-            "stiffness", 0.96, 0.80, "axis1.rx", 100,
+            "stiffness", 0.99, 0.92, "link_arm.rz", 15,
             "coupled springs, a cable 0.6 deg aside, friction, drift and a floor that tilts",
         ),
         CountedShare(
-            "cubes", 0.97, 0.60, "axis1.rz", 15,
+            "cubes", 0.99, 0.93, "link_arm.rz", 15,
             "stands that drift, cubes 0.5 % out of scale and a cable 0.6 deg aside",
         ),
         CountedShare(

@@ -43,11 +43,13 @@ def with_honest_sigma(plain: Fit, rows: AxisResiduals) -> Fit:
 
     Returns:
         Standard deviations of correlated rows, not below those of the jackknife over stretches of the motions, and what
-        is left out.
+        is left out; the latter for the constants of the gear, not for the delay, which is taken out and used nowhere.
     """
     apart = with_jackknife(plain, [rows], [_stretches(rows)])
     wide = widened(with_correlation(plain, [rows]), np.diag(apart.covariance))
-    return added(wide, considered(plain, [rows], [left_out(rows, plain.values)[:, None, :]]))
+    more = considered(plain, [rows], [left_out(rows, plain.values)[:, None, :]])
+    gear = np.isin(plain.free_index, rows.parts[0].places.constants)
+    return added(wide, more * np.outer(gear, gear))
 
 
 def compliance_share(fit: Fit, rows: AxisResiduals) -> Float:
