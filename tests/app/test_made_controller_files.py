@@ -19,7 +19,7 @@ import pytest
 from counterflex.app import examples
 from counterflex.app.egm import MakeSettings as EgmSettings
 from counterflex.app.egm import make as make_egm
-from counterflex.app.rsi import MakeSettings, make
+from counterflex.app.rsi import CheckSettings, MakeSettings, check, make
 
 PORTS = {  # type of object: its number, inputs, outputs
     "ETHERNET": (64, 64, 64),
@@ -72,6 +72,13 @@ def robot(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     program = None if way == "link test" else tmp_path / "part.src"
     make(MakeSettings(tmp_path / "cell.toml", program), tmp_path / "robot")
     return tmp_path / "robot"
+
+
+def test_what_is_made_has_no_finding(robot: Path) -> None:
+    (main,) = robot.glob("*.src")
+    (context,) = (path for path in robot.iterdir() if path.name in ("counterflex.rsi.xml", "counterflex.rsix"))
+    judged = CheckSettings(robot / "counterflex_ethernet.xml", robot.parent / "cell.toml", context, main)
+    assert [item.line() for item in check(judged)] == []
 
 
 def local(element: ElementTree.Element) -> str:

@@ -239,9 +239,15 @@ def test_the_monitor_acts_without_its_object() -> None:
     begin = CONTEXT.index('  <RSIObject ObjType="POSCORRMON"')
     end = CONTEXT.index('  <RSIObject ObjType="STOP"')
     gone = CONTEXT[:begin] + CONTEXT[end:]
+    assert {item.rule for item in found(context=gone)} == {"dangling-wire"}
+    for number in range(3, 9):  # what took the correction from it
+        begin = gone.index(f'  <RSIObject ObjType="MAP2SEN_PREA" ObjTypeID="17" ObjID="MAP2SEN_PREA{number}"')
+        end = gone.index("</RSIObject>", begin) + len("</RSIObject>\n")
+        gone = gone[:begin] + gone[end:]
     assert found(context=gone) == ()
     assert rules(found(context=gone.replace('"3.6"', '"6.1"'), krl=without(KRL, "RSI_SETPUBLICPAR"))) == {
-        "limit-above-monitor"
+        "limit-above-monitor",
+        "wide-limit",
     }
 
 

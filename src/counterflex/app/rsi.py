@@ -92,14 +92,14 @@ def check(settings: CheckSettings) -> tuple[Finding, ...]:
             read_config(settings.config),
             None if settings.context is None else read_context(settings.context),
             None if settings.program is None else read_calls(settings.program),
-            None if settings.cell is None else limits_of(_online(settings.cell)),
+            None if settings.cell is None else _limits(settings.cell),
             settings.ports,
         )
     )
 
 
-def limits_of(table: OnlineTable) -> OnlineLimits:
-    """What an ``[online]`` table promises the controller."""
+def limits_of(table: OnlineTable, *, override: bool | None = None) -> OnlineLimits:
+    """What an ``[online]`` table promises the controller; ``override``: there is a table ``[override]``."""
     return OnlineLimits(
         correction_mm=table.correction_mm,
         correction_deg=table.correction_deg,
@@ -107,6 +107,7 @@ def limits_of(table: OnlineTable) -> OnlineLimits:
         period_ms=table.period_ms,
         axes=table.output == "axes",
         orientation=table.orientation,
+        override=override,
     )
 
 
@@ -133,7 +134,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         settings.host,
         settings.port,
         settings.sentype,
-        limits_of(table),
+        limits_of(table, override=cell.tables.override is not None),
         currents=table.torque_per_current_nm is not None,
         override=cell.tables.override is not None,
         generation=controller.rsi_generation(str(settings.cell)),
@@ -187,8 +188,9 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
     return summary
 
 
-def _online(cell: Path) -> OnlineTable:
-    return _online_of(read_cell(cell).tables, cell)
+def _limits(cell: Path) -> OnlineLimits:
+    tables = read_cell(cell).tables
+    return limits_of(_online_of(tables, cell), override=tables.override is not None)
 
 
 def _online_of(tables: CellTables, path: Path) -> OnlineTable:

@@ -18,6 +18,7 @@ _WRITTEN: Final = re.compile(r"(\$(?:SEN_PREA|SEN_PINT|OUT|FLAG)\[\s*\d+\s*\])\s
 _ROUTINE: Final = re.compile(r"(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+(\w+)\s*\(", re.IGNORECASE)
 _OPENS: Final = re.compile(r"(IF\b.*\bTHEN\b|CASE\b|DEFAULT\b)", re.IGNORECASE)
 _CLOSES: Final = re.compile(r"(ENDIF|ENDSWITCH)\b", re.IGNORECASE)
+_INTERRUPT: Final = re.compile(r"(?:GLOBAL\s+)?INTERRUPT\s+DECL\b", re.IGNORECASE)
 _NAMED: Final = re.compile(r"(\w+)\s*\(([^()]*)\)\s*$")
 
 
@@ -27,9 +28,10 @@ class Statement:
 
     Attributes:
         line: Number in the file, from 1.
-        what: ``RSI_ON``, ``LIN``, ``HALT``, ``WAIT``, ``WHILE`` (also REPEAT: a loop on a condition), ``CALL``,
-            ``WRITE``, ``RSIOK``.
-        arguments: Of a call; name and arguments of a called routine; variable that is written, and what with.
+        what: ``RSI_ON``, ``LIN``, ``HALT``, ``WAIT``, ``WHILE`` (also REPEAT: a loop on a condition), ``INTERRUPT``,
+            ``CALL``, ``WRITE``, ``RSIOK``.
+        arguments: Of a call; name and arguments of a called routine; variable that is written, and what with; the
+            line of a condition, in capitals and without blanks.
         guarded: It stands inside IF or CASE.
         result: Variable that takes the result of a call, or empty.
     """
@@ -146,9 +148,11 @@ def _statements(line: str, number: int, guarded: bool) -> list[Statement]:
     if line.upper() == "HALT":
         return [Statement(number, "HALT", (), guarded)]
     if re.match(r"WAIT\s+FOR\b", line, re.IGNORECASE):
-        return [Statement(number, "WAIT", (), guarded)]
+        return [Statement(number, "WAIT", (_condition(line),), guarded)]
     if re.match(r"(WHILE|REPEAT)\b", line, re.IGNORECASE):
-        return [Statement(number, "WHILE", (), guarded)]
+        return [Statement(number, "WHILE", (_condition(line),), guarded)]
+    if _INTERRUPT.match(line):
+        return [Statement(number, "INTERRUPT", (_condition(line),), guarded)]
     written = _WRITTEN.match(line)
     if written:
         return [Statement(number, "WRITE", (re.sub(r"\s", "", written[1]).upper(), written[2].strip()), guarded)]
@@ -157,6 +161,10 @@ def _statements(line: str, number: int, guarded: bool) -> list[Statement]:
         return []
     given = tuple(word.strip() for word in called[2].split(",")) if called[2].strip() else ()
     return [Statement(number, "CALL", (called[1], *given), guarded)]
+
+
+def _condition(line: str) -> str:
+    return re.sub(r"\s", "", line).upper()
 
 
 def _result(line: str) -> str:

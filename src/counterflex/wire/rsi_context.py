@@ -7,7 +7,7 @@ Two forms are read: ``.rsi.xml`` (RSI 3: root ``RSIObjects``, indices from 1) an
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 from xml.etree.ElementTree import Element
@@ -46,6 +46,8 @@ class ContextObject:
         inputs: Wired inputs.
         parameters: Texts by name, as written.
         public: Parameters that are marked public: only these may be set by RSI_SETPUBLICPAR.
+        type_number: ObjTypeID, by which the controller knows the type; None where the file gives none.
+        parameter_numbers: ParamID of parameters by name, likewise.
     """
 
     kind: str
@@ -53,6 +55,8 @@ class ContextObject:
     inputs: tuple[Input, ...]
     parameters: dict[str, str]
     public: frozenset[str] = frozenset()
+    type_number: int | None = None
+    parameter_numbers: dict[str, int] = field(default_factory=dict)
 
     def number(self, parameter: str, default: float) -> float:
         """Value of a parameter; ``default`` where the file does not give it.
@@ -76,10 +80,12 @@ class RsiContextFile:
     Attributes:
         objects: In the order of the file.
         where: Path, for messages.
+        first_index: Number of the first port in the file: 1 (RSI 3) or 0 (RSI 4 and later).
     """
 
     objects: tuple[ContextObject, ...]
     where: str = ""
+    first_index: int = 1
 
     def of_kind(self, kind: str) -> tuple[ContextObject, ...]:
         """Objects of a type, given in capitals."""
@@ -153,7 +159,7 @@ def parse_context(text: bytes, where: str) -> RsiContextFile:
         raise FileFormatError("two objects have one name", where=where, value=twice)
     if not found:
         raise FileFormatError("the context has no objects", where=where)
-    return RsiContextFile(tuple(found), where)
+    return RsiContextFile(tuple(found), where, first)
 
 
 def _local(element: Element) -> str:
@@ -165,7 +171,7 @@ def _object(element: Element, first: int, where: str) -> ContextObject:
     kind, name = given.get("objtype", "").upper(), given.get("objid", "")
     if not kind or not name:
         raise FileFormatError("an object has no ObjType or no ObjID", where=where, value=name or kind or None)
-    inputs, parameters, public = [], {}, set()
+    inputs, parameters, public, numbers = [], {}, set(), {}
     for child in element.iter():
         values = _attributes(child)
         if _local(child).lower() == "input":
@@ -182,9 +188,17 @@ def _object(element: Element, first: int, where: str) -> ContextObject:
             )
         elif _local(child).lower() == "parameter":
             parameters[values.get("name", "")] = values.get("paramvalue", "")
+            number = _whole(values.get("paramid", ""))
+            if number is not None:
+                numbers[values.get("name", "")] = number
             if values.get("ispublic", "").lower() in ("true", "1"):
                 public.add(values.get("name", ""))
-    return ContextObject(kind, name, tuple(inputs), parameters, frozenset(public))
+    type_number = _whole(given.get("objtypeid", ""))
+    return ContextObject(kind, name, tuple(inputs), parameters, frozenset(public), type_number, numbers)
+
+
+def _whole(text: str) -> int | None:
+    return int(text) if text.isascii() and text.isdigit() and len(text) <= 6 else None
 
 
 def _attributes(element: Element) -> dict[str, str]:

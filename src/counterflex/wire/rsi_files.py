@@ -12,7 +12,6 @@ from typing import Final
 from xml.sax.saxutils import escape
 
 from counterflex.core.errors import InputError
-from counterflex.core.units import DEG, MM
 from counterflex.wire.rsi_blocks import Block
 from counterflex.wire.rsi_context_file import context_file
 from counterflex.wire.rsi_editor_files import controller_file, diagram_file, model_file
@@ -27,7 +26,6 @@ STATE_INDEX: Final = 3
 CORRECTION_INDEX: Final = 4
 """First of six indices of $SEN_PREA in which the controller says what it has corrected, mm and deg."""
 _MARGIN: Final = 1.2
-_LEVER_M: Final = 0.2
 
 
 @dataclass(frozen=True)
@@ -86,9 +84,7 @@ class RsiFiles:
     @property
     def axis_clamp_deg(self) -> float:
         """Limit of AXISCORR per axis: the hard limit of the tool's correction on a lever of 0.2 m, and a fifth."""
-        limits = self.limits
-        angle = limits.correction_mm * MM / _LEVER_M / DEG + limits.correction_deg
-        return _up(angle * limits.hard_factor * _MARGIN)
+        return _up(self.limits.axis_deg * self.limits.hard_factor * _MARGIN)
 
     def public_parameters(self) -> tuple[tuple[str, str, float], ...]:
         """Object, parameter and value of every limit that the program sets again by RSI_SETPUBLICPAR."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import PureWindowsPath
 from typing import Final
 
@@ -18,6 +18,11 @@ _BASE: Final = 1
 _TIMEOUT_LEAST: Final = 5
 _TIMEOUT_MS: Final = (100, 400)
 _EXIT_MOVECORR: Final = 4
+_STOP_MODES: Final = (0, 1, 2, 3, 4)
+_WIDE: Final = 1.5
+_WIDE_MONITOR: Final = 2.0
+_ROUNDING: Final = 0.01
+_LARGEST_LIMIT: Final = 20.0
 
 
 def ethernet_object(setup: Setup) -> Iterator[Finding]:
@@ -220,6 +225,54 @@ def own_limits(setup: Setup) -> Iterator[Finding]:
         )
 
 
+def wide_limits(setup: Setup) -> Iterator[Finding]:
+    """The limits of the controller are the last barrier behind the loop: they end near what the loop may send."""
+    limits = setup.limits
+    if limits is None or setup.context is None:
+        return
+    rows: list[tuple[ContextObject, str, float, float, float, str]] = []
+    if not limits.axes:
+        mm, deg = limits.correction_mm * limits.hard_factor, limits.correction_deg * limits.hard_factor
+        for item in setup.context.of_kind("POSCORR"):
+            rows += _sides(setup, item, "XYZ", mm, "mm")
+            angle = setup.parameter(item, "MaxRotAngle", LIMIT_DEFAULT)
+            rows.append((item, "MaxRotAngle", angle, deg, _WIDE * deg, "deg"))
+        for item in setup.context.of_kind("POSCORRMON"):
+            for name, own, unit in (("MaxTrans", mm, "mm"), ("MaxRotAngle", deg, "deg")):
+                top = max(MONITOR_DEFAULT, _WIDE_MONITOR * own)
+                rows.append((item, name, setup.parameter(item, name, MONITOR_DEFAULT), own, top, unit))
+    else:
+        for item in setup.context.of_kind("AXISCORR"):
+            rows += _sides(setup, item, [f"A{i}" for i in range(1, 7)], limits.axis_deg * limits.hard_factor, "deg")
+    for item, name, found, own, top, unit in rows:
+        if found > top + _ROUNDING:
+            yield Finding(
+                "wide-limit",
+                "error" if found > _LARGEST_LIMIT else "warning",
+                setup.within(item, name),
+                "a fault of the loop may move the tool further than the cell file allows"
+                + ("" if _given(setup, item, name) else " (the default, nothing is written)"),
+                f"{found:g} {unit}",
+                f"{own:g} (hard limit of the cell's [online]) .. {top:g} {unit}",
+                "Lower it, here or by RSI_SETPUBLICPAR",
+            )
+
+
+def _sides(
+    setup: Setup, item: ContextObject, axes: Sequence[str], own: float, unit: str
+) -> Iterator[tuple[ContextObject, str, float, float, float, str]]:
+    for axis in axes:
+        low = -setup.parameter(item, f"LowerLim{axis}", -LIMIT_DEFAULT)
+        high = setup.parameter(item, f"UpperLim{axis}", LIMIT_DEFAULT)
+        yield item, f"{'LowerLim' if low > high else 'UpperLim'}{axis}", max(low, high), own, _WIDE * own, unit
+
+
+def _given(setup: Setup, item: ContextObject, name: str) -> bool:
+    return name in item.parameters or (
+        setup.program is not None and (item.name, name) in setup.program.public_parameters()
+    )
+
+
 def stop_mode(setup: Setup) -> Iterator[Finding]:
     """The STOP object must stop a programmed path."""
     if setup.context is None:
@@ -227,7 +280,17 @@ def stop_mode(setup: Setup) -> Iterator[Finding]:
     moved = setup.program is not None and setup.program.first("RSI_MOVECORR") is not None
     for item in setup.context.of_kind("STOP"):
         mode = setup.parameter(item, "Mode", _EXIT_MOVECORR)
-        if mode == 0 or (mode == _EXIT_MOVECORR and not moved):
+        if mode not in _STOP_MODES:
+            yield Finding(
+                "stop-mode",
+                "error",
+                setup.within(item, "Mode"),
+                "there is no such stop",
+                f"{mode:g}",
+                "1 (PathNormal), 2 (Velocity) or 3 (PathFast)",
+                "Set Mode to 1",
+            )
+        elif mode == 0 or (mode == _EXIT_MOVECORR and not moved):
             yield Finding(
                 "stop-mode",
                 "error" if mode == 0 or setup.program is not None else "warning",
@@ -275,6 +338,7 @@ RULES: Final[tuple[Rule, ...]] = (
     timeout,
     correction_limits,
     own_limits,
+    wide_limits,
     stop_mode,
     context_name,
 )

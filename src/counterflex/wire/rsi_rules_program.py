@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from counterflex.wire.rsi_context import decimal
-from counterflex.wire.rsi_setup import Finding, Rule, Setup
+from counterflex.wire.rsi_setup import Finding, Rule, Setup, told_variables
 
 _POINT_TO_POINT: Final = ("PTP", "PTP_REL", "SPTP")
 _SPLINE: Final = ("SLIN", "SCIRC", "SPL", "SPLINE")
@@ -193,6 +193,13 @@ def enable_written(setup: Setup) -> Iterator[Finding]:
     on, off = setup.program.first("RSI_ON"), setup.program.first("RSI_OFF")
     waits = [item.line for item in items if item.what in ("WAIT", "WHILE") and not item.guarded]
     path = next((item.line for item in items if on and item.line > on.line and item.what in _PATH), None)
+    state = told_variables(setup, "State")
+    armed = [
+        item.line
+        for item in items
+        if item.what in ("WAIT", "WHILE") and not item.guarded
+        if not state or any(name in item.arguments[0] for name in state)
+    ]
     switched = [
         item.line
         for item in written
@@ -202,15 +209,25 @@ def enable_written(setup: Setup) -> Iterator[Finding]:
         and decimal(item.arguments[1]) != 0.0
         and item.arguments[1].upper() != "FALSE"
     ]
-    if on is not None and switched and not any(on.line < line < switched[0] for line in waits):
+    if on is not None and switched and not any(on.line < line < switched[0] for line in armed):
         yield Finding(
             "blind-wait",
             "warning",
             setup.on_line(switched[0]),
             "the correction is enabled without a look whether the loop is armed: the path may run without it",
-            f"no condition between RSI_ON and {name} = ...",
+            f"no condition{' on ' + ', '.join(state) if state else ''} between RSI_ON and {name} = ...",
             "WAIT FOR, or WHILE with a time-out, on the tag State",
             "Wire State to $SEN_PREA and wait until it is 2",
+        )
+    elif path is not None and not switched:
+        yield Finding(
+            "enable-unset",
+            "warning",
+            setup.on_line(path),
+            "the program never sets what Enable is wired to: the correction is never switched on",
+            f"no {name} = 1 between RSI_ON and the first path motion",
+            f"{name} = 1 before the path, 0 behind it",
+            "Set it there, or correct the wiring",
         )
     if off is not None and writes[-1] < off.line and not any(writes[-1] < line < off.line for line in waits):
         yield Finding(

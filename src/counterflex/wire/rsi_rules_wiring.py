@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from counterflex.wire.rsi_context import ContextObject
+from counterflex.wire.rsi_context import ContextObject, Input, RsiContextFile
 from counterflex.wire.rsi_setup import Finding, Rule, Setup, Severity
 
 
@@ -47,6 +47,17 @@ def wired_corrections(setup: Setup) -> Iterator[Finding]:
                     f"input {right} of {kind}",
                     "Correct the wiring",
                 )
+        objects = sorted({end.name for end, _ in hits})
+        if len(objects) > 1:
+            yield Finding(
+                "two-corrections",
+                "error",
+                setup.at(value.tag.tag),
+                "the correction acts more than once: what two objects correct adds up",
+                " and ".join(objects),
+                f"one {kind}",
+                "Take one object out of the context",
+            )
         yield from _limits_on_the_way(setup, value.name, passed)
 
 
@@ -127,6 +138,16 @@ def wired_sent(setup: Setup) -> Iterator[Finding]:
                 "wired",
                 "Wire it, or take the tag out",
             )
+        elif tag.tag == "Enable" and _sensor_side(context, wire):
+            yield Finding(
+                "wrong-wire",
+                "error",
+                setup.at(tag.tag),
+                "the correction would be enabled by the sensor or by itself, not by the program",
+                f"output {wire.output} of {wire.source}",
+                "SEN_PREA, SEN_PINT or a digital signal that the program sets",
+                "Correct the wiring",
+            )
         elif tag.tag.endswith(".Stat"):
             source = context.named(wire.source)
             if source is None or source.kind not in ("POSCORR", "AXISCORR") or wire.output != 1:
@@ -152,4 +173,30 @@ def wired_sent(setup: Setup) -> Iterator[Finding]:
             )
 
 
-RULES: Final[tuple[Rule, ...]] = (wired_corrections, wired_commands, wired_sent)
+def _sensor_side(context: RsiContextFile, wire: Input) -> bool:
+    source = context.named(wire.source)
+    kinds = ("ETHERNET", "POSCORR", "POSCORRMON", "AXISCORR", "AXISCORREXT", "AXISCORRMON")
+    return source is not None and source.kind in kinds
+
+
+def override_asked(setup: Setup) -> Iterator[Finding]:
+    """The speed of the program is the loop's only where the cell says so."""
+    item, context, value = setup.ethernet, setup.context, setup.received.get("Override")
+    if item is None or context is None or setup.limits is None or setup.limits.override is not False:
+        return
+    if value is None or value.tag.channel is None:
+        return
+    for end, _ in context.reached(item.name, value.tag.channel)[0]:
+        if end.kind == "MAP2OV_PRO":
+            yield Finding(
+                "override-unasked",
+                "error",
+                setup.within(end),
+                "the loop sets the program's speed to 100 % in every cycle: the operator's own setting has no effect",
+                f"wired to {value.name}, no table [override] in the cell file",
+                "MAP2OV_PRO only with [override]",
+                "Take the object and the tag out, or add [override] to the cell file",
+            )
+
+
+RULES: Final[tuple[Rule, ...]] = (wired_corrections, wired_commands, wired_sent, override_asked)

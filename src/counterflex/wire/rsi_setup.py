@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
+from counterflex.core.units import DEG, MM
 from counterflex.wire.rsi_calls import RsiCalls
 from counterflex.wire.rsi_config import RsiConfig, Value
 from counterflex.wire.rsi_context import ContextObject, RsiContextFile
@@ -13,6 +14,7 @@ from counterflex.wire.rsi_context import ContextObject, RsiContextFile
 Severity = Literal["error", "warning"]
 POSE: Final = tuple(f"RKorr.{axis}" for axis in "XYZABC")
 AXIS_WORDS: Final = ("AKorr", "AK")
+_LEVER_M: Final = 0.2
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,7 @@ class OnlineLimits:
         period_ms: Cycle, 4 or 12.
         axes: Axis corrections are sent, not Cartesian ones.
         orientation: The orientation is corrected too.
+        override: The cell lets the loop change the speed of the program; None where nobody says.
     """
 
     correction_mm: float
@@ -62,6 +65,12 @@ class OnlineLimits:
     period_ms: int
     axes: bool = False
     orientation: bool = False
+    override: bool | None = None
+
+    @property
+    def axis_deg(self) -> float:
+        """Largest correction of one axis: that of the tool on a lever of 0.2 m, and its angle, deg."""
+        return self.correction_mm * MM / _LEVER_M / DEG + self.correction_deg
 
 
 @dataclass(frozen=True)
@@ -132,3 +141,13 @@ class Setup:
 
 
 Rule = Callable[[Setup], Iterator[Finding]]
+
+
+def told_variables(setup: Setup, name: str) -> tuple[str, ...]:
+    """Variables ``$SEN_PREA[n]`` and ``$SEN_PINT[n]`` that a tag of the answer arrives in, as KRL writes them."""
+    item, value = setup.ethernet, setup.received.get(name)
+    if setup.context is None or item is None or value is None or value.tag.channel is None:
+        return ()
+    ends, _ = setup.context.reached(item.name, value.tag.channel)
+    words = {"MAP2SEN_PREA": "$SEN_PREA", "MAP2SEN_PINT": "$SEN_PINT"}
+    return tuple(f"{words[end.kind]}[{int(end.number('Index', 1.0))}]" for end, _ in ends if end.kind in words)
