@@ -104,6 +104,14 @@ def test_bad_input_is_one_clear_line(tmp_path: Path, cell: Path) -> None:
     assert "100" in said
 
 
+def test_the_compensated_program_is_not_written_over(tmp_path: Path, cell: Path) -> None:
+    before = (tmp_path / "p.mod").read_bytes()
+    code, said = told("egm", "make", "--cell", cell, "--program", tmp_path / "p.mod", "--out", tmp_path)
+    assert code == 2
+    assert "written over" in said
+    assert (tmp_path / "p.mod").read_bytes() == before
+
+
 def test_run_and_twin_need_one_protocol(tmp_path: Path, cell: Path) -> None:
     _, said = told("run", "--cell", cell, "--out", tmp_path / "log")
     assert "--rsi FILE for a KUKA robot or --egm for an ABB one" in said

@@ -330,3 +330,44 @@ def test_around_a_program_that_compensate_wrote(shop: Path, counterflex: Callabl
         *("--krl", "robot/part.src", "--cell", "cell.toml"),
     )
     assert (ended.status, ended.out) == (0, "0 errors, 0 warnings\n")
+
+
+BRANCHES = {
+    "around its begin": ("LIN {X 0.0000", "IF $IN[1] THEN\nLIN {X 0.0000"),
+    "loop that ends behind it": ("LIN {X 0.0000", "LIN {X 0,Y 0,Z 6,A 0,B 90,C 0}\nLOOP\nLIN {X 0.0000"),
+    "left early": ("LIN {X 0.0000", "LIN {X 0,Y 0,Z 6,A 0,B 90,C 0}\nIF $IN[1] THEN\nRETURN\nENDIF\nLIN {X 0.0000"),
+    "jump": ("LIN {X 0.0000", "LIN {X 0,Y 0,Z 6,A 0,B 90,C 0}\nGOTO last\nLIN {X 0.0000"),
+    "other base": ("LIN {X 0.0000", "LIN {X 0,Y 0,Z 6,A 0,B 90,C 0}\n$BASE=BASE_DATA[2]\nLIN {X 0.0000"),
+    "output of the safety PLC": ("LIN {X 0.0000", "$OUT[ 31]=FALSE\nLIN {X 0.0000"),
+    "other routine than the file": ("DEF part( )", "DEF other( )"),
+}
+
+
+@pytest.mark.parametrize("case", BRANCHES.values(), ids=list(BRANCHES))
+def test_a_program_that_may_leave_its_path_with_the_correction_on_is_refused(shop: Path, case: tuple[str, str]) -> None:
+    old, new = case
+    with_rsi(shop, 'rsi_version = "4.1"\ncorrection_output = 31')
+    made(shop, program=shop / "krl/part.src")
+    text = COMPENSATED.replace(*case)
+    if old.startswith("LIN"):
+        text = text.replace("part_001( )\n", "")  # the path of the main file alone
+    assert new in text
+    (shop / "krl/part.src").write_text(text, encoding="latin-1")
+    with pytest.raises(ProgramError):
+        make(MakeSettings(shop / "cell.toml", shop / "krl/part.src"), shop / "again")
+    assert not (shop / "again").exists()
+
+
+def test_the_compensated_program_is_not_written_over(shop: Path) -> None:
+    with pytest.raises(InputError, match="written over"):
+        make(MakeSettings(shop / "cell.toml", shop / "krl/part.src"), shop / "krl")
+    assert (shop / "krl/part.src").read_text(encoding="latin-1") == COMPENSATED
+
+
+def test_a_program_of_no_plan_is_told(shop: Path) -> None:
+    summary = make(MakeSettings(shop / "cell.toml", shop / "krl/part.src"), shop / "robot")
+    assert any("0 marks of a job" in line for line in summary["warnings"])
+    marked = COMPENSATED.replace("; a comment", "; counterflex job 452f96504e90f0b6")
+    (shop / "krl/part.src").write_text(marked, encoding="latin-1")
+    summary = make(MakeSettings(shop / "cell.toml", shop / "krl/part.src"), shop / "again")
+    assert not any("marks of a job" in line for line in summary["warnings"])

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app.egm_readme import readme
-from counterflex.app.robot_folder import read_program, refuse_errors, unwatched, write_folder
+from counterflex.app.robot_folder import apart_from, read_program, refuse_errors, unwatched, write_folder
 from counterflex.core.errors import FileFormatError, ProgramError
 from counterflex.core.units import MS
 from counterflex.files.cell import Cell, read_cell
@@ -90,6 +90,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         InputError: EGM cannot do what the cell file wants; what would be written has a finding of severity error.
         ProgramError: The program cannot run under EGM.
     """
+    apart_from(out, settings.program)
     cell = read_cell(settings.cell)
     online = cell.tables.online
     if online is None:

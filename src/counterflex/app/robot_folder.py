@@ -46,6 +46,22 @@ def read_program(path: Path, suffixes: tuple[str, ...], what: str, language: str
     return data.decode(_ENCODING)
 
 
+def apart_from(out: str | Path, program: Path | None) -> None:
+    """Check that what is written does not lie over the program that it is made of.
+
+    Raises:
+        InputError: The folder is the program's own.
+    """
+    if program is not None and Path(out).resolve() == program.resolve().parent:
+        raise InputError(
+            "the program would be written over by itself with the correction in it",
+            where="--out",
+            value=str(out),
+            limit=f"another folder than that of {program.name}",
+            hint="Give a folder of its own, for example robot",
+        )
+
+
 def refuse_errors(findings: Iterable[Finding]) -> None:
     """Refuse to write what has a finding of severity error.
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
-from counterflex.app.robot_folder import read_program, refuse_errors, unwatched, write_folder
+from counterflex.app.robot_folder import apart_from, read_program, refuse_errors, unwatched, write_folder
 from counterflex.app.rsi_readme import readme
 from counterflex.core.errors import FileFormatError
 from counterflex.files.cell import read_cell
@@ -15,7 +15,7 @@ from counterflex.files.cell_controller import ControllerTable
 from counterflex.files.cell_online import OnlineTable
 from counterflex.files.cell_schema import CellTables
 from counterflex.programs.job_mark import marks
-from counterflex.programs.krl_rsi import RsiSwitching, called, check_path, link_test, with_correction
+from counterflex.programs.krl_rsi import RsiSwitching, called, check_main, check_path, link_test, with_correction
 from counterflex.wire.rsi_calls import parse_calls, read_calls
 from counterflex.wire.rsi_config import parse_config, read_config
 from counterflex.wire.rsi_context import parse_context, read_context
@@ -126,6 +126,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         InputError: Address or limits cannot be used: what would be written has a finding of severity error.
         ProgramError: The program cannot run under correction.
     """
+    apart_from(out, settings.program)
     cell = read_cell(settings.cell)
     table = _online_of(cell.tables, settings.cell)
     controller = cell.tables.controller
@@ -180,12 +181,23 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         },
         "warnings": [
             *(item.line() for item in findings),
+            *_unmarked(settings.program, programs[main]),
             *unwatched(controller.correction_output, "correction_output"),
         ],
         "counterflex": __version__,
     }
     write_folder(out, programs, texts, summary)
     return summary
+
+
+def _unmarked(program: Path | None, text: str) -> tuple[str, ...]:
+    """What to say of a program that does not say which plan it belongs to."""
+    if program is None or len(marks(text)) == 1:
+        return ()
+    return (
+        f"warning: {program.name} does not say of which plan it is ({len(marks(text))} marks of a job, not 1): the "
+        "loop cannot tell a program of another plan; give the program as compensate wrote it",
+    )
 
 
 def _limits(cell: Path) -> OnlineLimits:
@@ -215,6 +227,7 @@ def _programs(
             (),
         )
     text = _krl(program)
+    check_main(text, program.stem, program.name)
     beside = [name for name in called(text) if program.with_name(f"{name}.src").is_file()]
     found = {program.name: with_correction(text, switching, program.name, beside)}
     elsewhere = []
@@ -225,7 +238,7 @@ def _programs(
                 elsewhere.append(name)
                 continue
             found[source.name] = _krl(source)
-            check_path(found[source.name].splitlines(), source.name)
+            check_path(found[source.name].splitlines(), source.name, output=switching.output)
         if data.is_file():
             found[data.name] = _krl(data)
     return found, program.name, tuple(elsewhere)

@@ -30,7 +30,10 @@ _DECLARATION: Final = re.compile(
     re.IGNORECASE,
 )
 _INITIALISED: Final = re.compile(r"\bBAS\s*\(\s*#INITMOV\b", re.IGNORECASE)
-_TOOL: Final = re.compile(r"\s*\$TOOL\s*=", re.IGNORECASE)
+_TOOL: Final = re.compile(r"\s*\$(?:TOOL|BASE|IPO_MODE)\s*=", re.IGNORECASE)
+_OPENS: Final = re.compile(r"\s*(?:IF\b.*\bTHEN|LOOP|FOR|WHILE|REPEAT|SWITCH)\b", re.IGNORECASE)
+_CLOSES: Final = re.compile(r"\s*(?:ENDIF|ENDLOOP|ENDFOR|ENDWHILE|UNTIL|ENDSWITCH)\b", re.IGNORECASE)
+_LEAVES: Final = re.compile(r"\s*(?:GOTO|RETURN|EXIT)\b", re.IGNORECASE)
 _AT_ZERO: Final = 0.005
 _ARMED: Final = "($SEN_PREA[{0}]>1.5) AND ($SEN_PREA[{0}]<2.5)"
 
@@ -99,7 +102,7 @@ def with_correction(text: str, switching: RsiSwitching, where: str, parts: Colle
     if end is None:
         raise ProgramError("the program is cut off: no END", where=where)
     body = range(begin + 1, end)
-    check_path(lines, where, first_only=True)
+    check_path(lines, where, first_only=True, output=switching.output)
     starts = [i for i in body if _POINT_TO_POINT.match(_code(lines[i]))]
     early = next((i for i in body if _PATH.match(_code(lines[i])) and (not starts or i < starts[0])), None)
     if early is not None:
@@ -122,6 +125,7 @@ def with_correction(text: str, switching: RsiSwitching, where: str, parts: Colle
     halt = next((i for i in range(path, after) if _HALT.match(_code(lines[i]))), None)
     if halt is not None:
         raise _no_stop(where, halt, lines[halt])
+    _straight(lines, where, begin + 1, path, after)
     first = begin + 1
     while first < starts[0] and (not _code(lines[first]).strip() or _DECLARATION.match(lines[first])):
         first += 1
@@ -143,6 +147,30 @@ def with_correction(text: str, switching: RsiSwitching, where: str, parts: Colle
     return end_of_line.join([*out, ""])
 
 
+def check_main(text: str, name: str, where: str) -> None:
+    """Check that a controller loads a program: its file has the name of its main routine, and a name that KRL takes.
+
+    Args:
+        text: Of the ``.src`` file.
+        name: Of the file, without its ending.
+        where: For messages.
+
+    Raises:
+        ProgramError: They differ.
+        InputError: The name is too long or holds other characters than letters, digits and underscores.
+    """
+    check_name(name, KRL, "KRL")
+    routine = next((match[1] for line in text.splitlines() if (match := _ROUTINE.match(_code(line)))), None)
+    if routine is not None and routine.lower() != name.lower():
+        raise ProgramError(
+            "the file does not have the name of its main routine: the controller does not load it",
+            where=where,
+            value=f"DEF {routine}( )",
+            limit=f"DEF {name}( )",
+            hint="Rename the file back to what compensate wrote",
+        )
+
+
 def called(text: str) -> tuple[str, ...]:
     """Names of the routines that the main routine of a KRL text calls without arguments, in order, each once."""
     found: dict[str, None] = {}
@@ -157,13 +185,41 @@ def called(text: str) -> tuple[str, ...]:
     return tuple(found)
 
 
-def check_path(lines: Sequence[str], where: str, *, first_only: bool = False) -> None:
+def _straight(lines: Sequence[str], where: str, begin: int, path: int, after: int) -> None:
+    """Check that whoever enters the path leaves it at its end: what switches the correction off is always reached."""
+    depth: list[int] = []
+    for i in range(begin, after):
+        line = _code(lines[i])
+        if i == path and depth:
+            raise _not_straight(where, depth[-1], lines[depth[-1]])
+        if _OPENS.match(line):
+            depth.append(i)
+        elif _CLOSES.match(line) and depth:
+            depth.pop()
+        elif i >= path and _LEAVES.match(line):
+            raise _not_straight(where, i, lines[i])
+    if depth:
+        raise _not_straight(where, depth[-1], lines[depth[-1]])
+
+
+def _not_straight(where: str, index: int, line: str) -> ProgramError:
+    return ProgramError(
+        "the path is entered or left under a condition: the correction would not always be switched off behind it",
+        where=f"{where}:{index + 1}",
+        value=line.strip()[:60],
+        limit="a path without branches, loops around it, GOTO, RETURN and EXIT",
+        hint="Give the program as compensate wrote it",
+    )
+
+
+def check_path(lines: Sequence[str], where: str, *, first_only: bool = False, output: int | None = None) -> None:
     """Check that a file holds nothing that may not run under correction.
 
     Args:
         lines: Of the file.
         where: Its name, for messages.
         first_only: It is the main file: PTP, tools and stops are judged elsewhere.
+        output: Number of $OUT that says whether the correction may act: nobody else may set it.
 
     Raises:
         ProgramError: PTP, a spline motion, another tool, a stop for a person, a call of RSI, a name or an interrupt
@@ -190,6 +246,14 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False) ->
                 where=f"{where}:{i + 1}",
                 value=line.strip(),
                 hint="Give the program as compensate wrote it",
+            )
+        if output is not None and re.search(rf"\$OUT\s*\[\s*0*{output}\s*\]", line, re.IGNORECASE):
+            raise ProgramError(
+                "the program uses the output that tells a safety PLC whether the correction may act",
+                where=f"{where}:{i + 1}",
+                value=line.strip()[:60],
+                limit=f"$OUT[{output}] free",
+                hint="Give controller.correction_output of the cell file another number",
             )
         if taken := _TAKEN.search(line):
             raise ProgramError(
@@ -263,10 +327,10 @@ def _no_stop(where: str, index: int, line: str) -> ProgramError:
 
 def _one_tool(where: str, index: int, line: str) -> ProgramError:
     return ProgramError(
-        "the tool is changed on the path, under correction",
+        f"the {'tool' if '$TOOL' in line.upper() else 'frame'} is changed on the path, under correction",
         where=f"{where}:{index + 1}",
         value=line.strip(),
-        limit="one tool from the start position to the end",
+        limit="one tool and one base from the start position to the end",
         hint="Compensate the part of the program of each tool by itself, and make a set-up for each",
     )
 
