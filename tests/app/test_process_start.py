@@ -78,8 +78,15 @@ def test_who_does_not_come_up_is_not_waited_for_without_end(monkeypatch: pytest.
     with pytest.raises(OutputError, match="the loop's process does not come up.*silent") as told:
         first_word(cast(Any, None), ours, "the loop's process", lambda: 0)
     assert "Nothing was sent to the robot" in str(told.value)
+    asked: list[int] = []
+
+    def alive_ns() -> int:
+        asked.append(time.monotonic_ns())
+        assert len(asked) < 1000, "waited for without end"
+        return asked[-1]
+
     with pytest.raises(OutputError, match="does not get ready"):  # it lives, and lives, and is never ready
-        first_word(cast(Any, None), ours, "the loop's process", time.monotonic_ns)
+        first_word(cast(Any, None), ours, "the loop's process", alive_ns)
 
 
 def test_what_it_could_not_do_and_its_death_are_told() -> None:

@@ -112,6 +112,16 @@ def test_samples_at_uneven_instants_are_taken_at_their_stamps(seed: int) -> None
     assert found.sigma("delay") < 50e-6
 
 
+def test_a_reference_at_uneven_instants_is_taken_at_its_stamps() -> None:
+    rng = np.random.default_rng(110)
+    pair = pair_of(rng, delay=0.0113, noise=1e-6)
+    at = np.sort(pair.reference.time_s + rng.uniform(-1.5e-3, 1.5e-3, len(pair.reference.time_s)))
+    reference = replace(pair.reference, time_s=at, values=chirp(at)[:, None])
+    found = find_delay(replace(pair, reference=reference))
+    assert found.value("delay") == pytest.approx(0.0113, abs=4.0 * found.sigma("delay") + 5e-6)
+    assert found.sigma("delay") < 20e-6
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_jitter_of_the_stamps_widens_the_interval_and_does_not_shift_the_delay(seed: int) -> None:
     rng = np.random.default_rng(200 + seed)

@@ -315,6 +315,21 @@ def test_inverse_time_is_divided() -> None:
     assert sum(1.0 / f for f in feeds) == pytest.approx(0.5, rel=1e-5)
 
 
+def test_inverse_time_of_uneven_pieces_is_that_of_their_lengths() -> None:
+    """A correction near the start only: short pieces there, a long one behind, all at the speed of the block."""
+    program = read_gcode("G21 G90 G93\nG0 X0 Y0 Z0\nG1 X60 F2\nM2\n")
+    path = tool_path(program, step_m=1e-3)
+    shift = np.zeros((len(path), 3))
+    shift[:, 1] = 1e-4 * np.sin(200.0 * path.p_part_tcp[:, 0]) * (path.p_part_tcp[:, 0] < 0.0157)
+    shift[path.motion == 0] = 0.0
+    result = write_gcode(program, CompensatedPath.from_correction(path, shift), header=False)
+    times = 1.0 / np.array([float(f) for f in re.findall(r"F([\d.]+)", result.text)])
+    ends = np.array([m.p_end[0] for m in read_gcode(result.text).motions])[-len(times) :]
+    ways = np.diff(ends, prepend=0.0)
+    assert ways.max() > 3.0 * ways.min()
+    np.testing.assert_allclose(times, 0.5 * ways / 0.06, rtol=1e-3)
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_inverse_time_of_a_split_arc_is_divided_by_the_turn(side: float) -> None:
     """Pieces of an arc take the times of their shares of it: the sum is the block's time, each as long as its way."""

@@ -103,6 +103,23 @@ def test_a_part_that_stands_askew_about_two_axes_is_corrected_in_its_own_frame(t
     np.testing.assert_allclose(moved, found[:3], atol=1e-9)
 
 
+@pytest.mark.parametrize("turns", [(0.6, -0.4), (0.3, 2.5)])
+def test_a_turned_correction_is_turned_into_axis_angles_of_a_part_askew(turns: tuple[float, float]) -> None:
+    """``J(q) dq = (R c, R phi)``: orientation takes the part's axes to the base as translation does."""
+    T_base_part = pose.make(rotation.about_z(turns[0]) @ rotation.about_x(turns[1]), CELL.T_base_part[:3, 3])
+    both = np.kron(np.eye(2), T_base_part[:3, :3])
+    chosen = OnlineSettings(force=ForceMode.MEASURED, orientation=True, **WIDE)
+    loop = Loop(CELL.chain, chosen, T_base_part, straight())
+    for arm, enable in ((False, False), (True, False), (False, True)):
+        loop.feed(T_part_tcp=pose.make(R, np.zeros(3)), q=Q, arm=arm, enable=enable)
+        loop.run()
+    for k in range(400):
+        found = mill(loop, 0.05 + 1e-4 * k, six((-150.0, 400.0, -80.0)))
+    assert np.linalg.norm(found[3:]) > 1e-4
+    moved = both.T @ jacobian(CELL.chain, Q) @ loop.axes
+    np.testing.assert_allclose(moved, found, atol=1e-9)
+
+
 def test_what_was_held_fades_at_the_ramp_of_its_own_kind() -> None:
     """Translation and rotation have ramps of their own; neither takes that of the other."""
     constants, state, results = np.zeros(at.CONSTANTS), np.zeros(at.STATE), np.zeros(at.RESULTS)
