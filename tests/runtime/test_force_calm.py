@@ -9,12 +9,13 @@ from tests.runtime.test_plausibility import FEED, FORCE, Plant, straight
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM
+from counterflex.runtime import layout as at
 from counterflex.runtime import plausibility_kernel as pk
-from counterflex.runtime.force_calm_kernel import forget_calm, off_in_calm
+from counterflex.runtime.force_calm_kernel import forget_calm, known_in_air, off_in_calm
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.plausibility import Plausibility
 from counterflex.runtime.settings import ForceMode, ForceOffset
-from counterflex.runtime.supervisor import State
+from counterflex.runtime.supervisor import Cause, State
 
 _MODES = (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.FUSED)
 _ALONG_X = np.eye(3)
@@ -31,38 +32,61 @@ def _slot_with_a_gap(share: float = 1.0) -> LoopPlan:
     return plan
 
 
+def _differs(plant: Plant) -> bool:
+    return bool(plant.loop.outcome[at.O_DOUBT] & pk.DOUBT_DIFFERS)
+
+
 def _load(x: float, share: float = 1.0) -> Float:
     if not 0.03 < x < 0.17 or 0.1 < x < 0.104:
         return np.zeros(3)
     return FORCE if x < 0.1 else share * FORCE
 
 
-@pytest.mark.parametrize("reaction", [ForceOffset.PLAN, ForceOffset.HOLD])
-@pytest.mark.parametrize("mode", _MODES)
+def _second_cut(plant: Plant, sensed: Float, share: float = 1.0) -> float:
+    """Cut to the end of the second one, where the sensor shows something more; seconds until that is told."""
+    entered, told = -1, -1
+    while plant.x < 0.168:
+        load = _load(plant.x, share)
+        plant.cycle(load, sensed=load + sensed if plant.x >= 0.104 else load)
+        entered = plant.k if entered < 0 and plant.x >= 0.104 else entered
+        told = plant.k if told < 0 and (_doubted(plant) or _differs(plant)) else told
+        assert told < 0 or entered > 0
+    return (told - entered) * 4e-3 if told > 0 else -1.0
+
+
+@pytest.mark.parametrize(
+    ("mode", "reaction"),
+    [*((mode, ForceOffset.PLAN) for mode in _MODES), (ForceMode.FUSED, ForceOffset.HOLD)],
+)
 def test_a_step_that_hides_in_an_entry_is_told_and_not_followed_any_more(
     mode: ForceMode, reaction: ForceOffset
 ) -> None:
     """It comes with the load itself. What the first cut has shown tells in the second one (R17)."""
     plant = Plant(_slot_with_a_gap(), force=mode, force_offset=reaction).ready()
-    entered, told = -1, -1
-    while plant.x < 0.168 and plant.k < 4000:
-        load = _load(plant.x)
-        plant.cycle(load, sensed=load + _STEP if plant.x >= 0.104 else load)
-        entered = plant.k if entered < 0 and plant.x >= 0.104 else entered
-        told = plant.k if told < 0 and _doubted(plant) else told
-        assert told < 0 or entered > 0
-        if told > 0 and reaction == ForceOffset.HOLD and plant.k == told + 1:
-            break
-    assert 0 < (told - entered) * 4e-3 < 1.5
+    assert 0 < _second_cut(plant, _STEP) < 1.5
     assert _doubted(plant)
-    if mode == ForceMode.MEASURED and reaction == ForceOffset.PLAN:
+    assert plant.loop.state == State.ACTIVE
+    if mode == ForceMode.MEASURED:
         right = plant.loop.correction[:3].copy()
         clean = Plant(_slot_with_a_gap(), force=mode).ready()
         while clean.k < plant.k:
             clean.cycle(_load(clean.x))
         assert np.linalg.norm(right - clean.loop.correction[:3]) < 0.1 * MM
-    if reaction == ForceOffset.HOLD:
-        assert plant.loop.state == (State.ACTIVE if mode == ForceMode.FUSED else State.HOLD)
+
+
+@pytest.mark.parametrize("mode", [ForceMode.MEASURED, ForceMode.PILOT])
+def test_what_may_be_another_cut_holds_no_feed_in_the_cut_but_in_the_air_behind(mode: ForceMode) -> None:
+    """R17, the pair: the zero is off, or the stock is deeper. Told in both; the way in air tells which, and holds."""
+    for zero_n, share in ((_STEP, 1.0), (np.zeros(3), 1.6)):
+        plant = Plant(_slot_with_a_gap(), force=mode, force_offset=ForceOffset.HOLD).ready()
+        assert 0 < _second_cut(plant, zero_n, share) < 1.5
+        assert plant.loop.outcome[at.O_DEGRADED] == Cause.FORCE_DIFFERS
+        assert (plant.loop.state, plant.loop.outcome[at.O_FEED_HOLD]) == (State.ACTIVE, 0)
+        while plant.x < 0.195 and plant.loop.state == State.ACTIVE:
+            plant.cycle(_load(plant.x, share), sensed=_load(plant.x, share) + zero_n)
+        assert not _differs(plant) or share == 1.0
+        assert plant.loop.state == (State.HOLD if share == 1.0 else State.ACTIVE)
+        assert plant.loop.cause == (Cause.FORCE_OFFSET if share == 1.0 else Cause.NONE)
 
 
 @pytest.mark.parametrize("mode", _MODES)
@@ -155,6 +179,31 @@ def test_more_kinds_than_are_kept_replace_the_one_seen_least() -> None:
         assert not calm.cut(np.zeros(3), np.array([0.0, 0.0, 60.0 * 1.3**k]), _ALONG_X, 0.6)
     assert calm.counts[pk.K_CALM_ROWS] == pk.CALM_MOST
     assert calm.cut(_STEP, slot, _ALONG_X, 1.0)
+
+
+def test_a_cut_whose_air_behind_shows_the_zero_is_known_from_then_on() -> None:
+    """Deeper stock is told once, not in each cut of it; the shallow one stays known beside it."""
+    calm, slot, deeper = _Calm(), np.array([-110.0, 320.0, -60.0]), np.array([-80.0, 200.0, -40.0])
+    calm.cut(0.1 * slot, slot, _ALONG_X, 2.0)
+    assert calm.cut(deeper, slot, _ALONG_X, 1.0)
+    assert calm.counts[pk.K_CALM_TOLD] == 1
+    for k in range(calm.times[pk.T_STEP_BACK]):
+        assert calm.counts[pk.K_CALM_TOLD] == 1
+        known_in_air(k != 0, calm.times, calm.memory, calm.counts)
+    known_in_air(True, calm.times, calm.memory, calm.counts)
+    assert calm.counts[pk.K_CALM_TOLD] == 0
+    assert not calm.cut(deeper, slot, _ALONG_X, 2.0)
+    assert not calm.cut(0.1 * slot, slot, _ALONG_X, 2.0)
+    assert calm.cut(deeper + np.array([0.0, 0.0, 150.0]), slot, _ALONG_X, 1.0)
+
+
+def test_what_is_told_ends_where_the_cut_is_as_before() -> None:
+    """The stock is deeper for a second only: nothing is told behind it, without any air."""
+    calm, slot = _Calm(), np.array([-110.0, 320.0, -60.0])
+    calm.cut(0.1 * slot, slot, _ALONG_X, 2.0)
+    assert calm.cut(0.1 * slot + _STEP, slot, _ALONG_X, 1.0)
+    assert not calm.cut(0.1 * slot, slot, _ALONG_X, 1.0)
+    assert calm.counts[pk.K_CALM_TOLD] == 0
 
 
 def test_it_is_learnt_anew_once_forgotten() -> None:

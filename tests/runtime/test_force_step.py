@@ -15,6 +15,7 @@ from counterflex.files.cell_online import OnlineTable
 from counterflex.robot.chain import jacobian
 from counterflex.runtime import layout as at
 from counterflex.runtime import plausibility_kernel as pk
+from counterflex.runtime.force_doubt_kernel import idle_is_wrong
 from counterflex.runtime.fusion import Source
 from counterflex.runtime.plausibility import Plausibility
 from counterflex.runtime.settings import ForceMode, ForceOffset
@@ -176,7 +177,7 @@ def test_the_inertia_of_a_rapid_is_no_offset(swing_n: float, wrong: bool) -> Non
     limits, times = Plausibility().packed(4e-3)
     counts = np.zeros(pk.COUNTS, dtype=np.int64)
     measured = np.array([80.0, 0.0, 0.0, 0.0, 10.0, 0.0])
-    found = [pk.idle_is_wrong(measured, True, swing_n, limits, times, counts) for _ in range(200)]
+    found = [idle_is_wrong(measured, True, swing_n, limits, times, counts) for _ in range(200)]
     assert found[-1] == wrong
 
 
@@ -267,3 +268,15 @@ def test_the_cell_file_says_what_follows(name: str, reaction: int) -> None:
     assert OnlineTable(force_offset=name).force_offset == name  # type: ignore[arg-type]
     assert OnlineTable().force_offset == "hold"
     assert ForceOffset[name.upper()] == reaction
+
+
+def test_a_force_that_still_rings_after_a_change_of_speed_is_none() -> None:
+    """At 0.4 of the speed it rings by 120 N, stands 60 N off for 0.2 s, and comes back: the plan knew nothing of it."""
+    plant = _in_the_plateau(ForceMode.MEASURED, ForceOffset.HOLD)
+    for k in range(250):
+        plant.x -= 0.6 * 4e-3 * FEED
+        stands = -60.0 * min(max(k - 25, 0) / 40.0, 1.0, max(120 - k, 0) / 30.0)
+        ring = 120.0 * np.exp(-((k - 20.0) ** 2) / 60.0) + stands
+        plant.cycle(FORCE, sensed=FORCE + np.array([ring, 30.0 * min(k / 20.0, 1.0), 0.0]))
+        assert not _doubted(plant), k
+        assert plant.loop.state == State.ACTIVE

@@ -152,3 +152,17 @@ def age_s(then_ns: int, now_ns: int) -> float | None:
 
 def _shared(number: int, unit: float) -> float | None:
     return None if number < 0 else number * unit
+
+
+def force_said(status: Status) -> str:
+    """What to look at where the force is off the plan in the cut, for the status line; empty where it is not."""
+    if status.state < State.ACTIVE:
+        return ""
+    if Cause.FORCE_OFFSET in (status.cause, status.degraded):
+        return "  FORCE STEPPED: look for another zero of the sensor, a hit, deeper stock, harder material"
+    if status.degraded == Cause.FORCE_DIFFERS:
+        return (
+            "  FORCE OFF THE PLAN otherwise than in such cuts before, and followed: deeper stock or harder material;"
+            " or the sensor's zero, which the next way in air shows"
+        )
+    return ""

@@ -139,6 +139,7 @@ def run(
     from counterflex.app import online as job
     from counterflex.app.online_session import RunSettings
     from counterflex.app.process_events import shown_event
+    from counterflex.app.run_status import force_said
     from counterflex.links.session import SessionChecks
     from counterflex.runtime.fusion import level
 
@@ -188,6 +189,7 @@ def run(
                 f" {SessionChecks.force_n:g} N and {SessionChecks.moment_nm:g} N m; tried again ({status.tares}):"
                 " take the tool off the part, or identify the payload"
             )
+        trouble += force_said(status)
         if status.trouble:
             trouble += f"  INTERNAL: {status.trouble}"
         if status.foreign:

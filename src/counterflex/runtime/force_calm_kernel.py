@@ -14,6 +14,10 @@ swing, and a drift over seconds is never a step. Both stay. So what the calm cut
   by a factor of three pass, as they must: this is what the force is measured for.
 
 What is not off is learnt: the mean of a minute. A drift of that time, thermal or by wear, is followed.
+
+It can be another cut as well as the sensor's zero: deeper stock, harder material. The next way in air tells: a sensor
+that shows nothing there has its zero, and what was told is a kind of cut that is known from then on; one that shows
+something is found by the test in air, where a held feed leaves no mark.
 """
 
 from __future__ import annotations
@@ -22,21 +26,25 @@ from typing import Final
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
-from counterflex.runtime.force_change_kernel import apart, mean_rows, size
+from counterflex.runtime.force_change_kernel import STANDS_M, apart, mean_rows, size
 from counterflex.runtime.plausibility_kernel import (
     CALM_MOST,
     CALM_ROW,
     K_CALM,
+    K_CALM_AIR,
     K_CALM_LONG,
     K_CALM_OFF,
     K_CALM_ROWS,
+    K_CALM_TOLD,
     L_STEP_N,
     M_CALM,
     M_CALM_FIRST,
     M_CALM_LAST,
+    M_CALM_OTHER,
     M_CALM_SPREAD,
     M_CALM_SUM,
     M_STEP_BEFORE,
+    T_STEP_BACK,
     T_STEP_PERIOD,
 )
 
@@ -62,13 +70,13 @@ _KNOWN: Final = 4.0
 """Calm periods after which a kind is known."""
 _MEMORY: Final = 500.0
 _OFF: Final = 2
-_STANDS_M: Final = 4e-6
 
 
 @kernel("void(int64[::1])")
 def forget_calm(counts: Int) -> None:
     """What calm cuts have shown is learnt anew."""
     counts[K_CALM] = counts[K_CALM_LONG] = counts[K_CALM_OFF] = counts[K_CALM_ROWS] = 0
+    counts[K_CALM_TOLD] = counts[K_CALM_AIR] = 0
 
 
 @kernel("void(float64[::1], float64[::1], int64, boolean)")
@@ -96,23 +104,29 @@ def _unlike(now: Float, kind: Float) -> float:
 
 @kernel("int64(float64[::1], float64[::1], int64[::1], float64)")
 def _most_like(now: Float, memory: Float, counts: Int, least: float) -> int:
-    """Row of the kind of cut most like this one, of those seen so often; -1 where there is none."""
-    found, smallest = -1, 0.0
+    """Row of the kind of cut most like this one, of those seen so often; -1 where there is none.
+
+    Where the plan knows no difference between several, the one with the residual nearest to this one: a harder skin.
+    """
+    smallest = nearest = -1.0
+    found = -1
     for i in range(counts[K_CALM_ROWS]):
         row = memory[M_CALM + CALM_ROW * i : M_CALM + CALM_ROW * (i + 1)]
-        unlike = _unlike(now, row)
-        if row[_SEEN] >= least and (found < 0 or unlike < smallest):
-            found, smallest = i, unlike
+        if row[_SEEN] >= least:
+            unlike = _unlike(now, row)
+            smallest = unlike if smallest < 0.0 else min(smallest, unlike)
+    for i in range(counts[K_CALM_ROWS]):
+        row = memory[M_CALM + CALM_ROW * i : M_CALM + CALM_ROW * (i + 1)]
+        if row[_SEEN] >= least and _unlike(now, row) <= smallest + _EVEN_N:
+            off = apart(now, row)
+            if found < 0 or off < nearest:
+                found, nearest = i, off
     return found
 
 
-@kernel("void(float64[::1], float64[::1], int64[::1])")
-def _learn(now: Float, memory: Float, counts: Int) -> None:
-    """Into its kind, or as a new one; where there are too many in place of the one seen least."""
-    i = _most_like(now, memory, counts, 0.0)
-    new = i < 0 or _unlike(now, memory[M_CALM + CALM_ROW * i : M_CALM + CALM_ROW * (i + 1)]) > _EVEN_N + _EVEN * size(
-        now[_P:_WAY]
-    )
+@kernel("void(int64, boolean, float64[::1], float64, float64[::1], int64[::1])")
+def _keep(i: int, new: bool, now: Float, seen: float, memory: Float, counts: Int) -> None:
+    """Into row i, or as a new kind that counts as seen so often."""
     if new and counts[K_CALM_ROWS] < CALM_MOST:
         i = counts[K_CALM_ROWS]
         counts[K_CALM_ROWS] += 1
@@ -122,16 +136,43 @@ def _learn(now: Float, memory: Float, counts: Int) -> None:
             if memory[M_CALM + CALM_ROW * j + _SEEN] < memory[M_CALM + CALM_ROW * i + _SEEN]:
                 i = j
     row = memory[M_CALM + CALM_ROW * i : M_CALM + CALM_ROW * (i + 1)]
-    row[_SEEN] = 1.0 if new else min(row[_SEEN] + 1.0, _MEMORY)
+    row[_SEEN] = seen if new else min(row[_SEEN] + 1.0, _MEMORY)
     for k in range(_SEEN):
         row[k] = now[k] if new else row[k] + (now[k] - row[k]) / row[_SEEN]
+
+
+@kernel("void(float64[::1], float64[::1], int64[::1])")
+def _learn(now: Float, memory: Float, counts: Int) -> None:
+    """Into its kind, or as a new one; where there are too many in place of the one seen least."""
+    i = _most_like(now, memory, counts, 0.0)
+    new = i < 0 or _unlike(now, memory[M_CALM + CALM_ROW * i : M_CALM + CALM_ROW * (i + 1)]) > _EVEN_N + _EVEN * size(
+        now[_P:_WAY]
+    )
+    _keep(i, new, now, 1.0, memory, counts)
+
+
+@kernel("void(boolean, int64[::1], float64[::1], int64[::1])")
+def known_in_air(right: bool, times: Int, memory: Float, counts: Int) -> None:
+    """Take what was told for a kind of cut that is known, once the sensor has shown in air that its zero is right.
+
+    Args:
+        right: It shows next to nothing where nothing is cut.
+        times: (TIMES,).
+        memory: (REMEMBERED,); changed.
+        counts: (COUNTS,); changed.
+    """
+    counts[K_CALM_AIR] = counts[K_CALM_AIR] + 1 if right and counts[K_CALM_TOLD] == 1 else 0
+    if counts[K_CALM_AIR] >= times[T_STEP_BACK]:
+        _keep(-1, True, memory[M_CALM_OTHER : M_CALM_OTHER + _SEEN], _KNOWN, memory, counts)
+        counts[K_CALM_TOLD] = counts[K_CALM_AIR] = 0
 
 
 @kernel("boolean(float64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1])")
 def off_in_calm(feed: Float, limits: Float, times: Int, memory: Float, counts: Int, work: Float) -> bool:
     """Take the newest sample; whether the force has been off for two calm periods.
 
-    Then ``M_STEP_BEFORE`` holds what goes on in its place: the residual, planned force and way of its kind.
+    Then K_CALM_TOLD is 1 until such a period is not off, or a way in air tells (:func:`known_in_air`), and
+    ``M_STEP_BEFORE`` holds what goes on in its place: the residual, planned force and way of its kind.
 
     Args:
         feed: (9,) rows: unit vectors along the feed, across it, along the tool, part axes.
@@ -166,7 +207,7 @@ def off_in_calm(feed: Float, limits: Float, times: Int, memory: Float, counts: I
         now[_FEED + k] = feed[k]
     counts[K_CALM] = 0
     load = size(now[_P:_WAY])
-    even = spread[0] < _EVEN_N + _EVEN * load and spread[1] < _EVEN * now[_WAY] and now[_WAY] > _STANDS_M
+    even = spread[0] < _EVEN_N + _EVEN * load and spread[1] < _EVEN * now[_WAY] and now[_WAY] > STANDS_M
     even = even and load > 2.0 * _EVEN_N
     alike = apart(now, last) < _ALIKE_N + _ALIKE * load and apart(now[_P:_WAY], last[_P:_WAY]) < _EVEN_N + _EVEN * load
     for k in range(10):
@@ -188,12 +229,15 @@ def off_in_calm(feed: Float, limits: Float, times: Int, memory: Float, counts: I
             for k in range(10):
                 before[k] = row[k]
     if apart(now, before) <= largest:
-        counts[K_CALM_OFF] = 0
+        counts[K_CALM_OFF] = counts[K_CALM_TOLD] = 0
         _learn(now, memory, counts)
         return False
     counts[K_CALM_OFF] += 1
     if counts[K_CALM_OFF] < _OFF:
         return False
+    counts[K_CALM_TOLD] = 1
+    for k in range(_SEEN):
+        memory[M_CALM_OTHER + k] = now[k]
     for begin in range(0, _WAY, 3):
         _turn(feed, before, begin, True)
     counts[K_CALM_LONG] = counts[K_CALM_OFF] = 0

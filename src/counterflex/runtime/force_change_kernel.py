@@ -13,6 +13,7 @@ from counterflex.runtime.plausibility_kernel import (
     K_STEP_PLACE,
     L_IDLE_N,
     L_STEP_TORQUE,
+    M_STEP_PLAN,
     M_STEP_WORK,
     M_STEPS,
     STEP_MOST,
@@ -22,6 +23,10 @@ from counterflex.runtime.plausibility_kernel import (
 
 TORQUE: Final = 10
 """Place of the six torques in a row."""
+STANDS_M: Final = 4e-6
+"""Way over the cycles in which the speed is taken, below which the program stands."""
+_WAY: Final = 9
+_NOTHING_N: Final = 1.0
 _SHARE_SIGMA: Final = 0.3
 """Standard deviation of the share of a change that the currents show, up to which they tell."""
 _MISSING: Final = 0.15
@@ -46,6 +51,23 @@ def missing(residual: Float, planned: Float, limits: Float, noise: float) -> boo
     x, y, z = residual[0] + planned[0], residual[1] + planned[1], residual[2] + planned[2]
     least = max(limits[L_IDLE_N], _MISSING * size(planned)) + noise
     return bool(x * x + y * y + z * z < least * least and size(planned) > 2.0 * least)
+
+
+@kernel("boolean(float64[::1], float64[::1], float64[::1], float64[::1])")
+def zero_is_right(mean: Float, planned: Float, limits: Float, memory: Float) -> bool:
+    """Whether the sensor shows next to nothing where nothing is cut: in air, or at rest.
+
+    Args:
+        mean: (10,) of a few samples: residual, planned force, way.
+        planned: (3,) force now, N.
+        limits: (LIMITS,).
+        memory: (REMEMBERED,).
+    """
+    stands = mean[_WAY] <= STANDS_M
+    if not stands and (memory[M_STEP_PLAN] >= limits[L_IDLE_N] or size(planned) >= _NOTHING_N):
+        return False
+    x, y, z = mean[0] + planned[0], mean[1] + planned[1], mean[2] + planned[2]
+    return bool(x * x + y * y + z * z < limits[L_IDLE_N] ** 2)
 
 
 @kernel("void(float64[::1], int64[::1], int64, int64, int64, float64[::1])")

@@ -30,8 +30,17 @@ from typing import Final
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.runtime import layout as at
-from counterflex.runtime.force_calm_kernel import forget_calm, off_in_calm
-from counterflex.runtime.force_change_kernel import TORQUE, apart, by_currents, mean_rows, missing, size
+from counterflex.runtime.force_calm_kernel import forget_calm, known_in_air, off_in_calm
+from counterflex.runtime.force_change_kernel import (
+    STANDS_M,
+    TORQUE,
+    apart,
+    by_currents,
+    mean_rows,
+    missing,
+    size,
+    zero_is_right,
+)
 from counterflex.runtime.frame_kernel import directions
 from counterflex.runtime.plausibility_kernel import (
     K_CALM,
@@ -43,7 +52,6 @@ from counterflex.runtime.plausibility_kernel import (
     K_STEP_FILLED,
     K_STEP_PLACE,
     K_STEP_SINCE,
-    L_IDLE_N,
     L_STEP_FADE,
     L_STEP_MEMORY,
     L_STEP_N,
@@ -72,13 +80,11 @@ _ENTERING: Final = 3
 _ARMED, _HOLD = int(State.ARMED), int(State.HOLD)
 _OFFSET = int(Cause.FORCE_OFFSET)
 _STALE, _INVALID, _SATURATED = int(Cause.FORCE_STALE), int(Cause.FORCE_INVALID), int(Cause.FORCE_SATURATED)
-_TELL, _HOLDS, _FUSED = 0, 2, 4
+_TELL, _PLAN, _HOLDS, _FUSED = 0, 1, 2, 4
 _FROM_CURRENTS = 8
-_PLANNED, _WAY, _CHANGE = 6, 9, 16  # in a row, behind the residual
+_PLANNED, _WAY, _CHANGE, _RANG = 6, 9, 16, 17  # in a row, behind the residual
 _SPAN: Final = 4
 """Cycles over which the commanded speed is taken."""
-_STANDS_M: Final = 4e-6
-"""Way in that time below which the program stands."""
 _STEADY: Final = 0.2
 """Share by which the speed may change for residuals to be compared over a longer time."""
 _SIGMAS: Final = 4.0
@@ -121,7 +127,7 @@ def forget_step(counts: Int) -> None:
 def _uneven(now: Float, before: Float) -> float:
     """Share by which the speed has changed; 1 where the program stands."""
     most = max(now[_WAY], before[_WAY])
-    return 1.0 - min(now[_WAY], before[_WAY]) / most if most > _STANDS_M else 1.0
+    return 1.0 - min(now[_WAY], before[_WAY]) / most if most > STANDS_M else 1.0
 
 
 @kernel("void(float64[::1], float64, float64, float64[::1], float64[::1], int64[::1], float64[::1], int64[::1])")
@@ -169,7 +175,7 @@ def _take(
     memory[M_STEP_SIZE] = max(math.sqrt(square), fade * memory[M_STEP_SIZE])
     # Not what belongs to the samples in which a step shows now.
     known = memory[M_STEPS + STEP_ROW * ((place - few - 1 + STEP_MOST) % STEP_MOST) + _CHANGE]
-    memory[M_STEP_CHANGE] = max(known, limits[L_STEP_MEMORY] * memory[M_STEP_CHANGE])
+    row[_RANG] = memory[M_STEP_CHANGE] = max(known, limits[L_STEP_MEMORY] * memory[M_STEP_CHANGE])
 
 
 @kernel("float64(float64[::1], float64[::1], float64, float64, int64, float64[::1])")
@@ -193,17 +199,12 @@ def _bound(now: Float, before: Float, step_n: float, share: float, samples: int,
     return float(step_n + explained + _SIGMAS * math.sqrt(memory[M_STEP_NOISE] / samples))
 
 
-@kernel("void(float64[::1], float64[::1])")
-def _copy(a: Float, b: Float) -> None:
-    for k in range(b.shape[0]):
-        b[k] = a[k]
-
-
 @kernel(
-    "void(float64[::1], float64[::1], float64[::1], boolean, float64[::1], int64[::1], float64[::1], int64[::1],"
-    " float64[::1])"
+    "void(float64, float64[::1], float64[::1], float64[::1], boolean, float64[::1], int64[::1], float64[::1],"
+    " int64[::1], float64[::1])"
 )
 def _tell(
+    rang: float,
     planned: Float,
     constants: Float,
     jac: Float,
@@ -214,11 +215,12 @@ def _tell(
     counts: Int,
     mean: Float,
 ) -> None:
-    """Tell the force if its mean over the last period stands off from what it was before; else believe it again."""
+    """Tell the force if its mean over the last period stands off from that before, which rang by so much, or not."""
     period, before = times[T_STEP_PERIOD], memory[M_STEP_BEFORE : M_STEP_BEFORE + 10]
     mean_rows(memory, counts, 0, period, 0, mean)
     noise = _SIGMAS * math.sqrt(memory[M_STEP_NOISE] / period)
-    bound = _bound(mean, before, limits[L_STEP_N], 0.5 * limits[L_STEP_PLAN], period, memory)
+    least = limits[L_STEP_N] + _AGAIN * rang
+    bound = _bound(mean, before, least, 0.5 * limits[L_STEP_PLAN], period, memory)
     stands = apart(mean, before) > bound and size(mean) > _AGREES * limits[L_STEP_N]
     stands = stands and not missing(mean, planned, limits, noise)
     if stands and shown:
@@ -265,11 +267,7 @@ def _judge(
     noise = _SIGMAS * math.sqrt(memory[M_STEP_NOISE] / few)
     if counts[K_STEP] == TOLD:
         again = _uneven(fresh, before) < _STEADY and apart(fresh, before) < 0.5 * limits[L_STEP_N] + noise
-        calm = fresh[_WAY] <= _STANDS_M or memory[M_STEP_PLAN] < limits[L_IDLE_N]
-        nothing = fresh[_WAY] <= _STANDS_M or size(planned) < _NOTHING_N
-        for k in range(3):
-            mean[k] = fresh[k] + planned[k]
-        right = calm and nothing and size(mean) < limits[L_IDLE_N]
+        right = zero_is_right(fresh, planned, limits, memory)
         counts[K_STEP_BACK] = counts[K_STEP_BACK] + 1 if again or right else 0
         if counts[K_STEP_BACK] >= times[T_STEP_BACK]:
             forget_step(counts)
@@ -282,7 +280,7 @@ def _judge(
     if counts[K_STEP] == SUSPECTED:
         counts[K_STEP_SINCE] += 1
         if counts[K_STEP_SINCE] >= period + few:
-            _tell(planned, constants, jac, shown, limits, times, memory, counts, mean)
+            _tell(0.0, planned, constants, jac, shown, limits, times, memory, counts, mean)
         return
     if counts[K_STEP_FILLED] < period + few:
         return
@@ -299,16 +297,16 @@ def _judge(
     bound = _bound(fresh, mean, _SOONER * limits[L_STEP_N], limits[L_STEP_PLAN], few, memory)
     if memory[newest + _CHANGE] > bound and size(fresh) > _AGREES * limits[L_STEP_N] + noise:
         counts[K_STEP], counts[K_STEP_SINCE] = SUSPECTED, few
-        _copy(mean, before)
+        for k in range(10):
+            before[k] = mean[k]
         return
     if counts[K_STEP_EVEN] < times[T_STEP_LONG] + period:
         return
     rang = memory[M_STEP_WORK : M_STEP_WORK + 1]
-    mean_rows(memory, counts, times[T_STEP_LONG], period, _CHANGE, rang)
-    if rang[0] < _EVEN * limits[L_STEP_N]:
-        counts[K_STEP_SINCE] = times[T_STEP_LONG]
-        mean_rows(memory, counts, times[T_STEP_LONG], period, 0, before)
-        _tell(planned, constants, jac, shown, limits, times, memory, counts, mean)
+    mean_rows(memory, counts, times[T_STEP_LONG], period, _RANG, rang)
+    counts[K_STEP_SINCE] = times[T_STEP_LONG]
+    mean_rows(memory, counts, times[T_STEP_LONG], period, 0, before)
+    _tell(rang[0], planned, constants, jac, shown, limits, times, memory, counts, mean)
 
 
 @kernel(
@@ -364,6 +362,8 @@ def believe_force(
     if not acts or (flags[at.F_RESET] == 1 and whole[AT_STATE] != _HOLD):
         forget_step(counts)
         forget_calm(counts)
+    set_to, fused = choices[at.W_FORCE_OFFSET], choices[at.W_FORCE] == _FUSED  # which has other sources
+    leaves_out = set_to == _PLAN or (fused and set_to != _TELL)
     soft = flags[at.F_SOFT]
     if flags[at.F_FORCE_AGE] >= choices[at.W_STALE] or soft in (_STALE, _INVALID, _SATURATED):
         counts[K_STEP_FILLED] = counts[K_STEP_EVEN] = counts[K_STEP_BACK] = 0
@@ -379,20 +379,21 @@ def believe_force(
         shown = bool(flags[at.F_SOURCES] & _FROM_CURRENTS) and flags[at.F_CURRENT_AGE] < choices[at.W_STALE]
         late = state[at.S_LATE : at.S_LATE + 3]
         _judge(late, constants, jac, acts, shown, limits, times, memory, counts, work)
+        known_in_air(zero_is_right(work[0, :10], late, limits, memory), times, memory, counts)
         if counts[K_STEP] != 0 or not acts:
             counts[K_CALM] = counts[K_CALM_LONG] = counts[K_CALM_OFF] = 0
         else:
             feed = work[0, :9]
             directions(plan, int(state[at.S_PLACE]), nominal, feed)
-            if off_in_calm(feed, limits, times, memory, counts, work[1]):
+            # It may be another cut: the feed is not held for it, the way in air tells.
+            if off_in_calm(feed, limits, times, memory, counts, work[1]) and leaves_out:
                 counts[K_STEP], counts[K_STEP_SINCE], counts[K_STEP_BACK] = TOLD, 0, 0
-    acts_as_set = counts[K_STEP] == TOLD and choices[at.W_FORCE_OFFSET] != _TELL
+    acts_as_set = counts[K_STEP] == TOLD and set_to != _TELL
     if counts[K_STEP] == SUSPECTED or acts_as_set:
         share, load = 1.0, size(memory[M_STEP_BEFORE + _PLANNED : M_STEP_BEFORE + _PLANNED + 3])
         if load > _NOTHING_N:
             share = min(1.0, size(state[at.S_LATE : at.S_LATE + 3]) / load)
         for k in range(6):
             state[at.S_BELIEVED + k] = state[at.S_LATE + k] + share * memory[M_STEP_BEFORE + k]
-    holds = choices[at.W_FORCE_OFFSET] == _HOLDS or choices[at.W_FORCE] == _FUSED  # which has other sources
-    if acts_as_set and holds and flags[at.F_SOFT] == 0:
+    if acts_as_set and (set_to == _HOLDS or fused) and flags[at.F_SOFT] == 0:
         flags[at.F_SOFT] = _OFFSET

@@ -8,12 +8,9 @@ What each can see, and what it cannot:
 - *residual*: the tracker's deviation must not grow while the correction acts (the sign test, and divergence).
 - *frame*: before arming, the tracker must see the tool where the controller says it is.
 - *return*: after a broken beam the tracker must go on where the prediction is, else it may be another reflector.
-- *direction*: while cutting, the measured force must point about where the predicted one points. It sees a sensor frame
-  that is turned or mirrored where this changes the direction of the force by more than the limit; a turn about the
-  force itself, or a factor on it, it cannot see.
+- *direction* and *idle*: what the force shows (:mod:`counterflex.runtime.force_doubt_kernel`).
 - *step*: the force must not jump where neither plan nor speed do (:mod:`counterflex.runtime.force_step_kernel`), and
   in a calm cut it must be off the plan as it was in such cuts before (:mod:`counterflex.runtime.force_calm_kernel`).
-- *idle*: where the plan cuts air, the sensor must show next to nothing.
 """
 
 from __future__ import annotations
@@ -83,8 +80,9 @@ M_LATE: Final = M_CLOCK + 1  # how late it came, s
 M_SHARE: Final = M_LATE + 1  # share of rejected samples
 M_PAUSE: Final = M_SHARE + 1  # usual cycles without a sample between two; 0 where one comes in every cycle
 STEP_MOST: Final = 256
-STEP_ROW: Final = 17
-"""Residual (6) and planned force (3) before the filters, way of the tool, torques of the axes (6), change."""
+STEP_ROW: Final = 18
+"""Residual (6) and planned force (3) before the filters, way of the tool, torques of the axes (6), change, and the
+fading largest of those before."""
 M_STEPS: Final = M_PAUSE + 1
 M_STEP_BEFORE: Final = M_STEPS + STEP_ROW * STEP_MOST  # 10: mean residual, planned force, way before the step
 M_STEP_PLAN: Final = M_STEP_BEFORE + 10  # by how much the planned force has changed of late, fading, N
@@ -101,7 +99,8 @@ M_CALM_SUM: Final = M_CALM + CALM_MOST * CALM_ROW  # 10: of the period that is r
 M_CALM_FIRST: Final = M_CALM_SUM + 10  # 4: planned force and way with which it began
 M_CALM_SPREAD: Final = M_CALM_FIRST + 4  # 2: largest differences from them
 M_CALM_LAST: Final = M_CALM_SPREAD + 2  # 10: means of the period before
-REMEMBERED: Final = M_CALM_LAST + 10
+M_CALM_OTHER: Final = M_CALM_LAST + 10  # 13: a row without its last: what was told
+REMEMBERED: Final = M_CALM_OTHER + 13
 
 # Counters, int64.
 K_ANSWER: Final = 0
@@ -135,7 +134,9 @@ K_CALM: Final = 27  # samples of the period that is running
 K_CALM_LONG: Final = 28  # calm periods in a row
 K_CALM_OFF: Final = 29  # of them off what such cuts have shown before
 K_CALM_ROWS: Final = 30
-COUNTS: Final = 31
+K_CALM_TOLD: Final = 31  # 1: told
+K_CALM_AIR: Final = 32  # cycles in air since, in which the sensor shows nothing
+COUNTS: Final = 33
 
 # Bits that say what is doubted.
 DOUBT_ANSWER: Final = 1
@@ -160,6 +161,8 @@ DOUBT_STEP: Final = 2048
 """The measured force has made a step that neither plan nor speed explains: the plan goes on with what it was before."""
 DOUBT_OFFSET: Final = 4096
 """It stands off so: the sensor's zero has jumped, or it is another cut."""
+DOUBT_DIFFERS: Final = 8192
+"""In a calm cut it is off the plan otherwise than in such cuts before: deeper stock, another material, or its zero."""
 
 _FADE = 0.98
 _SETTLE = 0.05
@@ -388,49 +391,3 @@ def return_is_believed(
     for k in range(3):
         memory[M_SEEN + k], memory[M_MODEL + k] = deviation[k], in_effect[k] + expected[k]
     return True
-
-
-@kernel("boolean(float64[::1], float64[::1], boolean, float64[::1], int64[::1], int64[::1])")
-def direction_is_wrong(measured: Float, predicted: Float, good: bool, limits: Float, times: Int, counts: Int) -> bool:
-    """Whether the measured force points elsewhere than the predicted one (R19, WRONG_FRAME without a tracker).
-
-    Args:
-        measured: (3,) N, filtered, part axes.
-        predicted: (3,) N through the same filters.
-        good: The measured one is fresh; else the count stands still.
-        limits: (LIMITS,).
-        times: (TIMES,).
-        counts: (COUNTS,); changed.
-
-    Returns:
-        Whether the angle was above the limit over T_DIRECTION cycles in a row in which both had a direction.
-    """
-    a, b = _norm(measured), _norm(predicted)
-    if good and min(a, b) > limits[L_FORCE_N]:
-        both = measured[0] * predicted[0] + measured[1] * predicted[1] + measured[2] * predicted[2]
-        counts[K_DIRECTION] = counts[K_DIRECTION] + 1 if both < limits[L_COSINE] * a * b else 0
-    return bool(counts[K_DIRECTION] >= times[T_DIRECTION])
-
-
-@kernel("boolean(float64[::1], boolean, float64, float64[::1], int64[::1], int64[::1])")
-def idle_is_wrong(measured: Float, air: bool, swing_n: float, limits: Float, times: Int, counts: Int) -> bool:
-    """Whether the sensor shows a force where the plan cuts air: drifted zero, wrong load, or a missing plan (R17).
-
-    Both limits grow by the share of the force that the inertia of what hangs behind the sensor explains.
-
-    Args:
-        measured: (6,) N, N m, filtered.
-        air: The plan cuts nothing here, nor did it within the filters' memory, nor will it within the lead.
-        swing_n: Force that the acceleration of late explains, N.
-        limits: (LIMITS,).
-        times: (TIMES,).
-        counts: (COUNTS,); changed.
-
-    Returns:
-        Whether it was above the limits over T_IDLE cycles in a row.
-    """
-    moment = math.sqrt(measured[3] ** 2 + measured[4] ** 2 + measured[5] ** 2)
-    share = 1.0 + swing_n / limits[L_IDLE_N]
-    bad = air and not (_norm(measured) <= share * limits[L_IDLE_N] and moment <= share * limits[L_IDLE_NM])
-    counts[K_IDLE] = counts[K_IDLE] + 1 if bad else 0
-    return bool(counts[K_IDLE] >= times[T_IDLE])

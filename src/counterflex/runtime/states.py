@@ -79,3 +79,6 @@ class Cause(IntEnum):
     """Axis angles and pose of the same telegram do not belong together."""
     FRAME_OFFSET = 39
     """They do, but for an offset that is too large: BASE or TOOL of the program is not that of the cell file."""
+    FORCE_DIFFERS = 40
+    """In a calm cut the force is off the plan otherwise than in such cuts before: deeper stock, another material, or
+    the sensor's zero. Told only: the next way in air tells which."""

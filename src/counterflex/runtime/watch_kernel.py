@@ -11,11 +11,13 @@ import math
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.runtime import layout as at
+from counterflex.runtime.force_doubt_kernel import direction_is_wrong, idle_is_wrong
 from counterflex.runtime.force_step_kernel import SUSPECTED, TOLD
 from counterflex.runtime.frame_kernel import all_finite, pose_deviation
 from counterflex.runtime.plausibility_kernel import (
     DOUBT_ANSWER,
     DOUBT_BRIDGED,
+    DOUBT_DIFFERS,
     DOUBT_DIRECTION,
     DOUBT_FRAME,
     DOUBT_IDLE,
@@ -25,6 +27,7 @@ from counterflex.runtime.plausibility_kernel import (
     DOUBT_STEP,
     K_AIR,
     K_ANSWER,
+    K_CALM_TOLD,
     K_DIRECTION,
     K_EARLY,
     K_HARD,
@@ -37,9 +40,7 @@ from counterflex.runtime.plausibility_kernel import (
     M_FORCE,
     T_WINDOW,
     answer_is_wrong,
-    direction_is_wrong,
     frame_is_wrong,
-    idle_is_wrong,
     residual_grows,
 )
 from counterflex.runtime.supervisor import AT_STATE, Cause, State
@@ -49,6 +50,7 @@ from counterflex.runtime.tracker_watch_kernel import judge_sample, judges
 _ARMED, _ACTIVE = int(State.ARMED), int(State.ACTIVE)
 _WRONG_FRAME, _DIVERGENCE = int(Cause.WRONG_FRAME), int(Cause.DIVERGENCE)
 _OFFSET, _TRACKER_LOST = int(Cause.FORCE_OFFSET), int(Cause.TRACKER_LOST)
+_DIFFERS = int(Cause.FORCE_DIFFERS)
 _FORCE_INVALID, _MALFORMED = int(Cause.FORCE_INVALID), int(Cause.TELEGRAM_MALFORMED)
 _FAULT = int(State.FAULT)
 _FUSED = 4
@@ -356,6 +358,8 @@ def after_step(
             doubt |= DOUBT_STEP
         elif counts[K_STEP] == TOLD:
             doubt |= DOUBT_OFFSET
+        if counts[K_CALM_TOLD] == 1:
+            doubt |= DOUBT_DIFFERS
         if not good and flags[at.F_FORCE_AGE] < choices[at.W_BRIDGE]:
             doubt |= DOUBT_BRIDGED
     if flags[at.F_REPORTED] == 1 and flags[at.F_ELAPSED] > 0:
@@ -383,4 +387,6 @@ def after_step(
             outcome[at.O_DEGRADED] = why
     if counts[K_STEP] == TOLD:
         outcome[at.O_DEGRADED] = _OFFSET
+    elif counts[K_CALM_TOLD] == 1 and outcome[at.O_DEGRADED] == 0:
+        outcome[at.O_DEGRADED] = _DIFFERS
     counts[K_SOFT], counts[K_HARD] = causes(doubt, now)
