@@ -132,6 +132,8 @@ DANGERS: dict[str, tuple[dict[str, Any], str]] = {
     "foreign": ({"foreign": 9}, "FOREIGN TELEGRAMS: 9"),
     "rejected": ({"rejected": 4}, "4 tracker samples rejected"),
     "set back": ({"set_back": 3}, "tracker's clock set back, 3 times"),
+    "force stepped": ({"degraded": Cause.FORCE_OFFSET}, "FORCE STEPPED: look for another zero of the sensor"),
+    "force differs": ({"degraded": Cause.FORCE_DIFFERS}, "deeper stock or harder material; or the sensor's zero"),
 }
 
 
