@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
 import numpy as np
 import pytest
 
 from counterflex.app.truth import truth_of
-from counterflex.identify import kinematics, sag_considered
+from counterflex.identify import kinematics, pull_blocks, sag_considered, stiffness
+from counterflex.identify.fit import Fit
 from counterflex.identify.geometry_setup import set_up
 from counterflex.identify.jackknife import parts_of_groups, with_jackknife
 from counterflex.identify.kinematics_stages import model_of_data, priors_of
+from counterflex.identify.pull_residuals import PullResiduals
 from counterflex.identify.solve import solve
 from counterflex.twin.laboratory import laboratory
 from coverage_cases import cubes, holder, poses, pulls, slots, steps
@@ -111,3 +113,20 @@ def test_intervals_are_not_below_what_poses_left_out_show() -> None:
     apart = with_jackknife(fit, setup.blocks, parts_of_groups(setup.blocks))
     assert np.max(apart.sigma[fit.free_index] / fit.sigma[fit.free_index]) > 1.1
     assert np.all(sag_considered.with_honest_sigma(fit, setup.blocks, 0.1, 0.01).sigma >= apart.sigma)
+
+
+def test_intervals_of_compliances_are_not_below_what_pulls_left_out_show(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where friction and drift differ from pull to pull, what bearings beside their places move is not all."""
+    seen: list[tuple[Fit, Sequence[PullResiduals]]] = []
+
+    def honest(fit: Fit, blocks: Sequence[PullResiduals]) -> Fit:
+        seen.append((fit, blocks))
+        return pull_blocks.with_honest_sigma(fit, blocks)
+
+    monkeypatch.setattr(stiffness, "with_honest_sigma", honest)
+    pulls.stiffness_of_pulls(100, errors=True)
+    fit, blocks = seen[0]
+    apart = with_jackknife(fit, blocks, parts_of_groups(blocks))
+    free = fit.free_index
+    assert np.max(apart.sigma[free] / fit.sigma[free]) > 1.1
+    assert np.all(pull_blocks.with_honest_sigma(fit, blocks).sigma >= apart.sigma)

@@ -16,7 +16,7 @@ from counterflex.files.dataset_file import read_dataset
 from counterflex.geometry import rotation
 from counterflex.identify.dataset import Dataset, of_arrays
 from counterflex.identify.model import CellModel
-from counterflex.identify.tracker_data import check_tracker_data, euler_mistakes
+from counterflex.identify.tracker_data import _FORMS, check_tracker_data, euler_mistakes
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 UR10 = EXAMPLES / "data/ur10_ipa_tmac"
@@ -82,6 +82,13 @@ def test_radians_said_to_be_degrees_have_a_reading() -> None:
     off = [float(np.max(np.abs(r.change(data).values("R_tracker_target") - meant))) for r in readings]
     assert min(off) < 1e-12
     assert all('unit = "rad"' in r.remedy for r in readings)
+
+
+def test_every_form_of_three_numbers_goes_there_and_back() -> None:
+    """What is read by one form and meant by another has a reading that finds it: R by the numbers of R is R."""
+    meant = rotation.exp(np.random.default_rng(2).uniform(-1.0, 1.0, (10, 3)))
+    for numbers, matrix in _FORMS.values():
+        np.testing.assert_allclose(matrix(numbers(meant)), meant, atol=1e-12)
 
 
 def test_every_mistake_is_one_line(tmp_path: Path, cell: CellModel) -> None:
