@@ -112,13 +112,9 @@ class Watched:
         return None if found is None else found[0] / found[1]
 
     def within(self, share: float = 0.25) -> bool:
-        """Whether what was told can have been within the goal; seconds are told rounded, which counts below 10 s."""
-        found = self.judged(share)
-        if found is None:
-            return True
-        told, true = found
-        half = 0.5 if told < 10.0 else 0.0
-        return (told + half) * GOAL >= true and told - half <= GOAL * true
+        """Whether what was told is within the goal, as it was told: its rounding to whole seconds counts as error."""
+        ratio = self.ratio(share)
+        return ratio is None or 1.0 / GOAL <= ratio <= GOAL
 
 
 def seconds_of(text: str) -> float:
