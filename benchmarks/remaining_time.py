@@ -1,9 +1,10 @@
 """How well the progress of long commands tells the time that is left.
 
 Runs commands with a line of progress every half second on a pipe, and says of each: how long it took, at which share
-of that time the bar stood at 25, 50 and 75 %, and the time left that was told at a quarter of the time, over the true
-one. The goal is a factor of 2 either way. Starting Python and loading the job counts as time, compiling kernels does
-not: each command is run once before, unless ``--cold``.
+of that time the bar stood at 25, 50 and 75 %, and the time left that was told over the true one: at a quarter of the
+work, when the bar stands at 25 %, and at a quarter of the time, which for a short command is that of starting. The goal
+is a factor of 2 either way at a quarter of the work. Starting Python and loading the job counts as time, compiling
+kernels does not: each command is run once before, unless ``--cold``.
 
 Run: ``python benchmarks/remaining_time.py [--quick] [--only NAME ...] [--out FILE]``
 """
@@ -23,6 +24,8 @@ from pathlib import Path
 
 GOAL = 2.0
 """Factor within which the time left has to be."""
+SHORTEST_S = 2.0
+"""Where less time is left, whole seconds cannot say it within the goal: too short."""
 _LINE = re.compile(r"(?P<what>.*): (?P<percent>\d+) %(?:, about (?P<left>.+) left)?$")
 _COMMAND = (sys.executable, "-m", "counterflex")
 _PREPARE = (
@@ -99,22 +102,25 @@ class Watched:
         """Share of the time at which the bar first stood at a fraction; None where it never did before the end."""
         return next((item.time_s / self.duration_s for item in self.told if item.fraction >= fraction), None)
 
-    def judged(self, share: float = 0.25) -> tuple[float, float] | None:
-        """Time left as told and the true one, s, at the first line behind a share of the time that tells any."""
-        for item in self.told:
-            if item.time_s >= share * self.duration_s and item.left_s is not None and item.time_s < self.duration_s:
-                return item.left_s, self.duration_s - item.time_s
-        return None
+    def ratio_at_work(self, share: float = 0.25) -> float | None:
+        """Time left as told over the true one, at the first line behind a share of the work; None where none was."""
+        return self._ratio([item for item in self.told if item.fraction >= share])
 
-    def ratio(self, share: float = 0.25) -> float | None:
-        """Time left as told over the true one; None where none was told."""
-        found = self.judged(share)
-        return None if found is None else found[0] / found[1]
+    def ratio_at_time(self, share: float = 0.25) -> float | None:
+        """The same at the first line behind a share of the time."""
+        return self._ratio([item for item in self.told if item.time_s >= share * self.duration_s])
 
-    def within(self, share: float = 0.25) -> bool:
+    def within(self) -> bool:
         """Whether what was told is within the goal, as it was told: its rounding to whole seconds counts as error."""
-        ratio = self.ratio(share)
+        ratio = self.ratio_at_work()
         return ratio is None or 1.0 / GOAL <= ratio <= GOAL
+
+    def _ratio(self, items: list[Told]) -> float | None:
+        for item in items:
+            left_s = self.duration_s - item.time_s
+            if item.left_s is not None:
+                return item.left_s / left_s if left_s >= SHORTEST_S else None
+        return None
 
 
 def seconds_of(text: str) -> float:
@@ -190,29 +196,30 @@ def main() -> int:
     rows, late = [], 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores; ratio: time left told over the true one")
-        print(f"{'command':28s} {'s':>7s} {'bar at 25':>10s} {'50':>6s} {'75 %':>6s} {'ratio':>7s}")
+        print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores; time left told over the true one")
+        print(
+            f"{'command':28s} {'s':>7s} {'bar at 25':>10s} {'50':>6s} {'75 %':>6s} {'1/4 of work':>12s} {'of time':>8s}"
+        )
         for what, words in commands(folder, given.only, quick=given.quick).items():
             if not given.cold and not given.quick and what not in _RESUMED:
                 watch(words, folder, 0.0)
             seen = watch(words, folder, given.period)
             shares = [seen.time_share(fraction) for fraction in (0.25, 0.5, 0.75)]
-            ratio = seen.ratio()
+            ratio, early = seen.ratio_at_work(), seen.ratio_at_time()
             good = seen.status == 0 and seen.within()
             late += seen.status != 0 if given.quick else not good
             texts = [f"{100.0 * share:.0f} %" if share is not None else "-" for share in shares]
-            said = "too short" if ratio is None else f"{ratio:.2f}"
+            said, said_early = ("too short" if value is None else f"{value:.2f}" for value in (ratio, early))
             trouble = "" if good else "  NOT WITHIN" if seen.status == 0 else f"  EXIT {seen.status}"
-            print(
-                f"{what:28s} {seen.duration_s:7.1f} {texts[0]:>10s} {texts[1]:>6s} {texts[2]:>6s} {said:>7s}{trouble}",
-                flush=True,
-            )
+            columns = f"{texts[0]:>10s} {texts[1]:>6s} {texts[2]:>6s} {said:>12s} {said_early:>8s}"
+            print(f"{what:28s} {seen.duration_s:7.1f} {columns}{trouble}", flush=True)
             rows.append(
                 {
                     "command": what,
                     "seconds": seen.duration_s,
                     "time_share": shares,
-                    "ratio": ratio,
+                    "ratio_at_work": ratio,
+                    "ratio_at_time": early,
                     "status": seen.status,
                 }
             )
