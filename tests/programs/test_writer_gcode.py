@@ -369,6 +369,19 @@ def test_a_stop_in_a_split_block_still_comes_last() -> None:
     assert lines[stop + 1] == "G0 Y0.0000 Z5"
 
 
+@pytest.mark.parametrize("stop", ["M0", "M1", "M30"])
+def test_a_stop_in_a_cycle_that_is_written_out_comes_behind_the_hole(stop: str) -> None:
+    program = read_gcode(f"G21 G90\nG0 X0 Y0 Z10\nG98 G81 X10 Y10 Z-5 R2 F200\nX30 {stop}\n" + "M2\n" * (stop != "M30"))
+    path = tool_path(program, step_m=1e-3)
+    shift = np.zeros((len(path), 3))
+    shift[path.motion > 0, 1] = 1e-4
+    lines = write_gcode(program, CompensatedPath.from_correction(path, shift), header=False).text.split("\n")
+    holes = [k for k, line in enumerate(lines) if "Z-5." in line]
+    assert len(holes) == 2
+    assert holes[1] < lines.index(stop)
+    assert lines[lines.index(stop) - 1].startswith("G0 Z10")
+
+
 def test_loops_are_written_out() -> None:
     program, path = read("loop.ngc")
     result = write_gcode(program, corrected(path, "feeds"))

@@ -213,6 +213,7 @@ class Emitter(WrittenMachine):
         for word in line.words:
             if word.letter in "XYZRLPQIJK" or (word.letter == "G" and (word.value in MOTION_CODES | {28.0, 30.0})):
                 line.remove(word)
+        stop = self.stop_word(line)
         rest = line.render().strip()
         if rest:
             self.lines.append(rest)
@@ -242,6 +243,8 @@ class Emitter(WrittenMachine):
             self.off = [self.current(axis) - float(motion.p_end[axis]) for axis in range(3)]
             self.arrive(i, motion)
         self._spindle(block, turning, block.modal.spindle_rpm != 0.0)
+        if stop:
+            self.lines.append(stop)
         self._expanding = True
         self.cycles_expanded += 1
 
