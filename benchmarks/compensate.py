@@ -34,12 +34,12 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.cutting.removal import remove_tool_path
 from counterflex.cutting.stock import HeightMap
-from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import read_plan
 from counterflex.files.schema import read_toml, write_toml
 from counterflex.path.toolpath import FEED
 from counterflex.plan.plan import Plan
-from counterflex.programs.gcode_reader import read_gcode_file
+from counterflex.programs.gcode.read.reader import read_gcode_file
 from counterflex.programs.program import Program
 
 ROOT = Path(__file__).resolve().parents[1]

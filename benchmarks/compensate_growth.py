@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 
 from compensate import GOAL_S, cell_for
-from counterflex.files.cell import read_cell
-from counterflex.robot import compliance
+from counterflex.files.cell.cell import read_cell
+from counterflex.robot.elasticity import compliance
 
 LENGTHS = (10_000, 30_000, 90_000)
 QUICK = (200, 600)

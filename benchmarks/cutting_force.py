@@ -17,27 +17,27 @@ from pathlib import Path
 
 import numpy as np
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.app.inputs import setting_of
-from counterflex.app.simulate import controller
-from counterflex.app.truth import truth_of
+from counterflex.app.proof.simulate import controller
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float, Int
 from counterflex.core.progress import silent
 from counterflex.core.units import MM
 from counterflex.cutting.coefficients import ForceLaw
-from counterflex.files.cell import Cell, read_cell
-from counterflex.identify.changes import CuttingLaw
-from counterflex.identify.cutting import RECIPE
-from counterflex.identify.dataset import Dataset, of_arrays
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.identify.cutting.recipe import RECIPE
+from counterflex.identify.data.changes import CuttingLaw
+from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.recipe import Identification
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.compensate import part_compliance, solve_joints
 from counterflex.plan.cut import cut
-from counterflex.twin.laboratory import laboratory
-from counterflex.twin.measure_slots import measure
-from counterflex.twin.simulate import simulate
-from counterflex.twin.slot_path import slot_path, straight_cuts
-from counterflex.twin.truth import Truth
+from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.laboratory.slot_path import slot_path, straight_cuts
+from counterflex.twin.laboratory.slots import measure
+from counterflex.twin.plant.simulate import simulate
+from counterflex.twin.truth.truth import Truth
 
 ROOT = Path(__file__).resolve().parents[1]
 CELL = ROOT / "examples" / "cells" / "kr300_d16_flat.toml"

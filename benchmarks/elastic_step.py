@@ -22,13 +22,14 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.robot import catalog, equations, load_cases
-from counterflex.robot.chain import ElasticChain
-from counterflex.robot.kernels import DRIVE, POSITION, ROTATES, SLIDES, TURN
-from counterflex.robot.kernels_batch import ON_RIGID, compliance_threads, deflection_threads, step_threads
-from counterflex.robot.kernels_lanes import deflection_lanes
-from counterflex.robot.kernels_lanes_step import step_lanes
-from counterflex.robot.kernels_step import ElasticStep
+from counterflex.robot.elasticity import equations
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.elasticity.kernels.batch import ON_RIGID, compliance_threads, deflection_threads, step_threads
+from counterflex.robot.elasticity.kernels.lanes import deflection_lanes
+from counterflex.robot.elasticity.kernels.lanes_step import step_lanes
+from counterflex.robot.elasticity.kernels.scalar import DRIVE, POSITION, ROTATES, SLIDES, TURN
+from counterflex.robot.elasticity.kernels.step import ElasticStep
+from counterflex.robot.model import catalog, load_cases
 
 Step = Callable[[Float, Float], tuple[Float, Float]]  # q, w -> deflection, q_c
 

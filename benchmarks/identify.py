@@ -27,24 +27,24 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.optimize import least_squares
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM, URAD
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.identify.arm_parameters import ArmPriors, arm_model
-from counterflex.identify.compliances import springs
-from counterflex.identify.fit import Fit
-from counterflex.identify.holdout import cross_validate
-from counterflex.identify.intervals import intervals
-from counterflex.identify.model import CellModel
-from counterflex.identify.parameters import Parameters
-from counterflex.identify.placed_frame import PlacedFrame, frame_parameters
-from counterflex.identify.pose_candidates import measurable
-from counterflex.identify.pose_residuals import TrackerResiduals
-from counterflex.identify.pull_residuals import COMPONENTS, PullResiduals, gains
-from counterflex.identify.residuals import Residuals
-from counterflex.identify.solve import Stop, solve
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.design.pose_candidates import measurable
+from counterflex.identify.geometry.arm_parameters import ArmPriors, arm_model
+from counterflex.identify.geometry.compliances import springs
+from counterflex.identify.geometry.placed_frame import PlacedFrame, frame_parameters
+from counterflex.identify.geometry.pose_residuals import TrackerResiduals
+from counterflex.identify.pulls.residuals import COMPONENTS, PullResiduals, gains
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.holdout import cross_validate
+from counterflex.identify.solver.intervals import intervals
+from counterflex.identify.solver.parameters import Parameters
+from counterflex.identify.solver.residuals import Residuals
+from counterflex.identify.solver.solve import Stop, solve
 
 CELL = Path(__file__).resolve().parents[1] / "examples" / "cells" / "kr300_d16_flat.toml"
 SPRINGS = 60

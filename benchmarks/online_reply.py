@@ -34,31 +34,32 @@ from typing import Any
 
 import numpy as np
 
-from counterflex.app import online_session, steady
 from counterflex.app.doctor import feed
-from counterflex.app.made_on import made_on
-from counterflex.app.steady_figures import active, in_standstill, micro
-from counterflex.app.steady_operator import wanted
-from counterflex.files.cell import read_cell
-from counterflex.links import session as online
-from counterflex.links import timing_probe
-from counterflex.links.control_array import Request
-from counterflex.links.machine import processor_times
-from counterflex.links.realtime import prepare
-from counterflex.links.session import OnlineSession
-from counterflex.runtime.layout import O_CAUSE, O_FEED_HOLD
+from counterflex.app.environment import made_on
+from counterflex.app.run import session as online_session
+from counterflex.files.cell.cell import read_cell
+from counterflex.protocols.kuka_rsi.config import read_config
+from counterflex.protocols.processes.control_array import Request
+from counterflex.protocols.session import session as online
+from counterflex.protocols.session.session import OnlineSession
+from counterflex.protocols.system import timing_probe
+from counterflex.protocols.system.machine import processor_times
+from counterflex.protocols.system.realtime import prepare
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
-from counterflex.runtime.supervisor import Cause, State
-from counterflex.twin.fake_rsi import FakeRsi, RsiContext
-from counterflex.twin.live_cell import Report
-from counterflex.twin.netft_server import NetftServer
-from counterflex.twin.recorded_pass import RecordedPass
-from counterflex.twin.steady_block import Block
-from counterflex.twin.steady_cell import GATE, SteadyCell
-from counterflex.wire.rsi_config import read_config
+from counterflex.runtime.state.layout import O_CAUSE, O_FEED_HOLD
+from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
+from counterflex.twin.devices.netft import NetftServer
+from counterflex.twin.live.live_cell import Report
+from counterflex.twin.live.recorded_pass import RecordedPass
+from counterflex.twin.live.replayed_cell import GATE, SteadyCell
+from counterflex.twin.live.timed_block import Block
+from counterflex.validation.soak import replayed_cell as steady
+from counterflex.validation.soak.operator import wanted
+from counterflex.validation.soak.replay_figures import active, in_standstill, micro
 
 LOOKED_CYCLES = 125
 """How often the operator looks."""

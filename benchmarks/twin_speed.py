@@ -19,13 +19,13 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import pose
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
-from counterflex.robot import catalog
-from counterflex.robot.description import EndEffector
-from counterflex.twin.controller import controller_of
-from counterflex.twin.nominal import nominal_truth
-from counterflex.twin.plant import Plant
-from counterflex.twin.simulate import simulate
-from counterflex.twin.truth import CuttingTruth
+from counterflex.robot.model import catalog
+from counterflex.robot.model.description import EndEffector
+from counterflex.twin.plant.controller import controller_of
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.plant.simulate import simulate
+from counterflex.twin.truth.nominal import nominal_truth
+from counterflex.twin.truth.truth import CuttingTruth
 
 
 def grooving(rows: int, length: float, depth: float) -> ToolPath:

@@ -11,7 +11,7 @@ from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, MM
 from counterflex.cutting.engagement import figures
 from counterflex.cutting.removal import remove_tool_path
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 
 HERE = Path(__file__).parent
 LINES = (19, 20)  # of the program: towards the corner, and away from it

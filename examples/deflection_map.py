@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from counterflex.core.units import DEG, MM, UM
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
-from counterflex.robot import compliance, gravity
-from counterflex.robot.inverse import inverse_path
+from counterflex.robot.elasticity import compliance, gravity
+from counterflex.robot.kinematics.inverse import inverse_path
 
 CELL = Path(__file__).parent / "cells" / "kr300_d16_flat.toml"
 FORCE_N = 300.0

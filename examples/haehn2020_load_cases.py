@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.core.units import DEG, MM
-from counterflex.robot import catalog, compliance, load_cases
-from counterflex.robot.chain import ElasticChain
-from counterflex.robot.inverse import inverse
+from counterflex.robot.elasticity import compliance
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.kinematics.inverse import inverse
+from counterflex.robot.model import catalog, load_cases
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
-from counterflex.programs.gcode_reader import read_gcode, read_gcode_file
+from counterflex.programs.gcode.read.reader import read_gcode, read_gcode_file
 from counterflex.programs.listing import listing
 
 PROGRAM = Path(__file__).parent / "programs" / "fc_grooves_pocket.ngc"

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from counterflex.app.compensate import write
+from counterflex.app.compensation.compensate import write
 from counterflex.app.inputs import read_job, setting_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM, UM
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import wrench
 from counterflex.plan.compensate import plan as make_plan
-from counterflex.robot import compliance, gravity
+from counterflex.robot.elasticity import compliance, gravity
 
 HERE = Path(__file__).parent
 PROGRAM, CELL = HERE / "programs" / "groove.ngc", HERE / "cells" / "kr300_d16_small.toml"

@@ -2,7 +2,7 @@
 
 Usage: ``python tools/build_catalog.py REFERENCE_FOLDER``, where the folder holds ``robots/*.json`` (geometry, limits,
 check poses and the text that says how each was verified) and ``stiffness.csv``. Writes one TOML file per robot into
-``src/counterflex/robot/catalog_data``. Only robots whose geometry is verified, or written alike in two files, are
+``src/counterflex/robot/model/catalog_data``. Only robots whose geometry is verified, or written alike in two files, are
 taken, plus the KR 270-2, whose arm is the verified arm of its family and whose stiffness is published.
 
 What the files do not say is added here in plain sight, with its source: the elastic bodies, bearing positions and
@@ -24,10 +24,10 @@ import tomli_w
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, URAD_PER_KNM
 from counterflex.geometry import pose, rotation
-from counterflex.robot import catalog
-from counterflex.robot.description import Opw, Robot
+from counterflex.robot.model import catalog
+from counterflex.robot.model.description import Opw, Robot
 
-TARGET = Path(__file__).resolve().parents[1] / "src" / "counterflex" / "robot" / "catalog_data"
+TARGET = Path(__file__).resolve().parents[1] / "src" / "counterflex" / "robot" / "model" / "catalog_data"
 BY_FAMILY = {"kuka_kr270_2"}
 HAEHN = "Haehn2020 (Haehn, Weigold, Production Engineering 14, 2020), Table 1"
 STIFFNESS_OF = {  # robot in the catalogue: (robot in stiffness.csv, method begins with)

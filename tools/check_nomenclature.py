@@ -26,20 +26,20 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from counterflex.app.truth import truth_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.files import plan_file, run_file
-from counterflex.files.cell import read_cell
-from counterflex.files.cell_schema import CellTables
-from counterflex.files.dataset_manifest import Manifest
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.cell.tables import CellTables
+from counterflex.files.dataset.manifest import Manifest
 from counterflex.files.schema import PoseTable
-from counterflex.twin.truth_file import to_dict
+from counterflex.twin.truth.file import to_dict
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "nomenclature.md"
 CELL = ROOT / "examples" / "cells" / "kr300_d16_small.toml"
 SOURCES = ROOT / "src" / "counterflex"
 
-_INNER = re.compile(r"kernel|gcode_(?!reader|writer)")
+_INNER = re.compile(r"kernel|gcode/(read|write)/(?!reader|writer|arc_fit|arc_pieces|written_line|parameter_file)")
 _NUMERIC = re.compile(r"\b(?:float|Float|Float32)\b")
 _OTHER = re.compile(r"\b(?:str|dict|Mapping|Callable|Iterator|Arithmetic)\b")
 _FRAME = re.compile(r"^(Ts|Rs|T|R|ps|p|w|C|J)_[a-z][a-z0-9]*(?:_[a-z0-9_]+)?$")
@@ -149,7 +149,7 @@ def all_quantities() -> list[Quantity]:
     """Public quantities of the whole package."""
     found: list[Quantity] = []
     for path in sorted(SOURCES.rglob("*.py")):
-        if not path.name.startswith("_") and not _INNER.search(path.stem):
+        if not path.name.startswith("_") and not _INNER.search(path.as_posix()):
             found += quantities(path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix())
     return found
 

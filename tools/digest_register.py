@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 
 
 def main() -> None:

@@ -11,14 +11,15 @@ from xml.etree import ElementTree
 import numpy as np
 
 from counterflex.core.errors import CounterflexError, FileFormatError, ProtocolError
-from counterflex.files.tracker_log import measurements
-from counterflex.twin.ads_server import AdsServer, PlcVariable
-from counterflex.wire import ads, netft
-from counterflex.wire.egm_calls import parse_egm_calls
-from counterflex.wire.rsi_calls import parse_calls
-from counterflex.wire.rsi_context import parse_context
-from counterflex.wire.rsi_files import RsiFiles
-from counterflex.wire.rsi_setup import OnlineLimits
+from counterflex.files.logs.tracker_log import measurements
+from counterflex.protocols.abb_egm.calls import parse_egm_calls
+from counterflex.protocols.ads import telegram as ads
+from counterflex.protocols.kuka_rsi.calls import parse_calls
+from counterflex.protocols.kuka_rsi.context import parse_context
+from counterflex.protocols.kuka_rsi.make.files import RsiFiles
+from counterflex.protocols.kuka_rsi.setup import OnlineLimits
+from counterflex.protocols.netft import telegram as netft
+from counterflex.twin.devices.ads import AdsServer, PlcVariable
 from fuzz_target import Finding, Target
 
 _ROOT = Path(__file__).resolve().parents[1]

@@ -22,19 +22,19 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from counterflex.core.arrays import Float
-from counterflex.links.control_array import Request
-from counterflex.links.rsi_link import RsiLink
-from counterflex.links.session import OnlineSession
-from counterflex.links.telegram_watch import WatchSettings
-from counterflex.robot import catalog, load_cases
-from counterflex.robot.chain import ElasticChain
+from counterflex.protocols.kuka_rsi.config import RsiConfig
+from counterflex.protocols.kuka_rsi.link import RsiLink
+from counterflex.protocols.kuka_rsi.telegram import Writer, robot_writer
+from counterflex.protocols.processes.control_array import Request
+from counterflex.protocols.session.session import OnlineSession
+from counterflex.protocols.session.telegram_watch import WatchSettings
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.model import catalog, load_cases
 from counterflex.runtime.loop import Loop
-from counterflex.runtime.sensor_wrench import SensorWrench
+from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
-from counterflex.runtime.supervisor import State
+from counterflex.runtime.state.supervisor import State
 from counterflex.sensing.flange_sensor import FlangeSensor
-from counterflex.wire.rsi_config import RsiConfig
-from counterflex.wire.rsi_telegram import Writer, robot_writer
 from fuzz_mutations import Mutator
 from fuzz_target import Finding
 from fuzz_targets import config

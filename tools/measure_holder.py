@@ -17,17 +17,17 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.progress import silent
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.holder_layout import choose_gauges
-from counterflex.identify.holder_residuals import DRAWING_SHARE, parameters, readings, sensitivity_of
-from counterflex.identify.solve import solve
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.holder.layout import choose_gauges
+from counterflex.identify.holder.residuals import DRAWING_SHARE, parameters, readings, sensitivity_of
+from counterflex.identify.solver.solve import solve
 from counterflex.sensing.force_filter import kalman_observer
 from counterflex.sensing.holder_beam import Gauge, HolderBeam
 from counterflex.sensing.strain_holder import StrainHolder, regressed_matrix, tool_matrix
-from counterflex.twin.holder_cut import cut_record
-from counterflex.twin.laboratory import laboratory
-from counterflex.twin.measure_holder_loads import COLUMNS, measure
-from counterflex.twin.strain_holder import (
+from counterflex.twin.laboratory.holder_cut import cut_record
+from counterflex.twin.laboratory.holder_loads import COLUMNS, measure
+from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.plant.strain_holder import (
     NOISE,
     PAPER_GAUGES,
     PAPER_TCP_M,
@@ -35,7 +35,7 @@ from counterflex.twin.strain_holder import (
     WANDER,
     instrumented_holder,
 )
-from counterflex.twin.truth import Truth
+from counterflex.twin.truth.truth import Truth
 
 BEAM = HolderBeam(0.18, 0.16, 0.015, 0.118)
 TCP: Float = np.array(PAPER_TCP_M)

@@ -1,7 +1,7 @@
 """Measure process monitoring on made-up signals: how often each thing is seen, how soon, how often it errs.
 
-Trials of :mod:`counterflex.app.monitor_trial`: a slot, tooth by tooth, 1 kHz, with everything off that is not known in
-a workshop. Seeds from ``--first`` on; the thresholds follow from stated rates and were not fitted to any seed.
+Trials of :mod:`counterflex.validation.monitor_trial`: a slot, tooth by tooth, 1 kHz, with everything off that is not
+known in a workshop. Seeds from ``--first`` on; the thresholds follow from stated rates and were not fitted to any seed.
 
     python tools/measure_monitor.py --seeds 100
 """
@@ -12,10 +12,10 @@ import argparse
 
 import numpy as np
 
-from counterflex.app.monitor_trial import EXPONENT, Incident, run_trial
 from counterflex.core.units import MM
-from counterflex.runtime.monitor_layout import Event
-from counterflex.runtime.monitor_settings import MonitorSettings
+from counterflex.runtime.monitoring.layout import Event
+from counterflex.runtime.monitoring.settings import MonitorSettings
+from counterflex.validation.monitor_trial import EXPONENT, Incident, run_trial
 
 SLOT_M = 0.12
 LONG_M = 1.5

@@ -15,11 +15,16 @@ from pathlib import Path
 from typing import Any
 
 import counterflex
-from counterflex.app import evaluate, kept, live, online_session, over_sockets, run_log
-from counterflex.app.compensate import run as compensate
-from counterflex.app.truth import make_truth
-from counterflex.files.cell import read_cell
-from counterflex.twin.force_sensor import force_sensor
+from counterflex.app.compensation.compensate import run as compensate
+from counterflex.app.long_jobs import step_cache
+from counterflex.app.proof import evaluate
+from counterflex.app.proof.truth import make_truth
+from counterflex.app.run import log as run_log
+from counterflex.app.run import session as online_session
+from counterflex.app.simulated_cell import cell as live
+from counterflex.files.cell.cell import read_cell
+from counterflex.twin.plant.force_sensor import force_sensor
+from counterflex.validation.reproduce import closed_loop
 
 ROOT = Path(__file__).resolve().parents[1]
 CELL = ROOT / "examples" / "cells" / "kr300_d16_small.toml"
@@ -86,31 +91,31 @@ def measure(folder: Path, chosen: argparse.Namespace) -> None:
 
 def planned(folder: Path, text: str) -> Path:
     """The plan of the groove, made once."""
-    mark = kept.fingerprint(PROGRAM, cell=text)
-    if kept.finished(folder, mark) is None:
-        kept.begin(folder)
+    mark = step_cache.fingerprint(PROGRAM, cell=text)
+    if step_cache.finished(folder, mark) is None:
+        step_cache.begin(folder)
         (folder / "cell.toml").write_text(text, encoding="utf-8")
         compensate(PROGRAM, folder / "cell.toml", folder / "made", report=False, predict=False)
-        kept.finish(folder, mark, {})
+        step_cache.finish(folder, mark, {})
     return folder / "made" / "plan.parquet"
 
 
 def milled(folder: Path, of_cell: str, of_loop: str, plan: Path, truth: Path) -> dict[str, Any]:
     """One run: what is on the table, what the loop believes; largest errors in mm, time, what the monitor said."""
-    mark = kept.fingerprint(PROGRAM, truth, plan, cell=of_cell, loop=of_loop)
-    found = kept.finished(folder, mark)
+    mark = step_cache.fingerprint(PROGRAM, truth, plan, cell=of_cell, loop=of_loop)
+    found = step_cache.finished(folder, mark)
     if found is not None:
         return found
-    kept.begin(folder)
+    step_cache.begin(folder)
     there, believed = folder / "cell.toml", folder / "loop.toml"
     there.write_text(of_cell, encoding="utf-8")
     believed.write_text(of_loop, encoding="utf-8")
-    said = over_sockets.run(
+    said = closed_loop.run(
         live.LiveSettings(PROGRAM, there, truth, RSI, hose_share=0.0),
         folder / "part",
         online_session.RunSettings(believed, RSI, plan, compensated=False, arm=True),
         folder / "log",
-        sensors=over_sockets.Sensors(force=True),
+        sensors=closed_loop.Sensors(force=True),
     )
     run = run_log.show(folder / "log")["runs"][-1]
     part = evaluate.run([folder / "part"], None)["variants"]["nominal"]
@@ -121,7 +126,7 @@ def milled(folder: Path, of_cell: str, of_loop: str, plan: Path, truth: Path) ->
         "least": said["least_speed"],
         "events": run["events"],
     }
-    kept.finish(folder, mark, found)
+    step_cache.finish(folder, mark, found)
     return found
 
 

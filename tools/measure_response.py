@@ -16,15 +16,15 @@ from pathlib import Path
 import numpy as np
 
 from counterflex.app import examples
-from counterflex.app.truth import truth_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, MS
-from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
-from counterflex.robot.chain import jacobian
-from counterflex.robot.compliance import cartesian_compliance
-from counterflex.robot.inverse import inverse_path
-from counterflex.twin.plant import STEP_S, Plant
+from counterflex.robot.elasticity.chain import jacobian
+from counterflex.robot.elasticity.compliance import cartesian_compliance
+from counterflex.robot.kinematics.inverse import inverse_path
+from counterflex.twin.plant.plant import STEP_S, Plant
 
 MOVE_M = 1.0 * MM
 RISE_S = 0.1

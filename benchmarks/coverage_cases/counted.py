@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from counterflex.identify.fit import Fit
-from counterflex.identify.intervals import intervals
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.intervals import intervals
 
 
 @dataclass(frozen=True)

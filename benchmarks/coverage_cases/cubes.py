@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 
 from counterflex.core.units import UM, URAD
-from counterflex.identify import cubes
-from counterflex.identify.dataset import of_arrays
+from counterflex.identify.cubes import recipe as cubes
+from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.recipe import Proposal
-from counterflex.twin.laboratory import laboratory
-from counterflex.twin.measure_cubes import measure
+from counterflex.twin.laboratory.cubes import measure
+from counterflex.twin.laboratory.laboratory import laboratory
 from coverage_cases.counted import Counted, counted
 from coverage_cases.pulls import CABLE_RAD, cell, compliances_of, truth_of
 

@@ -8,21 +8,21 @@ from functools import cache
 
 import numpy as np
 
-from counterflex.app.truth import truth_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.progress import silent
 from counterflex.core.units import MM, MRAD, UM, URAD
 from counterflex.geometry import pose, rotation
-from counterflex.identify import tracker_frame
-from counterflex.identify.changes import TableValues
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.known_frames import KnownFrames, known_frames
-from counterflex.identify.placed_frame import COMPONENTS
+from counterflex.identify.data.changes import TableValues
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.geometry.known_frames import KnownFrames, known_frames
+from counterflex.identify.geometry.placed_frame import COMPONENTS
 from counterflex.identify.recipe import Identification
-from counterflex.identify.tracker_proposal import propose
-from counterflex.twin import measure_fiducials
-from counterflex.twin.laboratory import Laboratory, laboratory
-from counterflex.twin.truth import Truth
+from counterflex.identify.tracker_frame import recipe as tracker_frame
+from counterflex.identify.tracker_frame.proposal import propose
+from counterflex.twin.laboratory import fiducials as measure_fiducials
+from counterflex.twin.laboratory.laboratory import Laboratory, laboratory
+from counterflex.twin.truth.truth import Truth
 from coverage_cases.counted import Counted
 from coverage_cases.poses import WALK_M, WALK_RAD, cell, cell_file, seen
 

@@ -8,22 +8,22 @@ from pathlib import Path
 
 import numpy as np
 
-from counterflex.app.cell_model import model_of
-from counterflex.app.truth import truth_of
+from counterflex.app.identification.cell_model import model_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.progress import silent
 from counterflex.core.units import MM
-from counterflex.files.cell import read_cell
-from counterflex.identify.dataset import of_arrays
-from counterflex.identify.holder import RECIPE, fitted, prepared
-from counterflex.identify.model import CellModel
+from counterflex.files.cell.cell import read_cell
+from counterflex.identify.data.dataset import of_arrays
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.holder.recipe import RECIPE, fitted, prepared
 from counterflex.identify.recipe import Proposal
 from counterflex.sensing.holder_beam import Gauge, HolderBeam
 from counterflex.sensing.strain_holder import StrainHolder
-from counterflex.twin.laboratory import laboratory
-from counterflex.twin.measure_holder_loads import measure
-from counterflex.twin.strain_frame import HolderShape
-from counterflex.twin.strain_holder import FORCE_N, NOISE, PAPER_TCP_M, instrumented_holder
-from counterflex.twin.truth import Truth
+from counterflex.twin.laboratory.holder_loads import measure
+from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.plant.strain_frame import HolderShape
+from counterflex.twin.plant.strain_holder import FORCE_N, NOISE, PAPER_TCP_M, instrumented_holder
+from counterflex.twin.truth.truth import Truth
 from coverage_cases.counted import Counted, counted
 
 CELL = Path(__file__).resolve().parents[2] / "examples" / "cells" / "kr300_d16_small.toml"

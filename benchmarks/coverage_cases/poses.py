@@ -7,24 +7,24 @@ from pathlib import Path
 
 import numpy as np
 
-from counterflex.app.cell_model import model_of
-from counterflex.app.truth import truth_of
+from counterflex.app.identification.cell_model import model_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import UM, URAD
-from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.identify import kinematics
-from counterflex.identify.compliances import bearing_of
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.geometry_setup import set_up
-from counterflex.identify.kinematics_proposal import propose
-from counterflex.identify.kinematics_stages import model_of_data, priors_of
-from counterflex.identify.model import CellModel
-from counterflex.identify.sag_considered import with_honest_sigma
-from counterflex.identify.solve import solve
-from counterflex.twin.laboratory import Laboratory, laboratory
-from counterflex.twin.plant import Plant
-from counterflex.twin.truth import Truth
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.geometry.compliances import bearing_of
+from counterflex.identify.geometry.considered_sag import with_honest_sigma
+from counterflex.identify.kinematics import recipe as kinematics
+from counterflex.identify.kinematics.proposal import propose
+from counterflex.identify.kinematics.setup import set_up
+from counterflex.identify.kinematics.stages import model_of_data, priors_of
+from counterflex.identify.solver.solve import solve
+from counterflex.twin.laboratory.laboratory import Laboratory, laboratory
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.truth.truth import Truth
 from coverage_cases.counted import Counted, counted
 
 CELL = Path(__file__).resolve().parents[2] / "examples" / "cells" / "kr300_d10_ball.toml"

@@ -7,21 +7,21 @@ from pathlib import Path
 
 import numpy as np
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import UM, URAD
-from counterflex.files.cell import read_cell
-from counterflex.identify import stiffness
-from counterflex.identify.compliances import DIRECTIONS
-from counterflex.identify.dataset import of_arrays
-from counterflex.identify.model import CellModel
+from counterflex.files.cell.cell import read_cell
+from counterflex.identify.data.dataset import of_arrays
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.geometry.compliances import DIRECTIONS
 from counterflex.identify.recipe import Proposal
-from counterflex.robot.compliance import cartesian_compliance, element_jacobians
-from counterflex.twin.laboratory import laboratory
-from counterflex.twin.measure_pulls import measure
-from counterflex.twin.nominal import nominal_truth
-from counterflex.twin.perturb import perturbed
-from counterflex.twin.truth import CuttingTruth, Truth
+from counterflex.identify.stiffness import recipe as stiffness
+from counterflex.robot.elasticity.compliance import cartesian_compliance, element_jacobians
+from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.laboratory.pulls import measure
+from counterflex.twin.truth.nominal import nominal_truth
+from counterflex.twin.truth.perturb import perturbed
+from counterflex.twin.truth.truth import CuttingTruth, Truth
 from coverage_cases.counted import Counted, counted
 
 CELL = Path(__file__).resolve().parents[2] / "examples" / "cells" / "kr300_d16_flat.toml"

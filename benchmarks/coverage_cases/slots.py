@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.progress import silent
 from counterflex.core.units import MM, N_PER_MM2, RPM, UM
@@ -17,10 +17,10 @@ from counterflex.cutting.coefficients import KienzleLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force import engagement_of_arc
 from counterflex.cutting.tooth_force import tooth_forces
-from counterflex.files.cell import read_cell
-from counterflex.identify.cutting import RECIPE
-from counterflex.identify.dataset import of_arrays
-from counterflex.identify.model import CellModel
+from counterflex.files.cell.cell import read_cell
+from counterflex.identify.cutting.recipe import RECIPE
+from counterflex.identify.data.dataset import of_arrays
+from counterflex.identify.data.model import CellModel
 from coverage_cases.counted import Counted, counted
 
 CELL = Path(__file__).resolve().parents[2] / "tests" / "data" / "cells" / "small.toml"

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import MS, URAD
-from counterflex.files.cell import read_cell
-from counterflex.identify import servo
-from counterflex.identify.dataset import of_arrays
-from counterflex.identify.servo_exchange import together
-from counterflex.robot.description import Servo
-from counterflex.robot.servo import servo_error
+from counterflex.files.cell.cell import read_cell
+from counterflex.identify.data.dataset import of_arrays
+from counterflex.identify.servo import recipe as servo
+from counterflex.identify.servo.exchange import together
+from counterflex.robot.elasticity.servo import servo_error
+from counterflex.robot.model.description import Servo
 from coverage_cases.counted import Counted, counted
 
 CELL = Path(__file__).resolve().parents[2] / "examples" / "cells" / "kr300_d16_flat.toml"

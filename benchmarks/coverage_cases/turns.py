@@ -6,15 +6,16 @@ from functools import cache
 
 import numpy as np
 
-from counterflex.app.truth import truth_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.batches import rows_of_each
 from counterflex.core.units import UM, URAD
-from counterflex.identify import reversals, reversals_proposal
-from counterflex.identify.dataset import of_arrays
-from counterflex.twin.laboratory import laboratory
-from counterflex.twin.measure_reversals import measure
-from counterflex.twin.truth import Truth
+from counterflex.identify.data.dataset import of_arrays
+from counterflex.identify.play import proposal as reversals_proposal
+from counterflex.identify.play import recipe as reversals
+from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.laboratory.reversals import measure
+from counterflex.twin.truth.truth import Truth
 from coverage_cases.counted import Counted, counted
 from coverage_cases.poses import cell, cell_file
 

@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from counterflex.app import examples, prove
+from counterflex.app import examples
+from counterflex.app.proof import prove
 
 GOALS = {
     ("seeded", "path"): 0.113,

@@ -18,16 +18,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from counterflex.app import ads as job
-from counterflex.app.lone_ads import LoneAds, run, variables
+from counterflex.app.simulated_cell.ads import LoneAds, run, variables
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, OutputError, ProtocolError
-from counterflex.files.cell import read_cell
-from counterflex.links.ads_link import AdsLink, AdsReader, AdsSettings, AdsSymbol, Reading
-from counterflex.links.tracker_link import TrackerLink
-from counterflex.twin.ads_server import AdsServer, PlcVariable
-from counterflex.twin.faults import Fault, FaultSchedule
-from counterflex.twin.pose_source import CircleTarget
-from counterflex.wire import ads
-from counterflex.wire.tracker_pose import BEAM_BROKEN, INACCURATE
+from counterflex.files.cell.cell import read_cell
+from counterflex.protocols.ads import telegram as ads
+from counterflex.protocols.ads.link import AdsLink, AdsReader, AdsSettings, AdsSymbol, Reading
+from counterflex.protocols.tracker.link import TrackerLink
+from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE
+from counterflex.twin.devices.ads import AdsServer, PlcVariable
+from counterflex.twin.devices.pose_source import CircleTarget
+from counterflex.twin.network.faults import Fault, FaultSchedule
 
 CELL = Path(__file__).resolve().parents[2] / "examples" / "cells" / "kr300_d16_small.toml"
 NET_ID = "127.0.0.9.1.1"

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.against_truth import against_truth, placement_error, true_edge_force
-from counterflex.app.truth import cutting_truth, knowing, truth_of
+from counterflex.app.campaign.parameter_errors import against_truth, placement_error, true_edge_force
+from counterflex.app.proof.truth import cutting_truth, knowing, truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
 from counterflex.cutting.coefficients import edge_force
-from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 
 

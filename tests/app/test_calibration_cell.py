@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 import tomli_w
 
-from counterflex.app import identify
-from counterflex.app.campaign import run as campaign
-from counterflex.app.cell_model import model_of
-from counterflex.app.compensate import run as compensate
-from counterflex.app.prove import run as prove
+from counterflex.app.campaign.campaign import run as campaign
+from counterflex.app.compensation.compensate import run as compensate
+from counterflex.app.identification import identify
+from counterflex.app.identification.cell_model import model_of
+from counterflex.app.proof.prove import run as prove
 from counterflex.app.questions import check_cell
 from counterflex.core.errors import FileFormatError
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PULLS = EXAMPLES / "data" / "fanuc_r2000ic_stiffness" / "pulls.toml"

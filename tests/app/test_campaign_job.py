@@ -8,13 +8,14 @@ from typing import Any
 
 import pytest
 
-from counterflex.app import campaign, laboratory, simulate
-from counterflex.app.campaign_plan import ORDER, campaign_of
-from counterflex.app.campaign_report import headline_rows, remaining, rows_of, verdict
-from counterflex.app.truth import make_truth
+from counterflex.app.campaign import campaign, laboratory
+from counterflex.app.campaign.plan import ORDER, campaign_of
+from counterflex.app.campaign.report import headline_rows, remaining, rows_of, verdict
+from counterflex.app.proof import simulate
+from counterflex.app.proof.truth import make_truth
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.files.cell import read_cell
-from counterflex.files.dataset_file import read_dataset
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.reader import read_dataset
 
 SHORT = "G21 G17 G90\nM6 T1\nM3 S13000\nG0 X-12 Y15 Z42\nG0 Z36\nG1 X20 F1500\nG0 Z42\nM5\nM2\n"
 RECIPE = "tracker-frame"

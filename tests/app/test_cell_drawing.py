@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import counterflex
-from counterflex.app.cell_drawing import corners, links_of, reach
+from counterflex.app.compensation.cell_drawing import corners, links_of, reach
 from counterflex.cutting.stock import HeightMap
-from counterflex.files.cell import Cell, read_cell
-from counterflex.robot.chain import forward, frames
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.robot.elasticity.chain import forward, frames
 
 DEMO = Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml"
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from counterflex.app import code_used
-from counterflex.app.code_used import code_of, reached
+from counterflex.app.long_jobs import code_used
+from counterflex.app.long_jobs.code_used import code_of, reached
 
 FILES = {
     "__init__.py": "",
@@ -72,9 +72,9 @@ def test_only_the_room_that_changed_has_another_hash(package: Path) -> None:
 
 
 def test_a_plan_does_not_rest_on_the_loop() -> None:
-    planning = code_of("counterflex.app.compensate", without=("runtime", "links", "wire"))
-    milling = code_of("counterflex.app.over_sockets")
+    planning = code_of("counterflex.app.compensation.compensate", without=("runtime", "protocols"))
+    milling = code_of("counterflex.validation.reproduce.closed_loop")
     assert {"plan", "cutting", "robot", "geometry", "core"} <= set(planning)
-    assert not {"runtime", "links", "wire", "twin", "report", "cli"} & set(planning)
-    assert {"runtime", "links", "wire", "twin"} <= set(milling)
+    assert not {"runtime", "protocols", "twin", "report", "cli"} & set(planning)
+    assert {"runtime", "protocols", "twin"} <= set(milling)
     assert planning["geometry"] == milling["geometry"]

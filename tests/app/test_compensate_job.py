@@ -11,17 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app import compensate as job
-from counterflex.app.compensate import Compensated, Language, compensate
-from counterflex.app.prediction import chatter, chatter_said, path_error
+from counterflex.app.compensation import compensate as job
+from counterflex.app.compensation.compensate import Compensated, Language, compensate
+from counterflex.app.compensation.prediction import chatter, chatter_said, path_error
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import MM, UM
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.files.plan_file import read_plan
 from counterflex.path.toolpath import FEED
 from counterflex.plan.plan import Plan, across
-from counterflex.programs.gcode_reader import read_gcode
+from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.to_path import tool_path
 
 ProgramFile = Callable[..., Path]

@@ -10,12 +10,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from counterflex.app.compensate import compensate
+from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import read_job
 from counterflex.core.units import MM
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.path.toolpath import FEED
-from counterflex.programs.gcode_reader import read_gcode_file
+from counterflex.programs.gcode.read.reader import read_gcode_file
 from counterflex.programs.to_path import tool_path
 
 ROOT = Path(__file__).resolve().parents[2]

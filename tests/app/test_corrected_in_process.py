@@ -10,30 +10,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.app import simulate
-from counterflex.app.compensate import run as compensate
+from counterflex.app.compensation.compensate import run as compensate
 from counterflex.app.inputs import Job, read_job
-from counterflex.app.online_loop import loop_plan
-from counterflex.app.truth import truth_of
+from counterflex.app.proof import simulate
+from counterflex.app.proof.truth import truth_of
+from counterflex.app.run.loop import loop_plan
 from counterflex.core.arrays import Float
-from counterflex.files.cell import Cell, read_cell
-from counterflex.files.cell_sensing import SensorTable, flange_sensor
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.sensing import SensorTable, flange_sensor
 from counterflex.files.plan_file import read_plan
 from counterflex.geometry import pose
-from counterflex.runtime import layout as at
-from counterflex.runtime.fusion import Source
+from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.sensor_wrench import SensorWrench
+from counterflex.runtime.sensing.sensor_wrench import SensorWrench
+from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Output, Pilot
-from counterflex.runtime.spindle_inertia import SpindleInertia
-from counterflex.runtime.supervisor import State
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import State
 from counterflex.signals.filters import Smoothing
 from counterflex.signals.limiter import MotionLimit
-from counterflex.twin.force_sensor import force_sensor
-from counterflex.twin.live_cell import LiveCell, Report
-from counterflex.twin.path_answer import PathAnswer
-from counterflex.twin.truth import Truth
+from counterflex.twin.devices.path_answer import PathAnswer
+from counterflex.twin.live.live_cell import LiveCell, Report
+from counterflex.twin.plant.force_sensor import force_sensor
+from counterflex.twin.truth.truth import Truth
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 WIDE = MotionLimit(4e-3, 0.08, 5.0)

@@ -9,25 +9,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app import online_session
-from counterflex.app.compensate import run as compensate
-from counterflex.app.lone_rsi import running_robot
-from counterflex.app.twin_controllers import egm_controller
+from counterflex.app.compensation.compensate import run as compensate
+from counterflex.app.run import session as online_session
+from counterflex.app.simulated_cell.controllers import egm_controller
+from counterflex.app.simulated_cell.rsi import running_robot
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.files.cell import read_cell
-from counterflex.files.cell_sensing import flange_sensor
-from counterflex.links.control_array import Request
-from counterflex.links.egm_guidance_link import EgmGuidanceLink
-from counterflex.links.egm_path_link import EgmPathLink
-from counterflex.links.session import OnlineSession
-from counterflex.runtime.sensor_wrench import SensorWrench
-from counterflex.runtime.supervisor import State
-from counterflex.twin.commanded_motion import Report
-from counterflex.twin.exact_robot import ExactRobot
-from counterflex.twin.fake_egm import FakeEgm
-from counterflex.twin.path_answer import PathAnswer
-from counterflex.twin.robot_server import RobotServer
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.cell.sensing import flange_sensor
+from counterflex.protocols.abb_egm.guidance_link import EgmGuidanceLink
+from counterflex.protocols.abb_egm.path_link import EgmPathLink
+from counterflex.protocols.processes.control_array import Request
+from counterflex.protocols.session.session import OnlineSession
+from counterflex.runtime.sensing.sensor_wrench import SensorWrench
+from counterflex.runtime.state.supervisor import State
+from counterflex.twin.devices.abb_egm import FakeEgm
+from counterflex.twin.devices.commanded_motion import Report
+from counterflex.twin.devices.exact_robot import ExactRobot
+from counterflex.twin.devices.path_answer import PathAnswer
+from counterflex.twin.devices.robot_server import RobotServer
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 PROGRAM = EXAMPLES / "programs" / "groove.ngc"

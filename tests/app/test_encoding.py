@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from counterflex.app import compensate
+from counterflex.app.compensation import compensate
 
 HEAD = "(Prüfstück Ø16)\r\nG21 G17 G90\r\nM6 T1\r\nM3 S13000\r\nG0 X-12 Y15 Z42\r\n"
 CUT = "G0 Z36\r\nG1 X52 F1500 (schräg)\r\nG0 Z42\r\n"

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.compensate import Compensated, compensate
+from counterflex.app.compensation.compensate import Compensated, compensate
 from counterflex.core.errors import InputError
 from counterflex.core.units import UM
-from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.path.toolpath import FEED
 from counterflex.plan.feed_for_tolerance import STEP, FeedTolerance
 from counterflex.plan.plan import across
-from counterflex.programs.gcode_reader import read_gcode
+from counterflex.programs.gcode.read.reader import read_gcode
 
 ProgramFile = Callable[..., Path]
 FAST = "G21 G17 G90\nM6 T1\nM3 S19500\nG0 Z60\nG0 X-12 Y15\nG0 Z36\nG1 X52 F2250\nG0 Z60\nM5\nM2\n"

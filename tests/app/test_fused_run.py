@@ -7,16 +7,20 @@ from pathlib import Path
 import numpy as np
 
 import counterflex
-from counterflex.app import evaluate, live, online_session, over_sockets, run_log
-from counterflex.app.compensate import run as compensate
-from counterflex.app.truth import make_truth
-from counterflex.files.cell import read_cell
-from counterflex.files.run_log import read_log
-from counterflex.runtime.fusion import Source
-from counterflex.runtime.plausibility_kernel import DOUBT_STEP
+from counterflex.app.compensation.compensate import run as compensate
+from counterflex.app.proof import evaluate
+from counterflex.app.proof.truth import make_truth
+from counterflex.app.run import log as run_log
+from counterflex.app.run import session as online_session
+from counterflex.app.simulated_cell import cell as live
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.logs.run_log import read_log
+from counterflex.runtime.estimator.fusion import Source
+from counterflex.runtime.plausibility.kernel import DOUBT_STEP
 from counterflex.runtime.record_ring import COLUMNS
-from counterflex.runtime.supervisor import Cause, State
-from counterflex.twin.force_sensor import force_sensor
+from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.twin.plant.force_sensor import force_sensor
+from counterflex.validation.reproduce import closed_loop
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 RSI = Path(counterflex.__file__).parent / "app" / "demo" / "rsi.xml"
@@ -37,12 +41,12 @@ def test_fused_over_sockets_and_replayed(tmp_path: Path) -> None:
     cell.write_text(text + sensor + ONLINE, encoding="utf-8")
     compensate(PROGRAM, cell, tmp_path / "plan", report=False, predict=False)
     plan = tmp_path / "plan" / "plan.parquet"
-    summary = over_sockets.run(
+    summary = closed_loop.run(
         live.LiveSettings(PROGRAM, cell, tmp_path / "truth.toml", RSI, hose_share=0.0),
         tmp_path / "part",
         online_session.RunSettings(cell, RSI, plan, compensated=False, arm=True),
         tmp_path / "log",
-        sensors=over_sockets.Sensors(force=True),
+        sensors=closed_loop.Sensors(force=True),
     )
     assert summary["states"]["active"] > 800
     assert "fault" not in summary["states"]

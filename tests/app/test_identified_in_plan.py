@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 import tomli_w
 
-from counterflex.app.compensate import compensate
+from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import setting_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import UM
-from counterflex.files.cell import read_cell
-from counterflex.files.cell_schema import CellTables
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.cell.tables import CellTables
 from counterflex.plan.compensate import residual_sag, solve_joints
 from counterflex.plan.lost_motion import corrected_joints
 from counterflex.plan.plan import Plan
-from counterflex.robot.chain import forward
+from counterflex.robot.elasticity.chain import forward
 
 ProgramFile = Callable[..., Path]
 Change = Callable[[dict[str, object]], None]

@@ -12,25 +12,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.app import identify
-from counterflex.app.history import history
-from counterflex.app.propose import propose
+from counterflex.app.identification import identify
+from counterflex.app.identification.history import history
+from counterflex.app.identification.propose import propose
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ModelError
 from counterflex.core.progress import Progress
 from counterflex.core.units import URAD_PER_KNM
-from counterflex.files.cell import read_cell
-from counterflex.files.dataset_file import read_dataset
-from counterflex.files.dataset_writer import write_dataset
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.proposal import read_proposal
+from counterflex.files.dataset.reader import read_dataset
+from counterflex.files.dataset.writer import write_dataset
 from counterflex.files.identification_file import covariance_shop, read_identification
-from counterflex.files.proposal_file import read_proposal
-from counterflex.identify.changes import Change, ElementCompliance
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.holdout import cross_validate, score_separate
-from counterflex.identify.model import CellModel
-from counterflex.identify.parameters import Parameter, Parameters
+from counterflex.identify.data.changes import Change, ElementCompliance
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.data.model import CellModel
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Proposal, Recipe
-from counterflex.identify.solve import solve
+from counterflex.identify.solver.holdout import cross_validate, score_separate
+from counterflex.identify.solver.parameters import Parameter, Parameters
+from counterflex.identify.solver.solve import solve
 
 CELL = Path(__file__).parents[2] / "examples" / "cells" / "kr300_d16_small.toml"
 TRUE = np.array([400.0, 900.0]) * URAD_PER_KNM
@@ -142,7 +142,7 @@ RECIPE = Recipe(
 
 @pytest.fixture(autouse=True)
 def springs(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("counterflex.app.identify", "counterflex.app.propose"):
+    for module in ("counterflex.app.identification.identify", "counterflex.app.identification.propose"):
         monkeypatch.setattr(f"{module}.recipe_of", lambda _name: RECIPE)
 
 

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 import counterflex
-from counterflex.app import compensate as job
-from counterflex.app import online_session
-from counterflex.app.compensate import LANGUAGES, compensate
-from counterflex.app.job_check import check_job
+from counterflex.app.compensation import compensate as job
+from counterflex.app.compensation.compensate import LANGUAGES, compensate
+from counterflex.app.run import session as online_session
+from counterflex.app.run.job_check import check_job
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.files.plan_file import read_plan
 from counterflex.plan.job_hash import job_hash
 from counterflex.programs.job_mark import mark, marks
-from counterflex.programs.krl_rsi import RsiSwitching, with_correction
+from counterflex.programs.krl.rsi import RsiSwitching, with_correction
 
 ProgramFile = Callable[..., Path]
 RSI = Path(counterflex.__file__).parent / "app" / "demo" / "rsi.xml"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from counterflex.app.kept import DONE, Mark, begin, fingerprint, finish, finished, made_again, why_again
+from counterflex.app.long_jobs.step_cache import DONE, Mark, begin, fingerprint, finish, finished, made_again, why_again
 from counterflex.core.errors import FileFormatError
 
 A: Mark = (("version", "1"), ("cell.toml [part]", "x"))

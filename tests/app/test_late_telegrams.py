@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from counterflex.app.fault_scenarios.network import LARGEST_STEP_M
-from counterflex.app.fault_scenarios.rig import Rig
-from counterflex.twin.impairment import Delivery, Impairment, Schedule
+from counterflex.twin.network.impairment import Delivery, Impairment, Schedule
+from counterflex.validation.faults.network import LARGEST_STEP_M
+from counterflex.validation.faults.rig import Rig
 
 
 class _Late(Schedule):

@@ -12,31 +12,31 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.app.lone_instruments import (
+from counterflex.app.run.tracker_replay import run_log_as_tracker
+from counterflex.app.simulated_cell.instruments import (
     Clock,
     LoneNetft,
     LoneTracker,
     run_netft,
     run_tracker,
 )
-from counterflex.app.tracker_replay import run_log_as_tracker
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, OutputError
-from counterflex.files.cell import read_cell
-from counterflex.files.run_log import RunLog
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.logs.run_log import RunLog
 from counterflex.geometry import pose, rotation
-from counterflex.links.netft_link import NetftLink, fetch_scaling
-from counterflex.links.session import tracker_frames
-from counterflex.links.tracker_link import TrackerLink
+from counterflex.protocols.netft import telegram as netft
+from counterflex.protocols.netft.link import NetftLink, fetch_scaling
+from counterflex.protocols.session.session import tracker_frames
+from counterflex.protocols.tracker.link import TrackerLink
+from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, TrackerPose, read_pose
 from counterflex.runtime.record_ring import COLUMNS
-from counterflex.twin.faults import Fault, FaultSchedule
-from counterflex.twin.netft_server import NetftServer
-from counterflex.twin.pace import keep_pace
-from counterflex.twin.pose_source import CircleTarget, NoisyPose, SquareTarget, StandingTarget, TrackerLog
-from counterflex.twin.tracker_sender import TrackerSender
-from counterflex.twin.wrench_source import NoisyWrench, RecordedWrench, SteadyWrench
-from counterflex.wire import netft
-from counterflex.wire.tracker_pose import BEAM_BROKEN, INACCURATE, TrackerPose, read_pose
+from counterflex.twin.devices.netft import NetftServer
+from counterflex.twin.devices.pace import keep_pace
+from counterflex.twin.devices.pose_source import CircleTarget, NoisyPose, SquareTarget, StandingTarget, TrackerLog
+from counterflex.twin.devices.tracker import TrackerSender
+from counterflex.twin.devices.wrench_source import NoisyWrench, RecordedWrench, SteadyWrench
+from counterflex.twin.network.faults import Fault, FaultSchedule
 
 STEADY = SteadyWrench(np.array([10.0, 0.0, -50.0, 0.0, 1.0, 0.0]), np.zeros(6))
 CELL = Path(__file__).resolve().parents[2] / "examples" / "cells" / "kr300_d16_small.toml"

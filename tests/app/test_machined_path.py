@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app import prove, simulate
-from counterflex.app.compensate import compensate
+from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import SETTLING_S, read_job
-from counterflex.app.truth import truth_of
+from counterflex.app.proof import prove, simulate
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
-from counterflex.programs.gcode_reader import read_gcode
+from counterflex.programs.gcode.read.reader import read_gcode
 
 
 def test_planning_adds_one_stop_where_feed_turns_into_rapid(program: Callable[..., Path], small: Path) -> None:

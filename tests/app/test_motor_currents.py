@@ -10,21 +10,25 @@ import numpy as np
 import pytest
 
 import counterflex
-from counterflex.app import evaluate, live, online_session, over_sockets, run_log
-from counterflex.app.compensate import run as compensate
-from counterflex.app.rsi import MakeSettings, make
-from counterflex.app.truth import make_truth
+from counterflex.app.compensation.compensate import run as compensate
+from counterflex.app.proof import evaluate
+from counterflex.app.proof.truth import make_truth
+from counterflex.app.robot_setup.rsi import MakeSettings, make
+from counterflex.app.run import log as run_log
+from counterflex.app.run import session as online_session
+from counterflex.app.simulated_cell import cell as live
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.files.cell import read_cell
-from counterflex.files.run_log import read_log
-from counterflex.runtime.fusion import Source
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.logs.run_log import read_log
+from counterflex.protocols.kuka_rsi.config import parse_config
+from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.record_ring import COLUMNS
-from counterflex.runtime.supervisor import Cause, State
-from counterflex.twin.faults import Fault
-from counterflex.twin.force_sensor import force_sensor
-from counterflex.twin.motor_currents import DATA_SHEET_NM_A
-from counterflex.wire.rsi_config import parse_config
+from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.twin.network.faults import Fault
+from counterflex.twin.plant.force_sensor import force_sensor
+from counterflex.twin.plant.motor_currents import DATA_SHEET_NM_A
+from counterflex.validation.reproduce import closed_loop
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 RSI = Path(counterflex.__file__).parent / "app" / "demo" / "rsi.xml"
@@ -67,7 +71,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
 
 def mill(place: Place, out: Path, *, currents: bool) -> tuple[dict[str, Any], dict[str, Float]]:
     """Mill with a force sensor that dies before the cut: figures of the part, columns of the log."""
-    over_sockets.run(
+    closed_loop.run(
         live.LiveSettings(
             place.program,
             place.cell,
@@ -79,7 +83,7 @@ def mill(place: Place, out: Path, *, currents: bool) -> tuple[dict[str, Any], di
         out / "part",
         online_session.RunSettings(place.cell, place.rsi, place.plan, compensated=False, arm=True, currents=currents),
         out / "log",
-        sensors=over_sockets.Sensors(force=True),
+        sensors=closed_loop.Sensors(force=True),
     )
     rows, _, cut = read_log(out / "log")
     assert cut == []

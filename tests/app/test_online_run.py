@@ -10,16 +10,20 @@ import numpy as np
 import pytest
 
 import counterflex
-from counterflex.app import evaluate, live, online_session, over_sockets, run_log
-from counterflex.app.compensate import run as compensate
-from counterflex.app.truth import make_truth
+from counterflex.app.compensation.compensate import run as compensate
+from counterflex.app.proof import evaluate
+from counterflex.app.proof.truth import make_truth
+from counterflex.app.run import log as run_log
+from counterflex.app.run import session as online_session
+from counterflex.app.simulated_cell import cell as live
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.files.cell import read_cell
-from counterflex.files.run_log import read_log
-from counterflex.runtime.plausibility_kernel import DOUBT_STEP
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.logs.run_log import read_log
+from counterflex.runtime.plausibility.kernel import DOUBT_STEP
 from counterflex.runtime.record_ring import COLUMNS
-from counterflex.runtime.supervisor import Cause, State
-from counterflex.twin.force_sensor import force_sensor
+from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.twin.plant.force_sensor import force_sensor
+from counterflex.validation.reproduce import closed_loop
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 RSI = Path(counterflex.__file__).parent / "app" / "demo" / "rsi.xml"
@@ -60,7 +64,7 @@ def mill(place: Place, name: str, *, arm: bool) -> tuple[dict[str, Any], dict[st
     twin = live.LiveSettings(PROGRAM, place.cell, place.truth, RSI, hose_share=0.0)
     loop = online_session.RunSettings(place.cell, RSI, place.plan, compensated=False, arm=arm)
     part, log = place.folder / name, place.folder / f"{name}-log"
-    summary = over_sockets.run(twin, part, loop, log, sensors=over_sockets.Sensors())
+    summary = closed_loop.run(twin, part, loop, log, sensors=closed_loop.Sensors())
     return summary, evaluate.run([part], None)["variants"]["nominal"]
 
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.app.fault_scenarios.rig import Rig
-from counterflex.app.operator_requests import Clock, ask, request
+from counterflex.app.run.operator_requests import Clock, ask, request
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError
-from counterflex.links.control_array import Life, Request
-from counterflex.runtime.supervisor import State
-from counterflex.twin.fake_rsi import RsiContext
+from counterflex.protocols.processes.control_array import Life, Request
+from counterflex.runtime.state.supervisor import State
+from counterflex.twin.devices.kuka_rsi import RsiContext
+from counterflex.validation.faults.rig import Rig
 
 
 def steady(_: float) -> Float:

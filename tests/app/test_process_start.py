@@ -14,15 +14,16 @@ from typing import Any, cast
 
 import pytest
 
-from counterflex.app import online, process_start
-from counterflex.app.online import Supervised
-from counterflex.app.online_process import loop_process
-from counterflex.app.process_start import first_word, signals_wait
-from counterflex.app.recorder import recorder_process
+from counterflex.app.run import process_start
+from counterflex.app.run import run as online
+from counterflex.app.run.process import loop_process
+from counterflex.app.run.process_start import first_word, signals_wait
+from counterflex.app.run.recorder import recorder_process
+from counterflex.app.run.run import Supervised
 from counterflex.core.errors import InputError, OutputError
-from counterflex.links.control_array import CONTROL
-from counterflex.links.shared_words import SharedWords
-from counterflex.links.signals import SIGNALS
+from counterflex.protocols.processes.control_array import CONTROL
+from counterflex.protocols.processes.shared_words import SharedWords
+from counterflex.protocols.system.signals import SIGNALS
 
 READY: tuple[object, ...] = (("127.0.0.1", 49152), "0" * 64, [])
 
@@ -169,7 +170,7 @@ BORN = """
 import os, signal
 os.kill(os.getpid(), signal.SIGTERM)
 os.kill(os.getpid(), signal.SIGINT)
-from counterflex.links.signals import hear_signals
+from counterflex.protocols.system.signals import hear_signals
 came = []
 for number in (signal.SIGTERM, signal.SIGINT):
     signal.signal(number, lambda n, _: came.append(n))

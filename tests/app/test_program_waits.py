@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from counterflex.app.fault_scenarios.rig import Rig
 from counterflex.core.units import MM
-from counterflex.links.control_array import Request
-from counterflex.wire.rsi_config import parse_config
-from counterflex.wire.rsi_files import RsiFiles
-from counterflex.wire.rsi_setup import OnlineLimits
+from counterflex.protocols.kuka_rsi.config import parse_config
+from counterflex.protocols.kuka_rsi.make.files import RsiFiles
+from counterflex.protocols.kuka_rsi.setup import OnlineLimits
+from counterflex.protocols.processes.control_array import Request
+from counterflex.validation.faults.rig import Rig
 
 LIMITS = OnlineLimits(2.0, 0.3, 1.5, 4)
 NEAR_ZERO_MM = 0.005  # what CF_ZERO compares with

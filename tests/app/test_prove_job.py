@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.app import prove
-from counterflex.app.evaluate import judge, reference_of
 from counterflex.app.inputs import read_job
+from counterflex.app.proof import prove
+from counterflex.app.proof.evaluate import judge, reference_of
 from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.files.run_file import read_run
 from counterflex.path.toolpath import FEED
 

@@ -10,14 +10,14 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from counterflex.app import online
-from counterflex.app.online import Supervised
-from counterflex.app.run_end import End, ended_how
-from counterflex.files.run_log import read_log
-from counterflex.links.control_array import Kept, Life, Shown
-from counterflex.runtime.layout import O_STATE
+from counterflex.app.run import run as online
+from counterflex.app.run.end import End, ended_how
+from counterflex.app.run.run import Supervised
+from counterflex.files.logs.run_log import read_log
+from counterflex.protocols.processes.control_array import Kept, Life, Shown
 from counterflex.runtime.record_ring import CYCLE, OUTCOME
-from counterflex.runtime.supervisor import State
+from counterflex.runtime.state.layout import O_STATE
+from counterflex.runtime.state.supervisor import State
 
 ROWS, TAKEN = 40, 25
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from counterflex.app.recorder import Recorder
-from counterflex.files.run_log import RunLog
-from counterflex.links.control_array import CONTROL
+from counterflex.app.run.recorder import Recorder
+from counterflex.files.logs.run_log import RunLog
+from counterflex.protocols.processes.control_array import CONTROL
 from counterflex.runtime import record_ring as record
-from counterflex.runtime.layout import O_CAUSE, O_STATE
 from counterflex.runtime.record_ring import RecordRing
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.state.layout import O_CAUSE, O_STATE
+from counterflex.runtime.state.supervisor import Cause, State
 
 STATES = [State.ACTIVE, State.HOLD, State.HOLD, State.ACTIVE, State.HOLD, State.FAULT, State.FAULT, State.IDLE]
 CAUSES = [

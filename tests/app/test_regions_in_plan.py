@@ -9,14 +9,14 @@ from pathlib import Path
 
 import tomli_w
 
-from counterflex.app import simulate
-from counterflex.app.compensate import compensate
-from counterflex.app.evaluate import judge, reference_of
+from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import read_job
-from counterflex.app.truth import truth_of
-from counterflex.files.cell import Cell, read_cell
+from counterflex.app.proof import simulate
+from counterflex.app.proof.evaluate import judge, reference_of
+from counterflex.app.proof.truth import truth_of
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.run_file import Run
-from counterflex.twin.truth import Truth
+from counterflex.twin.truth.truth import Truth
 
 ProgramFile = Callable[..., Path]
 SHORT = "G21 G17 G90\nM6 T1\nM3 S13000\nG0 X-12 Y15 Z42\nG0 Z36\nG1 X52 F1500\nG0 Z42\nM5\nM2\n"

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 
 import pytest
 
-from counterflex.app import prove
+from counterflex.app.proof import prove
 from counterflex.core.meter import Meter
 from counterflex.core.progress import in_parts
-from counterflex.identify import kinematics, stiffness
+from counterflex.identify.kinematics import recipe as kinematics
+from counterflex.identify.stiffness import recipe as stiffness
 from counterflex.plan.work import CORRECTION, JOINTS, MENDED, TRIAL, UNCOMPENSATED, UNDISTURBED, work_of
 
 # Seconds that the parts took on two busy cores: of the UR10 and the first two parts of a proof by the jobs' own clocks,

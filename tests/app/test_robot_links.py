@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 import counterflex
-from counterflex.app.robot_links import egm_link, rsi_link
+from counterflex.app.run.robot_links import egm_link, rsi_link
 from counterflex.core.errors import InputError
-from counterflex.files.cell import read_cell
-from counterflex.files.cell_egm import EgmTable
-from counterflex.files.cell_monitor import OverrideTable
-from counterflex.files.cell_online import OnlineTable
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.cell.egm import EgmTable
+from counterflex.files.cell.monitor import OverrideTable
+from counterflex.files.cell.online import OnlineTable
 from counterflex.runtime.settings import ForceMode, OnlineSettings, Output
 
 DEMO = Path(counterflex.__file__).parent / "app" / "demo"

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from counterflex.app.compensate import compensate
+from counterflex.app.compensation.compensate import compensate
+from counterflex.app.compensation.robot_program import check_machine, left_out, other_lengths, routine_name, tool_data
 from counterflex.app.inputs import read_job
-from counterflex.app.robot_program import check_machine, left_out, other_lengths, routine_name, tool_data
 from counterflex.core.errors import ProgramError
-from counterflex.files.cell import Cell, resolve
-from counterflex.files.cell_schema import CellTables
+from counterflex.files.cell.cell import Cell, resolve
+from counterflex.files.cell.tables import CellTables
 from counterflex.files.schema import parse
-from counterflex.programs.machine_functions import Dialect
+from counterflex.programs.robot_writer.machine_functions import Dialect
 
 CELL = Path(__file__).resolve().parents[1] / "data" / "cells" / "small.toml"
 MAPPED: dict[str, list[str]] = {"clockwise": [], "off": [], "tool_change": [], "flood": [], "coolant_off": []}

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from counterflex.app import evaluate, simulate
-from counterflex.app.truth import make_truth
+from counterflex.app.proof import evaluate, simulate
+from counterflex.app.proof.truth import make_truth
 from counterflex.core.errors import InputError
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 
 SHORT = "G21 G17 G90\nM6 T1\nM3 S13000\nG0 X-12 Y15 Z42\nG0 Z38\nG1 X8 F1500\nG0 Z42\nM5\nM2\n"
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.fault_scenarios.process_rig import ProcessRig
-from counterflex.app.fault_scenarios.rig import Rig
-from counterflex.links.control_array import Life, Shown
-from counterflex.links.session import SessionChecks
-from counterflex.runtime.supervisor import Cause, State
-from counterflex.twin.fake_rsi import RsiContext
+from counterflex.protocols.processes.control_array import Life, Shown
+from counterflex.protocols.session.session import SessionChecks
+from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.twin.devices.kuka_rsi import RsiContext
+from counterflex.validation.faults.process_rig import ProcessRig
+from counterflex.validation.faults.rig import Rig
 
 
 @pytest.fixture

@@ -12,11 +12,11 @@ import socket
 import numpy as np
 import pytest
 
-from counterflex.app.fault_scenarios.rig import Rig
 from counterflex.core.arrays import Float
-from counterflex.links.netft_link import NetftLink
-from counterflex.twin.netft_server import COUNTS
-from counterflex.wire import netft
+from counterflex.protocols.netft import telegram as netft
+from counterflex.protocols.netft.link import NetftLink
+from counterflex.twin.devices.netft import COUNTS
+from counterflex.validation.faults.rig import Rig
 
 BEYOND_N = 9000.0
 CLEAN = 50

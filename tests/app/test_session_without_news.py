@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from counterflex.app.fault_scenarios.rig import Rig
-from counterflex.links.tracker_link import TrackerLink
+from counterflex.protocols.tracker.link import TrackerLink
+from counterflex.protocols.tracker.telegram import BEAM_BROKEN, TrackerPose, write_pose
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
-from counterflex.runtime.supervisor import Cause, State
-from counterflex.wire.tracker_pose import BEAM_BROKEN, TrackerPose, write_pose
+from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.validation.faults.rig import Rig
 
 
 def empty_cycle(rig: Rig) -> None:

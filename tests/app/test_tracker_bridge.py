@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from counterflex.app.tracker_bridge import forward
+from counterflex.app.run.tracker_bridge import forward
 from counterflex.core.errors import CounterflexError, FileFormatError
-from counterflex.files.tracker_log import measurements, read_tracker_log
-from counterflex.files.wrench_log import read_wrench_log
+from counterflex.files.logs.tracker_log import measurements, read_tracker_log
+from counterflex.files.logs.wrench_log import read_wrench_log
 from counterflex.geometry import rotation
-from counterflex.wire.tracker_pose import NO_ORIENTATION, read_pose
+from counterflex.protocols.tracker.telegram import NO_ORIENTATION, read_pose
 
 SPHERICAL = "time_s,distance_mm,azimuth_deg,zenith_deg,qw,qx,qy,qz"
 

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app import mandiola_report, reproduce_mandiola
-from counterflex.app.mandiola_case import write_case
 from counterflex.core.errors import InputError
 from counterflex.evaluate import tracking
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
+from counterflex.validation.reproduce import mandiola as reproduce_mandiola
+from counterflex.validation.reproduce import mandiola_report
+from counterflex.validation.reproduce.mandiola_case import write_case
 
 
 def test_the_designed_controller_against_the_published_gain_pair(tmp_path: Path) -> None:

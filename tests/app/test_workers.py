@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from counterflex.app.workers import MOST, ONE_THREAD, Shares, count_of, done_one_by_one, pool_of, share
+from counterflex.app.long_jobs.workers import MOST, ONE_THREAD, Shares, count_of, done_one_by_one, pool_of, share
 
 
 def settings() -> dict[str, str | None]:
@@ -35,7 +35,7 @@ def test_a_fault_ends_the_workers_and_restores_the_settings(monkeypatch: pytest.
 
 _JOB = """
 import os, sys, time
-from counterflex.app.workers import pool_of
+from counterflex.app.long_jobs.workers import pool_of
 with pool_of(2) as pool:
     pool.submit(os.getpid).result()
     for _ in range(4):

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from counterflex.app import examples, simulate
-from counterflex.app.truth import make_truth
+from counterflex.app import examples
+from counterflex.app.proof import simulate
+from counterflex.app.proof.truth import make_truth
 from counterflex.cli import main
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ def test_robots(counterflex: Any) -> None:
 def _reachable_checks() -> list[tuple[str, dict[str, Any]]]:
     """Published check poses of the catalogue whose joint angles lie within the robot's limits."""
     found = []
-    for item in (resources.files("counterflex.robot") / "catalog_data").iterdir():
+    for item in (resources.files("counterflex.robot.model") / "catalog_data").iterdir():
         if not item.name.endswith(".toml"):
             continue
         data = tomllib.loads(item.read_text(encoding="utf-8"))

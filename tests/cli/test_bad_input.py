@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from counterflex.programs import gcode_reader
+from counterflex.programs.gcode.read import reader as gcode_reader
 
 HEAD = "G17 G54 G40 G49 G80 G90 G21\nM6 T1\nM3 S13000\nG0 Z40\nG0 X-12 Y15\nG0 Z22\n"
 TAIL = "\nG0 Z40\nM2\n"

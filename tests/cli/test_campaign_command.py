@@ -33,7 +33,7 @@ def test_an_interrupted_campaign_keeps_what_it_has(
     shutil.copy(machined.folder / "truth.toml", folder)
     command = ("campaign", "--cell", "cell.toml", "--twin", "truth.toml", "--recipe", "tracker-frame", "--out", "out")
     with monkeypatch.context() as patched:
-        patched.setattr("counterflex.cli.campaign.progress_bar", _stops_at(0.5))
+        patched.setattr("counterflex.cli.commands.campaign.progress_bar", _stops_at(0.5))
         stopped = counterflex(*command, "--workers", "1")
     assert stopped.status == 130
     assert "finished steps are kept" in stopped.err

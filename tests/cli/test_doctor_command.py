@@ -16,9 +16,9 @@ from counterflex.app import doctor as job
 from counterflex.core.errors import InputError, OutputError
 from counterflex.evaluate.loop_timing import LoopSamples
 from counterflex.files.machine_file import KeptVerdict, read_verdict, write_verdict
-from counterflex.links.machine import Machine, look, processor_times, read_stat
-from counterflex.links.realtime import Granted
-from counterflex.runtime.supervisor import State
+from counterflex.protocols.system.machine import Machine, look, processor_times, read_stat
+from counterflex.protocols.system.realtime import Granted
+from counterflex.runtime.state.supervisor import State
 
 Give = Callable[..., None]
 

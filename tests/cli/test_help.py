@@ -15,14 +15,14 @@ import pytest
 import typer
 
 from counterflex.app import examples
-from counterflex.app.online_loop import online_loop
+from counterflex.app.run.loop import online_loop
 from counterflex.cli.main import app
 from counterflex.evaluate.loop_timing import LoopSamples
-from counterflex.files.cell import read_cell
-from counterflex.files.dataset_writer import write_dataset
-from counterflex.files.run_log import RunLog
-from counterflex.links.machine import Machine
-from counterflex.links.realtime import Granted
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.writer import write_dataset
+from counterflex.files.logs.run_log import RunLog
+from counterflex.protocols.system.machine import Machine
+from counterflex.protocols.system.realtime import Granted
 from counterflex.runtime import record_ring as record
 
 HEAVY = ("rich", "numpy", "numba", "scipy", "polars", "mujoco", "plotly", "pydantic", "trimesh", "jinja2")

@@ -14,12 +14,12 @@ import pytest
 from counterflex.app.examples import text as demo
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MRAD, UM, URAD
-from counterflex.files.cell import Cell, read_cell
-from counterflex.files.dataset_writer import write_dataset
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.dataset.writer import write_dataset
 from counterflex.geometry import pose, rotation
-from counterflex.robot import compliance
-from counterflex.robot.calibration import calibrated, places
-from counterflex.robot.chain import ElasticChain, forward
+from counterflex.robot.elasticity import compliance
+from counterflex.robot.elasticity.chain import ElasticChain, forward
+from counterflex.robot.model.calibration import calibrated, places
 
 
 class Ended(Protocol):

@@ -33,25 +33,25 @@ def _stops_at(at: float) -> Any:
 
 @pytest.mark.parametrize("fraction", [0.0, 0.05, 0.4, 0.7, 1.0])
 def test_compensate(folder: Path, refused: Any, monkeypatch: pytest.MonkeyPatch, fraction: float) -> None:
-    monkeypatch.setattr("counterflex.cli.program.progress_bar", _stops_at(fraction))
+    monkeypatch.setattr("counterflex.cli.commands.program.progress_bar", _stops_at(fraction))
     assert refused("compensate", "part.ngc", "--cell", "cell.toml", "--out", "new/out", status=130) == SAID
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.15, 0.85, 1.0])
 def test_prove(folder: Path, refused: Any, monkeypatch: pytest.MonkeyPatch, fraction: float) -> None:
-    monkeypatch.setattr("counterflex.cli.prove.progress_bar", _stops_at(fraction))
+    monkeypatch.setattr("counterflex.cli.commands.prove.progress_bar", _stops_at(fraction))
     assert refused("prove", "part.ngc", "--cell", "cell.toml", "--out", "new/out", "--workers", "1", status=130) == SAID
 
 
 def test_demo(refused: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("counterflex.cli.demo.progress_bar", _stops_at(0.0))
+    monkeypatch.setattr("counterflex.cli.commands.demo.progress_bar", _stops_at(0.0))
     assert refused("demo", "--out", "new/out", status=130) == SAID
 
 
 def test_results_of_an_earlier_run_stay(folder: Path, refused: Any, counterflex: Any, monkeypatch: Any) -> None:
     command = ("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out", "--no-report")
     assert counterflex(*command).status == 0
-    monkeypatch.setattr("counterflex.cli.program.progress_bar", _stops_at(1.0))
+    monkeypatch.setattr("counterflex.cli.commands.program.progress_bar", _stops_at(1.0))
     refused(*command, status=130)
 
 
@@ -67,7 +67,8 @@ def test_failure_while_files_are_moved_puts_everything_back(folder: Path, refuse
 # The signal itself, from inside: when the job reports a fraction, the whole process group gets it, as from a terminal.
 PRESS = """
 import contextlib, os, signal, sys
-from counterflex.cli import demo, main, program, prove
+from counterflex.cli import main
+from counterflex.cli.commands import demo, program, prove
 
 @contextlib.contextmanager
 def bar(what, *, quiet=False):

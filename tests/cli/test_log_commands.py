@@ -13,20 +13,20 @@ import pytest
 from mcap.reader import make_reader
 
 from counterflex import __version__
-from counterflex.app.made_on import made_on
-from counterflex.app.online_loop import online_loop
-from counterflex.app.run_log_missing import counted
+from counterflex.app.environment import made_on
+from counterflex.app.run.loop import online_loop
+from counterflex.app.run.missing import counted
 from counterflex.core.arrays import Float
-from counterflex.files.cell import read_cell
-from counterflex.files.mcap_salvage import MAGIC, salvage
-from counterflex.files.run_log import RunLog, read_log, read_segment
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.logs.mcap_salvage import MAGIC, salvage
+from counterflex.files.logs.run_log import RunLog, read_log, read_segment
 from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose, rotation
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.record_ring import COLUMNS, WIDTH
+from counterflex.runtime.state.supervisor import Cause
 from counterflex.runtime.state_slots import LoopState
-from counterflex.runtime.supervisor import Cause
 
 ONLINE = '\n[online]\nforce = "measured"\nalong_feed = true\n'
 CYCLES = 200
@@ -204,7 +204,7 @@ def test_runs_whose_segments_alternate(
     """Each is replayed by itself, and gaps are counted by run and cycle; the second misses cycles 61 to 80."""
     loop = online_loop(read_cell(folder / "cell.toml"), None, compensated=False)
     logs = [RunLog(folder / "two", {"compensated": True, "loop_sha256": loop.sha256(), "who": k}) for k in range(2)]
-    monkeypatch.setattr("counterflex.files.run_log.SEGMENT_BYTES", 1)  # a segment of its own for every piece
+    monkeypatch.setattr("counterflex.files.logs.run_log.SEGMENT_BYTES", 1)  # a segment of its own for every piece
     for k in range(0, CYCLES, 20):
         logs[0].add(logged[k : k + 20], 0.2 * (k + 1))
         if k != 60:

@@ -13,12 +13,12 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.evaluate.incidents import MOST_INCIDENTS, IncidentFinder
-from counterflex.files.record_units import headings, unit_of
-from counterflex.files.run_log import RunLog
-from counterflex.runtime import layout as at
+from counterflex.files.logs.record_units import headings, unit_of
+from counterflex.files.logs.run_log import RunLog
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.record_ring import COLUMNS, WIDTH
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import Cause, State
 
 HOLD, FAULT = 700, 1100
 
@@ -54,7 +54,7 @@ def rotated(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Float:
     """A folder ``log`` whose segments end every few cycles, so that the window of an incident spans several."""
     rows = synthetic()
     with monkeypatch.context() as patch:
-        patch.setattr("counterflex.files.run_log.SEGMENT_BYTES", 200_000)
+        patch.setattr("counterflex.files.logs.run_log.SEGMENT_BYTES", 200_000)
         write(folder / "log", rows)
     assert len(list((folder / "log").glob("run-*.mcap"))) > 5
     return rows

@@ -13,10 +13,10 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.files import run_log_segment
-from counterflex.files.run_log import RunLog, read_log, read_segment
+from counterflex.files.logs import segment as run_log_segment
+from counterflex.files.logs.run_log import RunLog, read_log, read_segment
 from counterflex.runtime.record_ring import COLUMNS, WIDTH
-from counterflex.runtime.states import Cause, State
+from counterflex.runtime.state.states import Cause, State
 
 CYCLES = 30
 NEWER = ("wear_trend", "wear_trend_sigma", "fast_samples", "slowed", "surprise_tracker")

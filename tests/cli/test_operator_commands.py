@@ -42,7 +42,7 @@ def test_what_came_of_it_is_one_line(
         asked.append((folder, what))
         return SAID
 
-    monkeypatch.setattr("counterflex.app.operator_requests.request", request)
+    monkeypatch.setattr("counterflex.app.run.operator_requests.request", request)
     ended = counterflex("operator", action, str(tmp_path))
     assert (ended.status, ended.err) == (0, "")
     assert ended.out == "ramp out (operator), correction 0.421 mm, feed held\n" + (SEEN if action == "status" else "")
@@ -54,7 +54,7 @@ def test_what_is_refused_says_why_and_is_status_1(
     tmp_path: Path, counterflex: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     refused = {**SAID, "done": False, "refused": "a correction is in force", "state": "fault"}
-    monkeypatch.setattr("counterflex.app.operator_requests.request", lambda *_: refused)
+    monkeypatch.setattr("counterflex.app.run.operator_requests.request", lambda *_: refused)
     ended = counterflex("operator", "reset", str(tmp_path))
     assert ended.status == 1
     assert "reset refused: a correction is in force" in ended.err

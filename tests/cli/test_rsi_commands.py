@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from counterflex.app import examples
-from counterflex.app.rsi import CheckSettings, MakeSettings, check, make
+from counterflex.app.robot_setup.rsi import CheckSettings, MakeSettings, check, make
 from counterflex.core.errors import CounterflexError, InputError, OutputError, ProgramError
 from counterflex.core.units import DEG, MM
-from counterflex.links.rsi_link import RsiLink
-from counterflex.twin.commanded_motion import Report
-from counterflex.twin.fake_rsi import CORRECTING, FakeRsi, RsiContext
-from counterflex.wire.rsi_calls import read_calls
-from counterflex.wire.rsi_config import read_config
-from counterflex.wire.rsi_context import read_context
+from counterflex.protocols.kuka_rsi.calls import read_calls
+from counterflex.protocols.kuka_rsi.config import read_config
+from counterflex.protocols.kuka_rsi.context import read_context
+from counterflex.protocols.kuka_rsi.link import RsiLink
+from counterflex.twin.devices.commanded_motion import Report
+from counterflex.twin.devices.kuka_rsi import CORRECTING, FakeRsi, RsiContext
 
 COMPENSATED = """&ACCESS RVP
 &REL 1

@@ -12,14 +12,15 @@ import pytest
 from typer.testing import CliRunner
 
 import counterflex
-from counterflex.app import doctor, online
-from counterflex.app.run_end import End, RunEnd, ended_how
-from counterflex.app.run_status import Status
+from counterflex.app import doctor
+from counterflex.app.run import run as online
+from counterflex.app.run.end import End, RunEnd, ended_how
+from counterflex.app.run.status import Status
 from counterflex.cli.main import app
 from counterflex.core.arrays import Float
-from counterflex.runtime.layout import O_CAUSE, O_STATE
 from counterflex.runtime.record_ring import OUTCOME, WIDTH
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.state.layout import O_CAUSE, O_STATE
+from counterflex.runtime.state.supervisor import Cause, State
 
 DEMO = Path(counterflex.__file__).parent / "app" / "demo"
 

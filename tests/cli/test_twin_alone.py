@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 
 import counterflex as package
-from counterflex.app import lone_rsi
-from counterflex.app.truth import make_truth
-from counterflex.files.cell import read_cell
+from counterflex.app.proof.truth import make_truth
+from counterflex.app.simulated_cell import rsi as lone_rsi
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose
-from counterflex.robot.chain import forward
-from counterflex.runtime.axis_check import AxisCheck
-from counterflex.twin.exact_robot import StandingRobot, Standstill
-from counterflex.twin.fake_rsi import FakeRsi, RsiContext
-from counterflex.twin.robot_server import RobotServer
-from counterflex.wire.rsi_config import read_config
-from counterflex.wire.rsi_telegram import answer_writer, robot_reader
+from counterflex.protocols.kuka_rsi.config import read_config
+from counterflex.protocols.kuka_rsi.telegram import answer_writer, robot_reader
+from counterflex.robot.elasticity.chain import forward
+from counterflex.runtime.plausibility.axis_check import AxisCheck
+from counterflex.twin.devices.exact_robot import StandingRobot, Standstill
+from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
+from counterflex.twin.devices.robot_server import RobotServer
 
 DEMO = Path(package.__file__).parent / "app" / "demo"
 

@@ -28,16 +28,16 @@ WRITES = {
 FILES = {
     "core/atomic.py": "the mechanism",
     "core/output_place.py": "the mechanism",
-    "files/run_log.py": "new names in a folder, segment by segment",
-    "files/run_log_repair.py": "keeps the original under a new name",
-    "links/instance_lock.py": "a lock, in the user's cache",
-    "app/fault_scenarios/files.py": "in a temporary folder",
-    "app/fault_scenarios/process_rig.py": "in a temporary folder",
-    "app/fault_scenarios/run_rig.py": "in a temporary folder",
-    "app/steady.py": "in a temporary folder",
-    "app/soak.py": "in a staging folder",
-    "app/history.py": "in a staging folder",
-    "files/cell_update.py": "a trial in a staging folder",
+    "files/logs/run_log.py": "new names in a folder, segment by segment",
+    "files/logs/repair.py": "keeps the original under a new name",
+    "protocols/processes/instance_lock.py": "a lock, in the user's cache",
+    "validation/faults/files.py": "in a temporary folder",
+    "validation/faults/process_rig.py": "in a temporary folder",
+    "validation/faults/run_rig.py": "in a temporary folder",
+    "validation/soak/replayed_cell.py": "in a temporary folder",
+    "validation/soak/soak.py": "in a staging folder",
+    "app/identification/history.py": "in a staging folder",
+    "files/cell/update.py": "a trial in a staging folder",
 }
 
 

@@ -9,9 +9,9 @@ from scipy import stats
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.evaluate.process_record import FIRST_EVENTS, LAST_EVENTS, ProcessRecord
-from counterflex.runtime import monitor_layout as ml
 from counterflex.runtime import record_ring as record
-from counterflex.runtime.monitor_layout import Event
+from counterflex.runtime.monitoring import layout as ml
+from counterflex.runtime.monitoring.layout import Event
 
 
 def rows(first: int, count: int) -> Float:

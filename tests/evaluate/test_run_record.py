@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.evaluate.run_record import RunRecord
-from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import Cause, State
 
 
 def rows(states: list[State]) -> Float:

@@ -17,10 +17,10 @@ from counterflex.app import examples
 from counterflex.core.errors import FileFormatError
 from counterflex.cutting import material
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
-from counterflex.files.cell import KIND, VERSION, read_cell
+from counterflex.files.cell.cell import KIND, VERSION, read_cell
 from counterflex.files.schema import read_toml, write_toml
-from counterflex.robot import catalog
-from counterflex.robot.chain import forward
+from counterflex.robot.elasticity.chain import forward
+from counterflex.robot.model import catalog
 
 ROBOT = "kuka_kr300_r2500_ultra"
 

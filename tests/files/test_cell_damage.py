@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.core.errors import CounterflexError, FileFormatError
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 
 SMALL = Path(__file__).resolve().parents[1] / "data" / "cells" / "small.toml"
 LINES = SMALL.read_text(encoding="utf-8").splitlines()

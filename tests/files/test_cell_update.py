@@ -13,10 +13,10 @@ from counterflex.app.examples import text as demo
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MM, MRAD
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
-from counterflex.files.cell import Cell, read_cell
-from counterflex.files.cell_measured import IdentifiedTable, IdentifiedValue
-from counterflex.files.cell_update import apply, check_update, updated_text
-from counterflex.identify.changes import (
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
+from counterflex.files.cell.update import apply, check_update, updated_text
+from counterflex.identify.data.changes import (
     AxisPlay,
     AxisServo,
     BodyMass,
@@ -26,9 +26,9 @@ from counterflex.identify.changes import (
     ElementCompliance,
     TableValues,
 )
-from counterflex.robot.calibration import calibrated, places
-from counterflex.robot.chain import ElasticChain, forward_elastic
-from counterflex.robot.description import Play, Servo
+from counterflex.robot.elasticity.chain import ElasticChain, forward_elastic
+from counterflex.robot.model.calibration import calibrated, places
+from counterflex.robot.model.description import Play, Servo
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "cells"
 ENTRY = IdentifiedTable(

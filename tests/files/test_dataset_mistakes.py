@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from counterflex.core.errors import FileFormatError
-from counterflex.files.dataset_file import read_dataset
-from counterflex.identify.dataset import Dataset
+from counterflex.files.dataset.reader import read_dataset
+from counterflex.identify.data.dataset import Dataset
 
 HEADER = "A1,A2,A3,A4,A5,A6,x,y,z\n"
 ROWS = "10,20,30,40,50,60,1000,2000,1500\n11,21,31,41,51,61,1001,2001,1501\n12,22,32,42,52,62,1002,2002,1502\n"

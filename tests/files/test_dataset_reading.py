@@ -9,8 +9,8 @@ import polars as pl
 import pytest
 
 from counterflex.core.errors import FileFormatError
-from counterflex.files.dataset_file import read_dataset
-from counterflex.identify.dataset import Dataset
+from counterflex.files.dataset.reader import read_dataset
+from counterflex.identify.data.dataset import Dataset
 
 HEAD = 'format = "counterflex-dataset"\nversion = 1\nname = "lab"\nkind = "pulls"\n'
 PULL = '[channels.f_tcp_base]\ncolumns = ["Fx", "Fy", "Fz"]\nunit = "N"\nsigma = 2.0\n'

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.files.dataset_file import read_dataset
-from counterflex.files.dataset_rotation import matrices, rotation_sigma
-from counterflex.files.dataset_writer import write_dataset
+from counterflex.files.dataset.reader import read_dataset
+from counterflex.files.dataset.rotation import matrices, rotation_sigma
+from counterflex.files.dataset.writer import write_dataset
 from counterflex.geometry import rotation
 
 POSES = ("q", "p_tracker_target", "R_tracker_target")

@@ -14,11 +14,11 @@ import tomli_w
 
 from counterflex.core.errors import CounterflexError
 from counterflex.core.units import DEG
-from counterflex.files.cell import Cell, read_cell
-from counterflex.files.cell_measured import IdentifiedTable
-from counterflex.files.cell_update import check_update, updated_text
-from counterflex.identify.changes import Change, ElementCompliance, ElementRegion
-from counterflex.robot.description import ElasticRegion
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.measured import IdentifiedTable
+from counterflex.files.cell.update import check_update, updated_text
+from counterflex.identify.data.changes import Change, ElementCompliance, ElementRegion
+from counterflex.robot.model.description import ElasticRegion
 
 CELL = Path(__file__).resolve().parents[1] / "data" / "cells" / "small.toml"
 ROW = {

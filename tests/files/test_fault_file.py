@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from counterflex.core.errors import CounterflexError
 from counterflex.files.fault_file import KINDS, read_faults
-from counterflex.twin.faults import Fault
+from counterflex.twin.network.faults import Fault
 
 HEAD = 'format = "counterflex-faults"\nversion = 1\n'
 

@@ -12,8 +12,8 @@ import pytest
 from pydantic import Field
 
 from counterflex.core.errors import FileFormatError
-from counterflex.files.cell import read_cell
-from counterflex.files.dataset_manifest import read_manifest
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.manifest import read_manifest
 from counterflex.files.schema import Table, parse
 
 

@@ -11,8 +11,8 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
-from counterflex.files.log_place import GONE, LOOKED_S, trouble_said
-from counterflex.files.run_log import RunLog, read_log
+from counterflex.files.logs.place import GONE, LOOKED_S, trouble_said
+from counterflex.files.logs.run_log import RunLog, read_log
 from counterflex.runtime.record_ring import WIDTH
 
 
@@ -76,10 +76,10 @@ def _segments(folder: Path, monkeypatch: pytest.MonkeyPatch, *, refused: bool) -
     for k in range(2):
         with monkeypatch.context() as patch:
             if not refused:
-                patch.setattr("counterflex.files.run_log.SEGMENT_BYTES", 1)
+                patch.setattr("counterflex.files.logs.run_log.SEGMENT_BYTES", 1)
             log.add(rows, 100.0 + 10 * k)
             if refused:
-                patch.setattr("counterflex.files.run_log.os.fsync", _full)
+                patch.setattr("counterflex.files.logs.run_log.os.fsync", _full)
                 log.add(rows[:0], 105.0 + 10 * k)
     log.add(rows, 120.0)
     assert (log.written, log.lost, log.trouble) == (30, 0, "")
@@ -121,7 +121,7 @@ def test_a_folder_that_is_removed_takes_all_segments_with_it_and_each_record_is_
 ) -> None:
     log = _segments(tmp_path / "log", monkeypatch, refused=False)
     shutil.rmtree(tmp_path / "log")
-    monkeypatch.setattr("counterflex.files.run_log.SEGMENT_BYTES", 1)
+    monkeypatch.setattr("counterflex.files.logs.run_log.SEGMENT_BYTES", 1)
     log.add(np.zeros((10, WIDTH)), 120.1)  # the segment is full before the next look
     log.close()
     assert (log.written, log.lost, bool(log.trouble)) == (0, 40, True)

@@ -14,13 +14,13 @@ import tomli_w
 
 import counterflex
 from counterflex.core.errors import FileFormatError
-from counterflex.files.cell import read_cell
-from counterflex.files.cell_measured import IdentifiedTable
-from counterflex.files.cell_update import updated_text
-from counterflex.files.plausible import WINDOWS, unusual
-from counterflex.identify.changes import AxisPlay, BodyMass, ElementCompliance
-from counterflex.robot import catalog
-from counterflex.robot.description import Play
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.cell.measured import IdentifiedTable
+from counterflex.files.cell.plausibility import WINDOWS, unusual
+from counterflex.files.cell.update import updated_text
+from counterflex.identify.data.changes import AxisPlay, BodyMass, ElementCompliance
+from counterflex.robot.model import catalog
+from counterflex.robot.model.description import Play
 
 DEMO = Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml"
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples" / "cells").glob("*.toml"))

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.run_log_missing import LogMissing
+from counterflex.app.run.missing import LogMissing
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.files.run_log import RunLog, read_log, read_segment, segments
+from counterflex.files.logs.run_log import RunLog, read_log, read_segment, segments
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, ROWS, WIDTH, RecordRing
 
 
@@ -79,8 +79,8 @@ def test_a_full_disk_ends_the_segment_and_writing_goes_on_later(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("counterflex.files.run_log.Writer.flush", full)
-        patch.setattr("counterflex.files.run_log.Writer.start", full)
+        patch.setattr("counterflex.files.logs.run_log.Writer.flush", full)
+        patch.setattr("counterflex.files.logs.run_log.Writer.start", full)
         log.add(data[100:150], 0.4)
         assert "space" in log.trouble
         log.add(data[150:200], 0.5)
@@ -106,7 +106,7 @@ def test_a_new_run_leaves_the_old_segments_alone(tmp_path: Path) -> None:
 def test_two_runs_that_write_to_one_folder_at_once_keep_their_own_segments(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("counterflex.files.run_log.SEGMENT_BYTES", 1)
+    monkeypatch.setattr("counterflex.files.logs.run_log.SEGMENT_BYTES", 1)
     logs = [RunLog(tmp_path, {"who": k}) for k in range(2)]
     data = [rows(40, 1), rows(40, 1001)]
     for one in data:
@@ -131,7 +131,9 @@ def test_a_number_that_is_taken_while_a_log_begins_is_left_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "run-000.mcap").write_bytes(b"another run's")
-    monkeypatch.setattr("counterflex.files.run_log.Path.glob", lambda *_: iter(()))  # not there yet when looked for
+    monkeypatch.setattr(
+        "counterflex.files.logs.run_log.Path.glob", lambda *_: iter(())
+    )  # not there yet when looked for
     log = RunLog(tmp_path, {})
     log.add(rows(10), 0.2)
     log.close()

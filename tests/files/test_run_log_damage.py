@@ -14,13 +14,13 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from counterflex.app.run_log import repair
-from counterflex.app.run_log_missing import LogMissing
+from counterflex.app.run.log import repair
+from counterflex.app.run.missing import LogMissing
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.files.mcap_salvage import salvage
-from counterflex.files.run_log import UNKNOWN, RunLog, read_segment, segments
-from counterflex.files.run_log_repair import repair_segment
+from counterflex.files.logs.mcap_salvage import salvage
+from counterflex.files.logs.repair import repair_segment
+from counterflex.files.logs.run_log import UNKNOWN, RunLog, read_segment, segments
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, WIDTH
 from counterflex.runtime.state_slots import LoopState
 
@@ -229,7 +229,9 @@ def test_repair_counts_what_is_missing_before_each_segment_once(
     for k in range(1, CYCLES, BLOCK):
         with monkeypatch.context() as patch:
             if k + BLOCK > CYCLES // 2:
-                patch.setattr("counterflex.files.run_log.SEGMENT_BYTES", 1 if log.written < CYCLES // 2 else 1 << 30)
+                patch.setattr(
+                    "counterflex.files.logs.run_log.SEGMENT_BYTES", 1 if log.written < CYCLES // 2 else 1 << 30
+                )
             log.add(rows(k, k + BLOCK - 1), 0.1 * k)
     log.close()
     files = sorted(tmp_path.glob("run-*.mcap"))
@@ -282,7 +284,7 @@ def test_a_segment_that_lost_its_facts_goes_on_with_the_run_before_it(
 ) -> None:
     log = RunLog(tmp_path, {"seed": 3})
     with monkeypatch.context() as patch:
-        patch.setattr("counterflex.files.run_log.SEGMENT_BYTES", 1000)
+        patch.setattr("counterflex.files.logs.run_log.SEGMENT_BYTES", 1000)
         log.add(rows(1, 40), 0.1)
     log.add(rows(41, 80), 0.2)
     log.close()
@@ -301,7 +303,7 @@ def test_a_segment_without_records_in_between_does_not_part_a_run(
 ) -> None:
     log = RunLog(tmp_path, {"seed": 3})
     with monkeypatch.context() as patch:
-        patch.setattr("counterflex.files.run_log.SEGMENT_BYTES", 1000)
+        patch.setattr("counterflex.files.logs.run_log.SEGMENT_BYTES", 1000)
         log.add(rows(1, 40), 0.1)
         log.add(rows(41, 80), 0.2)
     log.add(rows(81, 120), 0.3)
@@ -318,6 +320,6 @@ def test_a_segment_without_records_in_between_does_not_part_a_run(
 
 def test_another_program_s_columns_are_still_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path)
-    monkeypatch.setattr("counterflex.files.run_log_columns.COLUMNS", (*COLUMNS[:-1], "other"))
+    monkeypatch.setattr("counterflex.files.logs.columns.COLUMNS", (*COLUMNS[:-1], "other"))
     with pytest.raises(FileFormatError, match="columns mean something else"):
         read_segment(tmp_path / "run-000.mcap")

@@ -18,8 +18,8 @@ from mcap.reader import make_reader
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError, OutputError
-from counterflex.files.run_log import RunLog, read_log, read_segment, segments
-from counterflex.files.run_log_repair import repair_segment
+from counterflex.files.logs.repair import repair_segment
+from counterflex.files.logs.run_log import RunLog, read_log, read_segment, segments
 from counterflex.runtime.record_ring import WIDTH
 
 LATER = 4e9
@@ -131,7 +131,7 @@ def test_a_segment_that_a_living_process_holds_is_left_alone_and_a_dead_one_s_is
 
 def test_a_killed_process_holds_nothing_any_more(tmp_path: Path) -> None:
     code = (
-        "import sys, numpy as np; from counterflex.files.run_log import RunLog;"
+        "import sys, numpy as np; from counterflex.files.logs.run_log import RunLog;"
         " from counterflex.runtime.record_ring import WIDTH;"
         " log = RunLog(sys.argv[1], {}); log.add(np.zeros((5, WIDTH)), 1.0); print('written', flush=True); input()"
     )
@@ -152,7 +152,7 @@ def test_where_no_lock_tells_the_time_of_the_file_does(tmp_path: Path, monkeypat
     """Another computer has written it, perhaps to a folder that both see: its locks need not be known here."""
     file = unfinished(tmp_path, rows(50))
     before = file.read_bytes()
-    monkeypatch.setattr("counterflex.files.run_log_repair.boot_id", lambda: "another")
+    monkeypatch.setattr("counterflex.files.logs.repair.boot_id", lambda: "another")
     os.utime(file, (1000.0, 1000.0))
     with pytest.raises(InputError, match="being written"):
         repair_segment(file, 1004.0)
@@ -176,7 +176,7 @@ def test_a_full_disk_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyP
     def full(_: int) -> NoReturn:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("counterflex.files.run_log_repair.os.fsync", full)
+    monkeypatch.setattr("counterflex.files.logs.repair.os.fsync", full)
     with pytest.raises(OutputError, match="space"):
         repair_segment(file, LATER)
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"run-000.mcap": before}

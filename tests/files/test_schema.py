@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from counterflex.core.errors import FileFormatError
-from counterflex.files.cell_schema import CellTables, ToolTable
+from counterflex.files.cell.tables import CellTables, ToolTable
 from counterflex.files.schema import (
     SOFTEST_UM_PER_KN,
     SOFTEST_URAD_PER_KNM,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from counterflex.core.arrays import Bool, Float, Int
-from counterflex.identify.parameters import Parameter, Parameters
+from counterflex.identify.solver.parameters import Parameter, Parameters
 
 TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 

@@ -8,30 +8,30 @@ from functools import cache
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
-from counterflex.app.truth import truth_of
+from counterflex.app.identification.cell_model import model_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import silent
 from counterflex.core.units import DEG, URAD
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.identify import kinematics_stages
-from counterflex.identify.approach_sense import CHANNEL, as_play, better, in_order, senses
-from counterflex.identify.arm_parameters import ArmPriors, arm_model, with_lost_motion
-from counterflex.identify.changes import AxisPlay
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.derivative_check import convergence_order
-from counterflex.identify.holdout import HeldOut
-from counterflex.identify.kinematics import identify
-from counterflex.identify.kinematics_proposal import propose
-from counterflex.identify.placed_frame import PlacedFrame
-from counterflex.identify.pose_residuals import TrackerResiduals
+from counterflex.identify.data.changes import AxisPlay
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.geometry.arm_parameters import ArmPriors, arm_model, with_lost_motion
+from counterflex.identify.geometry.placed_frame import PlacedFrame
+from counterflex.identify.geometry.pose_residuals import TrackerResiduals
+from counterflex.identify.kinematics import stages as kinematics_stages
+from counterflex.identify.kinematics.approach_sense import CHANNEL, as_play, better, in_order, senses
+from counterflex.identify.kinematics.proposal import propose
+from counterflex.identify.kinematics.recipe import identify
 from counterflex.identify.recipe import Identification
-from counterflex.robot.chain import forward
-from counterflex.robot.play import lost_motion
-from counterflex.twin.laboratory import laboratory
-from counterflex.twin.plant import Plant
+from counterflex.identify.solver.derivative_check import convergence_order
+from counterflex.identify.solver.holdout import HeldOut
+from counterflex.robot.elasticity.chain import forward
+from counterflex.robot.elasticity.play import lost_motion
+from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.plant.plant import Plant
 
 FILE = read_cell("examples/cells/kr300_d10_ball.toml")
 CELL = model_of(FILE)

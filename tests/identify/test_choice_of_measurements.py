@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.identify.choice import candidates_of, choose, expected_sigma, prior_information
-from counterflex.identify.solve import solve
+from counterflex.identify.design.choice import candidates_of, choose, expected_sigma, prior_information
+from counterflex.identify.solver.solve import solve
 
 
 def _covariance(J: Float, information: Float, chosen: Any) -> Float:

@@ -7,13 +7,13 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from counterflex.app.truth import truth_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.progress import silent
 from counterflex.geometry import pose
-from counterflex.identify import tracker_frame
-from counterflex.identify.frame_considered import sigma_at
-from counterflex.identify.placed_frame import COMPONENTS, PlacedFrame
-from counterflex.twin.laboratory import laboratory
+from counterflex.identify.geometry.placed_frame import COMPONENTS, PlacedFrame
+from counterflex.identify.tracker_frame import recipe as tracker_frame
+from counterflex.identify.tracker_frame.considered import sigma_at
+from counterflex.twin.laboratory.laboratory import laboratory
 from coverage_cases import cubes, frames, pulls, turns
 from coverage_cases.counted import Counted
 from coverage_cases.poses import cell, cell_file, seen

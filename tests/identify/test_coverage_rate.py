@@ -10,9 +10,9 @@ import pytest
 from scipy.stats import norm, t
 
 from counterflex.core.arrays import Float
-from counterflex.identify.intervals import coverage_factor, intervals, of_linear, of_prediction, of_sum
-from counterflex.identify.parameters import Parameters
-from counterflex.identify.solve import solve
+from counterflex.identify.solver.intervals import coverage_factor, intervals, of_linear, of_prediction, of_sum
+from counterflex.identify.solver.parameters import Parameters
+from counterflex.identify.solver.solve import solve
 
 SEEDS = 200
 DETERMINED = (

@@ -8,27 +8,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.identify import cubes
-from counterflex.identify.compliances import DIRECTIONS, springs
 from counterflex.identify.counted_coverage import COUNTED
-from counterflex.identify.cube_pairs import block, read_cubes
-from counterflex.identify.cube_proposal import pairs_of
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.derivative_check import convergence_order
-from counterflex.identify.model import CellModel
-from counterflex.identify.pull_blocks import layout
-from counterflex.robot.chain import forward
-from counterflex.robot.compliance import shares
-from counterflex.twin.laboratory import laboratory
-from counterflex.twin.measure_cubes import measure
-from counterflex.twin.nominal import nominal_truth
-from counterflex.twin.perturb import perturbed
-from counterflex.twin.truth import CuttingTruth, Truth
+from counterflex.identify.cubes import recipe as cubes
+from counterflex.identify.cubes.pairs import block, read_cubes
+from counterflex.identify.cubes.proposal import pairs_of
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.geometry.compliances import DIRECTIONS, springs
+from counterflex.identify.pulls.blocks import layout
+from counterflex.identify.solver.derivative_check import convergence_order
+from counterflex.robot.elasticity.chain import forward
+from counterflex.robot.elasticity.compliance import shares
+from counterflex.twin.laboratory.cubes import measure
+from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.truth.nominal import nominal_truth
+from counterflex.twin.truth.perturb import perturbed
+from counterflex.twin.truth.truth import CuttingTruth, Truth
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 

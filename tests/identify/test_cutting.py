@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError, ModelError
 from counterflex.core.progress import silent
@@ -20,20 +20,20 @@ from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force import engagement_of_arc
 from counterflex.cutting.tooth_force import tooth_forces
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.identify.changes import CuttingLaw
-from counterflex.identify.cutting import RECIPE
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.force_forms import FORMS
-from counterflex.identify.model import CellModel
+from counterflex.identify.cutting.checks import check
+from counterflex.identify.cutting.force_forms import FORMS
+from counterflex.identify.cutting.recipe import RECIPE
+from counterflex.identify.cutting.residuals import SlotResiduals, geometry_parameters
+from counterflex.identify.cutting.steady_cuts import pieces_of
+from counterflex.identify.cutting.wear_trend import trend
+from counterflex.identify.data.changes import CuttingLaw
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.data.model import CellModel
 from counterflex.identify.recipe import Identification
-from counterflex.identify.slot_pieces import pieces_of
-from counterflex.identify.slot_reading import check
-from counterflex.identify.slot_residuals import SlotResiduals, geometry_parameters
-from counterflex.identify.solve import solve
-from counterflex.identify.wear_trend import trend
-from counterflex.programs.gcode_reader import read_gcode
+from counterflex.identify.solver.solve import solve
+from counterflex.programs.gcode.read.reader import read_gcode
 
 CELL = Path(__file__).resolve().parents[1] / "data" / "cells" / "small.toml"
 SPEED = 13000.0 * RPM

@@ -7,7 +7,7 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.identify.slot_record import contact, mean_with_sigma, settled, split_ramp, zero
+from counterflex.identify.cutting.record import contact, mean_with_sigma, settled, split_ramp, zero
 
 
 def trapezium(n: int = 400, rise: int = 40, begin: int = 80, end: int = 320) -> Float:

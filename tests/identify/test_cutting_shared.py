@@ -10,15 +10,15 @@ import pytest
 from counterflex.core.errors import InputError
 from counterflex.core.progress import silent
 from counterflex.core.units import DEG, MM, UM
-from counterflex.files.dataset_file import read_dataset
+from counterflex.files.dataset.reader import read_dataset
 from counterflex.identify.counted_coverage import COUNTED
-from counterflex.identify.cutting import RECIPE
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.force_forms import FORMS
+from counterflex.identify.cutting.considered import ForceSensor, force_sensor, moved_by, runout_force
+from counterflex.identify.cutting.force_forms import FORMS
+from counterflex.identify.cutting.recipe import RECIPE
+from counterflex.identify.cutting.residuals import SlotResiduals, geometry_parameters
+from counterflex.identify.cutting.steady_cuts import pieces_of
+from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.recipe import Identification
-from counterflex.identify.slot_considered import ForceSensor, force_sensor, moved_by, runout_force
-from counterflex.identify.slot_pieces import pieces_of
-from counterflex.identify.slot_residuals import SlotResiduals, geometry_parameters
 from coverage_cases import slots
 
 PERFECT = ForceSensor(0.0, 0.0, 0.0)

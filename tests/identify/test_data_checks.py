@@ -9,7 +9,7 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.identify.data_checks import (
+from counterflex.identify.data.data_checks import (
     check_enough,
     check_finite,
     check_moves,
@@ -17,7 +17,7 @@ from counterflex.identify.data_checks import (
     check_spread,
     same_poses,
 )
-from counterflex.identify.dataset import Dataset, of_arrays
+from counterflex.identify.data.dataset import Dataset, of_arrays
 
 
 def _data(q: Float, p: Float, sigma: float = 1e-5) -> Dataset:

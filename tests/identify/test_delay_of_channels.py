@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError
 from counterflex.core.units import MS
-from counterflex.files.cell import read_cell
-from counterflex.files.dataset_file import read_dataset
-from counterflex.identify import timing
-from counterflex.identify.correlated import long_run
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.delay import Pair, build, find_delay
-from counterflex.identify.delay_residuals import Order
-from counterflex.identify.derivative_check import convergence_order
-from counterflex.identify.model import CellModel
-from counterflex.identify.stamped import Stamped, stamped
-from counterflex.identify.time_pairs import pairs
-from counterflex.identify.time_suspicion import check_delay
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.reader import read_dataset
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.delays.checks import check_delay
+from counterflex.identify.delays.delay import Pair, build, find_delay
+from counterflex.identify.delays.pairs import pairs
+from counterflex.identify.delays.residuals import Order
+from counterflex.identify.delays.stamped import Stamped, stamped
+from counterflex.identify.solver.correlated import long_run
+from counterflex.identify.solver.derivative_check import convergence_order
+from counterflex.identify.timing import recipe as timing
 from counterflex.signals.alignment import Clock
 from counterflex.signals.lag import Lag
 

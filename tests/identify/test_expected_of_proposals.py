@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from counterflex.app.cell_model import model_of
-from counterflex.app.truth import truth_of
+from counterflex.app.identification.cell_model import model_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.progress import silent
-from counterflex.files.cell import read_cell
-from counterflex.identify import tracker_frame
-from counterflex.identify.dataset import of_arrays
+from counterflex.files.cell.cell import read_cell
+from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.recipes import recipe
-from counterflex.twin import measure_fiducials
-from counterflex.twin.laboratory import laboratory
+from counterflex.identify.tracker_frame import recipe as tracker_frame
+from counterflex.twin.laboratory import fiducials as measure_fiducials
+from counterflex.twin.laboratory.laboratory import laboratory
 
 FILE = read_cell("examples/cells/kr300_d16_small.toml")
 CELL = model_of(FILE)

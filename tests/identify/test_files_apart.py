@@ -9,18 +9,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import silent
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.identify.arm_geometry import ArmGeometry, ArmLayout
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.kinematics import identify
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.geometry.arm_geometry import ArmGeometry, ArmLayout
+from counterflex.identify.kinematics.recipe import identify
 from counterflex.identify.recipe import Identification
-from counterflex.robot.chain import forward
-from counterflex.robot.inverse import inverse
+from counterflex.robot.elasticity.chain import forward
+from counterflex.robot.kinematics.inverse import inverse
 
 CELL = model_of(read_cell("examples/cells/kr300_d10_ball.toml"))
 TRACKER = pose.make(rotation.exp(np.array([0.3, -2.0, 1.0])), np.array([4.0, -2.0, 1.5]))

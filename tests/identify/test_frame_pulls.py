@@ -9,30 +9,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import silent
 from counterflex.core.units import DEG, MM, UM
-from counterflex.files.cell import read_cell
-from counterflex.files.dataset_file import read_dataset
-from counterflex.files.dataset_writer import write_dataset
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.reader import read_dataset
+from counterflex.files.dataset.writer import write_dataset
 from counterflex.geometry import pose, rotation
-from counterflex.identify import stiffness
-from counterflex.identify.changes import ElementCompliance
-from counterflex.identify.compliances import springs, with_compliance
-from counterflex.identify.dataset import Dataset
-from counterflex.identify.frame_pulls import ALIGNMENT_RAD, summary, with_displacements
-from counterflex.identify.measuring_frame import SensorFrame, shown
-from counterflex.identify.model import CellModel
+from counterflex.identify.data.changes import ElementCompliance
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.data.measuring_frame import SensorFrame, shown
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.geometry.compliances import springs, with_compliance
 from counterflex.identify.recipe import Identification
-from counterflex.robot.chain import ElasticChain, forward
-from counterflex.robot.compliance import deflection
-from counterflex.twin import distance_frame
-from counterflex.twin.laboratory import laboratory
-from counterflex.twin.measure_pulls import measure
-from counterflex.twin.nominal import nominal_truth
-from counterflex.twin.truth import CuttingTruth
+from counterflex.identify.stiffness import recipe as stiffness
+from counterflex.identify.stiffness.frame_pulls import ALIGNMENT_RAD, summary, with_displacements
+from counterflex.robot.elasticity.chain import ElasticChain, forward
+from counterflex.robot.elasticity.compliance import deflection
+from counterflex.twin.laboratory import distance_frame
+from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.laboratory.pulls import measure
+from counterflex.twin.truth.nominal import nominal_truth
+from counterflex.twin.truth.truth import CuttingTruth
 
 PULLS = 30
 SIGMA = 1.0 * UM

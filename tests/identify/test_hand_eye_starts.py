@@ -8,7 +8,7 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
-from counterflex.identify.hand_eye import (
+from counterflex.identify.geometry.hand_eye import (
     error_of,
     of_points,
     of_poses,

@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.progress import silent
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.identify.arm_parameters import arm_model
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.geometry_setup import set_up
-from counterflex.identify.kinematics import RECIPE, identify
-from counterflex.identify.kinematics_held import held_apart
-from counterflex.identify.kinematics_stages import priors_of
-from counterflex.identify.pose_candidates import measurable
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.design.pose_candidates import measurable
+from counterflex.identify.geometry.arm_parameters import arm_model
+from counterflex.identify.kinematics.held_out import held_apart
+from counterflex.identify.kinematics.recipe import RECIPE, identify
+from counterflex.identify.kinematics.setup import set_up
+from counterflex.identify.kinematics.stages import priors_of
 from counterflex.identify.recipe import Identification
-from counterflex.identify.solve import solve
-from counterflex.robot.chain import forward
+from counterflex.identify.solver.solve import solve
+from counterflex.robot.elasticity.chain import forward
 
 CELL = model_of(read_cell("examples/cells/kr300_d10_ball.toml"))
 TARGET = pose.make(rotation.exp(np.array([0.1, 0.2, -0.1])), np.array([0.05, 0.02, 0.1]))

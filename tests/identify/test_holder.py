@@ -10,27 +10,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
-from counterflex.app.truth import truth_of
+from counterflex.app.identification.cell_model import model_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import silent
-from counterflex.files.cell import read_cell
-from counterflex.identify.changes import TableValues
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.derivative_check import convergence_order
-from counterflex.identify.holder import RECIPE
-from counterflex.identify.holder_layout import APART_M, choose_gauges, places
-from counterflex.identify.holder_residuals import parameters, readings
-from counterflex.identify.model import CellModel
+from counterflex.files.cell.cell import read_cell
+from counterflex.identify.data.changes import TableValues
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.holder.layout import APART_M, choose_gauges, places
+from counterflex.identify.holder.recipe import RECIPE
+from counterflex.identify.holder.residuals import parameters, readings
 from counterflex.identify.recipe import Identification
+from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.sensing.force_filter import kalman_observer
 from counterflex.sensing.holder_beam import Gauge, HolderBeam
 from counterflex.sensing.strain_holder import StrainHolder, regressed_matrix, sight, tool_matrix
-from counterflex.twin.holder_cut import cut_record
-from counterflex.twin.laboratory import laboratory
-from counterflex.twin.measure_holder_loads import COLUMNS, measure
-from counterflex.twin.strain_holder import (
+from counterflex.twin.laboratory.holder_cut import cut_record
+from counterflex.twin.laboratory.holder_loads import COLUMNS, measure
+from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.plant.strain_holder import (
     NOISE,
     PAPER_GAUGES,
     PAPER_TCP_M,

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.core.errors import InputError
-from counterflex.identify.holdout import cross_validate, fold_of_groups, score_separate
-from counterflex.identify.solve import solve
+from counterflex.identify.solver.holdout import cross_validate, fold_of_groups, score_separate
+from counterflex.identify.solver.solve import solve
 
 FRAME = ("base.x", "base.y", "base.turn")
 

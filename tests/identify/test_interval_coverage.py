@@ -8,15 +8,18 @@ from functools import partial
 import numpy as np
 import pytest
 
-from counterflex.app.truth import truth_of
-from counterflex.identify import kinematics, pull_blocks, sag_considered, stiffness
-from counterflex.identify.fit import Fit
-from counterflex.identify.geometry_setup import set_up
-from counterflex.identify.jackknife import parts_of_groups, with_jackknife
-from counterflex.identify.kinematics_stages import model_of_data, priors_of
-from counterflex.identify.pull_residuals import PullResiduals
-from counterflex.identify.solve import solve
-from counterflex.twin.laboratory import laboratory
+from counterflex.app.proof.truth import truth_of
+from counterflex.identify.geometry import considered_sag as sag_considered
+from counterflex.identify.kinematics import recipe as kinematics
+from counterflex.identify.kinematics.setup import set_up
+from counterflex.identify.kinematics.stages import model_of_data, priors_of
+from counterflex.identify.pulls import blocks as pull_blocks
+from counterflex.identify.pulls.residuals import PullResiduals
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.jackknife import parts_of_groups, with_jackknife
+from counterflex.identify.solver.solve import solve
+from counterflex.identify.stiffness import recipe as stiffness
+from counterflex.twin.laboratory.laboratory import laboratory
 from coverage_cases import cubes, holder, poses, pulls, slots, steps
 from coverage_cases.counted import Counted
 

@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Bool, Float, Int
-from counterflex.files.cell import read_cell
-from counterflex.files.dataset_file import read_dataset
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.reader import read_dataset
 from counterflex.geometry import rotation
-from counterflex.identify.correlated import with_correlation
-from counterflex.identify.delay import Delay, find_delay
-from counterflex.identify.fit import Fit
-from counterflex.identify.jackknife import parts_of_groups, stretches, widened, with_jackknife
-from counterflex.identify.parameters import Parameter, Parameters
-from counterflex.identify.payload_parameters import Effects, Knowledge, parameters
-from counterflex.identify.payload_residuals import SensorReadings
-from counterflex.identify.solve import Stop, solve
-from counterflex.identify.time_pairs import pairs
+from counterflex.identify.delays.delay import Delay, find_delay
+from counterflex.identify.delays.pairs import pairs
+from counterflex.identify.payload.parameters import Effects, Knowledge, parameters
+from counterflex.identify.payload.residuals import SensorReadings
+from counterflex.identify.solver.correlated import with_correlation
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.jackknife import parts_of_groups, stretches, widened, with_jackknife
+from counterflex.identify.solver.parameters import Parameter, Parameters
+from counterflex.identify.solver.solve import Stop, solve
 from counterflex.sensing.flange_sensor import FlangeSensor
 
 ROOT = Path(__file__).parents[2]

@@ -8,23 +8,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.errors import InputError, ModelError
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.geometry.rotation_derivative import inverse_left_jacobian, left_jacobian
-from counterflex.identify.arm_geometry import displaced_arm
-from counterflex.identify.arm_parameters import ArmModel, ArmPriors, arm_model, sag_of
-from counterflex.identify.derivative_check import convergence_order
-from counterflex.identify.distance_residuals import DistanceResiduals, find_anchor
-from counterflex.identify.fiducials import FiducialResiduals
-from counterflex.identify.placed_frame import PlacedFrame
-from counterflex.identify.plane_residuals import PlaneResiduals, find_plane
-from counterflex.identify.pose_residuals import TrackerResiduals
-from counterflex.identify.residuals import Residuals
-from counterflex.robot.calibration import calibrated
-from counterflex.robot.chain import ElasticChain, forward_elastic
-from counterflex.robot.drive_error import DriveError, DriveErrors
+from counterflex.identify.geometry.arm_geometry import displaced_arm
+from counterflex.identify.geometry.arm_parameters import ArmModel, ArmPriors, arm_model, sag_of
+from counterflex.identify.geometry.fiducials import FiducialResiduals
+from counterflex.identify.geometry.placed_frame import PlacedFrame
+from counterflex.identify.geometry.pose_residuals import TrackerResiduals
+from counterflex.identify.kinematics.distance_residuals import DistanceResiduals, find_anchor
+from counterflex.identify.kinematics.plane_residuals import PlaneResiduals, find_plane
+from counterflex.identify.solver.derivative_check import convergence_order
+from counterflex.identify.solver.residuals import Residuals
+from counterflex.robot.elasticity.chain import ElasticChain, forward_elastic
+from counterflex.robot.elasticity.drive_error import DriveError, DriveErrors
+from counterflex.robot.model.calibration import calibrated
 
 CELL = model_of(read_cell("examples/cells/kr300_d10_ball.toml"))
 RNG = np.random.default_rng(3)

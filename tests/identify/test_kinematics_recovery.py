@@ -9,26 +9,29 @@ from functools import cache
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
-from counterflex.app.truth import truth_of
+from counterflex.app.identification.cell_model import model_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import silent
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import rotation
-from counterflex.identify.changes import BodyMass, Calibration
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.kinematics import identify
-from counterflex.identify.kinematics_proposal import propose
-from counterflex.identify.line_of_sight import seen
-from counterflex.identify.pose_candidates import measurable
+from counterflex.identify.data.changes import BodyMass, Calibration
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.design.line_of_sight import seen
+from counterflex.identify.design.pose_candidates import measurable
+from counterflex.identify.kinematics.proposal import propose
+from counterflex.identify.kinematics.recipe import identify
 from counterflex.identify.recipe import Identification
-from counterflex.robot.calibration import calibrated
-from counterflex.robot.chain import ElasticChain, forward
-from counterflex.robot.inverse import inverse
-from counterflex.twin import measure_distances, measure_planes, measure_tracker_points, measure_tracker_poses
-from counterflex.twin.laboratory import Measured, laboratory
-from counterflex.twin.plant import Plant
+from counterflex.robot.elasticity.chain import ElasticChain, forward
+from counterflex.robot.kinematics.inverse import inverse
+from counterflex.robot.model.calibration import calibrated
+from counterflex.twin.laboratory import distances as measure_distances
+from counterflex.twin.laboratory import planes as measure_planes
+from counterflex.twin.laboratory import tracker_points as measure_tracker_points
+from counterflex.twin.laboratory import tracker_poses as measure_tracker_poses
+from counterflex.twin.laboratory.laboratory import Measured, laboratory
+from counterflex.twin.plant.plant import Plant
 
 FILE = read_cell("examples/cells/kr300_d10_ball.toml")
 CELL = model_of(FILE)

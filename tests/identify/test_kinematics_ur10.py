@@ -6,19 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.progress import silent
-from counterflex.files.cell import read_cell
-from counterflex.files.dataset_file import read_dataset
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.reader import read_dataset
 from counterflex.geometry import pose
-from counterflex.identify.arm_parameters import ArmPriors
-from counterflex.identify.changes import Calibration, ElementCompliance, TableValues
-from counterflex.identify.dataset import Dataset
-from counterflex.identify.geometry_setup import set_up
-from counterflex.identify.kinematics import identify
-from counterflex.identify.kinematics_stages import model_of_data
-from counterflex.identify.solve import solve
-from counterflex.identify.tracker_data import arm_as_known, start_frames
+from counterflex.identify.data.changes import Calibration, ElementCompliance, TableValues
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.geometry.arm_parameters import ArmPriors
+from counterflex.identify.geometry.tracker_data import arm_as_known, start_frames
+from counterflex.identify.kinematics.recipe import identify
+from counterflex.identify.kinematics.setup import set_up
+from counterflex.identify.kinematics.stages import model_of_data
+from counterflex.identify.solver.solve import solve
 
 CELL = model_of(read_cell("examples/cells/ur10_ipa_tmac.toml"))
 DATA = read_dataset("examples/data/ur10_ipa_tmac/series_b.toml")

@@ -13,10 +13,18 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MRAD, UM
 from counterflex.geometry import pose, rotation
-from counterflex.identify.dataset import of_arrays
-from counterflex.identify.frame_checks import MOST_CONDITION, check_misfit, check_rows
-from counterflex.identify.measuring_frame import SensorFrame, condition, feet, meeting_point, motion, passing, shown
-from counterflex.twin import distance_frame
+from counterflex.identify.data.dataset import of_arrays
+from counterflex.identify.data.frame_checks import MOST_CONDITION, check_misfit, check_rows
+from counterflex.identify.data.measuring_frame import (
+    SensorFrame,
+    condition,
+    feet,
+    meeting_point,
+    motion,
+    passing,
+    shown,
+)
+from counterflex.twin.laboratory import distance_frame
 
 DATA = of_arrays("pulls", "pulls", {"q": np.zeros((12, 6))})
 HALF = 50.0 * MM

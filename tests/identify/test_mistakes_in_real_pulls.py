@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import silent
-from counterflex.files.cell import read_cell
-from counterflex.files.dataset_file import read_dataset
-from counterflex.identify import stiffness
-from counterflex.identify.dataset import Dataset
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.reader import read_dataset
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.stiffness import recipe as stiffness
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CELL = model_of(read_cell(EXAMPLES / "cells" / "fanuc_r2000ic.toml"))

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
-from counterflex.identify.observability import examine, related
-from counterflex.identify.parameters import Parameter, Parameters
-from counterflex.identify.solve import solve
+from counterflex.identify.solver.observability import examine, related
+from counterflex.identify.solver.parameters import Parameter, Parameters
+from counterflex.identify.solver.solve import solve
 
 OFFSET = Parameter("axis1.offset", "rad", 0.0, 2e-3, label="zero of axis 1")
 

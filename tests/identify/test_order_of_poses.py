@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ReachError
-from counterflex.identify.order import (
+from counterflex.identify.design.order import (
     REVERSAL_S,
     STOP_S,
     approach_points,

@@ -10,29 +10,29 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
-from counterflex.app.truth import truth_of
+from counterflex.app.identification.cell_model import model_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError
 from counterflex.core.progress import silent
-from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.identify.changes import BodyMass, TableValues
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.derivative_check import convergence_order
-from counterflex.identify.model import CellModel
-from counterflex.identify.payload import RECIPE
-from counterflex.identify.payload_choice import greedy, working_postures
-from counterflex.identify.payload_data import shared_mass, with_mass_behind
-from counterflex.identify.payload_parameters import Effects, Knowledge, parameters, sensor_of
-from counterflex.identify.payload_residuals import SensorReadings
+from counterflex.identify.data.changes import BodyMass, TableValues
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.payload.data import shared_mass, with_mass_behind
+from counterflex.identify.payload.parameters import Effects, Knowledge, parameters, sensor_of
+from counterflex.identify.payload.proposal import greedy, working_postures
+from counterflex.identify.payload.recipe import RECIPE
+from counterflex.identify.payload.residuals import SensorReadings
 from counterflex.identify.recipe import Identification
+from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.sensing.carrier import behind, carrier_pose
 from counterflex.sensing.flange_sensor import FlangeSensor, SensorMotion, idle_wrench
-from counterflex.twin.force_sensor import force_sensor
-from counterflex.twin.laboratory import laboratory
-from counterflex.twin.measure_sensor_motion import measure as swing
-from counterflex.twin.measure_sensor_poses import measure
+from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.laboratory.sensor_motion import measure as swing
+from counterflex.twin.laboratory.sensor_poses import measure
+from counterflex.twin.plant.force_sensor import force_sensor
 
 CELL = "examples/cells/kr300_d16_small.toml"
 SIGMA = np.r_[np.full(3, 0.2), np.full(3, 0.02)]
@@ -147,9 +147,9 @@ def test_intervals_cover_the_truth() -> None:
     expected = np.r_[truth.w_bias, truth.mass_kg, truth.p_sensor_com, 0.01, -0.015, 0.02]
     arrays = shown(truth, orientations(10))
     clean = arrays["w_sensor"] - SIGMA * np.random.default_rng(0).standard_normal(arrays["w_sensor"].shape)
-    from counterflex.identify.payload_data import readings
-    from counterflex.identify.payload_sensor import sensor_before
-    from counterflex.identify.solve import solve
+    from counterflex.identify.payload.data import readings
+    from counterflex.identify.payload.sensor import sensor_before
+    from counterflex.identify.solver.solve import solve
 
     chain = with_mass_behind(model().chain, "sensor", 82.0, pose.transform(truth.T_seg_sensor, truth.p_sensor_com))
     before = sensor_before(model())
@@ -208,8 +208,8 @@ def test_no_window_reaches_into_another_group(count: int, window_s: float) -> No
     q = np.radians([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]) + 0.4 * np.sin(2.0 * t[:, None] + np.arange(6))
     w = np.tile(np.arange(count, dtype=np.float64)[:, None], 6)  # a reading tells its own place
     data = of_arrays("swing", "sensor_motion", {"q": q, "w_sensor": w, "time_s": t}, {"w_sensor": SIGMA})
-    from counterflex.identify.payload_data import readings
-    from counterflex.identify.payload_sensor import sensor_before
+    from counterflex.identify.payload.data import readings
+    from counterflex.identify.payload.sensor import sensor_before
 
     before = sensor_before(model())
     block = readings(data, model().chain, before, reference_c=20.0, start_s=0.0, window_s=window_s)

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import silent
 from counterflex.core.units import STANDARD_GRAVITY
-from counterflex.files.cell import read_cell
-from counterflex.files.dataset_file import read_dataset
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.reader import read_dataset
 from counterflex.geometry import rotation
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.payload import RECIPE
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.payload.recipe import RECIPE
 from counterflex.identify.recipe import Identification
 from counterflex.sensing.carrier import carrier_pose
 

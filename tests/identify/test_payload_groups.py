@@ -9,22 +9,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.progress import silent
 from counterflex.core.units import DEG
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import rotation
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.fit import Fit
-from counterflex.identify.jackknife import parts_of_groups, with_groups_once, with_jackknife
-from counterflex.identify.payload import RECIPE
-from counterflex.identify.payload_data import distinct
-from counterflex.identify.payload_groups import ALIKE_RAD, count_of, groups_of, orientations
-from counterflex.identify.payload_parameters import Effects, Knowledge, parameters
-from counterflex.identify.payload_residuals import SensorReadings
-from counterflex.identify.solve import solve
-from counterflex.robot.chain import flange
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.payload.data import distinct
+from counterflex.identify.payload.groups import ALIKE_RAD, count_of, groups_of, orientations
+from counterflex.identify.payload.parameters import Effects, Knowledge, parameters
+from counterflex.identify.payload.recipe import RECIPE
+from counterflex.identify.payload.residuals import SensorReadings
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.jackknife import parts_of_groups, with_groups_once, with_jackknife
+from counterflex.identify.solver.solve import solve
+from counterflex.robot.elasticity.chain import flange
 from counterflex.sensing.flange_sensor import FlangeSensor
 
 SENSOR = FlangeSensor("sensor", np.eye(4), 80.0, np.array([0.01, -0.02, 0.25]))

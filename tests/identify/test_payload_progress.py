@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from counterflex.identify.payload_hose import trials_of
+from counterflex.identify.payload.hose_pack import trials_of
 
 
 def readings(orientations: int) -> Any:

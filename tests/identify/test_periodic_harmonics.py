@@ -7,17 +7,17 @@ from functools import cache
 
 import numpy as np
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.progress import silent
 from counterflex.core.units import URAD
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.identify.arm_geometry import ArmGeometry, ArmLayout
-from counterflex.identify.changes import TableValues
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.kinematics import identify
-from counterflex.identify.known_drives import known_drive_errors
+from counterflex.identify.data.changes import TableValues
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.geometry.arm_geometry import ArmGeometry, ArmLayout
+from counterflex.identify.geometry.known_drives import known_drive_errors
+from counterflex.identify.kinematics.recipe import identify
 from counterflex.identify.recipe import Identification
 
 CELL = model_of(read_cell("examples/cells/kr300_d10_ball.toml"))

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError
 from counterflex.core.units import DEG
-from counterflex.files.cell import read_cell
-from counterflex.files.dataset_file import read_dataset
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.reader import read_dataset
 from counterflex.geometry import rotation
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.model import CellModel
-from counterflex.identify.tracker_data import _FORMS, check_tracker_data, euler_mistakes
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.geometry.tracker_data import _FORMS, check_tracker_data, euler_mistakes
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 UR10 = EXAMPLES / "data/ur10_ipa_tmac"

@@ -10,28 +10,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, UM
-from counterflex.files.cell import read_cell
-from counterflex.identify import stiffness
-from counterflex.identify.arm_geometry import displaced_arm
-from counterflex.identify.changes import ElementCompliance, ElementRegion
-from counterflex.identify.compliances import springs
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.model import CellModel
-from counterflex.identify.pull_blocks import block, layout
-from counterflex.identify.pull_residuals import Shape
-from counterflex.identify.pulls import read_pulls
+from counterflex.files.cell.cell import read_cell
+from counterflex.identify.data.changes import ElementCompliance, ElementRegion
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.geometry.arm_geometry import displaced_arm
+from counterflex.identify.geometry.compliances import springs
+from counterflex.identify.pulls.blocks import block, layout
+from counterflex.identify.pulls.pulls import read_pulls
+from counterflex.identify.pulls.residuals import Shape
 from counterflex.identify.recipe import Identification
-from counterflex.identify.regions import BLEND_RAD
-from counterflex.robot.chain import forward_elastic
-from counterflex.robot.compliance import deflection
-from counterflex.robot.description import ElasticRegion
-from counterflex.twin.nominal import nominal_truth
-from counterflex.twin.perturb import perturbed
-from counterflex.twin.plant import Plant
-from counterflex.twin.truth import CuttingTruth
+from counterflex.identify.stiffness import recipe as stiffness
+from counterflex.identify.stiffness.piecewise_compliance import BLEND_RAD
+from counterflex.robot.elasticity.chain import forward_elastic
+from counterflex.robot.elasticity.compliance import deflection
+from counterflex.robot.model.description import ElasticRegion
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.truth.nominal import nominal_truth
+from counterflex.twin.truth.perturb import perturbed
+from counterflex.twin.truth.truth import CuttingTruth
 
 CELL = Path(__file__).resolve().parents[2] / "examples" / "cells" / "kr300_d16_flat.toml"
 TRUE = ElasticRegion("axis2", 5, 1, (-100 * DEG, -78 * DEG, -62 * DEG, -40 * DEG), (0.7, 0.7, 1.35, 1.35))

@@ -8,23 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MRAD, MS, UM, URAD
-from counterflex.files.cell import read_cell
-from counterflex.identify import reversals
-from counterflex.identify.changes import AxisPlay
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.derivative_check import convergence_order
-from counterflex.identify.model import CellModel
-from counterflex.identify.reversal_data import balance, motions
-from counterflex.identify.reversal_path import follow_with_slopes
-from counterflex.identify.reversal_residuals import PlayPlaces, ReversalResiduals
-from counterflex.identify.reversals_proposal import motion
-from counterflex.robot.chain import forward
-from counterflex.robot.description import Play
-from counterflex.robot.play import axis_torque, torsion_path
+from counterflex.files.cell.cell import read_cell
+from counterflex.identify.data.changes import AxisPlay
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.play import recipe as reversals
+from counterflex.identify.play.path import follow_with_slopes
+from counterflex.identify.play.proposal import motion
+from counterflex.identify.play.residuals import PlayPlaces, ReversalResiduals
+from counterflex.identify.reversals.data import balance, motions
+from counterflex.identify.solver.derivative_check import convergence_order
+from counterflex.robot.elasticity.chain import forward
+from counterflex.robot.elasticity.play import axis_torque, torsion_path
+from counterflex.robot.model.description import Play
 
 ROOT = Path(__file__).resolve().parents[2]
 TRUE = Play(32.0 * URAD, (90.0, 80.0, 150.0), (8.0 * URAD, 30.0 * URAD, 50.0 * URAD))

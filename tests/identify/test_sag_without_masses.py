@@ -12,31 +12,31 @@ import numpy as np
 import pytest
 import tomli_w
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.app.inputs import setting_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.progress import silent
 from counterflex.core.units import MM, MRAD
-from counterflex.files.cell import Cell, read_cell
-from counterflex.files.cell_measured import IdentifiedTable
-from counterflex.files.cell_update import updated_text
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.measured import IdentifiedTable
+from counterflex.files.cell.update import updated_text
 from counterflex.geometry import rotation
-from counterflex.identify.arm_geometry import ArmGeometry
-from counterflex.identify.arm_parameters import ArmPriors, arm_model, sag_as_known, sag_of
-from counterflex.identify.changes import TableValues
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.derivative_check import convergence_order
-from counterflex.identify.kinematics import identify
-from counterflex.identify.placed_frame import PlacedFrame
-from counterflex.identify.pose_residuals import TrackerResiduals
+from counterflex.identify.data.changes import TableValues
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.geometry.arm_geometry import ArmGeometry
+from counterflex.identify.geometry.arm_parameters import ArmPriors, arm_model, sag_as_known, sag_of
+from counterflex.identify.geometry.placed_frame import PlacedFrame
+from counterflex.identify.geometry.pose_residuals import TrackerResiduals
+from counterflex.identify.kinematics.recipe import identify
 from counterflex.identify.recipe import Identification
+from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.plan.compensate import residual_sag
-from counterflex.robot.axis_sag import AxisSag, unit_turns
-from counterflex.robot.chain import ElasticChain, forward
-from counterflex.robot.description import EndEffector
-from counterflex.robot.drive_error import DriveErrors
-from counterflex.robot.gravity import weight_loads
+from counterflex.robot.elasticity.axis_sag import AxisSag, unit_turns
+from counterflex.robot.elasticity.chain import ElasticChain, forward
+from counterflex.robot.elasticity.drive_error import DriveErrors
+from counterflex.robot.elasticity.gravity import weight_loads
+from counterflex.robot.model.description import EndEffector
 
 RIGID = Path(__file__).resolve().parents[1] / "data" / "cells" / "rigid.toml"
 NOISE_M, NOISE_RAD = 0.01 * MM, 0.02 * MRAD

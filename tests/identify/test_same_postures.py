@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG
-from counterflex.identify.data_checks import check_enough
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.holdout import cross_validate, fold_of_groups
-from counterflex.identify.same_postures import ALIKE_RAD, joined, leaders, regions
+from counterflex.identify.data.data_checks import check_enough
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.data.same_postures import ALIKE_RAD, joined, leaders, regions
+from counterflex.identify.solver.holdout import cross_validate, fold_of_groups
 
 
 def poses(q: np.ndarray, name: str = "poses", group: np.ndarray | None = None, kind: str = "tracker_poses") -> Dataset:

@@ -8,23 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MS, URAD
-from counterflex.files.cell import read_cell
-from counterflex.identify import servo
-from counterflex.identify.changes import AxisServo, TableValues
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.derivative_check import convergence_order
-from counterflex.identify.model import CellModel
-from counterflex.identify.parameters import Parameter, Parameters
-from counterflex.identify.ringing import lowest_mode
-from counterflex.identify.servo_data import load_steps
-from counterflex.identify.servo_exchange import exchange_probability
-from counterflex.identify.servo_residuals import Release, ServoResiduals, give_way
-from counterflex.robot.description import Servo
-from counterflex.robot.servo import servo_error
+from counterflex.files.cell.cell import read_cell
+from counterflex.identify.data.changes import AxisServo, TableValues
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.servo import recipe as servo
+from counterflex.identify.servo.data import load_steps
+from counterflex.identify.servo.exchange import exchange_probability
+from counterflex.identify.servo.residuals import Release, ServoResiduals, give_way
+from counterflex.identify.servo.ringing import lowest_mode
+from counterflex.identify.solver.derivative_check import convergence_order
+from counterflex.identify.solver.parameters import Parameter, Parameters
+from counterflex.robot.elasticity.servo import servo_error
+from counterflex.robot.model.description import Servo
 
 ROOT = Path(__file__).resolve().parents[2]
 STEP = 4.0 * MS

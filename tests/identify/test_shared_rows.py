@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.identify import prepare
+from counterflex.app.identification.identify import prepare
 from counterflex.core.errors import InputError
-from counterflex.files.dataset_file import read_dataset
-from counterflex.identify.dataset import Dataset
-from counterflex.identify.holdout import fold_of_groups
-from counterflex.identify.same_postures import joined
-from counterflex.identify.shared_rows import joined_by_rows, require_apart
+from counterflex.files.dataset.reader import read_dataset
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.data.same_postures import joined
+from counterflex.identify.data.shared_rows import joined_by_rows, require_apart
+from counterflex.identify.solver.holdout import fold_of_groups
 
 CELL = Path(__file__).parents[2] / "examples" / "cells" / "kr300_d16_small.toml"
 ROWS = 30

@@ -12,9 +12,9 @@ from scipy.optimize import least_squares
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import silent
-from counterflex.identify.parameters import Parameter, Parameters
-from counterflex.identify.robust import hampel_weights, sizes, usual_size
-from counterflex.identify.solve import Stop, solve
+from counterflex.identify.solver.parameters import Parameter, Parameters
+from counterflex.identify.solver.robust import hampel_weights, sizes, usual_size
+from counterflex.identify.solver.solve import Stop, solve
 
 
 @dataclass(frozen=True, eq=False)

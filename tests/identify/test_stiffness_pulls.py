@@ -10,35 +10,36 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
+from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError
 from counterflex.core.units import DEG
-from counterflex.files.cell import read_cell
-from counterflex.files.dataset_file import read_dataset
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.reader import read_dataset
 from counterflex.geometry import pose, rotation
-from counterflex.identify import regions, stiffness
-from counterflex.identify.changes import ElementCompliance
-from counterflex.identify.compliances import named_directions, springs, with_compliance
 from counterflex.identify.counted_coverage import COUNTED
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.derivative_check import convergence_order
-from counterflex.identify.known_frames import tracker_table
-from counterflex.identify.model import CellModel
-from counterflex.identify.pull_blocks import block, layout, refreshed
-from counterflex.identify.pull_checks import impossible
-from counterflex.identify.pull_history import lost_angles, unknown_angles
-from counterflex.identify.pull_residuals import Shape, gains
-from counterflex.identify.pulls import AGAIN, HELD, Pulls, read_pulls
+from counterflex.identify.data.changes import ElementCompliance
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.geometry.compliances import named_directions, springs, with_compliance
+from counterflex.identify.geometry.known_frames import tracker_table
+from counterflex.identify.pulls.blocks import block, layout, refreshed
+from counterflex.identify.pulls.checks import impossible
+from counterflex.identify.pulls.history import lost_angles, unknown_angles
+from counterflex.identify.pulls.pulls import AGAIN, HELD, Pulls, read_pulls
+from counterflex.identify.pulls.residuals import Shape, gains
 from counterflex.identify.recipe import Proposal
-from counterflex.robot.chain import ElasticChain, forward
-from counterflex.robot.compliance import cartesian_compliance, deflection
-from counterflex.robot.description import EndEffector, Robot, Segment
-from counterflex.twin.laboratory import laboratory
-from counterflex.twin.measure_pulls import measure
-from counterflex.twin.nominal import nominal_truth
-from counterflex.twin.perturb import perturbed
-from counterflex.twin.truth import CuttingTruth, Truth
+from counterflex.identify.solver.derivative_check import convergence_order
+from counterflex.identify.stiffness import piecewise_compliance
+from counterflex.identify.stiffness import recipe as stiffness
+from counterflex.robot.elasticity.chain import ElasticChain, forward
+from counterflex.robot.elasticity.compliance import cartesian_compliance, deflection
+from counterflex.robot.model.description import EndEffector, Robot, Segment
+from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.laboratory.pulls import measure
+from counterflex.twin.truth.nominal import nominal_truth
+from counterflex.twin.truth.perturb import perturbed
+from counterflex.twin.truth.truth import CuttingTruth, Truth
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
@@ -333,7 +334,7 @@ def test_region_dependent_stiffness_is_kept_only_where_it_is(cell: CellModel) ->
         pulls = read_pulls(chain, data)
         plan = layout(chain, springs(chain, {}), [pulls], bearing_m=0.0)
         fit, blocks = stiffness.settle(chain, plan, [pulls], [block(chain, plan, pulls, None)], lambda *_: None)
-        kept[name] = regions.search(chain, plan, [pulls], blocks, fit)
+        kept[name] = piecewise_compliance.search(chain, plan, [pulls], blocks, fit)
     assert kept["alike"].regions == ()
     first = kept["two halves"].regions[0]
     assert first.name == "axis2.rz.q2_half"

@@ -11,8 +11,7 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.readings import (
+from counterflex.identify.data.alternative_readings import (
     Reading,
     inverted_pose,
     left_handed,
@@ -23,8 +22,9 @@ from counterflex.identify.readings import (
     transposed,
     unit_mistakes,
 )
-from counterflex.identify.solve import Stop, solve
-from counterflex.identify.suspicion import Misfit, Score, check_reading, misfit_of, suspect
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.data.manifest_checks import Misfit, Score, check_reading, misfit_of, suspect
+from counterflex.identify.solver.solve import Stop, solve
 
 SIGMA = 1e-4
 

@@ -10,24 +10,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
-from counterflex.app.truth import truth_of
+from counterflex.app.identification.cell_model import model_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import silent
-from counterflex.files.cell import read_cell
-from counterflex.files.dataset_file import read_dataset
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.reader import read_dataset
 from counterflex.geometry import pose, rotation
-from counterflex.identify import tracker_frame
-from counterflex.identify.changes import TableValues
-from counterflex.identify.dataset import Dataset, of_arrays
-from counterflex.identify.frame_drift import drifts
-from counterflex.identify.hand_eye import of_points, of_poses, robust_of_points, robust_of_poses
-from counterflex.identify.known_frames import KnownFrames, known_frames
+from counterflex.identify.data.changes import TableValues
+from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.geometry.hand_eye import of_points, of_poses, robust_of_points, robust_of_poses
+from counterflex.identify.geometry.known_frames import KnownFrames, known_frames
 from counterflex.identify.recipe import Identification
-from counterflex.identify.tracker_proposal import propose
-from counterflex.twin import measure_fiducials, measure_tracker_poses
-from counterflex.twin.laboratory import Laboratory, Measured, laboratory
+from counterflex.identify.tracker_frame import recipe as tracker_frame
+from counterflex.identify.tracker_frame.frame_drift import drifts
+from counterflex.identify.tracker_frame.proposal import propose
+from counterflex.twin.laboratory import fiducials as measure_fiducials
+from counterflex.twin.laboratory import tracker_poses as measure_tracker_poses
+from counterflex.twin.laboratory.laboratory import Laboratory, Measured, laboratory
 
 FILE = read_cell("examples/cells/kr300_d10_ball.toml")
 CELL = model_of(FILE)

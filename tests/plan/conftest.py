@@ -14,11 +14,11 @@ from counterflex.core.units import MM
 from counterflex.cutting.coefficients import KienzleLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.files.cell import Cell, resolve
-from counterflex.files.cell_schema import CellTables
+from counterflex.files.cell.cell import Cell, resolve
+from counterflex.files.cell.tables import CellTables
 from counterflex.files.schema import parse
 from counterflex.path.toolpath import ToolPath
-from counterflex.programs.gcode_reader import read_gcode
+from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.to_path import tool_path
 
 CELL = Path(__file__).resolve().parents[1] / "data" / "cells" / "small.toml"

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from counterflex.app.inputs import setting_of
-from counterflex.app.truth import knowing, truth_of
+from counterflex.app.proof.truth import knowing, truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, UM
-from counterflex.files.cell import Cell
+from counterflex.files.cell.cell import Cell
 from counterflex.plan import elastic_motion
 from counterflex.plan.elastic_motion import commanded, inertia, jacobians, lowest_mode, matrices, motion_along, postures
 from counterflex.plan.elastic_motion_kernel import advance, rest
 from counterflex.plan.tool_deviation import answered_late
-from counterflex.robot import compliance, play
-from counterflex.robot.chain import ElasticChain, forward, frames, jacobian
-from counterflex.robot.description import Play, Servo
+from counterflex.robot.elasticity import compliance, play
+from counterflex.robot.elasticity.chain import ElasticChain, forward, frames, jacobian
+from counterflex.robot.model.description import Play, Servo
 
 CellOf = Callable[..., Cell]
 Q = np.array([-3.0, -92.0, 123.0, -174.0, 31.0, 175.0]) * DEG

@@ -10,7 +10,7 @@ import pytest
 from counterflex.app.inputs import setting_of, with_settling
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import DEG, MM, UM
-from counterflex.files.cell import Cell
+from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.compensate import Setting, plan
 from counterflex.plan.holes import held_in_holes

@@ -11,12 +11,12 @@ import pytest
 from counterflex.app.inputs import setting_of
 from counterflex.core.arrays import Int
 from counterflex.core.units import MM, UM, URAD
-from counterflex.files.cell import Cell
+from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import Setting, plan, solve_joints, touched_points
 from counterflex.plan.lost_motion import corrected_joints, play_deviation
-from counterflex.robot.chain import forward
-from counterflex.robot.description import Play
+from counterflex.robot.elasticity.chain import forward
+from counterflex.robot.model.description import Play
 from counterflex.signals.preview import Shaping
 
 PathOf = Callable[..., ToolPath]

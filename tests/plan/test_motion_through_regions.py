@@ -11,12 +11,12 @@ import pytest
 from counterflex.app.inputs import setting_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, UM
-from counterflex.files.cell import Cell
+from counterflex.files.cell.cell import Cell
 from counterflex.plan.elastic_motion import matrices, motion_along
 from counterflex.plan.elastic_motion_kernel import advance, rest
-from counterflex.robot.chain import ElasticChain
-from counterflex.robot.compliance import cartesian_compliance
-from counterflex.robot.description import ElasticRegion
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.elasticity.compliance import cartesian_compliance
+from counterflex.robot.model.description import ElasticRegion
 
 Q = np.array([-3.0, -92.0, 123.0, -174.0, 31.0, 175.0]) * DEG
 LOAD = np.array([300.0, 200.0, -600.0, 0.0, 0.0, 0.0])

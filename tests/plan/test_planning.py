@@ -14,15 +14,15 @@ from counterflex.app.inputs import setting_of
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, ModelError, ReachError
 from counterflex.core.units import DEG, MM, UM
-from counterflex.files.cell import Cell
+from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose, registration, wrench
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.compensate import Limits, Setting, plan
 from counterflex.plan.plan import Plan, across
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
-from counterflex.robot.chain import ElasticChain, forward_elastic
-from counterflex.robot.description import Servo
-from counterflex.robot.inverse import inverse_path
+from counterflex.robot.elasticity.chain import ElasticChain, forward_elastic
+from counterflex.robot.kinematics.inverse import inverse_path
+from counterflex.robot.model.description import Servo
 from counterflex.signals.preview import Shaping
 
 PathOf = Callable[..., ToolPath]

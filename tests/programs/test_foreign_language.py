@@ -8,7 +8,7 @@ import pytest
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.foreign_language import foreign_language
-from counterflex.programs.gcode_reader import read_gcode
+from counterflex.programs.gcode.read.reader import read_gcode
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 CORPUS = sorted([*(DATA / "gcode").rglob("*.ngc"), *(DATA / "writer").rglob("*.ngc")])

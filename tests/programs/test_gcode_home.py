@@ -10,9 +10,9 @@ import pytest
 from counterflex.core.errors import FileFormatError, ProgramError
 from counterflex.core.units import MM
 from counterflex.programs.compensated import CompensatedPath
-from counterflex.programs.gcode_reader import read_gcode, read_gcode_file
-from counterflex.programs.gcode_writer import write_gcode
-from counterflex.programs.parameter_file import read_parameter_file
+from counterflex.programs.gcode.read.parameter_file import read_parameter_file
+from counterflex.programs.gcode.read.reader import read_gcode, read_gcode_file
+from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import Program
 from counterflex.programs.to_path import tool_path
 

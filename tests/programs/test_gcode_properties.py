@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import INCH, MM
-from counterflex.programs.gcode_reader import read_gcode
-from counterflex.programs.gcode_scanner import scan_line, scan_plain
+from counterflex.programs.gcode.read.reader import read_gcode
+from counterflex.programs.gcode.read.scanner import scan_line, scan_plain
 from counterflex.programs.program import Program
 
 QUICK = settings(max_examples=120, deadline=None)

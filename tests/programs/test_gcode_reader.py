@@ -13,7 +13,7 @@ import pytest
 from counterflex.core.errors import OutputError, ProgramError
 from counterflex.core.units import MM, RPM
 from counterflex.path.toolpath import FEED, RAPID
-from counterflex.programs.gcode_reader import read_gcode, read_gcode_file
+from counterflex.programs.gcode.read.reader import read_gcode, read_gcode_file
 from counterflex.programs.listing import SCHEMA, listing, write_listing
 from counterflex.programs.program import Program
 from counterflex.programs.to_path import tool_path

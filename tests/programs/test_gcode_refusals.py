@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from counterflex.core.errors import InputError, ProgramError
-from counterflex.programs.gcode_reader import read_gcode, read_gcode_file
+from counterflex.programs.gcode.read.reader import read_gcode, read_gcode_file
 
 HEAD = "G21 G90 F100\n"
 CASES = {

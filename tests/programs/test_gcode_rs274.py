@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from counterflex.core.units import DEG, INCH, MM, MM_PER_MIN, RPM
-from counterflex.programs.gcode_reader import read_gcode
+from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.program import Motion, Program
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 
 from counterflex.core.errors import FileFormatError, InputError, ProgramError
-from counterflex.programs.egm_switching import EgmSwitching
-from counterflex.programs.rapid_egm import called, called_parts, part_with_egm, start_move, with_egm
-from counterflex.wire.egm_calls import parse_egm_calls
-from counterflex.wire.egm_rules import EgmWanted, check_egm
+from counterflex.programs.rapid.egm import called, called_parts, part_with_egm, start_move, with_egm
+from counterflex.programs.rapid.egm_switching import EgmSwitching
+from counterflex.protocols.abb_egm.calls import parse_egm_calls
+from counterflex.protocols.abb_egm.check import EgmWanted, check_egm
 
 PATH = EgmSwitching("path", "UCdevice", "pathCorr", 24, 0.1)
 POSE = EgmSwitching("pose", "UCdevice", "default", 4, 0.1)

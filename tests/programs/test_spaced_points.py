@@ -13,10 +13,10 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM, UM
 from counterflex.path.toolpath import FEED
 from counterflex.programs.compensated import CompensatedPath
-from counterflex.programs.gcode_reader import read_gcode
-from counterflex.programs.krl_writer import KrlSettings, write_krl
-from counterflex.programs.robot_points import RobotText
-from counterflex.programs.spaced_points import spaced
+from counterflex.programs.gcode.read.reader import read_gcode
+from counterflex.programs.krl.writer import KrlSettings, write_krl
+from counterflex.programs.robot_writer.points import RobotText
+from counterflex.programs.robot_writer.spaced_points import spaced
 from counterflex.programs.to_path import tool_path
 
 CYCLE_S = 0.012

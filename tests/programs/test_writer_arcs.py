@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
-from counterflex.programs.arc_fit import (
+from counterflex.programs.gcode.write.arc_fit import (
     arc_error,
     arc_points,
     fit_centre,
@@ -18,7 +18,7 @@ from counterflex.programs.arc_fit import (
     radius_centre,
     written_turn,
 )
-from counterflex.programs.arc_pieces import arc_pieces
+from counterflex.programs.gcode.write.arc_pieces import arc_pieces
 
 
 def helix(centre: tuple[float, float], radius: float, start: float, turn: float, rise: float, n: int) -> Float:

@@ -16,9 +16,9 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import INCH, MM
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.programs import gcode_reader
 from counterflex.programs.compensated import CompensatedPath
-from counterflex.programs.gcode_writer import GcodeText, write_gcode
+from counterflex.programs.gcode.read import reader as gcode_reader
+from counterflex.programs.gcode.write.writer import GcodeText, write_gcode
 from counterflex.programs.program import Motion, Program
 from counterflex.programs.to_path import tool_path
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from counterflex.path.toolpath import FEED
 from counterflex.programs.compensated import CompensatedPath
-from counterflex.programs.gcode_reader import read_gcode
-from counterflex.programs.gcode_writer import write_gcode
+from counterflex.programs.gcode.read.reader import read_gcode
+from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.to_path import tool_path
 
 

@@ -18,13 +18,13 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.programs.compensated import CompensatedPath
-from counterflex.programs.gcode_reader import read_gcode
-from counterflex.programs.krl_writer import KrlSettings, write_krl
+from counterflex.programs.gcode.read.reader import read_gcode
+from counterflex.programs.krl.writer import KrlSettings, write_krl
 from counterflex.programs.limits import KRL
-from counterflex.programs.machine_functions import MachineFunctions
 from counterflex.programs.program import Program
-from counterflex.programs.rapid_writer import RapidSettings, write_rapid
-from counterflex.programs.robot_points import RobotText
+from counterflex.programs.rapid.writer import RapidSettings, write_rapid
+from counterflex.programs.robot_writer.machine_functions import MachineFunctions
+from counterflex.programs.robot_writer.points import RobotText
 from counterflex.programs.to_path import tool_path
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "writer"

@@ -7,9 +7,9 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
-from counterflex.robot import catalog, load_cases
-from counterflex.robot.chain import ElasticChain
-from counterflex.robot.description import EndEffector, Robot, Segment
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.model import catalog, load_cases
+from counterflex.robot.model.description import EndEffector, Robot, Segment
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from counterflex.robot import catalog
+from counterflex.robot.model import catalog
 
 ROOT = Path(__file__).resolve().parents[2]
 

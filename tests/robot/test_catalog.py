@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import DEG, MM
-from counterflex.robot import catalog
-from counterflex.robot.chain import ElasticChain, flange, forward, frames
-from counterflex.robot.description import EndEffector, Opw
-from counterflex.robot.gravity import counterbalance_torque
-from counterflex.robot.opw_chain import Element
+from counterflex.robot.elasticity.chain import ElasticChain, flange, forward, frames
+from counterflex.robot.elasticity.gravity import counterbalance_torque
+from counterflex.robot.model import catalog
+from counterflex.robot.model.description import EndEffector, Opw
+from counterflex.robot.model.opw_chain import Element
 
 KR300 = "kuka_kr300_r2500_ultra"
 LIMITS = np.tile([-3.0, 3.0], (6, 1))

@@ -12,11 +12,11 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.geometry import pose, rotation
-from counterflex.robot import catalog
-from counterflex.robot.chain import ElasticChain, flange, forward, frames, jacobian
-from counterflex.robot.compliance import cartesian_compliance, deflection
-from counterflex.robot.description import Counterbalance, EndEffector, Robot, Segment
-from counterflex.robot.gravity import sag
+from counterflex.robot.elasticity.chain import ElasticChain, flange, forward, frames, jacobian
+from counterflex.robot.elasticity.compliance import cartesian_compliance, deflection
+from counterflex.robot.elasticity.gravity import sag
+from counterflex.robot.model import catalog
+from counterflex.robot.model.description import Counterbalance, EndEffector, Robot, Segment
 
 CHAINS = ("haehn", "heavy", "crooked")
 

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ModelError
 from counterflex.geometry import pose, rotation, wrench
-from counterflex.robot import equations
-from counterflex.robot.chain import ElasticChain, forward, forward_elastic, jacobian
-from counterflex.robot.compliance import (
+from counterflex.robot.elasticity import equations
+from counterflex.robot.elasticity.chain import ElasticChain, forward, forward_elastic, jacobian
+from counterflex.robot.elasticity.compliance import (
     LANES_FROM,
     Corrections,
     cartesian_compliance,
@@ -29,10 +29,10 @@ from counterflex.robot.compliance import (
     linear_gap,
     shares,
 )
-from counterflex.robot.description import EndEffector, Robot, Segment
-from counterflex.robot.kernels_lanes import deflection_lanes
-from counterflex.robot.kernels_lanes_step import step_lanes
-from counterflex.robot.kernels_step import CLAMPED, DAMPED, DAMPING_BELOW, REFUSE_BELOW, REFUSED, ElasticStep
+from counterflex.robot.elasticity.kernels.lanes import deflection_lanes
+from counterflex.robot.elasticity.kernels.lanes_step import step_lanes
+from counterflex.robot.elasticity.kernels.step import CLAMPED, DAMPED, DAMPING_BELOW, REFUSE_BELOW, REFUSED, ElasticStep
+from counterflex.robot.model.description import EndEffector, Robot, Segment
 
 CHAINS = ("haehn", "heavy", "crooked")
 LIMITS = np.array([[-3.0, 3.0]] * 6)
@@ -88,7 +88,7 @@ def test_springs_in_series_add(chain: ElasticChain, poses: Float) -> None:
 
 def test_denkena_form_with_inverted_jacobians(crooked: ElasticChain, poses: Float) -> None:
     """Equations 1-7 as printed: ``sum J^-1 k^-1 J^-T`` with J the map of a TCP twist to the joint's frame."""
-    from counterflex.robot.chain import frames
+    from counterflex.robot.elasticity.chain import frames
 
     q = poses[0]
     T_base_tcp = forward(crooked, q)
@@ -380,7 +380,7 @@ def test_large_batches_with_gravity_or_equilibrium_equal_small_ones(
     asked: dict[str, bool], heavy: ElasticChain, poses: Float, wrenches: Float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The lanes know neither: however many points there are, they must not be taken."""
-    monkeypatch.setattr("counterflex.robot.compliance.LANES_FROM", 300)
+    monkeypatch.setattr("counterflex.robot.elasticity.compliance.LANES_FROM", 300)
     q, w = np.tile(poses[:40], (8, 1)), np.tile(wrenches[:40], (8, 1))
     assert len(q) > 300
     few = deflection(heavy, poses[:40], wrenches[:40], **asked)

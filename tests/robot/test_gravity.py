@@ -12,11 +12,12 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
-from counterflex.robot import catalog, equations
-from counterflex.robot.chain import ElasticChain, forward, forward_elastic
-from counterflex.robot.compliance import cartesian_compliance, deflection, element_loads
-from counterflex.robot.description import Counterbalance, EndEffector, Robot, Segment
-from counterflex.robot.gravity import counterbalance_torque, sag, weight_loads
+from counterflex.robot.elasticity import equations
+from counterflex.robot.elasticity.chain import ElasticChain, forward, forward_elastic
+from counterflex.robot.elasticity.compliance import cartesian_compliance, deflection, element_loads
+from counterflex.robot.elasticity.gravity import counterbalance_torque, sag, weight_loads
+from counterflex.robot.model import catalog
+from counterflex.robot.model.description import Counterbalance, EndEffector, Robot, Segment
 
 
 @pytest.mark.parametrize("name", ["heavy", "crooked"])

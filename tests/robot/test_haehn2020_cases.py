@@ -11,10 +11,10 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose
-from counterflex.robot import catalog, load_cases
-from counterflex.robot.chain import ElasticChain, forward
-from counterflex.robot.compliance import deflection, linear_gap, shares
-from counterflex.robot.inverse import inverse
+from counterflex.robot.elasticity.chain import ElasticChain, forward
+from counterflex.robot.elasticity.compliance import deflection, linear_gap, shares
+from counterflex.robot.kinematics.inverse import inverse
+from counterflex.robot.model import catalog, load_cases
 
 
 @pytest.fixture(scope="module")

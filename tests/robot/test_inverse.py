@@ -14,11 +14,12 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.units import DEG
 from counterflex.geometry import pose, rotation
-from counterflex.robot import catalog, inverse_kernel, opw
-from counterflex.robot.chain import ElasticChain, forward, forward_elastic, frames, jacobian
-from counterflex.robot.description import EndEffector, Opw, Robot, Segment
-from counterflex.robot.inverse import SIGMA_FLOOR, inverse, inverse_all, inverse_path
-from counterflex.robot.inverse_seeds import arm_length, branch_of
+from counterflex.robot.elasticity.chain import ElasticChain, forward, forward_elastic, frames, jacobian
+from counterflex.robot.kinematics import inverse_kernel
+from counterflex.robot.kinematics.inverse import SIGMA_FLOOR, inverse, inverse_all, inverse_path
+from counterflex.robot.kinematics.inverse_seeds import arm_length, branch_of
+from counterflex.robot.model import catalog, opw
+from counterflex.robot.model.description import EndEffector, Opw, Robot, Segment
 
 KR300 = "kuka_kr300_r2500_ultra"
 FANUC_OFFSETS = (0.0, 0.0, -math.pi / 2, 0.0, 0.0, -math.pi)

@@ -13,11 +13,12 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import URAD
 from counterflex.geometry import pose
-from counterflex.robot import catalog, play
-from counterflex.robot.chain import ElasticChain, forward, jacobian
-from counterflex.robot.compliance import element_loads
-from counterflex.robot.description import EndEffector, Play, Robot, Segment
-from counterflex.robot.gravity import sag, weight_loads
+from counterflex.robot.elasticity import play
+from counterflex.robot.elasticity.chain import ElasticChain, forward, jacobian
+from counterflex.robot.elasticity.compliance import element_loads
+from counterflex.robot.elasticity.gravity import sag, weight_loads
+from counterflex.robot.model import catalog
+from counterflex.robot.model.description import EndEffector, Play, Robot, Segment
 
 C = 1.0 / 7.5e6  # torsion of axis 1 of a KR 300, rad/(N m)
 LIMIT = (75.0, 105.0, 120.0)  # 300 N m together
@@ -182,7 +183,7 @@ def test_torque_is_what_virtual_work_says(lossy: ElasticChain) -> None:
     q, w = path(7), np.tile([200.0, -500.0, 100.0, 3.0, -4.0, 5.0], (7, 1))
     of_process = play.axis_torque(bare, q, w) - play.axis_torque(bare, q)
     assert of_process == pytest.approx((np.swapaxes(jacobian(bare, q), -1, -2) @ w[..., None])[..., 0], abs=1e-9)
-    from counterflex.robot.chain import frames
+    from counterflex.robot.elasticity.chain import frames
 
     def energy(angles: Float) -> float:
         Ts = frames(bare, angles)

@@ -11,10 +11,10 @@ from scipy.integrate import solve_ivp
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import URAD
-from counterflex.robot import catalog
-from counterflex.robot.chain import ElasticChain
-from counterflex.robot.description import Servo
-from counterflex.robot.servo import servo_error
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.elasticity.servo import servo_error
+from counterflex.robot.model import catalog
+from counterflex.robot.model.description import Servo
 
 AXIS = Servo(speed_gain_nm_s=155550.0, position_gain_per_s=20.0, integral_time_s=0.06)
 

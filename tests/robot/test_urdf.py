@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.geometry import pose, rotation
-from counterflex.robot import catalog
-from counterflex.robot.chain import ElasticChain, forward, frames
-from counterflex.robot.description import Robot
-from counterflex.robot.inverse import inverse, inverse_all
-from counterflex.robot.opw_fit import fit_opw, flange_pose
-from counterflex.robot.urdf import load_urdf
+from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
+from counterflex.robot.kinematics.inverse import inverse, inverse_all
+from counterflex.robot.model import catalog
+from counterflex.robot.model.description import Robot
+from counterflex.robot.model.opw_fit import fit_opw, flange_pose
+from counterflex.robot.model.urdf import load_urdf
 
 
 def joint_xml(

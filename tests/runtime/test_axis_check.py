@@ -13,12 +13,12 @@ import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM
-from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.robot.chain import ElasticChain, forward
-from counterflex.runtime.axis_check import ABOUT, EXACT, AxisCheck
-from counterflex.runtime.axis_tolerance import AxisTolerance
-from counterflex.runtime.states import Cause
+from counterflex.robot.elasticity.chain import ElasticChain, forward
+from counterflex.runtime.plausibility.axis_check import ABOUT, EXACT, AxisCheck
+from counterflex.runtime.plausibility.axis_tolerance import AxisTolerance
+from counterflex.runtime.state.states import Cause
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
 BEGIN = np.radians([2.0, -90.0, 120.0, 5.0, 30.0, -8.0])

@@ -12,12 +12,12 @@ import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import URAD
-from counterflex.files.cell import Cell, read_cell
-from counterflex.robot.description import Play
-from counterflex.runtime import layout as at
-from counterflex.runtime.axis_play import AxisPlay
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.robot.model.description import Play
 from counterflex.runtime.settings import OnlineSettings
-from counterflex.runtime.supervisor import State
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import State
+from counterflex.runtime.step.axis_play import AxisPlay
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
 GEAR = Play(20 * URAD, (100.0, 100.0, 100.0), (10 * URAD, 20 * URAD, 40 * URAD))

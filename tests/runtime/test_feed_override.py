@@ -14,18 +14,18 @@ import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
-from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.robot.compliance import deflection
-from counterflex.runtime import layout as at
-from counterflex.runtime import monitor_layout as ml
+from counterflex.robot.elasticity.compliance import deflection
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.override_kernel import falling
-from counterflex.runtime.override_plan import slowed_time, speed_plan, within_rate
-from counterflex.runtime.override_settings import OverrideSettings
+from counterflex.runtime.monitoring import layout as ml
+from counterflex.runtime.monitoring.override_kernel import falling
+from counterflex.runtime.monitoring.override_plan import slowed_time, speed_plan, within_rate
+from counterflex.runtime.monitoring.override_settings import OverrideSettings
 from counterflex.runtime.settings import ForceMode, OnlineSettings, Pilot
-from counterflex.runtime.supervisor import State
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import State
 from counterflex.signals.ahead import Ahead
 from counterflex.signals.limiter import MotionLimit
 from counterflex.signals.preview import Mode, Shaping

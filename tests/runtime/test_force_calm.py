@@ -9,13 +9,13 @@ from tests.runtime.test_plausibility import FEED, FORCE, Plant, straight
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM
-from counterflex.runtime import layout as at
-from counterflex.runtime import plausibility_kernel as pk
-from counterflex.runtime.force_calm_kernel import forget_calm, known_in_air, off_in_calm
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.plausibility import Plausibility
+from counterflex.runtime.plausibility import kernel as pk
+from counterflex.runtime.plausibility.calm_cuts import forget_calm, known_in_air, off_in_calm
+from counterflex.runtime.plausibility.limits import Plausibility
 from counterflex.runtime.settings import ForceMode, ForceOffset
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import Cause, State
 
 _MODES = (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.FUSED)
 _ALONG_X = np.eye(3)

@@ -11,15 +11,15 @@ from tests.runtime.test_plausibility import CELL, FEED, FORCE, Plant, Q, straigh
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.files.cell_online import OnlineTable
-from counterflex.robot.chain import jacobian
-from counterflex.runtime import layout as at
-from counterflex.runtime import plausibility_kernel as pk
-from counterflex.runtime.force_doubt_kernel import idle_is_wrong
-from counterflex.runtime.fusion import Source
-from counterflex.runtime.plausibility import Plausibility
+from counterflex.files.cell.online import OnlineTable
+from counterflex.robot.elasticity.chain import jacobian
+from counterflex.runtime.estimator.fusion import Source
+from counterflex.runtime.plausibility import kernel as pk
+from counterflex.runtime.plausibility.doubts import idle_is_wrong
+from counterflex.runtime.plausibility.limits import Plausibility
 from counterflex.runtime.settings import ForceMode, ForceOffset
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import Cause, State
 
 _MODES = (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.SCALE, ForceMode.FUSED)
 _WAYS = [sign * row for row in np.eye(3) for sign in (1.0, -1.0)]

@@ -15,17 +15,17 @@ import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
-from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.robot.chain import jacobian
-from counterflex.robot.compliance import deflection
-from counterflex.runtime import fusion_kernel as fk
-from counterflex.runtime import layout as at
-from counterflex.runtime.fusion import FusionTuning, Source, level
+from counterflex.robot.elasticity.chain import jacobian
+from counterflex.robot.elasticity.compliance import deflection
+from counterflex.runtime.estimator import fusion_kernel as fk
+from counterflex.runtime.estimator.fusion import FusionTuning, Source, level
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Pilot, TrackerMode, TrackerTuning
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.signals.arrival import ArrivalClock
 from counterflex.signals.limiter import MotionLimit
 

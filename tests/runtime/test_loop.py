@@ -15,17 +15,17 @@ import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
-from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.robot.chain import forward, jacobian
-from counterflex.robot.compliance import deflection
-from counterflex.runtime import layout as at
-from counterflex.runtime.act_kernel import limit
+from counterflex.robot.elasticity.chain import forward, jacobian
+from counterflex.robot.elasticity.compliance import deflection
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.plausibility_kernel import DOUBT_IDLE
+from counterflex.runtime.plausibility.kernel import DOUBT_IDLE
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Pilot, TrackerMode
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.runtime.step.limit_and_supervise import limit
 from counterflex.signals.limiter import MotionLimit
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")

@@ -9,12 +9,12 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.files.cell import read_cell
-from counterflex.robot.chain import jacobian
-from counterflex.robot.play import axis_torque
-from counterflex.runtime import layout as at
-from counterflex.runtime.idle_torque_kernel import PRESLIDING_RAD, follow_idle, less_force
-from counterflex.runtime.motor_torque import MotorTorque
+from counterflex.files.cell.cell import read_cell
+from counterflex.robot.elasticity.chain import jacobian
+from counterflex.robot.elasticity.play import axis_torque
+from counterflex.runtime.estimator.idle_torque import PRESLIDING_RAD, follow_idle, less_force
+from counterflex.runtime.sensing.motor_torque import MotorTorque
+from counterflex.runtime.state import layout as at
 
 CELLS = sorted((Path(__file__).resolve().parents[2] / "examples" / "cells").glob("*.toml"))
 

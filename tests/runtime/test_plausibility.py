@@ -13,16 +13,16 @@ import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
-from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.robot.compliance import deflection
-from counterflex.runtime import layout as at
-from counterflex.runtime import plausibility_kernel as pk
+from counterflex.robot.elasticity.compliance import deflection
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.plausibility import Plausibility
+from counterflex.runtime.plausibility import kernel as pk
+from counterflex.runtime.plausibility.limits import Plausibility
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, TrackerMode, TrackerTuning
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.signals.limiter import MotionLimit
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")

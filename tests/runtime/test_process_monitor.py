@@ -15,20 +15,20 @@ import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
-from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.runtime import layout as at
-from counterflex.runtime import monitor_layout as ml
-from counterflex.runtime.fast_force_kernel import COUNTS, MEMORY, folded, take_samples
-from counterflex.runtime.feed_frame_kernel import feed_frame
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.monitor_layout import Event
-from counterflex.runtime.monitor_plan import bounds, lost_tooth
-from counterflex.runtime.monitor_settings import MonitorSettings, Reaction, decision_interval, run_length
+from counterflex.runtime.monitoring import layout as ml
+from counterflex.runtime.monitoring.fast_force import COUNTS, MEMORY, folded, take_samples
+from counterflex.runtime.monitoring.feed_frame import feed_frame
+from counterflex.runtime.monitoring.layout import Event
+from counterflex.runtime.monitoring.plan import bounds, lost_tooth
+from counterflex.runtime.monitoring.settings import MonitorSettings, Reaction, decision_interval, run_length
+from counterflex.runtime.monitoring.wear import add_ratio, normal_of_student, trend
 from counterflex.runtime.settings import ForceMode, OnlineSettings
-from counterflex.runtime.supervisor import Cause, State
-from counterflex.runtime.wear_kernel import add_ratio, normal_of_student, trend
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.signals.limiter import MotionLimit
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")

@@ -14,21 +14,21 @@ from hypothesis import strategies as st
 import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.links.control_array import REQUESTS, Request
-from counterflex.links.session import OnlineSession, SessionChecks
-from counterflex.links.telegram_watch import WatchSettings
-from counterflex.runtime import layout as at
+from counterflex.protocols.processes.control_array import REQUESTS, Request
+from counterflex.protocols.session.session import OnlineSession, SessionChecks
+from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.monitor_layout import Event
+from counterflex.runtime.monitoring.layout import Event
 from counterflex.runtime.record_ring import COLUMNS, WIDTH, RecordRing
 from counterflex.runtime.replay import Gap, Replay
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import State
 from counterflex.runtime.state_slots import LoopState
-from counterflex.runtime.supervisor import State
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
 Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from counterflex.core.arrays import Float
-from counterflex.runtime.feed_forward_kernel import play_undone
-from counterflex.runtime.follow_kernel import (
+from counterflex.runtime.primitives.localize import (
     PLAN_C,
     PLAN_COLUMNS,
     PLAN_PLAY,
@@ -19,6 +18,7 @@ from counterflex.runtime.follow_kernel import (
     seek,
     wrench_at,
 )
+from counterflex.runtime.step.feed_forward import play_undone
 
 
 def plan_of(points: Float) -> Float:

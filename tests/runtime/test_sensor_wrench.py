@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import counterflex
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation, wrench
-from counterflex.runtime.sensor_wrench import SensorWrench
+from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.sensing.carrier import carrier_pose, carrier_to_tcp, hose_rotation
 from counterflex.sensing.flange_sensor import FlangeSensor, sensor_rotation, tcp_wrench
 

@@ -10,9 +10,9 @@ import pytest
 import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.files.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation, wrench
-from counterflex.runtime.spindle_inertia import SpindleInertia
+from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
 from counterflex.sensing.carrier import carrier_to_tcp
 from counterflex.sensing.flange_sensor import FlangeSensor, SensorMotion, idle_wrench
 from counterflex.signals.filters import Smoother

@@ -10,13 +10,13 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from counterflex.app.fault_scenarios.demonstration import demo_cell, force_only
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
-from counterflex.runtime.act_kernel import SESSION_S
 from counterflex.runtime.loop import Loop
-from counterflex.runtime.step_kernel import MOST_ELAPSED
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.runtime.step.limit_and_supervise import SESSION_S
+from counterflex.runtime.step.step import MOST_ELAPSED
+from counterflex.validation.faults.demonstration import demo_cell, force_only
 
 Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
 LEGAL = {

@@ -13,7 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from counterflex.core.arrays import Int
 from counterflex.core.errors import InputError
-from counterflex.runtime.supervisor import (
+from counterflex.runtime.state.supervisor import (
     AT_CAUSE,
     AT_ENDING,
     AT_FEED_HOLD,

@@ -12,10 +12,8 @@ from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
-from counterflex.runtime import layout as at
-from counterflex.runtime.feed_forward_design import lag_filter
-from counterflex.runtime.settings import Delays
-from counterflex.runtime.tracker_design import (
+from counterflex.runtime.design.feed_forward import lag_filter
+from counterflex.runtime.design.tracker import (
     DesignGoals,
     TrackerGains,
     TrackerPlant,
@@ -29,7 +27,9 @@ from counterflex.runtime.tracker_design import (
     observer_gain,
     observer_response,
 )
-from counterflex.runtime.tracker_kernel import designed
+from counterflex.runtime.settings import Delays
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.step.tracker import designed
 
 T = 0.004
 KV, SPEED_LOOP = 11.0, 150.0

@@ -10,14 +10,14 @@ import pytest
 
 import counterflex
 from counterflex.core.units import MM, UM
-from counterflex.files.cell import Cell, read_cell
-from counterflex.files.cell_online import OnlineTable
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.online import OnlineTable
 from counterflex.geometry import pose, rotation
-from counterflex.runtime import layout as at
-from counterflex.runtime import plausibility_kernel as pk
 from counterflex.runtime.loop import Loop
+from counterflex.runtime.plausibility import kernel as pk
 from counterflex.runtime.settings import ForceMode
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import Cause, State
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
 Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])

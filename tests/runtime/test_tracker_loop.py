@@ -13,16 +13,16 @@ import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
-from counterflex.files.cell import Cell, read_cell
-from counterflex.files.cell_online import OnlineTable
-from counterflex.files.cell_timing import ChannelTimingTable, TimingTable
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.online import OnlineTable
+from counterflex.files.cell.timing import ChannelTimingTable, TimingTable
 from counterflex.geometry import pose, rotation
-from counterflex.runtime import layout as at
-from counterflex.runtime.feed_forward_kernel import rates
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import Delays, OnlineSettings
-from counterflex.runtime.supervisor import State
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import State
+from counterflex.runtime.step.feed_forward import rates
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
 Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])

@@ -11,9 +11,9 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import STANDARD_GRAVITY
 from counterflex.geometry import pose, rotation, wrench
-from counterflex.robot import catalog
-from counterflex.robot.chain import ElasticChain, forward, forward_elastic
-from counterflex.robot.description import EndEffector, Segment
+from counterflex.robot.elasticity.chain import ElasticChain, forward, forward_elastic
+from counterflex.robot.model import catalog
+from counterflex.robot.model.description import EndEffector, Segment
 from counterflex.sensing.carrier import behind, carrier_pose, carrier_to_tcp, hose_bodies, hose_rotation
 from counterflex.sensing.flange_sensor import (
     FlangeSensor,

@@ -13,10 +13,14 @@ import numpy as np
 import pytest
 
 from counterflex.core.errors import FileFormatError
-from counterflex.files.tracker_log import measurements
-from counterflex.twin.ads_server import AdsServer, PlcVariable
-from counterflex.wire import ads, decimal_kernel, netft_kernel, rsi_kernel, tracker_pose_kernel
-from counterflex.wire.rsi_telegram import answer_reader, robot_reader
+from counterflex.files.logs.tracker_log import measurements
+from counterflex.protocols import decimal_kernel
+from counterflex.protocols.ads import telegram as ads
+from counterflex.protocols.kuka_rsi import kernel as rsi_kernel
+from counterflex.protocols.kuka_rsi.telegram import answer_reader, robot_reader
+from counterflex.protocols.netft import kernel as netft_kernel
+from counterflex.protocols.tracker import kernel as tracker_pose_kernel
+from counterflex.twin.devices.ads import AdsServer, PlcVariable
 
 ROOT = Path(__file__).parents[2]
 CORPUS = ROOT / "tests" / "data" / "fuzz"

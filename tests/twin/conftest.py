@@ -9,11 +9,11 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose
-from counterflex.robot import catalog
-from counterflex.robot.description import EndEffector, Robot
-from counterflex.twin.controller import Controller, controller_of
-from counterflex.twin.nominal import nominal_truth
-from counterflex.twin.truth import CuttingTruth, Truth
+from counterflex.robot.model import catalog
+from counterflex.robot.model.description import EndEffector, Robot
+from counterflex.twin.plant.controller import Controller, controller_of
+from counterflex.twin.truth.nominal import nominal_truth
+from counterflex.twin.truth.truth import CuttingTruth, Truth
 
 
 @pytest.fixture(scope="session")

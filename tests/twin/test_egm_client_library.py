@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from counterflex.geometry import pose, rotation
-from counterflex.twin.commanded_motion import Report
-from counterflex.twin.fake_egm import EgmContext, FakeEgm
+from counterflex.twin.devices.abb_egm import EgmContext, FakeEgm
+from counterflex.twin.devices.commanded_motion import Report
 
 Q = np.array([0.1, -1.2, 1.3, 0.2, 0.8, -0.4])
 NUMBER, CLOCK, KIND = (1, 1), (1, 2), (1, 3)

@@ -9,12 +9,12 @@ import pytest
 
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
-from counterflex.twin.commanded_motion import Report
-from counterflex.twin.fake_rsi import CLAMPED, CORRECTING, FREE, FakeRsi, RsiContext
-from counterflex.twin.motor_currents import DATA_SHEET_NM_A, RIPPLE_A, SHARE, MotorCurrents
-from counterflex.wire.rsi_config import parse_config
-from counterflex.wire.rsi_kernel import OK
-from counterflex.wire.rsi_telegram import answer_writer, robot_reader
+from counterflex.protocols.kuka_rsi.config import parse_config
+from counterflex.protocols.kuka_rsi.kernel import OK
+from counterflex.protocols.kuka_rsi.telegram import answer_writer, robot_reader
+from counterflex.twin.devices.commanded_motion import Report
+from counterflex.twin.devices.kuka_rsi import CLAMPED, CORRECTING, FREE, FakeRsi, RsiContext
+from counterflex.twin.plant.motor_currents import DATA_SHEET_NM_A, RIPPLE_A, SHARE, MotorCurrents
 
 CONFIG = (
     "<ROOT><CONFIG><IP_NUMBER>127.0.0.1</IP_NUMBER><PORT>49152</PORT><SENTYPE>Counterflex</SENTYPE></CONFIG>"

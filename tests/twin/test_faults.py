@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from counterflex.core.errors import InputError
-from counterflex.twin.faults import SOUND, Fault, FaultSchedule
-from counterflex.twin.faulty_line import FaultyLine
+from counterflex.twin.network.faults import SOUND, Fault, FaultSchedule
+from counterflex.twin.network.faulty_line import FaultyLine
 
 N = 4000
 

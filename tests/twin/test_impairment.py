@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.core.errors import InputError
-from counterflex.twin.impairment import Burst, Delivery, Impairment, Schedule, Stall
+from counterflex.twin.network.impairment import Burst, Delivery, Impairment, Schedule, Stall
 
 N = 40_000
 

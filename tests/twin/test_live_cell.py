@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.signal import lti, step
 
-from counterflex.app import simulate
 from counterflex.app.inputs import Job, read_job
-from counterflex.app.truth import truth_of
-from counterflex.files.cell import Cell, read_cell
-from counterflex.twin.live_cell import LiveCell
-from counterflex.twin.path_answer import AnswerState, PathAnswer
+from counterflex.app.proof import simulate
+from counterflex.app.proof.truth import truth_of
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.twin.devices.path_answer import AnswerState, PathAnswer
+from counterflex.twin.live.live_cell import LiveCell
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 

@@ -9,14 +9,15 @@ import pytest
 
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose
-from counterflex.robot.description import EndEffector, Robot
-from counterflex.twin import measure_cubes, measure_pulls
-from counterflex.twin.laboratory import laboratory
-from counterflex.twin.measurements import measurement
-from counterflex.twin.nominal import nominal_truth
-from counterflex.twin.perturb import perturbed
-from counterflex.twin.plant import Plant
-from counterflex.twin.truth import CuttingTruth, Truth
+from counterflex.robot.model.description import EndEffector, Robot
+from counterflex.twin.laboratory import cubes as measure_cubes
+from counterflex.twin.laboratory import pulls as measure_pulls
+from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.laboratory.measurements import measurement
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.truth.nominal import nominal_truth
+from counterflex.twin.truth.perturb import perturbed
+from counterflex.twin.truth.truth import CuttingTruth, Truth
 
 Q = np.array([[0.2, -1.3, 1.6, 0.4, 0.9, 0.3], [-0.3, -1.1, 1.7, -0.5, 0.8, -0.2]])
 F = np.array([[0.0, 700.0, 0.0], [500.0, 0.0, -400.0]])

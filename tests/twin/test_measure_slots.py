@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.app.cell_model import model_of
-from counterflex.app.truth import truth_of
+from counterflex.app.identification.cell_model import model_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, RPM
-from counterflex.files.cell import read_cell
-from counterflex.identify.cutting import RECIPE
-from counterflex.identify.dataset import of_arrays
-from counterflex.identify.model import CellModel
-from counterflex.identify.slot_pieces import pieces_of
-from counterflex.identify.slot_settings import machine_settings
-from counterflex.twin.laboratory import Measured, laboratory
-from counterflex.twin.measure_slots import measure
-from counterflex.twin.truth import Truth
+from counterflex.files.cell.cell import read_cell
+from counterflex.identify.cutting.recipe import RECIPE
+from counterflex.identify.cutting.settings import machine_settings
+from counterflex.identify.cutting.steady_cuts import pieces_of
+from counterflex.identify.data.dataset import of_arrays
+from counterflex.identify.data.model import CellModel
+from counterflex.twin.laboratory.laboratory import Measured, laboratory
+from counterflex.twin.laboratory.slots import measure
+from counterflex.twin.truth.truth import Truth
 
 CELL = Path(__file__).resolve().parents[2] / "examples" / "cells" / "kr300_d16_small.toml"
 

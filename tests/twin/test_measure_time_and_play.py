@@ -8,10 +8,12 @@ import pytest
 from counterflex.core.errors import InputError
 from counterflex.core.units import MRAD, URAD
 from counterflex.signals.lag import Lag
-from counterflex.twin import measure_record, measure_reversals, measure_servo_steps
-from counterflex.twin.instrument_clocks import instrument_clocks
-from counterflex.twin.laboratory import Laboratory, laboratory
-from counterflex.twin.truth import Truth
+from counterflex.twin.laboratory import record as measure_record
+from counterflex.twin.laboratory import reversals as measure_reversals
+from counterflex.twin.laboratory import servo_steps as measure_servo_steps
+from counterflex.twin.laboratory.instrument_clocks import instrument_clocks
+from counterflex.twin.laboratory.laboratory import Laboratory, laboratory
+from counterflex.twin.truth.truth import Truth
 
 POSE = np.radians([10.0, -80.0, 100.0, 15.0, 40.0, -20.0])
 

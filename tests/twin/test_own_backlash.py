@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.core.units import URAD
-from counterflex.twin.commanded_motion import OwnBacklash
+from counterflex.twin.devices.commanded_motion import OwnBacklash
 
 HALF = np.array([20.0, 20.0, 20.0, 50.0, 50.0, 0.0]) * URAD
 

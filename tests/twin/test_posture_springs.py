@@ -10,11 +10,11 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, ModelError
-from counterflex.robot.description import ElasticRegion
-from counterflex.twin.perturb import perturbed
-from counterflex.twin.plant import Plant
-from counterflex.twin.truth import Truth
-from counterflex.twin.truth_file import from_dict, read_truth, to_dict, write_truth
+from counterflex.robot.model.description import ElasticRegion
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.truth.file import from_dict, read_truth, to_dict, write_truth
+from counterflex.twin.truth.perturb import perturbed
+from counterflex.twin.truth.truth import Truth
 
 
 def changing(truth: Truth) -> Truth:

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from counterflex.core.errors import FileFormatError, OutputError
-from counterflex.twin.impairment import Delivery, Impairment, Schedule, Stall
-from counterflex.twin.proxy import DecisionLog, UdpProxy, read_decisions
+from counterflex.twin.network.impairment import Delivery, Impairment, Schedule, Stall
+from counterflex.twin.network.proxy import DecisionLog, UdpProxy, read_decisions
 
 N = 60
 BAD = Impairment(loss=0.2, duplicate=0.2, flip=0.2, truncate=0.1, garbage=0.1, reorder=0.2, reorder_s=0.5)

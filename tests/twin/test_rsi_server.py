@@ -15,14 +15,14 @@ import pytest
 from counterflex.core.errors import OutputError, SimulationError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose
-from counterflex.twin.applied import COLUMNS, Applied
-from counterflex.twin.exact_robot import StandingRobot, Standstill
-from counterflex.twin.fake_rsi import FakeRsi, RsiContext
-from counterflex.twin.faults import Fault, FaultSchedule
-from counterflex.twin.path_answer import PathAnswer
-from counterflex.twin.robot_server import CycleSeen, RobotServer
-from counterflex.wire.rsi_config import parse_config
-from counterflex.wire.rsi_telegram import answer_writer, robot_reader
+from counterflex.protocols.kuka_rsi.config import parse_config
+from counterflex.protocols.kuka_rsi.telegram import answer_writer, robot_reader
+from counterflex.twin.devices.applied import COLUMNS, Applied
+from counterflex.twin.devices.exact_robot import StandingRobot, Standstill
+from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
+from counterflex.twin.devices.path_answer import PathAnswer
+from counterflex.twin.devices.robot_server import CycleSeen, RobotServer
+from counterflex.twin.network.faults import Fault, FaultSchedule
 
 CONFIG = (
     "<ROOT><CONFIG><IP_NUMBER>127.0.0.1</IP_NUMBER><PORT>49152</PORT><SENTYPE>Counterflex</SENTYPE>ONLY</CONFIG>"

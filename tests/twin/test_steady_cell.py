@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from counterflex.geometry import pose
-from counterflex.twin import steady_cell
-from counterflex.twin.fake_rsi import FakeRsi, RsiContext
-from counterflex.twin.path_answer import PathAnswer
-from counterflex.twin.played_program import ACTIVE, ARMED, NO_TAG, PlayedProgram
-from counterflex.twin.recorded_pass import SAMPLES, RecordedPass
-from counterflex.twin.steady_block import NOT_TOLD, Block
-from counterflex.twin.steady_cell import SteadyCell
-from counterflex.wire.rsi_config import parse_config
-from counterflex.wire.rsi_telegram import answer_writer, robot_reader
+from counterflex.protocols.kuka_rsi.config import parse_config
+from counterflex.protocols.kuka_rsi.telegram import answer_writer, robot_reader
+from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
+from counterflex.twin.devices.path_answer import PathAnswer
+from counterflex.twin.devices.played_program import ACTIVE, ARMED, NO_TAG, PlayedProgram
+from counterflex.twin.live import replayed_cell
+from counterflex.twin.live.recorded_pass import SAMPLES, RecordedPass
+from counterflex.twin.live.replayed_cell import SteadyCell
+from counterflex.twin.live.timed_block import NOT_TOLD, Block
 
 READY, HOLD, FAULT = 1, 4, 6
 PERIOD = 4e-3
@@ -174,7 +174,7 @@ class Answered(SteadyCell):
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     out = Clock()
-    monkeypatch.setattr(steady_cell, "time", out)
+    monkeypatch.setattr(replayed_cell, "time", out)
     return out
 
 

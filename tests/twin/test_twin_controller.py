@@ -11,9 +11,9 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
-from counterflex.robot.opw import BRANCHES
-from counterflex.twin.controller import Controller, interpolate
-from counterflex.twin.truth import Truth
+from counterflex.robot.model.opw import BRANCHES
+from counterflex.twin.plant.controller import Controller, interpolate
+from counterflex.twin.truth.truth import Truth
 
 UP = np.array([0.0, 0.0, 1.0])
 

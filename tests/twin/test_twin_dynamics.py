@@ -10,12 +10,12 @@ import scipy.linalg
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
-from counterflex.robot import catalog
-from counterflex.robot.description import EndEffector, Segment
-from counterflex.twin.drives import first_order_lag, gains
-from counterflex.twin.nominal import nominal_truth
-from counterflex.twin.plant import Plant
-from counterflex.twin.truth import CuttingTruth, Truth
+from counterflex.robot.model import catalog
+from counterflex.robot.model.description import EndEffector, Segment
+from counterflex.twin.plant.drives import first_order_lag, gains
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.truth.nominal import nominal_truth
+from counterflex.twin.truth.truth import CuttingTruth, Truth
 
 
 def locked_modes_hz(truth: Truth, q: Float) -> Float:

@@ -10,10 +10,10 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, MRAD, MS
 from counterflex.geometry import pose
-from counterflex.twin.instrument_clocks import instrument_clocks
-from counterflex.twin.laboratory import NOMINAL_T_BASE_TRACKER, NOMINAL_T_TCP_TARGET, laboratory
-from counterflex.twin.measurements import measurement
-from counterflex.twin.truth import Truth
+from counterflex.twin.laboratory.instrument_clocks import instrument_clocks
+from counterflex.twin.laboratory.laboratory import NOMINAL_T_BASE_TRACKER, NOMINAL_T_TCP_TARGET, laboratory
+from counterflex.twin.laboratory.measurements import measurement
+from counterflex.twin.truth.truth import Truth
 
 
 def test_a_seed_is_a_laboratory() -> None:

@@ -13,8 +13,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, SimulationError
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.twin.process import Process
-from counterflex.twin.truth import CuttingTruth
+from counterflex.twin.plant.process import Process
+from counterflex.twin.truth.truth import CuttingTruth
 
 RADIUS, TEETH, SPEED, FEED, DEPTH = 8e-3, 3, 13000.0 / 60.0, 25e-3, 6e-3
 CHIP = FEED / (SPEED * TEETH)

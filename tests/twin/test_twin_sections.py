@@ -10,9 +10,9 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
-from counterflex.twin.measurements import MODULES, measurement
-from counterflex.twin.plant import Plant
-from counterflex.twin.truth import Truth
+from counterflex.twin.laboratory.measurements import MODULES, measurement
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.truth.truth import Truth
 
 SENSOR = "haehn2020_sensor"
 LOAD = np.array([120.0, -340.0, 260.0, 14.0, -22.0, 9.0])

@@ -10,14 +10,15 @@ import pytest
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.progress import silent
 from counterflex.geometry import pose, rotation
-from counterflex.twin import measure_holder_loads, measure_sensor_poses
-from counterflex.twin.force_sensor import force_sensor, sensor_place
-from counterflex.twin.holder_cut import SideCut, cut_record
-from counterflex.twin.hose import Hose
-from counterflex.twin.laboratory import laboratory
-from counterflex.twin.plant import Plant
-from counterflex.twin.strain_frame import HolderShape, strain_frame
-from counterflex.twin.strain_holder import (
+from counterflex.twin.laboratory import holder_loads as measure_holder_loads
+from counterflex.twin.laboratory import sensor_poses as measure_sensor_poses
+from counterflex.twin.laboratory.holder_cut import SideCut, cut_record
+from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.plant.force_sensor import force_sensor, sensor_place
+from counterflex.twin.plant.hose import Hose
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.plant.strain_frame import HolderShape, strain_frame
+from counterflex.twin.plant.strain_holder import (
     HYSTERESIS_AT,
     HYSTERESIS_SHARE,
     PAPER_GAUGES,
@@ -26,8 +27,8 @@ from counterflex.twin.strain_holder import (
     hysteresis,
     instrumented_holder,
 )
-from counterflex.twin.truth import SensorPlace, Truth
-from counterflex.twin.truth_file import from_dict, to_dict
+from counterflex.twin.truth.file import from_dict, to_dict
+from counterflex.twin.truth.truth import SensorPlace, Truth
 
 PLAIN = HolderShape(
     thickness_m=(0.015, 0.015),

@@ -14,13 +14,13 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
-from counterflex.twin.controller import Controller
-from counterflex.twin.perturb import perturbed
-from counterflex.twin.plant import Plant
-from counterflex.twin.record import Record
-from counterflex.twin.setup import touched_part_frame
-from counterflex.twin.simulate import simulate
-from counterflex.twin.truth import Truth
+from counterflex.twin.plant.controller import Controller
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.plant.record import Record
+from counterflex.twin.plant.setup import touched_part_frame
+from counterflex.twin.plant.simulate import simulate
+from counterflex.twin.truth.perturb import perturbed
+from counterflex.twin.truth.truth import Truth
 
 DATUM = np.array([[0.0, -0.05, 0], [0.2, -0.05, 0], [0.2, 0.05, 0], [0.0, 0.05, 0]])
 TOOL = Cutter(16e-3, flutes=3)

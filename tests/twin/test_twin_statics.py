@@ -10,9 +10,9 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
-from counterflex.twin.mjcf import MOTOR, coordinates
-from counterflex.twin.plant import Plant
-from counterflex.twin.truth import Body, CuttingTruth, Truth
+from counterflex.twin.plant.mjcf import MOTOR, coordinates
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.truth.truth import Body, CuttingTruth, Truth
 
 
 def cartesian_compliance(truth: Truth, q: Float) -> Float:

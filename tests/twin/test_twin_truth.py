@@ -18,13 +18,13 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ModelError
 from counterflex.geometry import pose, rotation
-from counterflex.robot import catalog
-from counterflex.robot.description import EndEffector, Robot, Segment
-from counterflex.twin.described import described
-from counterflex.twin.nominal import nominal_truth
-from counterflex.twin.perturb import differences, perturbed
-from counterflex.twin.truth import CuttingTruth, Truth
-from counterflex.twin.truth_file import from_dict, read_truth, to_dict, write_truth
+from counterflex.robot.model import catalog
+from counterflex.robot.model.description import EndEffector, Robot, Segment
+from counterflex.twin.truth.described import described
+from counterflex.twin.truth.file import from_dict, read_truth, to_dict, write_truth
+from counterflex.twin.truth.nominal import nominal_truth
+from counterflex.twin.truth.perturb import differences, perturbed
+from counterflex.twin.truth.truth import CuttingTruth, Truth
 
 
 def test_nominal_truth_has_the_cells_geometry(robot: Robot, truth: Truth, poses_rad: Float) -> None:

@@ -15,14 +15,14 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MS
-from counterflex.files.cell import Cell, read_cell
-from counterflex.files.cell_ads import STRAIN, AdsTable
-from counterflex.files.cell_sensing import strain_holder
+from counterflex.files.cell.ads import STRAIN, AdsTable
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.sensing import strain_holder
 from counterflex.geometry import pose, rotation
-from counterflex.links.ads_link import AdsLink, AdsReader, DeviceSymbol, Reading
-from counterflex.links.pose_forwarder import PoseForwarder
+from counterflex.protocols.ads.link import AdsLink, AdsReader, DeviceSymbol, Reading
+from counterflex.protocols.tracker.forwarder import PoseForwarder
+from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, NO_ORIENTATION, TrackerPose, spherical_point
 from counterflex.sensing.bridge import strain_of_voltage
-from counterflex.wire.tracker_pose import BEAM_BROKEN, INACCURATE, NO_ORIENTATION, TrackerPose, spherical_point
 
 _PATIENCE: float = 10.0
 _UNIT: float = 1e-3
@@ -46,7 +46,7 @@ def ads_table(cell: Cell) -> AdsTable:
 
 @contextlib.contextmanager
 def connected(table: AdsTable, *, symbols: bool = True) -> Iterator[AdsLink]:
-    """A connection to the TwinCAT of a table. Raises as :class:`counterflex.links.ads_link.AdsLink`."""
+    """A connection to the TwinCAT of a table. Raises as :class:`counterflex.protocols.ads.link.AdsLink`."""
     link = AdsLink(table.settings(), table.symbols() if symbols else ())
     try:
         yield link
@@ -126,7 +126,7 @@ def holder_force(cell: Cell, values: Mapping[str, float]) -> Float | None:
 
     Args:
         cell: With a table ``[holder]``.
-        values: SI, ``strain1`` ... as :class:`counterflex.links.ads_link.AdsLink` reads them.
+        values: SI, ``strain1`` ... as :class:`counterflex.protocols.ads.link.AdsLink` reads them.
 
     Raises:
         InputError: There are more or fewer terminals than bridges, or a strain is not finite.
@@ -155,7 +155,7 @@ def tracker_pose(values: Mapping[str, float], sequence: int, time_ns: int) -> Tr
     What is not a number, or not a distance, becomes a measurement that says of itself that it is not to be used.
 
     Args:
-        values: SI, ``tracker_distance`` ... as :class:`counterflex.links.ads_link.AdsLink` reads them.
+        values: SI, ``tracker_distance`` ... as :class:`counterflex.protocols.ads.link.AdsLink` reads them.
         sequence: Of the datagram.
         time_ns: Of the reading.
     """

@@ -9,8 +9,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import UM
-from counterflex.files.cell import Cell
-from counterflex.robot.compliance import deflection
+from counterflex.files.cell.cell import Cell
+from counterflex.robot.elasticity.compliance import deflection
 
 LEAST_M_PER_N: Final = 0.1 * UM
 MOST_M_PER_N: Final = 30.0 * UM

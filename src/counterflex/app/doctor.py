@@ -19,22 +19,22 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.run_log import micro
+from counterflex.app.run.log import micro
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
 from counterflex.evaluate.loop_timing import ENOUGH_CYCLES, Judgement, LoopSamples, Verdict, judge, percentiles
-from counterflex.files.cell import read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.files.machine_file import KeptVerdict, against, machine_file, read_verdict, write_verdict
 from counterflex.geometry import pose, rotation
-from counterflex.links import timing_probe
-from counterflex.links.machine import Machine, look, processor_times
-from counterflex.links.realtime import Granted, prepare
-from counterflex.runtime import layout as at
+from counterflex.protocols.system import timing_probe
+from counterflex.protocols.system.machine import Machine, look, processor_times
+from counterflex.protocols.system.realtime import Granted, prepare
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.record_ring import RING_BYTES, WIDTH, RecordRing
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
+from counterflex.runtime.state import layout as at
 
 _WRITE_S: Final = 0.1
 _SYNC_EVERY: Final = 10

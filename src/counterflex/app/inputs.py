@@ -15,14 +15,14 @@ from counterflex.core.arrays import Int
 from counterflex.core.errors import CounterflexError, ProgramError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.cutting.coefficients import ForceLaw
-from counterflex.files.cell import Cell
+from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.compensate import Limits, Setting
-from counterflex.programs.gcode_reader import read_gcode_file
-from counterflex.programs.parameter_file import read_parameter_file
+from counterflex.programs.gcode.read.parameter_file import read_parameter_file
+from counterflex.programs.gcode.read.reader import read_gcode_file
 from counterflex.programs.program import Program
 from counterflex.programs.to_path import tool_path
-from counterflex.robot.chain import ElasticChain
+from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode, Shaping
 
 STEP_M = 0.25 * MM

@@ -10,14 +10,16 @@ import numpy as np
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.units import DEG, MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
-from counterflex.files.cell import Cell, read_cell
-from counterflex.files.plausible import unusual
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.plausibility import unusual
 from counterflex.files.schema import ComplianceTable
 from counterflex.geometry import pose, rotation
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
-from counterflex.robot import catalog, compliance, gravity, inverse
-from counterflex.robot.chain import ElasticChain, forward
-from counterflex.robot.elastic_region import beyond_regions
+from counterflex.robot.elasticity import compliance, gravity
+from counterflex.robot.elasticity.chain import ElasticChain, forward
+from counterflex.robot.kinematics import inverse
+from counterflex.robot.model import catalog
+from counterflex.robot.model.elastic_region import beyond_regions
 
 UNIT_FORCE_N = 100.0
 

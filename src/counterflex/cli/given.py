@@ -236,7 +236,7 @@ def robot_or_cell(param: Param, value: Any) -> Any:
         return value
     if value.endswith(".toml") or os.sep in value:
         return file(param, value)
-    from counterflex.robot import catalog
+    from counterflex.robot.model import catalog
 
     catalog.entry(value)
     return value

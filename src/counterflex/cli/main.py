@@ -17,7 +17,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from counterflex import __version__
-from counterflex.cli import (
+from counterflex.cli.commands import (
     ads,
     campaign,
     dataset,
@@ -27,7 +27,6 @@ from counterflex.cli import (
     faults,
     identify,
     log,
-    online,
     operator,
     program,
     prove,
@@ -38,6 +37,7 @@ from counterflex.cli import (
     tracker,
     twin,
 )
+from counterflex.cli.commands import run as online
 from counterflex.cli.output import line_period_s
 from counterflex.cli.start import end, run
 from counterflex.core import compiling

@@ -7,7 +7,8 @@ import sys
 from collections.abc import Sequence
 from typing import Final, NoReturn
 
-from counterflex.cli import interrupt, operator_now
+from counterflex.cli import interrupt
+from counterflex.cli.commands import operator_now
 from counterflex.cli.interrupt import interruptible
 from counterflex.core.errors import CounterflexError, Interrupted
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import Cause, State
 
 MOST_INCIDENTS: Final = 10_000
 _RECEIVED, _ELAPSED = 1, 3

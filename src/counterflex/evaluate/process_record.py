@@ -11,9 +11,9 @@ from scipy.special import stdtrit
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.runtime import monitor_layout as ml
 from counterflex.runtime import record_ring as record
-from counterflex.runtime.monitor_layout import Event
+from counterflex.runtime.monitoring import layout as ml
+from counterflex.runtime.monitoring.layout import Event
 
 FIRST_EVENTS: Final = 200
 LAST_EVENTS: Final = 50

@@ -12,10 +12,10 @@ from counterflex.core.errors import InputError
 from counterflex.evaluate.loop_timing import Percentiles, percentiles
 from counterflex.evaluate.missing_cycles import MissingFinder
 from counterflex.evaluate.process_record import ProcessFigures, ProcessRecord
-from counterflex.runtime import layout as at
 from counterflex.runtime import record_ring as record
-from counterflex.runtime.fusion import Source
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.estimator.fusion import Source
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import Cause, State
 
 _RECEIVED, _SENT, _ELAPSED = 1, 2, 3
 MOST_CHANGES: Final = 10_000

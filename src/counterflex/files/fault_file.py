@@ -30,7 +30,7 @@ from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.similar import close_to
 from counterflex.core.units import MM, MS
 from counterflex.files.schema import Table, Versioned, parse
-from counterflex.twin.faults import DATAGRAM_KINDS, SOURCE_KINDS, Fault, FaultSchedule
+from counterflex.twin.network.faults import DATAGRAM_KINDS, SOURCE_KINDS, Fault, FaultSchedule
 
 KIND: Final = "counterflex-faults"
 VERSION: Final = 1
@@ -57,7 +57,7 @@ _ONLY: Final = {
 
 
 class FaultTable(Table):
-    """One fault, see :class:`counterflex.twin.faults.Fault`."""
+    """One fault, see :class:`counterflex.twin.network.faults.Fault`."""
 
     kind: Literal[KINDS]  # type: ignore[valid-type]
     share: Annotated[float, Field(gt=0.0, le=1.0)] | None = None

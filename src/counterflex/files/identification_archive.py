@@ -11,7 +11,7 @@ import tomlkit
 
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError, FileFormatError
-from counterflex.files.dataset_manifest import read_manifest
+from counterflex.files.dataset.manifest import read_manifest
 from counterflex.files.identification_file import read_identification
 
 RESULT: Final = "result.json"

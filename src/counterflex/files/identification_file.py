@@ -16,10 +16,10 @@ from counterflex.core.errors import FileFormatError
 from counterflex.core.similar import missing_file
 from counterflex.files.schema import check_header
 from counterflex.files.shop_unit import shop
-from counterflex.identify.fit import Fit
-from counterflex.identify.intervals import covariance_si, intervals
-from counterflex.identify.parameters import Parameter
 from counterflex.identify.recipe import Figure
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.intervals import covariance_si, intervals
+from counterflex.identify.solver.parameters import Parameter
 
 FORMAT: Final = "counterflex-identification"
 VERSION: Final = 1
@@ -30,7 +30,7 @@ Place = Callable[[str, int], str]
 def parameter_rows(fit: Fit) -> list[dict[str, Any]]:
     """One row for each parameter: value, standard deviation and 95 % interval in its shop unit, prior, how it is seen.
 
-    Intervals are those of :func:`counterflex.identify.intervals.intervals`; held parameters have none.
+    Intervals are those of :func:`counterflex.identify.solver.intervals.intervals`; held parameters have none.
     """
     rows = []
     ends = intervals(fit)

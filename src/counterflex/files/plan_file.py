@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM, UM, URAD
-from counterflex.files.columns import Column, columns, read, write
+from counterflex.files.parquet_table import Column, columns, read, write
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.job_hash import job_hash
 from counterflex.plan.plan import Plan
@@ -62,7 +62,7 @@ def read_plan(path: Path) -> tuple[Plan, dict[str, Any]]:
     """Read a plan and its metadata.
 
     Raises:
-        FileFormatError: See :func:`counterflex.files.columns.read`.
+        FileFormatError: See :func:`counterflex.files.parquet_table.read`.
     """
     data, about = read(path, KIND, VERSION, LAYOUT)
     tool_path = ToolPath(**{name.removeprefix("path."): data.pop(name) for name in list(data) if "." in name})

@@ -9,7 +9,7 @@ from typing import Any
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import DEG, MM, URAD
-from counterflex.files.columns import Column, columns, read, write
+from counterflex.files.parquet_table import Column, columns, read, write
 
 KIND = "counterflex-run"
 VERSION = 1
@@ -69,6 +69,6 @@ def write_run(path: Path, run: Any, about: Mapping[str, Any]) -> None:
 
 
 def read_run(path: Path) -> tuple[Run, dict[str, Any]]:
-    """Read a run and its metadata. Raises FileFormatError as :func:`counterflex.files.columns.read`."""
+    """Read a run and its metadata. Raises FileFormatError as :func:`counterflex.files.parquet_table.read`."""
     data, about = read(path, KIND, VERSION, LAYOUT)
     return Run(**data), about

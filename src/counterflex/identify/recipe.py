@@ -8,10 +8,10 @@ from typing import Any
 
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress
-from counterflex.identify.changes import Change
-from counterflex.identify.dataset import Dataset
-from counterflex.identify.fit import Fit
-from counterflex.identify.model import CellModel
+from counterflex.identify.data.changes import Change
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.solver.fit import Fit
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Proposal:
         columns: (n,) by name, SI, the unit as suffix: ``q1_rad`` ... ``q6_rad``, ``fx_n``, ``time_s``.
         expected: Expected standard deviation by parameter name, SI.
         remarks: How to measure, in words.
-        settings: Further facts for the measurement, as in :class:`counterflex.identify.dataset.Dataset`.
+        settings: Further facts for the measurement, as in :class:`counterflex.identify.data.dataset.Dataset`.
         units: SI unit of each entry of ``expected`` (``m``, ``rad/(N m)``, ...), where the recipe states it.
         files: Texts that go beside the proposal, by file name: a program that takes the measurements.
     """

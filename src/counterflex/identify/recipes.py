@@ -11,19 +11,19 @@ from counterflex.core.similar import close_to
 if TYPE_CHECKING:
     from counterflex.identify.recipe import Recipe
 
-MODULES: Final = {
+FOLDERS: Final = {
     "kinematics": "kinematics",
     "tracker-frame": "tracker_frame",
     "stiffness": "stiffness",
     "cubes": "cubes",
-    "play": "reversals",
+    "play": "play",
     "timing": "timing",
     "servo": "servo",
     "payload": "payload",
     "holder": "holder",
     "cutting": "cutting",
 }
-"""Module of each recipe."""
+"""Folder of each recipe; its module ``recipe`` holds ``RECIPE``."""
 
 TITLES: Final = {
     "kinematics": "true geometry of the arm from tracker poses or points, distances, touched planes",
@@ -46,13 +46,13 @@ def recipe(name: str) -> Recipe:
     Raises:
         InputError: There is none.
     """
-    if name not in MODULES:
-        close = close_to(name, sorted(MODULES), 1)
+    if name not in FOLDERS:
+        close = close_to(name, sorted(FOLDERS), 1)
         raise InputError(
             "there is no such recipe",
             value=name,
-            limit=", ".join(MODULES),
+            limit=", ".join(FOLDERS),
             hint=f"Did you mean '{close[0]}'?" if close else None,
         )
-    found: Recipe = importlib.import_module(f"counterflex.identify.{MODULES[name]}").RECIPE
+    found: Recipe = importlib.import_module(f"counterflex.identify.{FOLDERS[name]}.recipe").RECIPE
     return found

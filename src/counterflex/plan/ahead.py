@@ -6,8 +6,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import wrench
-from counterflex.robot import compliance
-from counterflex.robot.chain import ElasticChain
+from counterflex.robot.elasticity import compliance
+from counterflex.robot.elasticity.chain import ElasticChain
 
 
 def arm_share(chain: ElasticChain, T_base_part: Float, q: Float, w_part: Float) -> float:

@@ -33,10 +33,10 @@ from counterflex.plan.response import lasting, within
 from counterflex.plan.tool_deviation import Robot, can_move, lost_motion, mode_of, run
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
 from counterflex.plan.work import CORRECTION, JOINTS, MENDED, TRIAL, UNCOMPENSATED, UNDISTURBED, work_of
-from counterflex.robot import compliance, gravity
-from counterflex.robot.chain import ElasticChain, forward
-from counterflex.robot.drive_error import DriveErrors
-from counterflex.robot.inverse import PathSolution, inverse_path
+from counterflex.robot.elasticity import compliance, gravity
+from counterflex.robot.elasticity.chain import ElasticChain, forward
+from counterflex.robot.elasticity.drive_error import DriveErrors
+from counterflex.robot.kinematics.inverse import PathSolution, inverse_path
 from counterflex.signals.preview import Mode, Shaping, by_group
 
 _NO_ERRORS = DriveErrors()

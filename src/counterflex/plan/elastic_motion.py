@@ -17,9 +17,9 @@ from counterflex.core.batches import batches
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, MS
 from counterflex.plan.elastic_motion_kernel import AXES, STATE_ARRAYS, Motion, number_postures
-from counterflex.robot import play
-from counterflex.robot.chain import ElasticChain, forward, frames
-from counterflex.robot.description import Servo
+from counterflex.robot.elasticity import play
+from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
+from counterflex.robot.model.description import Servo
 from counterflex.signals.preview import Mode
 
 STEP_S: Final = 0.5 * MS

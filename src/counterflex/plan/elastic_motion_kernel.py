@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
-from counterflex.robot.play import spring_torque
+from counterflex.robot.elasticity.play import spring_torque
 
 AXES = 6
 

@@ -21,7 +21,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import UM
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.plan import Plan, across
-from counterflex.runtime.override_plan import least_about, within_rate
+from counterflex.runtime.monitoring.override_plan import least_about, within_rate
 
 STEP: Final = 0.05
 """Shares of the feed are written in these steps."""

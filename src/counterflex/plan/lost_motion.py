@@ -13,9 +13,9 @@ from counterflex.core.arrays import Float
 from counterflex.geometry import wrench
 from counterflex.plan.part_frame import sag_deviation, true_part_frame
 from counterflex.plan.response import swing
-from counterflex.robot import play
-from counterflex.robot.chain import ElasticChain, jacobian
-from counterflex.robot.servo import servo_error
+from counterflex.robot.elasticity import play
+from counterflex.robot.elasticity.chain import ElasticChain, jacobian
+from counterflex.robot.elasticity.servo import servo_error
 from counterflex.signals.preview import Mode
 
 

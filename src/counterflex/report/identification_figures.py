@@ -7,9 +7,9 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.identify.fit import Fit
-from counterflex.identify.observability import DETERMINED
 from counterflex.identify.recipe import Picture
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.observability import DETERMINED
 from counterflex.report.arrays_json import numbers
 from counterflex.report.colours import AFTER, BEFORE
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from counterflex.files.shop_unit import digits_of, unit_of_name
-from counterflex.identify.fit import Fit
 from counterflex.identify.recipe import Identification
+from counterflex.identify.solver.fit import Fit
 from counterflex.report.data import Fact
 from counterflex.report.identification_figures import (
     correlation_figure,

@@ -9,23 +9,23 @@ import numpy as np
 from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
-from counterflex.robot.chain import ElasticChain
-from counterflex.robot.kernels_step import OUT_C, OUT_SIZE, SCRATCH
-from counterflex.runtime import fusion_kernel as fk
-from counterflex.runtime import layout as at
-from counterflex.runtime.axis_play import AxisPlay
-from counterflex.runtime.cycle_kernel import cycle, take_fast
-from counterflex.runtime.follow_kernel import PLAN_COLUMNS
-from counterflex.runtime.fusion import Source
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.elasticity.kernels.step import OUT_C, OUT_SIZE, SCRATCH
+from counterflex.runtime.cycle import cycle, take_fast
+from counterflex.runtime.estimator import fusion_kernel as fk
+from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.loop_constants import SCALE_VARIANCE, pack_choices, pack_constants
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.monitor import Monitor
-from counterflex.runtime.monitor_layout import P_SPEED
-from counterflex.runtime.monitor_settings import MonitorSettings, unwatched
-from counterflex.runtime.override_settings import OverrideSettings
+from counterflex.runtime.monitoring.layout import P_SPEED
+from counterflex.runtime.monitoring.monitor import Monitor
+from counterflex.runtime.monitoring.override_settings import OverrideSettings
+from counterflex.runtime.monitoring.settings import MonitorSettings, unwatched
 from counterflex.runtime.plausibility_stage import PlausibilityStage
+from counterflex.runtime.primitives.localize import PLAN_COLUMNS
 from counterflex.runtime.settings import ForceMode, OnlineSettings
-from counterflex.runtime.supervisor import Cause, State
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.runtime.step.axis_play import AxisPlay
 from counterflex.signals.filters import Smoother
 
 _NO_CURRENTS = 10_000
@@ -49,7 +49,7 @@ class Loop:
         override: How the program's speed may be changed; None leaves it alone.
 
     Attributes:
-        given: (GIVEN,) inputs, see :mod:`counterflex.runtime.layout`.
+        given: (GIVEN,) inputs, see :mod:`counterflex.runtime.state.layout`.
         flags: (FLAGS,) inputs.
         results: (RESULTS,) results.
         outcome: (OUTCOME,) results.
@@ -145,7 +145,7 @@ class Loop:
             self._axis_play.reset()
 
     def _arrays(self) -> ArrayTable:
-        """All arrays of a cycle in the order of :mod:`counterflex.runtime.cycle_kernel`."""
+        """All arrays of a cycle in the order of :mod:`counterflex.runtime.cycle`."""
         m, p, play = self.measured_filter, self.predicted_filter, self._axis_play
         none = np.zeros((0, 1)), np.zeros((0, 1)), np.zeros(1, dtype=np.int64)
         return ArrayTable(

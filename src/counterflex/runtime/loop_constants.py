@@ -10,9 +10,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
-from counterflex.runtime import layout as at
-from counterflex.runtime.follow_kernel import PLAN_A, PLAN_W
 from counterflex.runtime.loop_plan import LoopPlan
+from counterflex.runtime.primitives.localize import PLAN_A, PLAN_W
 from counterflex.runtime.settings import (
     ForceMode,
     Lost,
@@ -23,6 +22,7 @@ from counterflex.runtime.settings import (
     per_direction,
     robot_answer,
 )
+from counterflex.runtime.state import layout as at
 
 SCALE_VARIANCE: Final = 0.25**2
 """Variance of a learnt factor of the force before anything is learnt."""
@@ -40,7 +40,7 @@ def pack_constants(settings: OnlineSettings, T_base_part: Float, plan: LoopPlan 
         plan: Of the program, or None.
 
     Returns:
-        (at.CONSTANTS,) in the places ``C_...`` of :mod:`counterflex.runtime.layout`, SI.
+        (at.CONSTANTS,) in the places ``C_...`` of :mod:`counterflex.runtime.state.layout`, SI.
     """
     T, tuning = settings.period_s, settings.tuning
     out = np.zeros(at.CONSTANTS)
@@ -94,7 +94,7 @@ def pack_choices(settings: OnlineSettings, plan: LoopPlan | None) -> Int:
         plan: Of the program, or None.
 
     Returns:
-        (at.CHOICES,) in the places ``W_...`` of :mod:`counterflex.runtime.layout`.
+        (at.CHOICES,) in the places ``W_...`` of :mod:`counterflex.runtime.state.layout`.
 
     Raises:
         InputError: A delay is longer than the loop remembers.

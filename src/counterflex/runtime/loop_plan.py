@@ -8,7 +8,11 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
-from counterflex.runtime.follow_kernel import (
+from counterflex.runtime.monitoring.override_plan import SpeedPlan, speed_plan
+from counterflex.runtime.monitoring.override_settings import OverrideSettings
+from counterflex.runtime.monitoring.plan import monitor_plan
+from counterflex.runtime.monitoring.settings import MonitorSettings
+from counterflex.runtime.primitives.localize import (
     PLAN_A,
     PLAN_C,
     PLAN_COLUMNS,
@@ -19,10 +23,6 @@ from counterflex.runtime.follow_kernel import (
     PLAN_V,
     PLAN_W,
 )
-from counterflex.runtime.monitor_plan import monitor_plan
-from counterflex.runtime.monitor_settings import MonitorSettings
-from counterflex.runtime.override_plan import SpeedPlan, speed_plan
-from counterflex.runtime.override_settings import OverrideSettings
 from counterflex.runtime.settings import OnlineSettings
 from counterflex.signals.ahead import Ahead
 
@@ -100,7 +100,7 @@ class LoopPlan:
         return out
 
     def watched(self, settings: MonitorSettings) -> Float:
-        """The plan as the monitor needs it, see :func:`counterflex.runtime.monitor_plan.monitor_plan`."""
+        """The plan as the monitor needs it, see :func:`counterflex.runtime.monitoring.plan.monitor_plan`."""
         n = len(self.p_part)
         turn = np.zeros(n) if self.turn_per_s is None else as_float("plan: turn_per_s", self.turn_per_s, (n,))
         none = np.zeros(n, dtype=np.int64)

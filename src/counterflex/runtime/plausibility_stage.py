@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
-from counterflex.runtime import plausibility_kernel as pk
 from counterflex.runtime.loop_constants import TORQUE_MEMORY_S
+from counterflex.runtime.plausibility import kernel as pk
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 
 _SETTLED_S = 0.2
 
 
 class PlausibilityStage:
-    """Tests of one loop; see :mod:`counterflex.runtime.plausibility_kernel` for what each can see.
+    """Tests of one loop; see :mod:`counterflex.runtime.plausibility.kernel` for what each can see.
 
     Args:
         settings: Of the loop.

@@ -19,8 +19,8 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.held import clear_unheld, share
-from counterflex.runtime import layout as at
-from counterflex.runtime import monitor_layout as ml
+from counterflex.runtime.monitoring import layout as ml
+from counterflex.runtime.state import layout as at
 from counterflex.runtime.state_slots import BYTES as STATE_BYTES
 from counterflex.runtime.state_slots import StateSlots
 

@@ -10,9 +10,9 @@ import numpy as np
 from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MS, UM
-from counterflex.runtime.fusion import FusionTuning
-from counterflex.runtime.plausibility import Plausibility
-from counterflex.runtime.supervisor import SupervisorSettings
+from counterflex.runtime.estimator.fusion import FusionTuning
+from counterflex.runtime.plausibility.limits import Plausibility
+from counterflex.runtime.state.supervisor import SupervisorSettings
 from counterflex.signals.filters import Smoothing
 from counterflex.signals.limiter import MotionLimit
 
@@ -27,7 +27,7 @@ class ForceMode(IntEnum):
     PILOT = 2
     SCALE = 3
     FUSED = 4
-    """One estimator for plan, force, tracker and motor currents (:mod:`counterflex.runtime.fusion_kernel`)."""
+    """One estimator for plan, force, tracker and motor currents (:mod:`.estimator.fusion_kernel`)."""
 
 
 class TrackerMode(IntEnum):
@@ -105,7 +105,7 @@ class Delays:
 
     @property
     def lag_gains(self) -> tuple[float, float]:
-        """``f1`` (s) and ``g1 f1 - f2`` (s2) of :mod:`counterflex.runtime.feed_forward_design`."""
+        """``f1`` (s) and ``g1 f1 - f2`` (s2) of :mod:`counterflex.runtime.design.feed_forward`."""
         lag, dead = self.follow_lag_s, self.follow_s - self.follow_lag_s
         second = lag * lag + lag * dead + 0.5 * dead * dead
         return self.follow_s, self.correction_s * self.follow_s - second
@@ -124,7 +124,7 @@ class TrackerTuning:
         gain: K of the integrator, per cycle; Ki of the designed controller.
         proportional: Kp of the designed controller.
         notch: Its filter, ``b0 b1 b2 a1 a2``.
-        lag_filter: Filter of :mod:`counterflex.runtime.feed_forward_design` on speed and acceleration of the program.
+        lag_filter: Filter of :mod:`counterflex.runtime.design.feed_forward` on speed and acceleration of the program.
         undo_lag: It undoes the lag behind the program ahead of any measurement.
         undo_play: Likewise the play that the plan predicts, where the program does not contain it.
         lag_most_m: Largest translation given for the lag; a faster program is not corrected along its path.
@@ -175,11 +175,11 @@ class OnlineSettings:
         derivative_s: Derivative gains.
         smoothing: Filters of the force.
         inertia_hz: Corner of the low-pass with which the inertia of what hangs behind the sensor is taken out of its
-            force (:mod:`counterflex.runtime.spindle_inertia`); 0 leaves it in.
+            force (:mod:`counterflex.runtime.sensing.spindle_inertia`); 0 leaves it in.
         pilot: See :class:`Pilot`.
         delays: See :class:`Delays`.
         tuning: See :class:`TrackerTuning`.
-        fusion: See :class:`counterflex.runtime.fusion.FusionTuning`.
+        fusion: See :class:`counterflex.runtime.estimator.fusion.FusionTuning`.
         force_noise_n: Standard deviation of a filtered force, for the scale's filter.
         timing_s: Uncertainty of the timing between plan and force, likewise.
         correlation_s: How long an error of force or timing lasts: filters, and the arm's swing, which the sensor feels.

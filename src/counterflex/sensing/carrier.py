@@ -11,9 +11,9 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
-from counterflex.robot.chain import ElasticChain, frames, joint_angles
-from counterflex.robot.compliance import element_loads
-from counterflex.robot.gravity import weight_loads
+from counterflex.robot.elasticity.chain import ElasticChain, frames, joint_angles
+from counterflex.robot.elasticity.compliance import element_loads
+from counterflex.robot.elasticity.gravity import weight_loads
 
 
 def segment_index(chain: ElasticChain, segment: str) -> int:

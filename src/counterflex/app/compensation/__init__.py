@@ -1,0 +1,1 @@
+"""From a program and a cell to the compensated program, its plan, figures and what to do next."""

@@ -1,0 +1,112 @@
+"""What the page draws of the cell: the robot in its worst posture, its reach, the blank and the path."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from counterflex.app.compensation.assumptions import robot_name
+from counterflex.core.arrays import Float
+from counterflex.core.units import DEG, MM
+from counterflex.cutting.stock import HeightMap
+from counterflex.files.cell.cell import Cell
+from counterflex.geometry import pose
+from counterflex.path.toolpath import FEED
+from counterflex.plan.plan import Plan
+from counterflex.report.data import CellDrawing
+from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
+
+_SWEEP: Final = 61
+_POINTS: Final = 800
+
+
+def drawing(plan: Plan, cell: Cell) -> CellDrawing:
+    """The cell in the posture of the largest predicted deflection.
+
+    Args:
+        plan: Of the program.
+        cell: The cell.
+    """
+    size = np.linalg.norm(plan.deflection_part[:, :3], axis=1)
+    worst = int(np.argmax(size))
+    axes = ", ".join(f"{angle / DEG:.0f}" for angle in plan.q[worst])
+    caption = (
+        f"Posture of the largest predicted deflection, {size[worst] / MM:.2f} mm, in line {int(plan.line[worst])}: "
+        f"axes at {axes} deg."
+    )
+    links, flange = links_of(cell.chain, plan.q[worst])
+    feed = plan.path.p_part_tcp[plan.path.kind == FEED]
+    step = max(1, -(-len(feed) // _POINTS))
+    return CellDrawing(
+        robot=robot_name(cell),
+        caption=caption,
+        links_m=links,
+        flange=flange,
+        reach_m=reach(cell.chain),
+        blank_m=pose.transform(cell.T_base_part, corners(cell.stock())),
+        path_m=pose.transform(cell.T_base_part, feed[::step]),
+    )
+
+
+def links_of(chain: ElasticChain, q: Float) -> tuple[Float, int]:
+    """Points (k, 3) m, base frame, from the robot's foot to the tool tip at q (6,) rad, and which is the flange."""
+    Ts = frames(chain, q)
+    last = chain.flange_segment
+    T_base_flange = (Ts[last] if last >= 0 else np.eye(4)) @ chain.T_segment_flange
+    points = [np.zeros(3), *Ts[: last + 1, :3, 3], T_base_flange[:3, 3], *Ts[last + 1 :, :3, 3]]
+    return np.array([*points, forward(chain, q)[:3, 3]]), last + 2
+
+
+def reach(chain: ElasticChain) -> tuple[Float, ...]:
+    """Border of what the limits of axes 2 and 3 let the flange reach with axis 1 at zero and the wrist stretched.
+
+    Args:
+        chain: The chain.
+
+    Returns:
+        Curves (m, 2) m, one per side of the rectangle of limits and one with the elbow stretched, if its limits allow
+        that: horizontal distance from axis 1, positive where the arm reaches farthest, and height.
+    """
+    (low2, high2), (low3, high3) = chain.joint_limits_rad[1], chain.joint_limits_rad[2]
+    second, third = np.linspace(low2, high2, _SWEEP), np.linspace(low3, high3, _SWEEP)
+    sides = [
+        (second, np.full(_SWEEP, low3)),
+        (np.full(_SWEEP, high2), third),
+        (second[::-1], np.full(_SWEEP, high3)),
+        (np.full(_SWEEP, low2), third[::-1]),
+    ]
+    elbow = np.zeros((40 * _SWEEP, 6))
+    elbow[:, 2] = np.linspace(low3, high3, len(elbow))
+    T = frames(chain, elbow)
+    axis2 = int(np.flatnonzero(np.asarray(chain.joint) == 1)[0])
+    from_axis2 = np.linalg.norm(_flange(chain, T) - T[:, axis2, :3, 3], axis=1)
+    stretched = int(np.argmax(from_axis2))
+    if 0 < stretched < len(elbow) - 1:
+        sides.append((second, np.full(_SWEEP, elbow[stretched, 2])))
+    points = []
+    for a2, a3 in sides:
+        q = np.zeros((_SWEEP, 6))
+        q[:, 1], q[:, 2] = a2, a3
+        points.append(_flange(chain, frames(chain, q)))
+    every = np.concatenate(points)
+    farthest = every[int(np.argmax(np.hypot(every[:, 0], every[:, 1]))), :2]
+    along = farthest / max(float(np.linalg.norm(farthest)), 1e-9)
+    return tuple(np.stack([p[:, :2] @ along, p[:, 2]], axis=1) for p in points)
+
+
+def _flange(chain: ElasticChain, Ts: Float) -> Float:
+    """Flange (n, 3) m from the frames of all segments."""
+    out: Float = (Ts[:, chain.flange_segment] @ chain.T_segment_flange)[:, :3, 3]
+    return out
+
+
+def corners(stock: HeightMap) -> Float:
+    """Corners (8, 3) m of the box around a blank, part frame."""
+    half = 0.5 * stock.cell_m
+    x, y = stock.x_m(), stock.y_m()
+    low = np.array([x[0] - half, y[0] - half, stock.bottom_m])
+    high = np.array([x[-1] + half, y[-1] + half, float(stock.z.max())])
+    pick = np.array([[i >> k & 1 for k in range(3)] for i in range(8)])
+    out: Float = np.where(pick == 1, high, low)
+    return out

@@ -1,0 +1,81 @@
+"""Feeds for a tolerance: of which rows the feed may be changed, and what became of it in shop units."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from counterflex.app.inputs import Job
+from counterflex.core.arrays import Bool, Int
+from counterflex.core.progress import Progress
+from counterflex.core.units import UM
+from counterflex.files.cell.cell import Cell
+from counterflex.path.toolpath import ToolPath
+from counterflex.plan.compensate import Setting
+from counterflex.plan.compensate import plan as make_plan
+from counterflex.plan.feed_for_tolerance import ROUNDS, FeedTolerance, LoweredFeed, lower_feed
+from counterflex.plan.plan import Plan
+from counterflex.programs.motion_rows import single_straight
+
+_PER_MINUTE = 94
+
+
+def lowered_plan(job: Job, cell: Cell, setting: Setting, wish: FeedTolerance, progress: Progress) -> LoweredFeed:
+    """Plan a program at feeds for a tolerance, see :func:`counterflex.plan.feed_for_tolerance.lower_feed`.
+
+    Args:
+        job: The program.
+        cell: Its cell.
+        setting: What planning stands on.
+        wish: Tolerance and limits.
+        progress: Told the fraction done: a share for each round that may come.
+    """
+    rounds = iter(range(ROUNDS + 1))
+
+    def make(path: ToolPath) -> Plan:
+        done = next(rounds)
+
+        def told(fraction: float, what: str = "") -> None:
+            progress((done + fraction) / (ROUNDS + 1.0), f"round {done + 1}: {what}" if what else "")
+
+        return make_plan(path, job.line_of_motion, cell.stock(), setting, predict=True, progress=told)
+
+    group, fixed = _groups(job)
+    return lower_feed(job.path, group, fixed, wish, make)
+
+
+def _groups(job: Job) -> tuple[Int, Bool]:
+    """Rows that share one feed (an arc, a block of several motions), and rows whose F is not in units per minute."""
+    program, motion = job.program, job.path.motion
+    n = len(motion)
+    alone = np.array([single_straight(program, k) for k in range(len(program.motions))], dtype=np.bool_)
+    block = np.array([m.block for m in program.motions], dtype=np.int64)
+    per_minute = np.array([program.blocks[b].modal.feed_mode == _PER_MINUTE for b in block], dtype=np.bool_)
+    group: Int = np.where(alone[motion], np.arange(n), n + block[motion])
+    return group, ~per_minute[motion]
+
+
+def shown_feed(found: LoweredFeed, wish: FeedTolerance) -> dict[str, Any]:
+    """What became of the feed, in shop units."""
+    return {
+        "tolerance_um": round(wish.tolerance_m / UM, 3),
+        "least_percent": round(100.0 * wish.least, 3),
+        "least_chip_um": round(wish.least_chip_m / UM, 3),
+        "extra_s": round(found.extra_s, 3),
+        "time_s": round(float(found.plan.path.time_s[-1]), 3),
+        "worst_before_um": round(found.before_m / UM, 1),
+        "worst_after_um": round(found.after_m / UM, 1),
+        "reached": bool(found.after_m <= wish.tolerance_m),
+        "rounds": found.rounds,
+        "lines": [
+            {
+                "line": line.line,
+                "feed_percent": round(100.0 * line.share, 1),
+                "before_um": round(line.before_m / UM, 1),
+                "after_um": round(line.after_m / UM, 1),
+                "why": line.why,
+            }
+            for line in found.lines
+        ],
+    }

@@ -1,0 +1,145 @@
+"""What to do with a result: what to load on the controller, and what comes next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from counterflex.core.units import MM
+from counterflex.evaluate.features import FeatureRow
+from counterflex.files.cell.cell import Cell
+from counterflex.programs.krl.writer import krl_pose
+from counterflex.programs.robot_writer.machine_functions import Dialect
+from counterflex.report.data import Fact
+
+_ENOUGH: Final = 0.8
+"""Share of the error that an unmeasured cell can be expected to lose; below it measuring comes first."""
+
+
+_MOST: Final = 6
+"""Features out of tolerance that are listed one by one."""
+_PLACES: Final = {
+    "entry": "where the cutter enters the material",
+    "plateau": "between entry and exit",
+    "exit": "where it leaves the material",
+}
+
+
+def to_load(summary: Mapping[str, Any], cell: Cell, tools: Sequence[int]) -> tuple[Fact, ...]:
+    """Files of a compensated program and what the controller must have set for them.
+
+    Args:
+        summary: Of the job ``compensate``.
+        cell: The cell it was planned for.
+        tools: Numbers of the tools that cut.
+    """
+    controller, language = cell.tables.controller, summary["language"]
+    files = ", ".join(summary["files"])
+    frame, tool = krl_pose(cell.T_base_part), krl_pose(cell.controller_chain.T_flange_tcp)
+    if language == "krl":
+        return (
+            Fact("Copy", files, "", "to KRC:\\R1\\Program, all of them"),
+            Fact(f"BASE_DATA[{controller.base_number}]", frame, "mm, deg", "the part frame that was planned with"),
+            *_tool_frames(cell, "krl", tools, tool, f"TOOL_DATA[{controller.tool_number}]"),
+        )
+    if language == "rapid":
+        return (
+            Fact(
+                "Load", files, "", "as a program module; it brings its wobjdata, and tooldata unless the cell names one"
+            ),
+            Fact("Part frame", frame, "mm, deg about z, y', x''", "in the robot's base, as planned"),
+            *_tool_frames(cell, "rapid", tools, tool, ""),
+        )
+    return (
+        Fact("Load", files, "", "in place of the original, under the same name"),
+        Fact("Part frame", frame, "mm, deg about z, y', x''", "program zero in the robot's base, as planned"),
+        Fact("Tool", tool, "mm, deg about z, y', x''", "tip in the flange, as planned"),
+    )
+
+
+def _tool_frames(cell: Cell, language: Dialect, tools: Sequence[int], frame: str, other: str) -> list[Fact]:
+    """Tool frames that a robot program uses by name: of the tools that have one, else ``other`` (empty: none)."""
+    named = cell.machine_functions(language).tool_data
+    names = {number: f"TOOL_DATA[{named[number]}]" if language == "krl" else named[number] for number in named}
+    own = [(names.get(number, other), number) for number in tools]
+    if len(tools) > 1:
+        what = "its tip, measured on this robot; lengths differ from tool to tool, the direction does not"
+        return [Fact(name, f"T{number}", "", what) for name, number in own if name]
+    return [Fact(name, frame, "mm, deg", f"T{number} as it was planned with") for name, number in own if name]
+
+
+def after_compensation(summary: Mapping[str, Any], cell: Cell) -> tuple[str, ...]:
+    """What comes after a plan, in order."""
+    found, program = summary["prediction"], summary["program"]
+    steps = [
+        f"Line {item['line']}: a rapid move removes {item['volume_mm3']:.1f} mm³ of material. Mend the program first."
+        for item in found["collisions"]
+    ]
+    steps.append(
+        "Try it on the simulated cell before you cut metal: "
+        f"counterflex prove {program} --cell {cell.path.name} --out proof"
+    )
+    if not cell.tables.identified:
+        steps.append(
+            "This cell has not been measured: stiffness and cutting constants are those of the catalogue, and what is "
+            "predicted here is as uncertain as they are. counterflex identify stiffness --propose says what to measure."
+        )
+    if "predicted_compensated" in found:
+        after, before = found["predicted_compensated"], found["predicted_nominal"]
+        chatters = found["chatter"]
+        if chatters:
+            lines = ", ".join(str(item["line"]) for item in chatters[:_MOST])
+            steps.insert(
+                len(found["collisions"]),
+                f"Line {lines}: the tool is predicted to chatter, which no correction mends. Less depth (pecks: G83), "
+                "another feed or spindle speed, a stiffer tool.",
+            )
+        elif after["max_mm"] > (1.0 - _ENOUGH) * before["max_mm"]:
+            steps.append(
+                f"Up to {after['max_mm']:.3f} mm remain where the force changes faster than the robot follows: a lower "
+                f"feed there leaves less, counterflex compensate {program} --feed-for-tolerance-um "
+                f"{500.0 * after['max_mm']:.0f} ..."
+            )
+    steps.append("Run the program above the part first, at reduced speed, with the tool that was planned with.")
+    steps.append(
+        "Correct while milling what no plan can know: counterflex run --plan plan.parquet ..."
+        if cell.tables.online is not None
+        else "Correct while milling what no plan can know: add [online] to the cell file, then counterflex run."
+    )
+    return tuple(steps)
+
+
+def out_of_tolerance(rows: Sequence[FeatureRow], variant: str) -> list[FeatureRow]:
+    """Measured quantities of a variant that miss their tolerance, or that were not found."""
+    return [row for row in rows if variant not in row.worst_m or not row.ok(variant)]
+
+
+def after_proof(rows: Sequence[FeatureRow], summary: Mapping[str, Any]) -> tuple[str, ...]:
+    """What comes after a part was machined before and after on the simulated cell, in order."""
+    steps = []
+    missed = out_of_tolerance(rows, "compensated")
+    for row in missed[:_MOST]:
+        if "compensated" in row.worst_m:
+            off = (row.worst_m["compensated"] - row.nominal_m) / MM
+            allowed = f"{row.tolerance_m / MM:g} mm allowed"
+            steps.append(f"{row.feature}, {row.quantity}: {off:+.3f} mm off after compensation, {allowed}.")
+        else:
+            steps.append(f"{row.feature}, {row.quantity}: not found on the compensated part.")
+    if len(missed) > _MOST:
+        steps.append(f"{len(missed) - _MOST} more are out of tolerance, see the table of features.")
+    variants = summary["variants"]
+    path = variants["compensated"]["path"]
+    part = max(_PLACES, key=lambda name: variants["compensated"].get(name, {}).get("max_mm", 0.0))
+    steps.append(
+        f"The largest error that remains, {path['max_mm']:.3f} mm, is {_PLACES[part]}. "
+        + (
+            "A lower feed there leaves less: counterflex compensate --feed-for-tolerance-um."
+            if part != "plateau"
+            else "There the constants of the model decide: measure the cell, counterflex identify."
+        )
+    )
+    steps.append(
+        "Your own program: counterflex compensate PROGRAM --cell CELL --out DIR, with your robot in the cell file."
+    )
+    steps.append("What no plan can know is corrected while milling: counterflex run.")
+    return tuple(steps)

@@ -1,0 +1,178 @@
+"""Figures and report data of a plan: what is predicted, before any chip is cut."""
+
+from __future__ import annotations
+
+import datetime
+import platform
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.compensation.assumptions import assumptions, robot_name
+from counterflex.app.compensation.cell_drawing import drawing
+from counterflex.app.compensation.next_steps import after_compensation, to_load
+from counterflex.core.arrays import Float
+from counterflex.core.units import DEG, MM, UM
+from counterflex.evaluate.figures import weighted_figures
+from counterflex.files.cell.cell import Cell
+from counterflex.path.toolpath import RAPID
+from counterflex.plan.plan import Plan, across
+from counterflex.report.data import Fact, PredictionData
+
+_OVERSHOOT: Final = 2.0
+_FREE_PLAY_M: Final = 20.0 * UM
+"""Beside the overshoot: what play and friction leave open."""
+_LISTED: Final = 6
+
+
+def figures(plan: Plan) -> dict[str, Any]:
+    """Peak force, deflection, correction, where they occur, and the predicted path error before and after."""
+    force = np.linalg.norm(plan.w_tcp_part[:, :3], axis=1)
+    deflection = np.linalg.norm(plan.deflection_part[:, :3], axis=1)
+    correction = np.linalg.norm(plan.correction_part, axis=1)
+    cutting = plan.cutting
+    out: dict[str, Any] = {
+        "points": len(plan.path),
+        "cutting_points": int(np.count_nonzero(cutting)),
+        "duration_s": round(float(plan.path.time_s[-1]), 3),
+        "removed_mm3": round(float(plan.volume_m3.sum() / MM**3), 3),
+        "peak_force_n": _peak(force, plan, 1.0, 1),
+        "peak_deflection_um": _peak(deflection, plan, UM, 1),
+        "peak_correction_um": _peak(correction, plan, UM, 1),
+        "peak_axial_depth_mm": _peak(plan.axial_depth_m, plan, MM, 3),
+        "extrapolated_force_share": round(plan.extrapolated_share, 5),
+        "collisions": [
+            {"line": int(plan.line[row]), "volume_mm3": round(float(plan.volume_m3[row] / MM**3), 4)}
+            for row in np.flatnonzero((plan.path.kind == RAPID) & (plan.volume_m3 > 1e-12))
+        ],
+    }
+    for name, deviation in (
+        ("nominal", plan.deviation_nominal_part),
+        ("compensated", plan.deviation_compensated_part),
+    ):
+        if np.all(np.isnan(deviation)):
+            continue
+        size = np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)[cutting]
+        out[f"predicted_{name}"] = path_error(size, _weights(plan)[cutting])
+    out["chatter"] = chatter(plan)
+    return out
+
+
+def chatter(plan: Plan) -> list[dict[str, Any]]:
+    """Lines in which the predicted tool swings up instead of following its force, with how far.
+
+    A force that is there at once makes an elastic tool overshoot to twice what it would give way at rest. What goes
+    further is fed by the cut itself, and so is more than that rest where a correction has taken the rest away: the
+    figures of such a line are those of a model that chatters, and no correction takes them away.
+    """
+    cutting, p = plan.cutting, plan.path.p_part_tcp
+    at_rest = np.linalg.norm(plan.deflection_part[:, :3] + plan.sag_part + plan.play_part, axis=1)
+    most = float(at_rest.max(initial=0.0, where=cutting))
+    worst: dict[int, float] = {}
+    for deviation, times in ((plan.deviation_nominal_part, _OVERSHOOT), (plan.deviation_compensated_part, 1.0)):
+        size = np.linalg.norm(across(deviation, p), axis=1)
+        for row in np.flatnonzero(cutting & (size > times * most + _FREE_PLAY_M)):
+            line = int(plan.line[row])
+            worst[line] = max(worst.get(line, 0.0), float(size[row]))
+    return [{"line": line, "deviation_mm": round(size / MM, 3)} for line, size in sorted(worst.items())]
+
+
+def chatter_said(found: list[dict[str, Any]]) -> list[str]:
+    """The same in words; empty where nothing chatters."""
+    if not found:
+        return []
+    hardest = max(found, key=lambda item: float(item["deviation_mm"]))
+    lines = ", ".join(str(item["line"]) for item in found[:_LISTED]) + (", ..." if len(found) > _LISTED else "")
+    return [
+        f"the model chatters in line {lines}, up to {hardest['deviation_mm']:.3g} mm in line {hardest['line']}: "
+        "predicted errors there are no forecast. Less depth (pecks: G83), another feed or spindle speed, a stiffer tool"
+    ]
+
+
+def path_error(size_m: Float, weight_m: Float) -> dict[str, float]:
+    """Largest, 99.7 % and rms of an error, weighted by path length, mm."""
+    found = weighted_figures(size_m, weight_m)
+    values = {"max_mm": found.max_m, "p997_mm": found.p997_m, "rms_mm": found.rms_m}
+    return {key: round(value / MM, 4) for key, value in values.items()}
+
+
+def _weights(plan: Plan) -> Float:
+    step = np.linalg.norm(np.diff(plan.path.p_part_tcp, axis=0, prepend=plan.path.p_part_tcp[:1]), axis=1)
+    out: Float = np.maximum(step, 1e-12)
+    return out
+
+
+def _peak(values: Float, plan: Plan, unit: float, digits: int) -> dict[str, Any]:
+    row = int(np.argmax(values))
+    return {
+        "value": round(float(values[row] / unit), digits),
+        "line": int(plan.line[row]),
+        "at_mm": [round(float(v / MM), 3) for v in plan.path.p_part_tcp[row]],
+        "joints_deg": [round(float(v / DEG), 3) for v in plan.q[row]],
+    }
+
+
+def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionData:
+    """The page of a plan."""
+    found = summary["prediction"]
+    worst = found["peak_deflection_um"]
+    facts = [
+        Fact("Program", str(summary["program"])),
+        Fact("Robot", robot_name(cell)),
+        Fact("Cell", cell.name),
+        Fact("Peak force", f"{found['peak_force_n']['value']:.0f} N", f"line {found['peak_force_n']['line']}"),
+        Fact("Peak deflection", f"{worst['value'] / 1000:.2f} mm", f"line {worst['line']}"),
+        Fact("Material removed", f"{found['removed_mm3'] / 1000:.1f} cm³"),
+        Fact("Programmed time", f"{found['duration_s']:.0f} s"),
+    ]
+    for name, what in (("nominal", "before"), ("compensated", "after")):
+        if f"predicted_{name}" in found:
+            error = found[f"predicted_{name}"]
+            facts.append(
+                Fact(
+                    f"Predicted path error {what}", f"{error['p997_mm']:.3f} mm", "99.7 % of the path length in the cut"
+                )
+            )
+    notes = ["Nothing was machined: the page shows what the model of the cell predicts."]
+    if found["extrapolated_force_share"] > 0.0:
+        notes.append(
+            f"{100 * found['extrapolated_force_share']:.2g} % of the force comes from chips outside the range of the "
+            "cutting constants."
+        )
+    notes += [f"{text[0].upper()}{text[1:]}." for text in chatter_said(found["chatter"])]
+    notes += [f"Rapid in line {c['line']} removes {c['volume_mm3']:.1f} mm3 of material." for c in found["collisions"]]
+    return PredictionData(
+        title=str(summary["program"]),
+        subtitle=f"predicted on {cell.name}",
+        created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        time_s=plan.path.time_s,
+        p_part_tcp=plan.path.p_part_tcp,
+        deflection_m=plan.deflection_part[:, :3],
+        correction_m=plan.correction_part,
+        force_n=np.linalg.norm(plan.w_tcp_part[:, :3], axis=1),
+        facts=tuple(facts),
+        assumptions=assumptions(cell),
+        timing=(Fact("Planning", f"{summary['seconds']:.1f} s"),),
+        versions={"counterflex": __version__, "Python": platform.python_version(), "NumPy": np.__version__},
+        notes=tuple(notes),
+        cutting=plan.cutting,
+        line=plan.line,
+        **_errors(plan, found),
+        drawing=drawing(plan, cell),
+        load=to_load(summary, cell, np.unique(plan.path.tool[plan.cutting]).tolist()),
+        next_steps=after_compensation(summary, cell),
+    )
+
+
+def _errors(plan: Plan, found: dict[str, Any]) -> dict[str, Any]:
+    """Predicted error along the path and its figures, where it was predicted."""
+    if "predicted_compensated" not in found:
+        return {}
+    before, after = (
+        np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)
+        for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part)
+    )
+    first, last = found["predicted_nominal"], found["predicted_compensated"]
+    headline = (first["p997_mm"], last["p997_mm"], first["max_mm"], last["max_mm"])
+    return {"error_before_m": before, "error_after_m": after, "headline_mm": headline}

@@ -1,0 +1,136 @@
+"""What a robot must be told beside the path: checks and words of jobs that write KRL or RAPID."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+
+from counterflex.app.inputs import Job, faults_in
+from counterflex.core.errors import ProgramError
+from counterflex.core.units import MM
+from counterflex.files.cell.cell import Cell
+from counterflex.programs.gcode.read.motion import UNKNOWN_PLACE
+from counterflex.programs.limits import RESERVED
+from counterflex.programs.program import Program
+from counterflex.programs.robot_writer.implied_stops import implied_stops
+from counterflex.programs.robot_writer.machine_functions import Dialect
+from counterflex.programs.robot_writer.parts import changes_tool
+
+_HOMING: Final = frozenset((28.0, 30.0, 53.0))
+_NAME_CHARACTERS: Final = 20
+
+
+def check_machine(job: Job, cell: Cell, language: Dialect) -> None:
+    """Refuse, before anything is planned, a program whose spindle, coolant or tools the robot cannot be told.
+
+    Raises:
+        ProgramError: An M-code or a tool frame that the cell file does not map; names line and key.
+    """
+    functions = cell.machine_functions(language)
+    with faults_in(job):
+        functions.check((*job.program.blocks, *implied_stops(job.program).all()))
+    tool_data(job, cell, language)
+    refuse_change_in_cut(job, cell)
+    left_out(job.program)
+
+
+def refuse_change_in_cut(job: Job, cell: Cell) -> None:
+    """Refuse a tool change where the tool stands below the top of the blank.
+
+    M6 takes the spindle of a milling machine to where tools are changed; a robot stands where it is, and goes back
+    there with the next tool.
+
+    Raises:
+        ProgramError: The last motion before a change is a cut that ends there.
+    """
+    program, top_m = job.program, float(cell.stock().z.max())
+    for block in program.blocks:
+        if not changes_tool(block) or block.first_motion == 0:
+            continue
+        last = program.motions[block.first_motion - 1]
+        if last.kind != "rapid" and last.p_end[2] < top_m:
+            raise ProgramError(
+                "the tool is changed in the cut: M6 takes a milling machine out of it, a robot stays",
+                where=f"{Path(program.name).name}:{block.line}",
+                value=f"Z {last.p_end[2] / MM:g} mm",
+                limit=f"above the blank, Z {top_m / MM:g} mm",
+                hint="Retract with G0 first",
+            )
+
+
+def left_out(program: Program) -> list[str]:
+    """What a robot program leaves out of one that goes to places of the milling machine (G28, G30, G53), in words.
+
+    Raises:
+        ProgramError: That was the way out of the cut: the robot would stay there.
+    """
+    found: dict[str, list[str]] = {}
+    for block in program.blocks:
+        codes = {word.value for word in block.words if word.letter == "G"} & _HOMING
+        if not codes or block.motion_count or block.first_motion == 0:
+            continue
+        name, place = f"G{min(codes):g}", f"{Path(program.name).name}:{block.line}"
+        if program.motions[block.first_motion - 1].kind != "rapid":
+            raise ProgramError(
+                f"{name} is the way out of the cut, and where it leads is not known: the robot would stay in the cut",
+                where=place,
+                value=block.text.strip()[:40],
+                hint=f"Retract with G0 first. {UNKNOWN_PLACE}",
+            )
+        found.setdefault(str(block.line), []).append(name)
+    if not found:
+        return []
+    names = sorted({name for codes_of in found.values() for name in codes_of}, key=lambda name: float(name[1:]))
+    said = f"in line {', '.join(found)} leads" if len(found) == 1 else f"in lines {', '.join(found)} lead"
+    return [f"{', '.join(names)} {said} to places of the milling machine: the robot stays where it is"]
+
+
+def other_lengths(program: Program) -> list[str]:
+    """Where G43 names another tool's length than that of the tool in the spindle, in words."""
+    found = {}
+    for block in program.blocks:
+        if not any(word.letter == "G" and word.value == 43.0 for word in block.words):
+            continue
+        h = next((int(word.value) for word in block.words if word.letter == "H"), 0)
+        if h not in (0, block.modal.tool):
+            found[h, block.modal.tool] = (
+                f"G43 H{h} in line {block.line} names another length than that of T{block.modal.tool}: "
+                f"the robot takes the frame of T{block.modal.tool}"
+            )
+    return list(found.values())
+
+
+def tool_data(job: Job, cell: Cell, language: Dialect) -> dict[int, str]:
+    """What the controller calls the tool frame, for each tool that the program uses.
+
+    Empty where it uses one tool that has no name of its own: that one is ``controller.tool_number`` (KRL), or the
+    program brings its tooldata (RAPID).
+
+    Raises:
+        ProgramError: The program changes tools, and one of them is not named: it would run with another one's length.
+    """
+    named = cell.machine_functions(language).tool_data
+    used: dict[int, int] = {}
+    for motion in job.program.motions:
+        if motion.tool:
+            used.setdefault(motion.tool, motion.block)
+    unnamed = [tool for tool in used if tool not in named]
+    if unnamed and len(used) > 1:
+        key, tools = "tool_data" if language == "krl" else "tooldata", ", ".join(f"T{tool}" for tool in unnamed)
+        raise ProgramError(
+            "the program changes tools, and the cell file does not say which frame "
+            + ("one of them has" if len(unnamed) == 1 else f"{len(unnamed)} of them have"),
+            where=f"{Path(job.program.name).name}:{job.program.blocks[used[unnamed[0]]].line}",
+            value=tools,
+            limit=f"tools.{key} of {tools} in {cell.path}",
+            hint="Give every tool of the program its own: the controller compensates its length",
+        )
+    return {tool: named[tool] for tool in used if tool in named}
+
+
+def routine_name(stem: str) -> str:
+    """A file name as a routine name: letters, digits and underscores, 20 at most, a letter first, no reserved word."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", stem)[:_NAME_CHARACTERS]
+    own = name[:1].isalpha() and name.upper() not in RESERVED
+    return name if own else f"p_{name}"[:_NAME_CHARACTERS]

@@ -1,0 +1,349 @@
+"""The job ``identify``: measured data in, a new cell file, a result and a report out."""
+
+from __future__ import annotations
+
+import datetime
+import importlib.metadata
+import math
+import platform
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.identification.cell_model import model_of
+from counterflex.app.identification.history import keep
+from counterflex.app.identification.propose import propose as propose
+from counterflex.app.identification.recipe_settings import Setting, read_settings
+from counterflex.core import atomic
+from counterflex.core.errors import CounterflexError, InputError, ModelError
+from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
+from counterflex.files.cell.update import check_update, updated_text
+from counterflex.files.dataset.reader import read_dataset
+from counterflex.files.identification_file import (
+    figure_rows,
+    fit_table,
+    parameter_rows,
+    plain_json,
+    write_identification,
+)
+from counterflex.files.shop_unit import unit_of_name
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.data.same_postures import joined
+from counterflex.identify.data.shared_rows import joined_by_rows, require_apart
+from counterflex.identify.recipe import Identification, Recipe
+from counterflex.identify.recipes import recipe as recipe_of
+
+CELL: Final = "cell.toml"
+RESULT: Final = "result.json"
+REPORT: Final = "report.html"
+ARCHIVE: Final = "archive"
+READING, FINDING, WRITING = "reading the data", "identifying", "writing the results"
+WORK: Final = {READING: 0.5, FINDING: 10.0, WRITING: 1.0}
+"""Parts of the work with what they cost for some hundred measurements (``tools/measure_progress.py``)."""
+FEW: Final = 10
+"""Measurements (groups of rows) below which an error on data not used says little."""
+_UNSEEN: Final = ("holdout_", "region_", "file_")
+"""What the names of figures of the data not used begin with; all others are values and no errors."""
+
+_GROWN: Final = 1.02
+"""Growth of an error on data not used below which it is called the same."""
+_LIBRARIES: Final = ("numpy", "scipy", "numba")
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is identified, from what.
+
+    Attributes:
+        recipe: The recipe.
+        cell: Cell before.
+        data: Datasets that parameters are fitted to.
+        holdout: Datasets that are only predicted; empty for k folds of ``data``.
+        settings: Of the recipe, with ``seed``.
+    """
+
+    recipe: Recipe
+    cell: Cell
+    data: tuple[Dataset, ...]
+    holdout: tuple[Dataset, ...]
+    settings: Mapping[str, Any]
+
+
+def prepare(
+    name: str,
+    data: Sequence[str | Path],
+    cell: str | Path,
+    *,
+    holdout: Sequence[str | Path] = (),
+    settings: Mapping[str, Setting] | None = None,
+    seed: int = 0,
+) -> Task:
+    """Read everything and check that it fits together.
+
+    Args:
+        name: Of the recipe.
+        data: Manifests.
+        cell: Cell file.
+        holdout: Manifests of data that are only predicted.
+        settings: Of the recipe, as text or as values.
+        seed: Of whatever is drawn: folds, starts.
+
+    Raises:
+        FileFormatError: A file cannot be used.
+        InputError: Unknown recipe or setting, a dataset of a kind that the recipe does not use, a measurement twice.
+    """
+    recipe = recipe_of(name)
+    chosen = read_settings(recipe, settings or {}, seed)
+    known = read_cell(cell)
+    fitted, unseen = _named_apart(*(tuple(read_dataset(path) for path in paths) for paths in (data, holdout)))
+    for dataset in (*fitted, *unseen):
+        if dataset.kind not in recipe.kinds:
+            raise InputError(
+                f"the recipe '{name}' does not use such data",
+                where=f"{dataset.where}: kind",
+                value=dataset.kind,
+                limit=", ".join(recipe.kinds),
+            )
+    require_apart(fitted, unseen)
+    return Task(recipe, known, joined_by_rows(joined(fitted)), unseen, chosen)
+
+
+def _named_apart(*parts: tuple[Dataset, ...]) -> tuple[tuple[Dataset, ...], ...]:
+    """Datasets whose names differ: an outlier is named by its own file."""
+    count = Counter(dataset.name for part in parts for dataset in part)
+    return tuple(
+        tuple(
+            replace(dataset, name=f"{dataset.name} ({Path(dataset.where).name})")
+            if count[dataset.name] > 1
+            else dataset
+            for dataset in part
+        )
+        for part in parts
+    )
+
+
+def run(
+    name: str,
+    data: Sequence[str | Path],
+    cell: str | Path,
+    out: str | Path,
+    *,
+    holdout: Sequence[str | Path] = (),
+    settings: Mapping[str, Setting] | None = None,
+    seed: int = 0,
+    archive: str | Path | None = None,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Do the job on files.
+
+    Writes ``cell.toml`` (the cell file with what was found, everything else as it was), ``result.json`` and
+    ``report.html``; all of them or none. The run is kept in the archive besides.
+
+    Args:
+        name: Of the recipe.
+        data: Manifests of datasets.
+        cell: Cell file.
+        out: Folder.
+        holdout: Manifests of data that are only predicted.
+        settings: Of the recipe, as text or as values.
+        seed: Of whatever is drawn.
+        archive: Folder that keeps every run; None is ``archive`` in ``out``.
+        progress: Told the fraction done.
+
+    Returns:
+        The result, as in ``result.json``.
+
+    Raises:
+        ModelError: The result is worse than the cell file on data not used; nothing is written.
+    """
+    begin = time.perf_counter()
+    parts = in_parts(progress, WORK)
+    parts[READING](0.0)
+    task = prepare(name, data, cell, holdout=holdout, settings=settings, seed=seed)
+    parts[READING](1.0)
+    folder = Path(out)
+    with atomic.atomic_folder(folder) as staging:
+        found = task.recipe.identify(model_of(task.cell), task.data, task.holdout, task.settings, parts[FINDING])
+        parts[WRITING](0.0)
+        check_better(found)
+        date = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+        entry = provenance(task, found, date)
+        text = updated_text(task.cell, found.changes, entry, folder)
+        result = result_of(task, found, date)
+        result["seconds"] = round(time.perf_counter() - begin, 3)
+        _check_cell(text, folder, staging)
+        atomic.write_text(staging / CELL, text)
+        write_identification(staging / RESULT, result)
+        from counterflex.report.identification_page import identification_page
+        from counterflex.report.page import write_page
+
+        write_page(identification_page(found, result), staging / REPORT)
+        keep(
+            staging / ARCHIVE if archive is None else Path(archive),
+            staging,
+            task.cell.path,
+            [Path(dataset.where) for dataset in (*task.data, *task.holdout)],
+            result,
+            taken=folder / ARCHIVE if archive is None else Path(archive),
+        )
+        parts[WRITING](1.0)
+    return result
+
+
+def plain(result: Mapping[str, Any]) -> dict[str, Any]:
+    """A result as JSON has it: no arrays, no numbers that are not finite."""
+    found: dict[str, Any] = plain_json(result)
+    return found
+
+
+def check_better(found: Identification) -> None:
+    """Refuse values that predict data not used worse than the values known before.
+
+    Raises:
+        ModelError: They do, or there is no such figure.
+    """
+    if not found.headline:
+        raise ModelError("the recipe gave no error on data not used", where=found.recipe)
+    first = found.headline[0]
+    if not math.isfinite(first.value):
+        raise ModelError("the error on data not used is not a number", where=found.recipe, value=first.value)
+    if first.nominal is not None and first.value > first.nominal:
+        lines = "; ".join(
+            f"{f.text}: {f.value:.4g}" + ("" if f.nominal is None else f", before {f.nominal:.4g}")
+            for f in found.headline
+        )
+        raise ModelError(
+            "the identified values predict data not used worse than the cell file does; nothing was written",
+            where=found.recipe,
+            value=f"{first.name} = {first.value:.4g}",
+            limit=f"at most {first.nominal:.4g} (with the values of the cell file)",
+            hint=f"{lines}. Measure more or better, or check units, signs and frames in the manifest",
+        )
+
+
+def provenance(task: Task, found: Identification, date: str) -> IdentifiedTable:
+    """The entry ``[[identified]]`` of the cell file."""
+    head = found.headline[0]
+    unit = unit_of_name(head.name)
+    before = "" if head.nominal is None else f" ({head.nominal:.4g} before)"
+    how = "a separate file" if task.holdout else "folds of the data"
+    values = tuple(
+        IdentifiedValue(name=row["name"], value=row["value"], sigma=row["sigma"], unit=row["unit"], seen=row["seen"])
+        for fit in found.fits.values()
+        for row in parameter_rows(fit)
+        if row["free"]
+    )
+    return IdentifiedTable(
+        recipe=task.recipe.name,
+        date=date,
+        data=tuple(Path(d.where).name for d in task.data),
+        data_sha256=tuple(d.fingerprint for d in task.data),
+        counterflex=__version__,
+        holdout=f"{head.text}: {head.value:.4g} {unit}".rstrip() + f"{before}, on {how}",
+        values=values,
+    )
+
+
+def result_of(task: Task, found: Identification, date: str) -> dict[str, Any]:
+    """Everything that was found, as plain values."""
+    place = place_of(task, found)
+
+    def described(datasets: Sequence[Dataset]) -> list[dict[str, Any]]:
+        return [
+            {
+                "manifest": Path(d.where).name,
+                "name": d.name,
+                "kind": d.kind,
+                "rows": len(d),
+                "groups": len(np.unique(d.group)),
+                "sha256": d.fingerprint,
+                "channels": {
+                    key: {"source": c.source, "sigma": None if c.sigma is None else np.median(c.sigma, axis=0).tolist()}
+                    for key, c in d.channels.items()
+                },
+                "settings": dict(d.settings),
+            }
+            for d in datasets
+        ]
+
+    return {
+        "recipe": task.recipe.name,
+        "title": task.recipe.title,
+        "date": date,
+        "cell": task.cell.name,
+        "cell_file": task.cell.path.name,
+        "data": described(task.data),
+        "holdout_data": described(task.holdout),
+        "holdout": "separate data" if task.holdout else "folds of the data",
+        "headline": figure_rows(found.headline),
+        "figures": figure_rows(found.figures),
+        "fits": {key: fit_table(fit, place) for key, fit in found.fits.items()},
+        "remarks": [*_few(task), *grown(found), *found.remarks],
+        "settings": dict(task.settings),
+        "versions": {
+            "counterflex": __version__,
+            "Python": platform.python_version(),
+            **{library: importlib.metadata.version(library) for library in _LIBRARIES},
+        },
+    }
+
+
+def grown(found: Identification) -> list[str]:
+    """A warning for each figure of the data not used that has become worse, the largest error first of all."""
+    return [
+        f"Warning: {figure.text} grows from {figure.nominal:.3g} to {figure.value:.3g} {unit_of_name(figure.name)}: "
+        "the values fit most of the data and not all; look for what differs there (play, another posture, a bad row)."
+        for figure in (*found.headline, *found.figures)
+        if figure.name.startswith(_UNSEEN)
+        and "explained" not in figure.name.split("_")  # a share that is better when larger
+        and figure.nominal is not None
+        and figure.value > _GROWN * figure.nominal
+        and unit_of_name(figure.name)
+    ]
+
+
+def _few(task: Task) -> list[str]:
+    """A warning where the error on data not used rests on few measurements."""
+    count = sum(len(np.unique(d.group)) for d in task.holdout or task.data)
+    if count >= FEW or any("time_s" in d.channels for d in task.data):
+        return []
+    return [f"The error on data not used rests on {count} measurements only and says little; measure more"]
+
+
+def place_of(task: Task, found: Identification) -> Any:
+    """Where a row of a block of residuals stands in the files."""
+
+    def place(block: str, row: int) -> str:
+        named = [d for d in task.data if d.name == block]
+        counts = {len(r) for fit in found.fits.values() for r in fit.residuals}
+        alike = named or [d for d in task.data if len(d) in counts]
+        if len(alike) == 1 and row < len(alike[0]):
+            return alike[0].place(row)
+        return f"{block}: row {row + 1}"
+
+    return place
+
+
+def _check_cell(text: str, folder: Path, staging: Path) -> None:
+    """Read the new cell file back before anything is kept, from where it will lie."""
+    beside = folder if folder.exists() else staging
+    trial = beside / f".{CELL}.trial.toml"
+    try:
+        check_update(text, trial)
+    except CounterflexError as fault:
+        raise ModelError(
+            "what was identified is no possible cell",
+            where=CELL,
+            value=str(fault).replace(str(trial), CELL),
+            hint="Nothing was written. Check units, signs and frames in the manifest",
+        ) from fault
+    finally:
+        trial.unlink(missing_ok=True)

@@ -1,0 +1,74 @@
+"""The job ``identify --propose``: what to measure, and how well the parameters will be known from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from counterflex.app.identification.cell_model import model_of
+from counterflex.app.identification.recipe_settings import Setting, read_settings
+from counterflex.core import atomic
+from counterflex.core.errors import InputError
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.proposal import PROPOSAL, ROWS, form_names, write_proposal
+from counterflex.files.shop_unit import shop
+from counterflex.identify.data.channels import CHANNELS_OF
+from counterflex.identify.recipe import Proposal
+from counterflex.identify.recipes import recipe as recipe_of
+
+
+def propose(
+    name: str, count: int, cell: str | Path, out: str | Path, *, settings: Mapping[str, Setting], seed: int = 0
+) -> Path:
+    """Write a proposal.
+
+    Args:
+        name: Of the recipe.
+        count: Measurements.
+        cell: Cell file.
+        out: Folder for ``proposal.csv``, ``proposal.toml`` and, where the kind of data has one, a form to fill.
+        settings: Of the recipe, as text or as values; ``seed`` is allowed.
+        seed: Where the settings have none.
+
+    Returns:
+        Path of ``proposal.toml``.
+    """
+    _write(name, count, Path(cell), Path(out), settings, seed)
+    return Path(out) / PROPOSAL
+
+
+def run(
+    name: str, count: int, cell: str | Path, out: str | Path, *, settings: Mapping[str, Setting], seed: int = 0
+) -> dict[str, Any]:
+    """Write a proposal and say what is in it; arguments as for :func:`propose`.
+
+    Returns:
+        ``recipe``, ``kind``, ``rows``, ``expected`` (name, unit, standard deviation), ``remarks``, ``files``.
+    """
+    found = _write(name, count, Path(cell), Path(out), settings, seed)
+    rows = []
+    for key, sigma in found.expected.items():
+        unit, factor = shop(found.units.get(key, "SI"))
+        rows.append({"name": key, "unit": unit, "sigma": float(f"{sigma / factor:.6g}")})
+    form = list(form_names(found.recipe)) if found.kind in CHANNELS_OF else []
+    return {
+        "recipe": found.recipe,
+        "kind": found.kind,
+        "rows": len(next(iter(found.columns.values()))),
+        "expected": rows,
+        "remarks": list(found.remarks),
+        "files": [ROWS, PROPOSAL, *found.files, *form],
+    }
+
+
+def _write(name: str, count: int, cell: Path, out: Path, settings: Mapping[str, Setting], seed: int) -> Proposal:
+    if count < 1:
+        raise InputError("the number of measurements is below 1", value=count)
+    recipe = recipe_of(name)
+    chosen = read_settings(recipe, settings, seed)
+    model = model_of(read_cell(cell))
+    with atomic.atomic_folder(out) as staging:
+        found = recipe.propose(model, count, chosen)
+        write_proposal(staging, found)
+    return found

@@ -1,0 +1,158 @@
+"""Finished steps of long jobs: kept on disk, recognised by a fingerprint of everything they were made from.
+
+A fingerprint has a part for every file, every fact and every room of the program that a step rests on, so that one
+line can say why something is made again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex import __version__
+from counterflex.app.long_jobs.code_used import code_of, toml_parts
+from counterflex.core import atomic
+from counterflex.core.errors import FileFormatError
+
+DONE: Final = "done.json"
+"""Written last into the folder of a step: its fingerprint, and what the job needs to go on."""
+_NAMED: Final = 4
+"""Changed parts that a line names; the others are counted."""
+
+Mark = tuple[tuple[str, str], ...]
+"""Fingerprint of a step: what it is made from, and a hash of each, in order."""
+
+
+def fingerprint(*files: str | Path, code: Sequence[str] = (), code_without: Sequence[str] = (), **facts: Any) -> Mark:
+    """What a step is made from: contents of files, plain facts, code, and the version of this program.
+
+    A TOML file counts by its meaning, table by table; any other by its bytes.
+
+    Args:
+        files: Read whole; a file's folder does not matter.
+        code: Modules that do the work, by full name; with all that they import
+            (:func:`counterflex.app.long_jobs.code_used.code_of`).
+        code_without: Rooms of the package that they import and do not use.
+        facts: Numbers, texts, lists and tables of these.
+
+    Raises:
+        FileFormatError: A file cannot be read.
+    """
+    parts: list[tuple[str, str]] = [("version", __version__)]
+    for file in map(Path, files):
+        try:
+            if file.suffix == ".toml":
+                tables = toml_parts(file)
+                parts += [(f"{file.name} [{key}]" if key else file.name, value) for key, value in tables.items()]
+            else:
+                parts.append((file.name, hashlib.sha256(file.read_bytes()).hexdigest()[:16]))
+        except OSError as fault:
+            raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
+        except ValueError as fault:
+            raise FileFormatError(f"not valid TOML: {fault}", where=str(file)) from fault
+    parts += [(key, json.dumps(facts[key], sort_keys=True, allow_nan=False)) for key in sorted(facts)]
+    rooms = code_of(*code, without=tuple(code_without)) if code else {}
+    parts += [(f"code of {room}" if room else "code", value) for room, value in rooms.items()]
+    return tuple(parts)
+
+
+def finished(folder: Path, mark: Mark) -> dict[str, Any] | None:
+    """What a step wrote when it ended, or None where it did not end, or was made from something else.
+
+    Args:
+        folder: Of the step.
+        mark: Its fingerprint now.
+    """
+    data = _read(folder / DONE)
+    found = data.get("found")
+    return found if _mark_of(data) == mark and isinstance(found, dict) else None
+
+
+def why_again(folder: Path, mark: Mark) -> str:
+    """Why a step has to be made again, in words.
+
+    Args:
+        folder: Of the step.
+        mark: Its fingerprint now.
+
+    Returns:
+        One line; empty where it is kept, was never made, or was interrupted.
+    """
+    if finished(folder, mark) is not None:
+        return ""
+    data = _read(folder / DONE)
+    if not data:
+        return ""
+    if "again" in data and "found" not in data:
+        return str(data["again"])
+    before = _mark_of(data)
+    if before is None:
+        return "made by a program that did not note from what"
+    if before == mark:
+        return "what it found is damaged"
+    old, new = dict(before), dict(mark)
+    changed = [key for key in dict.fromkeys((*new, *old)) if old.get(key) != new.get(key)]
+    named = ", ".join(changed[:_NAMED]) or "order of files"
+    more = f" and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
+    return f"changed: {named}{more}"
+
+
+def begin(folder: Path, mark: Mark | None = None) -> None:
+    """Make a step's folder and take away the mark of an earlier, different one.
+
+    Args:
+        folder: Of the step.
+        mark: Its fingerprint now; with it the reason why it is made again is noted.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    again = why_again(folder, mark) if mark is not None else ""
+    (folder / DONE).unlink(missing_ok=True)
+    if again:
+        atomic.write_text(folder / DONE, json.dumps({"again": again}, indent=2) + "\n")
+
+
+def finish(folder: Path, mark: Mark, found: Mapping[str, Any]) -> None:
+    """Mark a step as finished.
+
+    Args:
+        folder: Of the step.
+        mark: Its fingerprint.
+        found: Plain values for those who come after it.
+    """
+    again = _read(folder / DONE).get("again")
+    data = {"made_from": [list(part) for part in mark], "found": dict(found)} | ({"again": again} if again else {})
+    atomic.write_text(folder / DONE, json.dumps(data, indent=2, allow_nan=False) + "\n")
+
+
+def made_again(folder: Path, since_s: float) -> dict[str, int]:
+    """Why steps below a folder were made again lately, and how many for each reason.
+
+    Args:
+        folder: Of the job.
+        since_s: Time of day, s, from which on they were finished.
+
+    Returns:
+        Count by reason, most first.
+    """
+    files = [file for file in folder.rglob(DONE) if file.stat().st_mtime >= since_s]
+    reasons = Counter(again for file in files if (again := _read(file).get("again")))
+    return dict(reasons.most_common())
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return data if isinstance(data, dict) else {}
+
+
+def _mark_of(data: Mapping[str, Any]) -> Mark | None:
+    parts = data.get("made_from")
+    if not isinstance(parts, list) or not all(isinstance(part, list) and len(part) == 2 for part in parts):
+        return None
+    return tuple((str(key), str(value)) for key, value in parts)

@@ -1,0 +1,295 @@
+"""The whole main job, proven: compensate a program, machine it before and after on simulated cells, judge, report.
+
+For every truth seed the original and the compensated program are machined on the same simulated cell. The planner knows
+the cell file only (truth level ``seeded``). As a second figure the program is compensated again by a planner that was
+told the truth's constants (truth level ``same``): what then remains is the error of the method, not of the model.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex import __version__
+from counterflex.app.compensation.compensate import write
+from counterflex.app.compensation.prediction import figures
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
+from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_held, pool_of, share
+from counterflex.app.proof import simulate
+from counterflex.app.proof.evaluate import Judged, Reference, judge, reference_of
+from counterflex.app.proof.truth import knowing, truth_of
+from counterflex.core import atomic
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.evaluate.summary import SeedResult, TruthLevel, summary
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.plan_file import write_plan
+from counterflex.files.run_file import Run, write_run
+from counterflex.files.summary_file import write_summary
+from counterflex.plan.compensate import plan as make_plan
+from counterflex.plan.plan import Plan
+from counterflex.twin.plant.record import Record
+from counterflex.twin.truth.file import write_truth
+from counterflex.twin.truth.truth import Truth
+
+FIRST_SEED = 1
+_LEVELS: tuple[tuple[TruthLevel, str], ...] = (("seeded", "compensated"), ("same", "told"))
+
+
+PLANNING, STARTING, MACHINING, JUDGING = "planning", "starting the simulated cells", "machining", "judging"
+_PLANNING_S: Final = 0.2
+"""Seconds that planning takes for a second of the program, as measured; likewise machining it and judging it."""
+_MACHINING_S: Final = 0.2
+_JUDGING_S: Final = 0.02
+_START_S: Final = 6.0
+_BEGUN: Final = 1e-6
+"""Share of a task that says that it has begun."""
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """What the job found.
+
+    Attributes:
+        reference: Original program, cell, undisturbed part.
+        plan: What the planner decided, knowing the cell file.
+        truths: By seed.
+        judged: By (seed, variant): ``nominal``, ``compensated``, ``told`` (planner told the truth's constants).
+        program_files: Compensated program.
+        summary: What ``summary.json`` holds.
+        timing: Seconds per step.
+    """
+
+    reference: Reference
+    plan: Plan
+    truths: dict[int, Truth]
+    judged: dict[tuple[int, str], Judged]
+    program_files: dict[str, str]
+    summary: dict[str, Any]
+    timing: dict[str, float]
+
+
+def prove(
+    program: str | Path,
+    cell_file: str | Path,
+    scratch: Path,
+    *,
+    seeds: int = 1,
+    told: bool = True,
+    workers: int | None = None,
+    reading: Reading = AS_IT_IS,
+    progress: Progress = silent,
+) -> Proof:
+    """Compensate, machine, judge.
+
+    Args:
+        program: G-code file.
+        cell_file: Cell file: all the planner knows.
+        scratch: Folder for programs handed to the simulated cells.
+        seeds: Number of truth seeds, from 1 on.
+        told: Also machine what a planner told the truth's constants would command.
+        workers: Processes; None is one per core.
+        reading: How the program is read.
+        progress: Told the fraction done.
+
+    Raises:
+        InputError: There are no seeds, or the program removes nothing.
+        CounterflexError: As the jobs it consists of.
+    """
+    if seeds < 1:
+        raise InputError("number of truth seeds is out of range", value=seeds, limit=">= 1")
+    cell = read_cell(cell_file)
+    job = read_job(program, cell, reading=reading)
+    begin = time.perf_counter()
+    count = seeds * (3 if told else 2)
+    parts = in_parts(progress, _work(float(job.path.time_s[-1]), seeds, count, count_of(workers, count), told=told))
+    parts[PLANNING](0.0)
+    with faults_in(job):
+        plan = make_plan(
+            job.path, job.line_of_motion, cell.stock(), setting_of(cell), progress=_saying(parts[PLANNING], PLANNING)
+        )
+    if not plan.cutting.any():
+        raise InputError(
+            "the program removes nothing from the blank: there is nothing to prove",
+            where=Path(program).name,
+            hint="Check the part frame, the blank and the program's zero",
+        )
+    files, written = write(job, plan, cell, "gcode")
+    timing = {"planning": time.perf_counter() - begin}
+    truths = {seed: truth_of(cell, seed) for seed in range(FIRST_SEED, FIRST_SEED + seeds)}
+    compensated = _program(scratch / "compensated", files, job.program.encoding)
+    tasks: list[tuple[tuple[int, str], Path]] = []
+    for seed, truth in truths.items():
+        tasks += [((seed, "nominal"), Path(program)), ((seed, "compensated"), compensated)]
+        if told:
+            part = _saying(parts[_told_part(seed)], PLANNING)
+            tasks.append(((seed, "told"), _told_program(job, cell, truth, scratch / f"told-{seed}", part)))
+    begin = time.perf_counter()
+    records = _machine_all(tasks, cell_file, truths, workers, reading, parts)
+    timing["machining"] = time.perf_counter() - begin
+    begin = time.perf_counter()
+    parts[JUDGING](0.0)
+    reference = reference_of(job, cell)
+    judged: dict[tuple[int, str], Judged] = {}
+    for key, record in records.items():
+        judged[key] = judge(reference, _as_run(record), record.stock)
+        parts[JUDGING](len(judged) / len(records))
+    timing["judging"] = time.perf_counter() - begin
+    results = [
+        SeedResult(seed, level, {"nominal": judged[seed, "nominal"].variant, "compensated": judged[seed, name].variant})
+        for level, name in _LEVELS
+        for seed in truths
+        if (seed, name) in judged
+    ]
+    about = {
+        "job": "prove",
+        "program": Path(job.program.name).name,
+        "cell": cell.name,
+        "robot": cell.chain.name,
+        "prediction": figures(plan),
+        "written": written,
+        "seconds": {name: round(value, 2) for name, value in timing.items()},
+        "counterflex": __version__,
+    }
+    progress(1.0)
+    return Proof(reference, plan, truths, judged, files, summary(results, about), timing)
+
+
+def run(
+    program: str | Path,
+    cell_file: str | Path,
+    out: str | Path,
+    *,
+    seeds: int = 1,
+    told: bool = True,
+    workers: int | None = None,
+    reading: Reading = AS_IT_IS,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Do the job on files.
+
+    Writes ``original/`` and ``compensated/`` (the program before and after), ``plan.parquet``, for every seed
+    ``truth-N.toml``, for the first seed ``nominal.parquet`` and ``compensated.parquet`` (path and force as machined)
+    with the two height maps beside them, ``summary.json`` and ``report.html``; all of them or none.
+
+    Returns:
+        The summary.
+    """
+    from counterflex.app.proof.report import proof_page
+    from counterflex.report.page import write_page
+
+    with atomic.atomic_folder(out) as staging:
+        proof = prove(
+            program, cell_file, staging, seeds=seeds, told=told, workers=workers, reading=reading, progress=progress
+        )
+        for folder in staging.glob("told-*"):
+            for file in folder.iterdir():
+                file.unlink()
+            folder.rmdir()
+        name = Path(program).name
+        (staging / "original").mkdir()
+        atomic.write_bytes(staging / "original" / name, Path(program).read_bytes())
+        atomic.write_bytes(staging / "cell.toml", Path(cell_file).read_bytes())
+        about = {key: proof.summary[key] for key in ("program", "cell", "robot", "counterflex")}
+        write_plan(staging / "plan.parquet", proof.plan, about)
+        for seed, truth in proof.truths.items():
+            write_truth(staging / f"truth-{seed}.toml", truth)
+        for variant in ("nominal", "compensated"):
+            item = proof.judged[FIRST_SEED, variant]
+            write_run(staging / f"{variant}.parquet", item.run, {**about, "seed": FIRST_SEED, "variant": variant})
+            item.actual.save(staging / f"{variant}-surface.npz")
+        write_summary(staging / "summary.json", proof.summary)
+        write_page(proof_page(proof), staging / "report.html")
+    return proof.summary
+
+
+def _program(folder: Path, files: dict[str, str], encoding: str) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        atomic.write_bytes(folder / name, text.encode(encoding, errors="replace"))
+    return folder / next(iter(files))
+
+
+def _work(time_s: float, seeds: int, tasks: int, workers: int, *, told: bool) -> dict[str, float]:
+    """Seconds that the parts of a proof take, for a program that takes ``time_s``; only their shares count."""
+    first = {PLANNING: 1.0 + _PLANNING_S * time_s}
+    told_parts = {_told_part(FIRST_SEED + i): 1.0 + 0.5 * _PLANNING_S * time_s for i in range(seeds)} if told else {}
+    starting = {STARTING: _START_S} if workers > 1 else {}
+    return {
+        **first,
+        **told_parts,
+        **starting,
+        MACHINING: 0.5 + _MACHINING_S * time_s * math.ceil(tasks / workers),
+        JUDGING: 0.3 + _JUDGING_S * time_s * tasks,
+    }
+
+
+def _told_part(seed: int) -> str:
+    return f"{PLANNING}, seed {seed}"
+
+
+def _told_program(job: Job, cell: Cell, truth: Truth, folder: Path, progress: Progress) -> Path:
+    """The program compensated by a planner that was told the truth's constants."""
+    chain, law = knowing(cell, truth)
+    setting = setting_of(cell, chain=chain, law=law)
+    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, predict=False, progress=progress)
+    return _program(folder, write(job, plan, cell, "gcode")[0], job.program.encoding)
+
+
+def _machine_one(
+    program: Path, cell_file: Path, truth: Truth, reading: Reading, task: int, progress: Progress | None = None
+) -> Record:
+    told = progress
+    if told is None:
+        told = share(task)
+        told(_BEGUN)
+    cell = read_cell(cell_file)
+    job = read_job(program, cell, reading=reading)
+    return simulate.machine(job, cell, truth, progress=told)
+
+
+def _machine_all(
+    tasks: list[tuple[tuple[int, str], Path]],
+    cell_file: str | Path,
+    truths: dict[int, Truth],
+    workers: int | None,
+    reading: Reading,
+    parts: Mapping[str, Progress],
+) -> dict[tuple[int, str], Record]:
+    count = count_of(workers, len(tasks))
+    records: dict[tuple[int, str], Record] = {}
+    if count == 1:
+        named = in_parts(parts[MACHINING], {f"{MACHINING}, seed {key[0]}, {key[1]}": 1.0 for key, _ in tasks})
+        for i, ((key, path), (name, part)) in enumerate(zip(tasks, named.items(), strict=True)):
+            records[key] = _machine_one(path, Path(cell_file), truths[key[0]], reading, i, _saying(part, name))
+        return records
+    shares, weights, begin = Shares(len(tasks)), [1.0] * len(tasks), time.monotonic()
+
+    def told_all() -> None:
+        done = shares.sum(weights)
+        if done > 0.0:
+            parts[MACHINING](done, f"{MACHINING}, {len(records)} of {len(tasks)} done")
+        else:  # nothing tells how far a process is that starts but the time
+            parts[STARTING](1.0 - math.exp((begin - time.monotonic()) / _START_S))
+
+    with pool_of(count, shares) as pool:
+        with interrupts_held():
+            waiting = {
+                pool.submit(_machine_one, path, Path(cell_file), truths[key[0]], reading, i): key
+                for i, (key, path) in enumerate(tasks)
+            }
+        for done in done_one_by_one(waiting, told_all):
+            records[waiting[done]] = done.result()
+    return {key: records[key] for key, _ in tasks}
+
+
+def _saying(progress: Progress, what: str) -> Progress:
+    return lambda fraction, _="": progress(fraction, what)
+
+
+def _as_run(record: Record) -> Run:
+    return Run(**{name: getattr(record, name) for name in Run.__dataclass_fields__})

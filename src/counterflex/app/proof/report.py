@@ -1,0 +1,153 @@
+"""Fill the report page from what the jobs found."""
+
+from __future__ import annotations
+
+import datetime
+import importlib.metadata
+import platform
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.compensation.assumptions import assumptions, robot_name, title_of
+from counterflex.app.compensation.cell_drawing import drawing
+from counterflex.app.compensation.next_steps import after_proof
+from counterflex.app.compensation.prediction import figures
+from counterflex.app.inputs import setting_of
+from counterflex.app.proof import simulate
+from counterflex.app.proof.evaluate import Comparison, Judged, features
+from counterflex.app.proof.prove import FIRST_SEED, Proof
+from counterflex.app.proof.truth import truth_of
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM
+from counterflex.evaluate.error_budget import BudgetLine, error_budget
+from counterflex.evaluate.path_deviation import PathDeviation
+from counterflex.files.cell.cell import Cell
+from counterflex.geometry import wrench
+from counterflex.plan.compensate import plan as make_plan
+from counterflex.plan.plan import Plan
+from counterflex.report.data import Curve, Difference, Fact, ReportData, VariantData
+from counterflex.report.page import report_page
+from counterflex.robot.elasticity import compliance
+from counterflex.twin.truth.perturb import differences
+
+_LIBRARIES = ("numpy", "scipy", "numba", "mujoco", "polars", "plotly")
+
+
+def proof_page(proof: Proof) -> str:
+    """The page of a proven compensation, as HTML."""
+    judged = {name: proof.judged[FIRST_SEED, name] for name in ("nominal", "compensated")}
+    comparison = Comparison(proof.reference, judged, proof.truths[FIRST_SEED], proof.summary)
+    return _page(comparison, proof.plan, proof.summary["prediction"], proof.timing)
+
+
+def comparison_page(comparison: Comparison) -> str:
+    """The page of two machined programs, as HTML; what the model says about the first is planned anew."""
+    job, cell = comparison.reference.job, comparison.reference.cell
+    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell), predict=False)
+    return _page(comparison, plan, figures(plan), {})
+
+
+def _page(comparison: Comparison, plan: Plan, found: Mapping[str, Any], timing: Mapping[str, float]) -> str:
+    cell, truth = comparison.reference.cell, comparison.truth
+    before, after = comparison.judged["nominal"], comparison.judged["compensated"]
+    number = simulate.tool_of(comparison.reference.job.path)
+    tool = next(table for table in cell.tables.tools if table.number == number)
+    facts = (
+        Fact("Part", str(comparison.summary["program"]), "", f"{found['removed_mm3'] / 1000:.1f} cm³ removed"),
+        Fact("Robot", robot_name(cell)),
+        Fact("Cell", cell.name),
+        Fact("Tool", tool.name or f"D{tool.diameter_mm:g}", "", f"{tool.flutes} flutes"),
+        Fact("Material", cell.material.name or str(cell.material.catalog)),
+        Fact(
+            "Peak force",
+            f"{found['peak_force_n']['value']:.0f} N predicted",
+            "",
+            f"line {found['peak_force_n']['line']}, depth {found['peak_axial_depth_mm']['value']:.1f} mm",
+        ),
+        Fact(
+            "Peak deflection",
+            f"{found['peak_deflection_um']['value'] / 1000:.2f} mm predicted",
+            "",
+            f"at joints {', '.join(f'{v:.0f}' for v in found['peak_deflection_um']['joints_deg'])} deg",
+        ),
+        Fact(
+            "Simulated cell",
+            truth.name,
+            "",
+            "as the cell file says" if truth.seed is None else f"truth seed {truth.seed}",
+        ),
+    )
+    measured = features(comparison.reference, comparison.judged)
+    return report_page(
+        ReportData(
+            title=title_of(comparison.reference.job.program),
+            subtitle=f"{comparison.summary['program']}, machined before and after on a simulated {robot_name(cell)}",
+            created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+            summary=comparison.summary,
+            nominal=_variant(before),
+            compensated=_variant(after),
+            facts=facts,
+            nominal_surface=comparison.reference.surface,
+            engagement_label="axial depth, mm",
+            engagement_scale=1.0 / MM,
+            features=measured,
+            drawing=drawing(plan, cell),
+            next_steps=after_proof(measured, comparison.summary),
+            budget=budget(plan, before.deviation, cell),
+            assumptions=assumptions(cell),
+            differences=tuple(
+                Difference(
+                    f"{row.group}: {row.name}",
+                    f"{row.known:.4g} {row.unit}",
+                    f"{row.true:.4g} {row.unit}",
+                    f"{row.true - row.known:+.3g}",
+                )
+                for row in differences(truth_of(cell, None), truth)
+            ),
+            timing=tuple(Fact(name, f"{value:.1f} s") for name, value in timing.items()),
+            versions={
+                "counterflex": __version__,
+                "Python": platform.python_version(),
+                **{name: importlib.metadata.version(name) for name in _LIBRARIES},
+            },
+            notes=(
+                "The part was machined on a simulated cell with friction, play, drives, gravity and its own cutting "
+                "process. The planner knew the cell file only; how the simulated cell differs from it is listed below.",
+            ),
+        )
+    )
+
+
+def _variant(item: Judged) -> VariantData:
+    force: Float = np.linalg.norm(item.run.force_part, axis=1)
+    return VariantData(item.deviation, item.surface, Curve(item.run.time_s, force))
+
+
+def budget(plan: Plan, deviation: PathDeviation, cell: Cell) -> tuple[BudgetLine, ...]:
+    """What the model says causes the deviation that was met: each elastic segment, own weight, and the rest."""
+    cutting = deviation.cutting
+    if not np.any(deviation.across[cutting]):
+        return ()
+    place = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(plan.path.p_part_tcp, axis=0), axis=1))])
+    at = deviation.length_m[cutting]
+    direction = deviation.feed_direction[cutting]
+    R_base_part = cell.T_base_part[:3, :3]
+    parts = compliance.shares(cell.chain, plan.q, wrench.rotate(R_base_part, plan.w_tcp_part))
+
+    def met(values: Float) -> Float:
+        there = np.stack([np.interp(at, place, values[:, k]) for k in range(3)], axis=1)
+        out: Float = there - np.sum(there * direction, axis=1, keepdims=True) * direction
+        return out
+
+    contributions = {
+        name: met(parts[:, i, :3] @ R_base_part)
+        for i, name in enumerate(cell.chain.names)
+        if np.any(parts[:, i] != 0.0)
+    }
+    contributions["own weight"] = met(plan.sag_part)
+    if np.any(plan.play_part != 0.0):
+        contributions["play and friction"] = met(plan.play_part)
+    return error_budget(deviation.across[cutting], contributions)

@@ -1,0 +1,243 @@
+"""Machine a program on the simulated cell and keep everything that evaluation needs in one folder."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, read_job
+from counterflex.app.proof.truth import truth_of
+from counterflex.core import atomic
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import DEG, MM
+from counterflex.cutting.removal import remove_tool_path
+from counterflex.cutting.stock import HeightMap
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.run_file import write_run
+from counterflex.files.schema import write_toml
+from counterflex.files.summary_file import write_summary
+from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.twin.plant.controller import Controller, controller_of
+from counterflex.twin.plant.record import Record
+from counterflex.twin.plant.simulate import simulate
+from counterflex.twin.truth.file import read_truth, write_truth
+from counterflex.twin.truth.truth import Truth
+
+PROGRAM, ORIGINAL, CELL, TRUTH = "program.ngc", "original.ngc", "cell.toml", "truth.toml"
+RUN, SURFACE, SUMMARY, BLANKS = "run.parquet", "surface.npz", "summary.json", "blank.*"
+PARAMETERS = "parameters.var"
+
+
+OTHER_CELL_M = 20.0 * MM
+"""Distance of a body from where the cell has it, beyond which a truth is taken for another cell's."""
+
+
+def controller(cell: Cell) -> Controller:
+    """The robot controller as a cell file describes it: nominal geometry, part frame, speeds."""
+    tables = cell.tables
+    return controller_of(
+        cell.nominal_robot,
+        cell.nominal_end_effector,
+        cell.T_base_part,
+        branch=tables.posture.branch,
+        rotation_about_tool_rad=tables.posture.rotation_about_tool_deg * DEG,
+        blending_m=tables.controller.blending_mm * MM,
+        acceleration_m_s2=tables.controller.acceleration_mm_s2 * MM,
+        rapid_m_s=tables.controller.rapid_mm_s * MM,
+    )
+
+
+def machine(job: Job, cell: Cell, truth: Truth, *, progress: Progress = silent) -> Record:
+    """Machine a program on the twin of a cell.
+
+    Raises:
+        InputError: The program cuts with several tools, or never comes near the blank.
+        SimulationError: The simulated cell left its physical range.
+    """
+    record = simulate(
+        job.machined,
+        truth=truth,
+        controller=controller(cell),
+        stock=cell.stock(),
+        cutter=cell.cutter(tool_of(job.path)),
+        datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
+        progress=progress,
+    )
+    if len(record.time_s) == 0:
+        raise InputError(
+            "the program never comes near the blank",
+            where=Path(job.program.name).name,
+            hint="Check the part frame, the blank and the program's zero",
+        )
+    return record
+
+
+def undisturbed(job: Job, cell: Cell, *, threads: int = 1) -> HeightMap:
+    """The part that a program would give if nothing bent: the nominal surface of every comparison."""
+    stock = cell.stock()
+    remove_tool_path(stock, job.path, cell.cutter(tool_of(job.path)), engagement=False, threads=threads)
+    return stock
+
+
+def run(
+    program: str | Path,
+    cell_file: str | Path,
+    truth_file: str | Path,
+    out: str | Path,
+    *,
+    original: str | Path | None = None,
+    reading: Reading = AS_IT_IS,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Do the job on files.
+
+    Writes ``run.parquet`` (path, forces), ``surface.npz`` (as-machined height map), the program, the original program
+    it stands for, cell (with the blank that it names by a file) and truth as they were, and ``summary.json``; all of
+    them or none.
+
+    Args:
+        program: G-code to machine.
+        cell_file: Cell file: what the controller believes.
+        truth_file: Truth file: how the cell really is.
+        out: Folder.
+        original: The uncompensated program, when ``program`` is a compensated one: accuracy is always judged against
+            the original. None: the program itself.
+        reading: How the programs are read.
+        progress: Told the fraction done.
+
+    Returns:
+        The summary.
+    """
+    begin = time.perf_counter()
+    cell, truth = read_cell(cell_file), read_truth(truth_file)
+    check_same_cell(cell, truth, str(truth_file))
+    job = read_job(program, cell, reading=reading)
+    reference = Path(program if original is None else original)
+    if original is not None:
+        read_job(reference, cell, reading=reading)
+    with atomic.atomic_folder(out) as staging:
+        record = machine(job, cell, truth, progress=progress)
+        summary = {
+            "job": "simulate",
+            "program": Path(program).name,
+            "original": reference.name,
+            "cell": cell.name,
+            "truth": truth.name,
+            "seed": truth.seed,
+            "machining": figures(record),
+            "seconds": round(time.perf_counter() - begin, 3),
+            "counterflex": __version__,
+        }
+        keep_inputs(cell, program, reference, staging, reading)
+        write_truth(staging / TRUTH, truth)
+        write_run(staging / RUN, record, {key: summary[key] for key in ("program", "cell", "seed", "counterflex")})
+        record.stock.save(staging / SURFACE)
+        write_summary(staging / SUMMARY, summary)
+    return summary
+
+
+def keep_inputs(
+    cell: Cell, program: str | Path, original: str | Path, folder: Path, reading: Reading = AS_IT_IS
+) -> None:
+    """Copy the program, the one it stands for, the machine's parameters and the cell file into a run folder."""
+    if reading.parameters is not None:
+        atomic.write_bytes(folder / PARAMETERS, _source(reading.parameters))
+    atomic.write_bytes(folder / PROGRAM, _source(program))
+    atomic.write_bytes(folder / ORIGINAL, _source(original))
+    _keep_cell(cell, folder)
+
+
+def read_original(folder: Path, cell: Cell) -> Job:
+    """The program that a run is judged against, read as it was for the run."""
+    parameters = folder / PARAMETERS
+    reading = Reading(parameters=parameters if parameters.is_file() else None, complete=False)
+    return read_job(folder / ORIGINAL, cell, reading=reading)
+
+
+def _keep_cell(cell: Cell, folder: Path) -> None:
+    """Write the cell file into a folder as it was; a blank that it names by a file goes along, under a new name."""
+    stock = cell.part.stock
+    named = None if stock is None else stock.stl or stock.result
+    if stock is None or named is None:
+        atomic.write_bytes(folder / CELL, _source(cell.path))
+        return
+    kept = BLANKS.replace(".*", Path(named).suffix)
+    atomic.write_bytes(folder / kept, (cell.path.parent / named).read_bytes())
+    tables = cell.tables.model_dump(mode="json", exclude_none=True)
+    tables["part"]["stock"]["stl" if stock.stl else "result"] = kept
+    write_toml(folder / CELL, tables, comment=f"As {cell.path.name}, with the blank beside it.")
+
+
+def check_same_cell(cell: Cell, truth: Truth, where: str) -> None:
+    """Check that a truth is one of this cell: the same bodies, in about the same places.
+
+    Raises:
+        FileFormatError: It is another cell's.
+    """
+    nominal = truth_of(cell, None)
+    hint = "Make one from this cell: counterflex truth CELL --out FILE"
+    names, expected = [body.name for body in truth.bodies], [body.name for body in nominal.bodies]
+    if names != expected:
+        raise FileFormatError(
+            "the truth belongs to another cell: its bodies are not those of the cell",
+            where=where,
+            value=", ".join(names),
+            limit=", ".join(expected),
+            hint=hint,
+        )
+    places = zip(
+        [*expected, "tcp"],
+        [*(body.T_prev_seg for body in truth.bodies), truth.T_last_tcp],
+        [*(body.T_prev_seg for body in nominal.bodies), nominal.T_last_tcp],
+        strict=True,
+    )
+    for name, T_true, T_nominal in places:
+        off = float(np.linalg.norm(T_true[:3, 3] - T_nominal[:3, 3]))
+        if off > OTHER_CELL_M:
+            raise FileFormatError(
+                f"the truth belongs to another cell: '{name}' is elsewhere",
+                where=where,
+                value=f"{off / MM:.1f} mm off",
+                limit=f"at most {OTHER_CELL_M / MM:g} mm",
+                hint=hint,
+            )
+
+
+def figures(record: Record) -> dict[str, Any]:
+    """Peak force, time, distance of the tool from its command."""
+    force: Float = np.linalg.norm(record.force_part, axis=1)
+    off: Float = np.linalg.norm(record.p_part_tcp - record.p_part_command, axis=1)
+    engaged = record.engaged & (record.kind == FEED)
+    return {
+        "duration_s": round(float(record.time_s[-1]), 3),
+        "cutting_s": round(float(np.count_nonzero(engaged)) * float(np.median(np.diff(record.time_s))), 3),
+        "peak_force_n": round(float(np.max(force, initial=0.0)), 2),
+        "largest_offset_mm": round(float(np.max(off[engaged], initial=0.0) / MM), 4),
+    }
+
+
+def tool_of(path: ToolPath) -> int:
+    """Number of the one tool that a path cuts with; InputError when there are several."""
+    tools = np.unique(path.tool[path.kind == FEED])
+    if len(tools) == 0:
+        return int(path.tool[-1])
+    if len(tools) > 1:
+        raise InputError(
+            "the simulation runs one tool at a time",
+            value=", ".join(f"T{number}" for number in tools),
+            hint="Split the program at the tool change and give the first result to the second cell as stock",
+        )
+    return int(tools[0])
+
+
+def _source(path: str | Path) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault

@@ -1,0 +1,77 @@
+"""Truth files: the simulated cell, made from a cell file and put off by seeded, documented amounts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from counterflex.core.errors import ModelError
+from counterflex.cutting.coefficients import H_KIENZLE_M, ForceLaw, KienzleLaw
+from counterflex.files.cell.cell import Cell
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.model.description import EndEffector, Robot
+from counterflex.twin.truth.described import described
+from counterflex.twin.truth.file import write_truth
+from counterflex.twin.truth.nominal import nominal_truth
+from counterflex.twin.truth.perturb import perturbed
+from counterflex.twin.truth.truth import CuttingTruth, SensorPlace, Truth
+
+
+def cutting_truth(law: ForceLaw) -> CuttingTruth:
+    """Force constants of a truth that agrees with a law.
+
+    Raises:
+        ModelError: The linear-edge law has no counterpart in the twin.
+    """
+    if not isinstance(law, KienzleLaw):
+        raise ModelError("the simulated cell cuts by Kienzle's law", value=type(law).__name__, limit="law = kienzle")
+    return CuttingTruth(
+        k_pa=law.k11_pa(), exponent=(law.mc, law.mr, law.ma), edge_n_m=law.edge_n_m, h_ref_m=H_KIENZLE_M
+    )
+
+
+def truth_of(cell: Cell, seed: int | None) -> Truth:
+    """The truth of a cell: nominal for None, otherwise put off by the seed."""
+    truth = nominal_truth(cell.nominal_robot, cell.nominal_end_effector, cutting_truth(cell.force_law), name=cell.name)
+    table = cell.tables.sensor
+    if table is not None:
+        truth = replace(truth, sensor=SensorPlace(table.segment, table.matrix()))
+    return truth if seed is None else perturbed(truth, seed)
+
+
+def make_truth(cell: Cell, seed: int | None, out: str | Path) -> Truth:
+    """Write the truth of a cell to a file."""
+    truth = truth_of(cell, seed)
+    write_truth(out, truth)
+    return truth
+
+
+def knowing(cell: Cell, truth: Truth) -> tuple[ElasticChain, ForceLaw]:
+    """What a planner would have that was told the truth's constants: elastic chain and force law.
+
+    Inertia and runout have no place in a cell file and stay unknown.
+    """
+    robot, end_effector = _told(cell, truth)
+    law = cell.force_law
+    if not isinstance(law, KienzleLaw):
+        return ElasticChain.build(robot, end_effector), law
+    kc, kr, ka = truth.cutting.k_pa
+    at_reference = KienzleLaw(
+        kc_ref_pa=kc,
+        mc=truth.cutting.exponent[0],
+        kr_ref_pa=kr,
+        mr=truth.cutting.exponent[1],
+        ka_ref_pa=ka,
+        ma=truth.cutting.exponent[2],
+        h_ref_m=truth.cutting.h_ref_m,
+        h_min_m=law.h_min_m,
+        h_max_m=law.h_max_m,
+        source="truth file",
+        status="truth",
+        edge_n_m=truth.cutting.edge_n_m,
+    )
+    return ElasticChain.build(robot, end_effector), at_reference
+
+
+def _told(cell: Cell, truth: Truth) -> tuple[Robot, EndEffector]:
+    return described(truth, cell.nominal_robot, cell.nominal_end_effector)

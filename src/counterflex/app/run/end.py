@@ -1,0 +1,123 @@
+"""How a run ended, in one word, and the exit status that says it to a script."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.protocols.session.tracker_off import off_said
+from counterflex.runtime.record_ring import OUTCOME
+from counterflex.runtime.state.layout import O_CAUSE, O_STATE
+from counterflex.runtime.state.supervisor import Cause, State
+
+AS_ASKED: Final = "as asked"
+"""How a loop ended that ended by itself."""
+
+
+class End(IntEnum):
+    """How a run ended; the number is the exit status of the command."""
+
+    PLANNED = 0
+    """The robot program has switched the correction off itself, or the loop was to watch only."""
+    DIED = 1
+    """The loop's process died."""
+    FAULT = 3
+    """A fault, or a hold that lasted, ended the correction; or the robot fell silent while it acted."""
+    NEVER_ARMED = 4
+    """It was to correct and never did: a check failed, no telegram came, or the program never switched it on."""
+    LOG_LOST = 5
+    """Records are missing in the log, or its recorder died."""
+    STOPPED = 6
+    """The operator, a signal or the end of the time given ended the correction before the program did."""
+
+
+class RunEnd:
+    """Follows the states of a run to what ended its correction last."""
+
+    def __init__(self) -> None:
+        self._state, self._cause = int(State.IDLE), int(Cause.NONE)
+        self._how, self._why = "never", int(Cause.NONE)
+        self._began = int(Cause.NONE)
+
+    def add(self, rows: Float) -> None:
+        """Look at further records.
+
+        Args:
+            rows: (n, WIDTH) of :class:`counterflex.runtime.record_ring.RecordRing`.
+        """
+        states, causes = rows[:, OUTCOME + O_STATE].astype(int), rows[:, OUTCOME + O_CAUSE].astype(int)
+        changed = np.flatnonzero(np.diff(states, prepend=self._state))
+        for k in changed:
+            before, state = self._state, int(states[k])
+            if state == State.HOLD:
+                self._began = int(causes[k])
+            self._state, self._cause = state, int(causes[k])
+            if state == State.ACTIVE:
+                self._how, self._why, self._began = "acting", int(Cause.NONE), int(Cause.NONE)
+            elif state == State.ARMED and self._how in ("never", "program"):  # again: what comes now is judged
+                self._how, self._why = "armed", int(Cause.NONE)
+            elif before in (State.ACTIVE, State.HOLD) and state == State.RAMP_OUT:
+                words = {Cause.PROGRAM: "program", Cause.OPERATOR: "operator"}
+                self._how, self._why = words.get(Cause(self._cause), "hold"), self._cause
+            elif state == State.FAULT and before in (State.ARMED, State.ACTIVE, State.HOLD, State.RAMP_OUT):
+                asked = self._cause == Cause.HELD_TOO_LONG and self._began == Cause.OPERATOR
+                self._how, self._why = "stop disobeyed" if asked else "fault", self._cause
+        if self._how == "program" and np.any(causes == Cause.ENABLE_LOST):  # it went on cutting
+            self._how, self._why = "hold", int(Cause.ENABLE_LOST)
+
+    def shown(self) -> dict[str, str]:
+        """Who ended it (``by``) and why (``cause``).
+
+        By program, operator, hold, fault; stop disobeyed: the operator's stop, at which the robot went on; acting: it
+        still acts; armed: never switched on; never.
+        """
+        return {"by": self._how, "cause": Cause(self._why).name.lower()}
+
+
+def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
+    """How a run ended.
+
+    Args:
+        summary: ``loop_ended``, ``correction_ended``, ``records_lost``, ``log_trouble``, ``recorder_died``,
+            ``holds_feed`` (the robot's link has a word for it),
+            ``tracker_off`` (:func:`counterflex.protocols.session.tracker_off.tracker_off`).
+        arm: It was started to correct.
+
+    Returns:
+        ``status``, the exit status; ``how``, the name of :class:`End`; ``said``, in words; ``wrong``: it is told also
+        where a signal ended the run.
+    """
+    by, cause = summary["correction_ended"]["by"], summary["correction_ended"]["cause"].replace("_", " ")
+    lost, no_hold = summary["records_lost"], not summary.get("holds_feed", True)
+    if summary["loop_ended"] != AS_ASKED:
+        end, said = End.DIED, f"the loop {summary['loop_ended']}: it did not end by itself, and ramped nothing out"
+    elif summary["recorder_died"]:
+        end, said = End.LOG_LOST, "the recorder died; the loop held the feed, ramped out and ended by itself"
+    elif by == "acting":
+        end, said = End.FAULT, "the robot fell silent while the correction acted"
+    elif by == "fault" or (by == "stop disobeyed" and not no_hold):
+        end, said = End.FAULT, f"a fault ended the correction: {cause}"
+    elif by == "hold":
+        end, said = End.FAULT, f"the correction was ended, not by the program: {cause}"
+    elif lost or summary["log_trouble"]:
+        why = f" ({summary['log_trouble']})" if summary["log_trouble"] else ""
+        what = f"{lost} records are missing in the log" if lost else "the log is not whole"
+        end, said = End.LOG_LOST, what + why
+    elif by == "operator":
+        end, said = End.STOPPED, "the correction was ended before the program ended it"
+    elif by == "stop disobeyed":
+        end = End.STOPPED
+        said = "the correction was ended before its program did; without a feed hold the robot was told to stop"
+    elif arm and by in ("never", "armed"):
+        what = "never armed" if by == "never" else "armed, but the robot program never switched the correction on"
+        off = summary.get("tracker_off")
+        why = ": no telegram came" if not summary["cycles"] else f": {off_said(off)}" if off is not None else ""
+        end, said = End.NEVER_ARMED, what + why
+    else:
+        end, said = End.PLANNED, "as planned"
+    wrong = end in (End.DIED, End.FAULT, End.LOG_LOST)
+    return {"status": int(end), "how": end.name.lower(), "said": said, "wrong": wrong}

@@ -1,0 +1,167 @@
+"""Holds and faults of a run log: which there were, and the cycles around one of them as a table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import polars
+
+from counterflex.core import atomic
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import MM
+from counterflex.evaluate.incidents import Incident, IncidentFinder
+from counterflex.files.logs.record_units import headings
+from counterflex.files.logs.run_log import segments
+from counterflex.runtime import record_ring as record
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import Cause, State
+
+AROUND: Final = 250
+"""Cycles before and behind its beginning that are written of an incident: a second at 250 Hz."""
+MOST_AROUND: Final = 1_000_000
+
+
+@dataclass(frozen=True)
+class Numbered:
+    """An incident of a folder.
+
+    Attributes:
+        number: 1 is the first of the folder.
+        run: Number of the run's first segment.
+        incident: What it was.
+    """
+
+    number: int
+    run: int
+    incident: Incident
+
+    def shown(self) -> dict[str, Any]:
+        """Plain values."""
+        found = self.incident
+        return {
+            "number": self.number,
+            "cycle": found.cycle,
+            "time_s": round(found.time_s, 3),
+            "state": found.state.name.lower(),
+            "cause": found.cause.name.lower(),
+            "before": "" if found.before is None else found.before.name.lower(),
+            "path_distance_mm": round(found.path_m / MM, 3),
+            "cycles_since_telegram": found.elapsed,
+        }
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written of an incident.
+
+    Attributes:
+        of: The incident.
+        cycles: Written.
+        missing: Cycles in between without a record.
+    """
+
+    of: Numbered
+    cycles: int
+    missing: int
+
+
+def numbered(finders: dict[int, IncidentFinder]) -> list[Numbered]:
+    """Incidents of the runs of a folder, in order.
+
+    Args:
+        finders: By run; each has taken all records of its run.
+    """
+    found = [(run, incident) for run in sorted(finders) for incident in finders[run].found]
+    return [Numbered(k, run, incident) for k, (run, incident) in enumerate(found, start=1)]
+
+
+def incidents(folder: str | Path) -> list[Numbered]:
+    """Holds and faults of all runs in a folder.
+
+    Raises:
+        FileFormatError: There is no run log, or it cannot be read.
+    """
+    finders: dict[int, IncidentFinder] = {}
+    for segment in segments(folder):
+        if segment.about:
+            finders.setdefault(segment.run, IncidentFinder()).add(segment.rows)
+    return numbered(finders)
+
+
+def export_incident(
+    folder: str | Path,
+    number: int,
+    csv: str | Path,
+    *,
+    before: int = AROUND,
+    after: int = AROUND,
+    progress: Progress = silent,
+) -> Exported:
+    """Write the cycles around the beginning of a hold or fault as CSV, wherever the segments of the run end.
+
+    The columns are those of the record with their units in the headings (SI, part axes, numbers bit for bit), behind
+    the cycle and time counted from the beginning of the incident, and state and cause in words.
+
+    Args:
+        folder: Of the run log.
+        number: 1 is the first incident of the folder.
+        csv: File to write.
+        before: Cycles before its first one, 0 or more.
+        after: Cycles behind its first one, 0 or more.
+        progress: Told the fraction done.
+
+    Returns:
+        The incident and what was written; fewer cycles where the run begins or ends within them.
+
+    Raises:
+        FileFormatError: There is no run log, or it cannot be read.
+        InputError: There is no such incident, or the numbers of cycles are out of range.
+        OutputError: The file cannot be written.
+    """
+    for name, value in (("--before", before), ("--after", after)):
+        if not 0 <= value <= MOST_AROUND:
+            raise InputError("the number of cycles is out of range", where=name, value=value, limit=(0, MOST_AROUND))
+    found = incidents(folder)
+    if not 1 <= number <= len(found):
+        raise InputError(
+            "there is no such incident",
+            where=str(folder),
+            value=number,
+            limit=f"1 to {len(found)}" if found else "no hold and no fault in this log",
+            hint="counterflex log show lists them",
+        )
+    one = found[number - 1]
+    first = one.incident.cycle
+    parts: list[Float] = []
+    total = len(list(Path(folder).glob("run-*.mcap")))
+    for k, segment in enumerate(segments(folder)):
+        progress(k / max(1, total), segment.name)
+        if segment.about and segment.run == one.run:
+            cycle = segment.rows[:, record.CYCLE]
+            parts.append(segment.rows[(cycle >= first - before) & (cycle <= first + after)])
+    rows = np.concatenate(parts)
+    with atomic.atomic_path(csv) as part, part.open("wb") as stream:
+        _table(rows, first).write_csv(stream)
+    cycles = rows[:, record.CYCLE]
+    return Exported(one, len(rows), int(cycles[-1] - cycles[0]) + 1 - len(rows))
+
+
+def _table(rows: Float, first: int) -> polars.DataFrame:
+    cycles = rows[:, record.CYCLE].astype(np.int64)
+    begin_ns = rows[np.flatnonzero(cycles == first)[0], 1]
+    lead = polars.DataFrame(
+        {
+            "from_incident [cycles]": cycles - first,
+            "from_incident [s]": (rows[:, 1] - begin_ns) * 1e-9,
+            "state": [State(int(v)).name.lower() for v in rows[:, record.OUTCOME + at.O_STATE]],
+            "cause": [Cause(int(v)).name.lower() for v in rows[:, record.OUTCOME + at.O_CAUSE]],
+        }
+    )
+    values = polars.DataFrame(rows, schema=headings(), orient="row")
+    whole = [heading for heading, name in zip(headings(), record.COLUMNS, strict=True) if record.is_whole(name)]
+    return lead.hstack(values.with_columns(polars.col(whole).cast(polars.Int64)))

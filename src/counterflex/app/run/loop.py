@@ -1,0 +1,151 @@
+"""The loop of a cell, built from its files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from counterflex.app.inputs import setting_of
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.units import MS
+from counterflex.files.cell.cell import Cell
+from counterflex.files.cell.monitor import feed_exponent
+from counterflex.files.cell.online import OnlineTable
+from counterflex.files.cell.sensing import flange_sensor
+from counterflex.geometry import pose
+from counterflex.plan.ahead import arm_share, arrival
+from counterflex.plan.compensate import APPROACH_S, feed_runs, part_compliance
+from counterflex.plan.plan import Plan, across
+from counterflex.plan.response import within
+from counterflex.plan.tool_deviation import mode_of
+from counterflex.plan.undone_play import undone_play
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
+from counterflex.runtime.monitoring.settings import unwatched
+from counterflex.runtime.settings import Delays, ForceMode, TrackerMode
+from counterflex.signals.ahead import Ahead
+from counterflex.signals.preview import Mode, Shaping
+
+_STIFF = 1e-3
+"""A direction stiffer than the softest by more than that is not bent for lost motion."""
+_EXPONENT = 0.75
+"""Of the force in the feed, where there is no plan to take it from."""
+
+
+def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
+    """What the loop needs of a plan.
+
+    Args:
+        plan: Of the program.
+        cell: Its arm, its lowest mode and its delays say what has to be commanded ahead of time.
+        compensated: The robot runs the compensated program, so that its points contain the plan's correction.
+    """
+    contained = np.concatenate([plan.correction_part, plan.rotvec_part], axis=1)
+    if not compensated:
+        contained = np.zeros_like(contained)
+    dynamics = cell.tables.dynamics
+    settings = (cell.tables.online or OnlineTable()).settings(cell.tables.timing, compensated=compensated)
+    delays = settings.delays
+    designed = settings.tracker == TrackerMode.DESIGNED and settings.tuning.undo_play and not compensated
+    measured = Mode(2.0 * np.pi * dynamics.mode_hz, dynamics.damping_ratio)
+    hardest = plan.q[int(np.argmax(np.linalg.norm(plan.w_tcp_part[:, :3], axis=1)))]
+    modes = (mode_of(cell.chain, hardest, measured), Mode(delays.natural_per_s, delays.damping))
+    shaping = Shaping(dynamics.correction_smoothing_ms * MS, delays.dead_s + dynamics.correction_lead_ms * MS)
+    ahead = Ahead(arm_share(cell.chain, cell.T_base_part, plan.q, plan.w_tcp_part), modes, shaping)
+    w, w_lost, cutting = plan.w_tcp_part, np.zeros_like(plan.w_tcp_part), plan.cutting.astype(np.float64)
+    if not compensated and settings.pilot.lead_s is None:
+        if settings.force in (ForceMode.PILOT, ForceMode.SCALE) and not (designed or settings.axis_play):
+            w_lost = _lost(plan, cell)
+        if settings.normal_only:
+            time = plan.path.time_s
+            late = arrival(plan.path.p_part_tcp, time, plan.deflection_part[:, :3])
+            w, w_lost = (np.stack([np.interp(time, late, c) for c in values.T], axis=1) for values in (w, w_lost))
+            cutting = np.interp(time, late, cutting)
+    return LoopPlan(
+        p_part=plan.path.p_part_tcp + contained[:, :3],
+        time_s=plan.path.time_s,
+        w_tcp_part=w,
+        cutting=cutting,
+        contained=contained,
+        undo_play=_undone_play(plan, cell, delays) if designed else None,
+        turn_per_s=np.abs(plan.path.spindle_rad_s) / (2.0 * np.pi),
+        tool=plan.path.tool.astype(np.int64),
+        chip_m=plan.feed_per_tooth_m * np.sin(0.5 * (plan.entry_rad + plan.exit_rad)),
+        need_m=None if compensated else across(-plan.deflection_part[:, :3], plan.path.p_part_tcp),
+        left_m=np.linalg.norm(across(plan.deviation_compensated_part, plan.path.p_part_tcp), axis=1)
+        if compensated
+        else None,
+        w_ahead_part=ahead.command(w, plan.path.time_s, w_lost),
+        w_lost_part=w_lost,
+        ahead=ahead,
+    )
+
+
+def _lost(plan: Plan, cell: Cell) -> Float:
+    """(n, 6) N, force that would bend the robot as far as its drives give way and lose motion, near contact."""
+    setting, path = setting_of(cell), plan.path
+    near = np.flatnonzero(within(plan.cutting, path.time_s, feed_runs(path), APPROACH_S))
+    out = np.zeros_like(plan.w_tcp_part)
+    if np.any(plan.play_part[near] != 0.0):
+        C = part_compliance(setting, plan.q[near])[:, :3, :3]
+        out[near, :3] = (np.linalg.pinv(C, rcond=_STIFF, hermitian=True) @ plan.play_part[near, :, None])[:, :, 0]
+    return out
+
+
+def _undone_play(plan: Plan, cell: Cell, delays: Delays) -> Float:
+    lag = Mode(delays.natural_per_s, delays.damping)
+    return undone_play(setting_of(cell), plan.path, plan.q, plan.w_tcp_part, lag, delays.dead_s)
+
+
+def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop:
+    """The loop of a cell.
+
+    Raises:
+        FileFormatError: The cell has no ``[online]`` table.
+        InputError: Its values contradict each other, or need a plan.
+    """
+    table = cell.tables.online
+    if table is None:
+        raise FileFormatError(
+            "the cell file does not say how to correct online",
+            where=str(cell.path),
+            hint='Add a table [online], for example with force = "pilot"',
+        )
+    settings = table.settings(cell.tables.timing, compensated=compensated, mode=cell.tables.lowest_mode)
+    watched, override = cell.tables.monitor, cell.tables.override
+    teeth = None
+    exponent = _EXPONENT
+    if plan is not None and plan.tool is not None:
+        flutes = {tool.number: tool.flutes for tool in cell.tables.tools}
+        teeth = np.array([flutes.get(int(number), 0) for number in plan.tool], dtype=np.int64)
+        if plan.chip_m is not None and np.any(chips := np.isfinite(plan.chip_m) & (plan.chip_m > 0.0)):
+            exponent = feed_exponent(cell.force_law, float(np.median(plan.chip_m[chips])))
+        plan = replace(plan, teeth=teeth)
+    sensor = flange_sensor(cell.tables.sensor, cell.chain)
+    inertia_kg = 0.0 if sensor is None or settings.inertia_hz > 0.0 else sensor.mass_kg
+    dynamics = cell.tables.dynamics
+    ring_s = 1.0 / (2.0 * np.pi * dynamics.mode_hz * dynamics.damping_ratio)
+    seen_by = unwatched if watched is None else watched.settings
+    return Loop(
+        cell.chain,
+        settings,
+        cell.T_base_part,
+        plan,
+        monitor=seen_by(settings, exponent, inertia_kg, ring_s),
+        override=None if override is None else override.settings(),
+    )
+
+
+def tcp_target(cell: Cell, chain: ElasticChain) -> Float:
+    """``T_tcp_target`` of the tracker table, whichever frame it names."""
+    table = cell.tables.tracker
+    if table is None:
+        raise InputError("the cell has no tracker", where=str(cell.path))
+    if table.target_on == "tcp":
+        return table.T_on_target
+    T_flange_target = table.T_on_target
+    out: Float = pose.inverse(chain.T_flange_tcp) @ T_flange_target
+    return out

@@ -1,0 +1,152 @@
+"""The loop's own process: builds the session, says where it listens, cycles until it is asked to end or is alone."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import time
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.app.run.session import RunSettings, open_session
+from counterflex.core.arrays import Int
+from counterflex.core.errors import CounterflexError
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.cell.plausibility import unusual
+from counterflex.files.machine_file import machine_file
+from counterflex.protocols.processes.control_array import CONTROL, Life, Request
+from counterflex.protocols.processes.instance_lock import InstanceLock
+from counterflex.protocols.processes.living import Beat, Living
+from counterflex.protocols.processes.shared_words import SharedWords
+from counterflex.protocols.session.session import OnlineSession
+from counterflex.protocols.system.realtime import prepare
+from counterflex.protocols.system.signals import hear_signals
+from counterflex.runtime.record_ring import RecordRing
+from counterflex.runtime.state.layout import O_STOP
+from counterflex.runtime.state.supervisor import State
+
+END_S: Final = 5.0
+"""How long ramping out may take before the loop ends all the same."""
+_SLICE_S: Final = 0.05
+"""How long a loop in lockstep waits before it looks whether it is to end, or whether it is alone."""
+_SILENT_S: Final = 0.1
+"""A robot that is told to stop and sends nothing any more has stopped."""
+_ACTING: Final = (State.ACTIVE, State.HOLD, State.RAMP_OUT)
+_GONE, _LOOP_NS, _END = int(Life.GONE), int(Life.LOOP_NS), int(Request.END)
+
+
+def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, pipe: Any) -> None:
+    """The loop's own process: builds the session, says where it listens, cycles until it is asked to end.
+
+    An interrupt from the keyboard is left to the process that started it, which asks the loop to end; a request to
+    terminate, and a terminal that is closed, end it as an operator does: the correction is ramped out first. When one
+    of the other processes of the run has died, the feed is held, the correction is ramped out where the robot stands,
+    the robot is told to stop, and the loop ends.
+
+    Args:
+        settings: See :class:`RunSettings`.
+        ring_name: Of the ring of records.
+        words: Where the shared numbers of :data:`counterflex.protocols.processes.control_array.CONTROL` are.
+        out: Folder of the log: its name stands in the lock file, so that an operator finds the run by it.
+        pipe: Told the address, the loop's hash and what is unusual in the cell file, or what went wrong.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        shared = SharedWords(CONTROL, words)
+        control: Int = np.frombuffer(shared.words, dtype=np.int64)
+        _end_when_asked(control)
+        hear_signals()
+        starts = Beat(control, Life.LOOP_NS, Life.LOOP_PID)  # what it compiles may take minutes
+        ring = RecordRing(ring_name)
+        session = open_session(settings, ring=ring, control=control)
+        lock = InstanceLock(machine_file().parent, session.link.address[1], run=str(out), words=str(words))
+        session.loop.run()
+        session.loop.reset()
+        told = [one.said() for one in unusual(read_cell(settings.cell).tables)]
+        starts.close()
+        prepare()
+    except BaseException as fault:
+        _say(pipe, fault)
+        return
+    living, run = Living(control, Life.RUN_PID, Life.RECORDER_PID), Living(control, Life.RUN_PID)
+    control[Life.CANNOT_HOLD] = not session.link.holds_feed
+    control[_LOOP_NS] = time.monotonic_ns()
+    _say(pipe, (session.link.address, session.loop.sha256(), told))
+    try:
+        _cycle_on(session, settings, control, living, pipe)
+        control[Life.ENDED] = 1
+    except CounterflexError as fault:
+        _say(pipe, fault)
+    session.link.close()
+    if session.force is not None:
+        session.force.close()
+    lock.close()
+    living.close()
+    ring.close()
+    if run.gone():
+        shared.remove()  # who made it is not there any more
+    run.close()
+
+
+def _end_when_asked(control: Int) -> None:
+    """Requests of the system to end are the operator's: ramped out first. A loop is not stopped by a key either."""
+
+    def end(*_: object) -> None:
+        control[_END] = 1
+
+    for name in ("SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), end)
+    if hasattr(signal, "SIGTSTP"):
+        signal.signal(signal.SIGTSTP, signal.SIG_IGN)
+
+
+def _say(pipe: Any, what: object) -> None:
+    """Tell the process that started this one, if it is still there."""
+    with contextlib.suppress(OSError):
+        pipe.send(what)
+
+
+def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int, living: Living, pipe: Any) -> None:
+    """Cycle until asked to end, until the telegrams stop, or until the loop is alone.
+
+    A correction that is there is ramped out first.
+    """
+    quiet = 0.0
+    end_ns = 0
+    told = ""
+    while True:
+        control[_LOOP_NS] = time.monotonic_ns()
+        if session.trouble != told:
+            told = session.trouble
+            if told:
+                _say(pipe, told)
+        if control[_GONE] or living.gone():
+            control[_GONE] = 1
+            if _at_rest(session) or quiet >= (END_S if session.loop.state in _ACTING else _SILENT_S):
+                return
+        if control[_END]:
+            end_ns = end_ns or time.monotonic_ns() + round(END_S * 1e9)
+            control[Request.STOP] = 1
+            if _at_rest(session) or time.monotonic_ns() > end_ns:
+                return
+        if session.cycles == 0:
+            session.cycle(_SLICE_S)
+            continue
+        if settings.lockstep:  # a robot that waits is never late: no cycle without a telegram
+            came, waited = session.link.wait(_SLICE_S), _SLICE_S
+            if came:
+                session.deal(True)
+        else:
+            waited = session.patience_s
+            came = session.cycle(waited)
+        quiet = 0.0 if came else quiet + waited
+        if quiet >= settings.quiet_s or (settings.lockstep and not came and control[_END]):
+            return
+
+
+def _at_rest(session: OnlineSession) -> bool:
+    """Nothing is corrected, and the robot is not being told to stop any more: it is told so to the end."""
+    return not (session.loop.state in _ACTING or session.loop.outcome[O_STOP])

@@ -1,0 +1,341 @@
+"""Correct while milling: the loop in a process of its own, the recorder in another, and this one that watches both."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import multiprocessing
+import threading
+import time
+from collections.abc import Callable
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.environment import made_on
+from counterflex.app.run.end import AS_ASKED, ended_how
+from counterflex.app.run.process import END_S, loop_process
+from counterflex.app.run.process_start import first_word, signals_wait
+from counterflex.app.run.recorder import SUMMARY, NoLog, Recorder, recorder_process
+from counterflex.app.run.session import RunSettings, one_protocol
+from counterflex.app.run.status import Status, StatusReader
+from counterflex.core.arrays import Int
+from counterflex.core.errors import OutputError
+from counterflex.core.units import NS
+from counterflex.files.logs.run_log import RunLog
+from counterflex.files.summary_file import write_summary
+from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Request, Shown
+from counterflex.protocols.processes.living import SILENT_S, Beat
+from counterflex.protocols.processes.one_run import OneRun
+from counterflex.protocols.processes.operator_words import OperatorFile
+from counterflex.protocols.processes.shared_words import SharedWords
+from counterflex.protocols.session.tracker_off import tracker_off
+from counterflex.runtime.record_ring import RecordRing
+
+_POLL_S: Final = 0.02
+_SHOWN_S: Final = 0.5
+RECORDER_END_S: Final = 30.0
+"""How long the recorder may take to finish the log, as long as it says that it lives; else it has :data:`END_S`."""
+_STOOD: Final = "the recorder stood still and was ended: 0.1 s before that may be missing, log repair counts it"
+_DISK_STANDS: Final = "the recorder stands still, and so does the disk; what is missing can be counted by log repair"
+
+
+def run(
+    settings: RunSettings,
+    out: str | Path,
+    *,
+    watch: Callable[[Status], None] = lambda _: None,
+    most_s: float | None = None,
+    started: Callable[[tuple[str, int]], None] = lambda _: None,
+    ended: Callable[[], bool] = lambda: False,
+    told: Callable[[str], None] = lambda _: None,
+) -> dict[str, Any]:
+    """Run the loop and the recorder in processes of their own and watch them from this one.
+
+    Args:
+        settings: See :class:`RunSettings`.
+        out: Folder of the run log.
+        watch: Told the status twice a second.
+        most_s: End after so long; None goes on until the telegrams stop.
+        started: Told the address at which telegrams are expected, once.
+        ended: Whether the robot is known to be gone; asked now and then.
+        told: Told of what is unusual in the cell file, a line each.
+
+    Returns:
+        Summary: cycles, times, states, losses, how it ended, what process monitoring found; also written as
+        ``summary.json``.
+
+    Raises:
+        CounterflexError: As :func:`open_session`, and when the log cannot be begun.
+        KeyboardInterrupt: The second one; after the first the correction is ramped out and the summary returned.
+    """
+    one_protocol(settings)
+    supervised: Supervised | None = None
+    try:
+        with signals_wait():
+            supervised = Supervised(settings, Path(out).absolute())
+        where, unusual = supervised.begin()
+        for line in unusual:
+            told(line)
+        started(where)
+        begin = time.monotonic()
+        supervised.watch(watch, ended, None if most_s is None else begin + most_s)
+        summary = supervised.told() | {"seconds": round(time.monotonic() - begin, 2)}
+        summary["ended"] = ended_how(summary, arm=settings.arm)
+        if not supervised.disk_stands:
+            with contextlib.suppress(OutputError):  # a folder that is gone is told as a log that is lost
+                head = {"job": "run", "cell": settings.cell.name, "run": supervised.number}
+                write_summary(Path(out) / SUMMARY, {**head, **summary})
+        return summary
+    finally:
+        if supervised is not None:
+            with signals_wait():  # bounded; cut short it would leave memory and locks behind
+                supervised.close()
+
+
+class Supervised:
+    """The processes of a run, seen by the one that starts them.
+
+    Args:
+        settings: See :class:`RunSettings`.
+        out: Folder of the run log, absolute.
+
+    Attributes:
+        loop: Its process.
+        recorder: Its process.
+        control: See :mod:`counterflex.protocols.processes.control_array`.
+        number: Of the first segment of the log; None before it has begun.
+        disk_stands: The log cannot be written to, and whoever tries waits without end.
+    """
+
+    def __init__(self, settings: RunSettings, out: Path) -> None:
+        self._settings, self._out = settings, out
+        self._context = multiprocessing.get_context("spawn")
+        self._words = SharedWords(CONTROL)
+        self.control: Int = np.frombuffer(self._words.words, dtype=np.int64)
+        self._ring = RecordRing()
+        self._operator: OperatorFile | None = None
+        self._one: OneRun | None = None
+        self._beat: Beat | None = None
+        self._status: StatusReader | None = None
+        self._about: dict[str, Any] = {}
+        self._trouble = ""
+        self.disk_stands = False
+        self._interrupted = False
+        self.number: int | None = None
+        self._fault: BaseException | None = None
+        self._pipes: list[Any] = []
+        self._up: list[BaseProcess] = []
+        shared = (self._ring.name, self._words.path, out)
+        self.loop, self._loop_pipe = self._process("loop", loop_process, settings, *shared)
+        self.recorder, self._recorder_pipe = self._process("recorder", recorder_process, *shared)
+
+    def _process(self, name: str, target: Callable[..., None], *args: Any) -> tuple[BaseProcess, Any]:
+        ours, theirs = self._context.Pipe()
+        process = self._context.Process(target=target, name=name, args=(*args, theirs), daemon=True)
+        self._pipes += [ours, theirs]
+        return process, ours
+
+    def begin(self) -> tuple[tuple[str, int], list[str]]:
+        """Start them.
+
+        Returns:
+            Where telegrams are expected, and what is unusual in the cell file.
+
+        Raises:
+            CounterflexError: What the loop or the recorder could not do.
+        """
+        with signals_wait():
+            self._one = OneRun(self._out)
+            # From the beginning: a loop whose run is killed while it compiles must see that, too.
+            self._beat = Beat(self.control, Life.RUN_NS, Life.RUN_PID)
+            for process in (self.loop, self.recorder):
+                process.start()
+        for theirs in self._pipes[1::2]:
+            theirs.close()
+        where, loop_sha256, unusual = first_word(
+            self.loop, self._loop_pipe, "the loop's process", lambda: int(self.control[Life.LOOP_NS])
+        )
+        self._up.append(self.loop)
+        self._about = _about(self._settings, loop_sha256)
+        with contextlib.suppress(OSError):  # who has died is told below
+            self._recorder_pipe.send(self._about)
+        self._up.append(self.recorder)
+        self.number = self._about["run"] = first_word(
+            self.recorder, self._recorder_pipe, "the recorder's process", lambda: int(self.control[Life.RECORDER_NS])
+        )
+        self.control[Life.MAY_ARM] = self.control[Request.ARM] = int(self._settings.arm)
+        self._operator = OperatorFile(self._out, self._words.path)
+        self._status = StatusReader(self._ring.name, self.control)
+        return where, unusual
+
+    def watch(self, watch: Callable[[Status], None], ended: Callable[[], bool], end_s: float | None) -> None:
+        """Watch until the loop has ended; the first interrupt asks it to end.
+
+        Args:
+            watch: Told the status twice a second.
+            ended: Whether the robot is known to be gone.
+            end_s: When to ask it to end, monotonic; None: not by the time.
+
+        Raises:
+            KeyboardInterrupt: The second one.
+            CounterflexError: What ended the loop.
+        """
+        while self.loop.is_alive():
+            try:
+                self._watch(watch, ended, end_s)
+            except KeyboardInterrupt:
+                if self._interrupted:
+                    raise
+                self._interrupted = True
+                self.control[Request.END] = 1  # the loop ramps out first; a second time it is left alone
+        self._hear()
+        if self._fault is not None:
+            raise self._fault
+
+    def _watch(self, watch: Callable[[Status], None], ended: Callable[[], bool], end_s: float | None) -> None:
+        shown = time.monotonic()
+        while self.loop.is_alive():
+            self._hear()
+            now = time.monotonic()
+            if now - shown > _SHOWN_S and self._status is not None:
+                shown = now
+                status = self._status.look(self._trouble)
+                if status is not None:
+                    watch(status)
+            if (end_s is not None and now > end_s) or ended():
+                self.control[Request.END] = 1
+            time.sleep(_POLL_S)
+
+    def _hear(self) -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while self._loop_pipe.poll():
+                said = self._loop_pipe.recv()
+                if isinstance(said, BaseException):
+                    self._fault = said
+                else:
+                    self._trouble = str(said)
+
+    def told(self) -> dict[str, Any]:
+        """The summary; the first interrupt does not lose it: the loop has ended, and so will what is waited for.
+
+        Raises:
+            KeyboardInterrupt: The second one.
+        """
+        try:
+            return self.summary()
+        except KeyboardInterrupt:
+            if self._interrupted:
+                raise
+            self._interrupted = True
+            return self.summary()
+
+    def summary(self) -> dict[str, Any]:
+        """What the recorder counted; where it died or stands still, what is still there is written and counted here."""
+        found = self._recorder_said()
+        died = found is None and not self.recorder.is_alive()
+        if found is None:
+            found = self._inherited() if died else self._instead()
+        self.recorder.join(END_S)
+        exit_code = self.loop.exitcode
+        return {
+            **found,
+            "trouble": self._trouble,
+            "recorder_died": died,
+            "tracker_off": tracker_off(self.control),
+            "holds_feed": not self.control[Life.CANNOT_HOLD],
+            "loop_ended": AS_ASKED if exit_code == 0 and self.control[Life.ENDED] else f"died ({exit_code})",
+        }
+
+    def _recorder_said(self) -> dict[str, Any] | None:
+        """Its summary; None where it has died or does not come to its end: a bounded wait, longer while it lives."""
+        begin = time.monotonic()
+        with contextlib.suppress(EOFError, OSError):
+            while not self._recorder_pipe.poll(_POLL_S):
+                silent_s = (time.monotonic_ns() - int(self.control[Life.RECORDER_NS])) * NS
+                if time.monotonic() - begin > (END_S if silent_s > SILENT_S else RECORDER_END_S):
+                    return None
+            with signals_wait():
+                found: dict[str, Any] = self._recorder_pipe.recv()
+            return found
+        self.recorder.join(END_S)
+        return None
+
+    def _instead(self) -> dict[str, Any]:
+        """The recorder stands still: it is ended, and what it has not taken is written here, if the disk takes it."""
+        taken = int(self.control[Kept.TAKEN])
+        self.recorder.kill()
+        self.recorder.join(END_S)
+        found: list[dict[str, Any]] = []
+        if not self.recorder.is_alive():
+            writer = threading.Thread(target=self._inherit_into, args=(found,), daemon=True)
+            writer.start()
+            writer.join(RECORDER_END_S)
+        if found:
+            return found[0] | {"log_trouble": _STOOD}
+        self.disk_stands = True
+        recorder = Recorder(self._ring.name, NoLog(), self.control)
+        recorder.take()
+        found.append(recorder.summary())
+        recorder.close()
+        kept = {"cycles": int(self.control[Shown.CYCLES]), "records": taken, "records_lost": self._ring.count - taken}
+        return found[-1] | kept | {"log_trouble": _DISK_STANDS}
+
+    def _inherit_into(self, found: list[dict[str, Any]]) -> None:
+        with contextlib.suppress(OSError):
+            found.append(self._inherited())
+
+    def _inherited(self) -> dict[str, Any]:
+        """The recorder has died: go on with the log behind what it has taken, as far as the ring still has it."""
+        log = RunLog(self._out, self._about)
+        recorder = Recorder(self._ring.name, log, self.control, behind=int(self.control[Kept.TAKEN]))
+        try:
+            recorder.take()
+        finally:
+            log.close()
+            recorder.close()
+        return recorder.summary()
+
+    def close(self) -> None:
+        """Ask the loop to end, wait for it, free everything; what does not end is left alone and ends by itself."""
+        self.control[Request.END] = 1
+        if self._operator is not None:
+            self._operator.close()
+        self._recorder_pipe.close()
+        for process in (self.loop, self.recorder):
+            if process.pid is not None:
+                if process not in self._up:  # nothing is corrected yet, nothing is written
+                    process.kill()
+                process.join(END_S)
+        if self.recorder.pid is not None and (time.monotonic_ns() - int(self.control[Life.RECORDER_NS])) * NS > END_S:
+            self.recorder.kill()  # it stands still: who waits for it would wait without end
+        self._loop_pipe.close()
+        if self._status is not None:
+            self._status.close()
+        if self._beat is not None:
+            self._beat.close()
+        self._ring.close()
+        del self.control
+        self._words.remove()
+        self._words.close()
+        if self._one is not None:
+            self._one.close()
+
+
+def _about(settings: RunSettings, loop_sha256: str) -> dict[str, Any]:
+    files = {"cell": settings.cell, "rsi": settings.rsi, "plan": settings.plan, "program": settings.program}
+    hashes = {
+        name: hashlib.sha256(Path(p).read_bytes()).hexdigest() for name, p in files.items() if p and Path(p).is_file()
+    }
+    return {
+        "counterflex": __version__,
+        "files": {name: str(p) for name, p in files.items() if p},
+        "sha256": hashes,
+        "loop_sha256": loop_sha256,
+        "machine": made_on(),
+        "compensated": settings.compensated,
+        "wall_minus_monotonic_ns": time.time_ns() - time.monotonic_ns(),
+    }

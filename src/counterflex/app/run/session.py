@@ -1,0 +1,265 @@
+"""What a run is made of: the files read, the loop built, the links opened."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from counterflex.app.compliance_window import require_plausible
+from counterflex.app.run.job_check import check_job, job_of
+from counterflex.app.run.loop import loop_plan, online_loop, tcp_target
+from counterflex.app.run.robot_links import egm_link, rsi_link
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError, OutputError
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.online import OnlineTable
+from counterflex.files.cell.sensing import flange_sensor
+from counterflex.files.plan_file import read_plan
+from counterflex.plan.plan import Plan
+from counterflex.protocols.abb_egm.force import EgmForce
+from counterflex.protocols.abb_egm.link import EgmLink
+from counterflex.protocols.netft.link import NetftLink, fetch_scaling
+from counterflex.protocols.netft.telegram import Scaling
+from counterflex.protocols.robot.link import RobotLink
+from counterflex.protocols.session.force_source import ForceSource
+from counterflex.protocols.session.session import OnlineSession, SessionChecks, tracker_frames
+from counterflex.protocols.session.telegram_watch import WatchSettings
+from counterflex.protocols.tracker.link import TrackerLink
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.plausibility.axis_check import AxisCheck
+from counterflex.runtime.record_ring import RecordRing
+from counterflex.runtime.sensing.motor_torque import MotorTorque
+from counterflex.runtime.sensing.sensor_wrench import SensorWrench
+from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
+
+QUIET_S = 2.0
+"""Without a telegram for so long, a run has ended."""
+
+_MEAN_OF = 8
+"""Most poses of a tracker in a cycle of which the mean is taken; more have piled up."""
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """What a run is made of.
+
+    Attributes:
+        cell: Cell file with an ``[online]`` table.
+        rsi: ETHERNET configuration file of a KUKA controller, or None.
+        plan: Plan file, or None.
+        program: What the robot runs, or None; it must be of the same job as the plan.
+        compensated: The robot runs the compensated program.
+        host: Address to listen on.
+        port: Of the robot; None takes the configuration's, or that of the table ``[egm]``.
+        egm: The robot is an ABB one, as the table ``[egm]`` says.
+        force: Host and UDP port of the force sensor, or None; with EGM the robot's own force is then taken.
+        force_http_port: Of its scaling document.
+        currents: The motor currents that the robot sends are used by the estimator.
+        force_wait_s: How long to wait for the sensor to serve it: parts of a cell may be started in any order.
+        tracker_port: Port for tracker datagrams, or None.
+        peer: Address and port of the controller, port 0 for any; None takes the first that sends a good telegram.
+        arm: Arm as soon as all checks are passed; else only watch.
+        lockstep: The robot is simulated and waits for every answer: telegrams are lost by their counter only.
+        quiet_s: End when no telegram has come for so long, after the first.
+    """
+
+    cell: Path
+    rsi: Path | None = None
+    plan: Path | None = None
+    compensated: bool = True
+    host: str = "127.0.0.1"
+    port: int | None = None
+    egm: bool = False
+    force: tuple[str, int] | None = None
+    force_http_port: int = 80
+    currents: bool = False
+    force_wait_s: float = 10.0
+    tracker_port: int | None = None
+    peer: tuple[str, int] | None = None
+    arm: bool = False
+    lockstep: bool = False
+    quiet_s: float = QUIET_S
+    program: Path | None = None
+
+
+def one_protocol(settings: RunSettings) -> None:
+    """Check that the robot's protocol is chosen.
+
+    Raises:
+        InputError: None or both are.
+    """
+    if (settings.rsi is None) == (not settings.egm):
+        raise InputError(
+            "the robot's protocol is not clear",
+            value="both" if settings.egm else "none",
+            limit="one of RSI and EGM",
+            hint="Give --rsi FILE for a KUKA robot, --egm for an ABB one",
+        )
+
+
+def open_session(settings: RunSettings, *, ring: RecordRing | None = None, control: Int | None = None) -> OnlineSession:
+    """Read the files, build the loop and open the links.
+
+    Raises:
+        FileFormatError: A file cannot be used.
+        InputError: What the cell wants to use is not given.
+        OutputError: A port or the sensor cannot be reached.
+    """
+    cell = read_cell(settings.cell)
+    cell.require_milling()
+    require_plausible(cell)
+    one_protocol(settings)
+    read = None if settings.plan is None else read_plan(settings.plan)
+    if settings.program is not None:
+        check_job(settings.program, read, compensated=settings.compensated)
+    planned = None if read is None else read[0]
+    plan = None if planned is None else loop_plan(planned, cell, compensated=settings.compensated)
+    loop = online_loop(cell, plan, compensated=settings.compensated and plan is not None)
+    table = cell.tables.online or OnlineTable()
+    sensor = flange_sensor(cell.tables.sensor, cell.chain)
+    fused = table.force == "fused"
+    if fused and settings.force is None and settings.tracker_port is None and plan is None:
+        raise InputError(
+            "the estimator has nothing to estimate from",
+            where=str(settings.cell),
+            value='force = "fused"',
+            hint="Give --force HOST:PORT, --tracker PORT, --plan FILE, or several of them",
+        )
+    motors = _motors(settings, cell, table, plan is not None)
+    unreached = settings.force is None and not settings.egm
+    if table.force != "none" and (unreached or sensor is None) and not (fused and settings.force is None):
+        raise _no_sensor(settings, f'force = "{table.force}"', unreached=unreached, unknown=sensor is None)
+    wanted = table.tracker != "none" or (fused and settings.tracker_port is not None)
+    if wanted and (settings.tracker_port is None or cell.tables.tracker is None):
+        lacking = ["--tracker PORT"] if settings.tracker_port is None else []
+        lacking += ["a table [tracker] (counterflex identify tracker-frame)"] if cell.tables.tracker is None else []
+        raise InputError(
+            "the tracker is to be corrected from, but there is none",
+            where=str(settings.cell),
+            value=f'tracker = "{table.tracker}"',
+            limit=" and ".join(lacking),
+            hint='Or set tracker = "none" in [online]',
+        )
+    link = _link(settings, cell, loop, planned)
+    force: ForceSource | None = None
+    tracker = wrench = None
+    frames: tuple[Float | None, Float | None] = (None, None)
+    measured = cell.tables.sensor
+    ranges = (None, None) if measured is None else (measured.range_n, measured.range_nm)
+    if settings.force is not None and sensor is not None:
+        netft = NetftLink(settings.force, _scaling(settings), range_n=ranges[0], range_nm=ranges[1])
+        netft.start()
+        force, wrench = netft, SensorWrench(cell.chain, sensor, cell.T_base_part)
+    elif isinstance(link, EgmLink) and sensor is not None and table.force != "none":
+        force = EgmForce(link, range_n=ranges[0], range_nm=ranges[1])
+        wrench = SensorWrench(cell.chain, sensor, cell.T_base_part)
+    inertia = None
+    if sensor is not None and loop.settings.inertia_hz > 0.0:
+        hz, period = loop.settings.inertia_hz, loop.settings.period_s
+        inertia = SpindleInertia(cell.chain, sensor, cell.T_base_part, hz, period)
+    if settings.tracker_port is not None and cell.tables.tracker is not None:
+        most = _MEAN_OF if table.tracker == "designed" else 1  # as published, the newest pose counts
+        tracker = TrackerLink(settings.host, settings.tracker_port, mean_of=most)
+        frames = tracker_frames(cell.T_base_part, cell.tables.tracker.T_base_tracker, tcp_target(cell, cell.chain))
+    return OnlineSession(
+        link,
+        loop,
+        force=force,
+        wrench=wrench,
+        inertia=inertia,
+        currents=motors,
+        angles=_axis_check(cell, table, loop),
+        tracker=tracker,
+        T_part_tracker=frames[0],
+        T_target_tcp=frames[1],
+        ring=ring,
+        control=control,
+        checks=SessionChecks(
+            hold_without_log=table.without_log == "hold",
+            job=job_of(read, compensated=settings.compensated),
+            run_silent_s=None if settings.lockstep else SessionChecks.run_silent_s,
+        ),
+        watch=WatchSettings(clock=not settings.lockstep),
+    )
+
+
+def _axis_check(cell: Cell, table: OnlineTable, loop: Loop) -> AxisCheck | None:
+    """Axis angles against poses: by the geometry that the controller computes with."""
+    tolerance = table.axis_tolerance
+    if tolerance is None:
+        return None
+    return AxisCheck(cell.controller_chain, cell.T_base_part, loop.settings.period_s, tolerance)
+
+
+def _motors(settings: RunSettings, cell: Cell, table: OnlineTable, planned: bool) -> MotorTorque | None:
+    """What makes torques of motor currents, where they are to be used."""
+    if not settings.currents:
+        return None
+    constants = table.torque_per_current_nm
+    lacking, hint = "", ""
+    if table.force != "fused":
+        lacking, hint = f'force = "{table.force}" does not take them', 'Set force = "fused", or leave out --currents'
+    elif constants is None:
+        lacking, hint = "the torque of a motor by its current is not known", "Give torque_per_current_nm in [online]"
+    elif not planned:
+        lacking, hint = "they tell how far the force is off from a plan, and there is none", "Give --plan FILE"
+    if lacking or constants is None:
+        raise InputError(
+            f"the motor currents are to be used, but {lacking}", where=str(settings.cell), value="--currents", hint=hint
+        )
+    return MotorTorque(cell.chain, np.array(constants))
+
+
+def _no_sensor(settings: RunSettings, value: str, *, unreached: bool, unknown: bool) -> InputError:
+    """What of the force sensor is lacking: where it is, or how it sits in the robot."""
+    lacking = ["--force HOST:PORT"] if unreached else []
+    lacking += ["a table [sensor], which counterflex identify payload finds,"] if unknown else []
+    return InputError(
+        "the force is to be corrected from, but there is no force sensor",
+        where=str(settings.cell),
+        value=value,
+        limit=" and ".join(lacking).rstrip(","),
+        hint='Or set force = "none" in [online]',
+    )
+
+
+def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> RobotLink:
+    if settings.rsi is not None:
+        return rsi_link(
+            settings.rsi,
+            loop.settings,
+            settings.host,
+            settings.port,
+            settings.peer,
+            overriding=loop.monitor.overriding,
+            currents=settings.currents,
+        )
+    if settings.currents:
+        raise InputError(
+            "EGM sends no motor currents", where=str(settings.cell), value="--currents", hint="Leave out --currents"
+        )
+    return egm_link(
+        cell,
+        loop.settings,
+        plan,
+        compensated=settings.compensated,
+        watch_only=not settings.arm,
+        host=settings.host,
+        port=settings.port,
+        peer=settings.peer,
+    )
+
+
+def _scaling(settings: RunSettings) -> Scaling:
+    host = settings.force[0] if settings.force is not None else ""
+    end = time.monotonic() + settings.force_wait_s
+    while True:
+        try:
+            return fetch_scaling(host, settings.force_http_port)
+        except OutputError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.1)

@@ -1,0 +1,1 @@
+"""The simulated cell and single simulated devices on real sockets."""

@@ -1,0 +1,182 @@
+"""A simulated TwinCAT alone: it has the symbols that a cell file names."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.ads import ads_table
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.files.cell.ads import STRAIN, AdsTable, si_of
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.sensing import strain_holder
+from counterflex.geometry import rotation
+from counterflex.protocols.ads.telegram import TCP_PORT
+from counterflex.sensing.strain_holder import lever
+from counterflex.twin.devices.ads import AdsServer, PlcVariable
+from counterflex.twin.devices.pose_source import PoseSource
+from counterflex.twin.network.faults import FaultSchedule
+
+_TICK_S = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class LoneAds:
+    """A TwinCAT alone.
+
+    Attributes:
+        cell: Cell file with a table ``[ads]``; its symbols are there, as LREAL, ``beam_ok`` as BOOL.
+        force_n: (3,) force at the tool, holder axes, that the strain terminals show.
+        source: What the tracker sees, or None for a target 3 m away.
+        noise: Standard deviation of a strain.
+        host: Address to bind.
+        port: TCP port.
+        seconds: How long, or None for ever.
+        faults: Scripted.
+    """
+
+    cell: Path
+    force_n: Float = field(default_factory=lambda: np.zeros(3))
+    source: PoseSource | None = None
+    noise: float = 0.0
+    host: str = "127.0.0.1"
+    port: int = TCP_PORT
+    seconds: float | None = None
+    faults: FaultSchedule = field(default_factory=FaultSchedule)
+
+
+def variables(settings: LoneAds, cell: Cell) -> dict[str, PlcVariable]:
+    """Variables of the simulated PLC, in its own units.
+
+    Strain terminals show ``s = bias + S G(p) f`` of the cell's holder; parameters begin at the middle of their limits,
+    or at 0.
+
+    Raises:
+        FileFormatError: The cell has no table ``[ads]``.
+        InputError: It has strain terminals without a holder that fits.
+    """
+    table = ads_table(cell)
+    found = dict(zip(table.strain, _strains(settings, cell, table), strict=True))
+    if table.tracker is not None:
+        found |= _tracker(settings, table)
+    for one in table.parameters:
+        middle = 0.0 if one.low is None or one.high is None else 0.5 * (one.low + one.high)
+        found[one.symbol] = PlcVariable(value=middle, comment=f"{one.name} in {one.unit}")
+    return found
+
+
+def _strains(settings: LoneAds, cell: Cell, table: AdsTable) -> list[PlcVariable]:
+    if not table.strain:
+        return []
+    holder = strain_holder(cell.tables.holder)
+    if holder is None or len(holder.gauges) != len(table.strain):
+        raise InputError(
+            "strain terminals without a holder of as many bridges",
+            where=str(cell.path),
+            value=len(table.strain),
+            hint="Add a table [holder] with one gauge for each terminal, or leave out strain",
+        )
+    strain = holder.bias + holder.sensitivity @ lever(holder.p_holder_tcp) @ settings.force_n
+    volts_per_strain = (1.0 + holder.beam.poisson_ratio) if table.in_volts else 1.0  # gauge factor 2, full bridge
+    unit = si_of(table.strain_unit)[1]
+    noise = np.random.default_rng(settings.faults.seed)
+
+    def shows(value: float) -> Callable[[float], float]:
+        return lambda _: float(value + settings.noise * noise.standard_normal()) * volts_per_strain / unit
+
+    comment = f"{STRAIN} in {table.strain_unit}"
+    return [PlcVariable(source=shows(float(value)), comment=comment) for value in strain]
+
+
+def _tracker(settings: LoneAds, table: AdsTable) -> dict[str, PlcVariable]:
+    tracker, source = table.tracker, settings.source
+    if tracker is None:
+        return {}
+    length, angle = si_of(tracker.length_unit)[1], si_of(tracker.angle_unit)[1]
+
+    def sees(time_s: float) -> dict[str, float]:
+        T = source(time_s) if source is not None else _AHEAD
+        x, y, z = (float(v) for v in T[:3, 3])
+        qw, qx, qy, qz = (float(v) for v in rotation.quat_wxyz(T[:3, :3]))
+        return {
+            "distance": math.sqrt(x * x + y * y + z * z) / length,
+            "azimuth": math.atan2(y, x) / angle,
+            "zenith": math.atan2(math.hypot(x, y), z) / angle,
+            "qw": qw,
+            "qx": qx,
+            "qy": qy,
+            "qz": qz,
+            "beam_ok": 1.0,
+        }
+
+    def shows(name: str) -> Callable[[float], float]:
+        return lambda time_s: sees(time_s)[name]
+
+    return {
+        symbol: PlcVariable(
+            kind="BOOL" if name == "beam_ok" else "LREAL", source=shows(name), comment=f"tracker {name}"
+        )
+        for name in sees(0.0)
+        if (symbol := getattr(tracker, name)) is not None
+    }
+
+
+_AHEAD: Float = np.eye(4)
+_AHEAD[0, 3] = 3.0
+_AHEAD.flags.writeable = False
+
+
+def run(
+    settings: LoneAds,
+    *,
+    started: Callable[[AdsServer], None] = lambda _: None,
+    ending: threading.Event | None = None,
+) -> dict[str, Any]:
+    """Run a TwinCAT until its time is over, it dies, or somebody presses Ctrl-C.
+
+    Args:
+        settings: See :class:`LoneAds`.
+        started: Told the server.
+        ending: Ends it, or None.
+
+    Returns:
+        Summary: requests answered.
+
+    Raises:
+        CounterflexError: The cell file cannot be used, or the port is taken.
+    """
+    cell = read_cell(settings.cell)
+    table = ads_table(cell)
+    server = AdsServer(
+        variables(settings, cell),
+        host=settings.host,
+        port=settings.port,
+        ams_port=table.port,
+        faults=settings.faults,
+    )
+    ending = ending if ending is not None else threading.Event()
+    left = settings.seconds
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            started(server)
+            while not server.dead and (left is None or left > 0.0):
+                if ending.wait(_TICK_S if left is None else min(_TICK_S, left)):
+                    break
+                left = None if left is None else left - _TICK_S
+    finally:
+        server.close()
+    return {
+        "job": "twin ads",
+        "ended": "died" if server.dead else "finished",
+        "requests": server.requests,
+        "counterflex": __version__,
+    }

@@ -1,0 +1,219 @@
+"""The simulated cell on real sockets, started by itself: controller with RSI, force sensor, tracker."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from counterflex import __version__
+from counterflex.app.inputs import AS_IT_IS, Reading, read_job
+from counterflex.app.proof import simulate
+from counterflex.app.run.job_check import job_said
+from counterflex.app.simulated_cell.controllers import egm_controller, rsi_controller, which
+from counterflex.core import atomic
+from counterflex.core.arrays import Float, as_positive
+from counterflex.core.progress import Progress, silent
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.run_file import write_run
+from counterflex.files.summary_file import write_summary
+from counterflex.twin.devices.kuka_rsi import RsiContext
+from counterflex.twin.devices.netft import NetftServer
+from counterflex.twin.devices.path_answer import PathAnswer
+from counterflex.twin.devices.robot_controller import RobotController
+from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.live.cell_server import CellServer, Instruments
+from counterflex.twin.live.live_cell import LiveCell
+from counterflex.twin.network.faults import Fault, FaultSchedule
+from counterflex.twin.plant.force_sensor import force_sensor
+from counterflex.twin.truth.file import read_truth, write_truth
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """What the simulated cell is started with.
+
+    Attributes:
+        program: G-code that its robot runs.
+        cell: Cell file: what its controller believes.
+        truth: Truth file: how it really is.
+        rsi: ETHERNET configuration of a KUKA controller; telegrams go to its IP_NUMBER and PORT. None: an ABB one.
+        original: The uncompensated program, to judge a compensated one; None is the program itself.
+        reading: How the programs are read.
+        peer: Where telegrams go instead, or None.
+        egm: Where the messages of an ABB controller go, set as the cell file says; None: a KUKA one.
+        own_force: The ABB controller sends the force sensor's readings itself.
+        netft_port: UDP port of the force sensor; 0 takes a free one, None leaves it out.
+        netft_http_port: Of its scaling document.
+        tracker_peer: Where tracker datagrams go, or None.
+        tracker_hz: Poses in a second; few are photogrammetry.
+        tracker_faults: Of the tracker and its datagrams, late ones among them.
+        force_faults: Of the force sensor and its records.
+        seed: Of the instruments.
+        realtime: Keep real time; else lockstep.
+        wait_s: How long it waits for the sensor program to answer before anything moves.
+        gate_s: How long the robot program waits before it starts.
+        context: Settings of RSI on the controller.
+        answer: How the controller answers corrections.
+        own_backlash: Share of the play of its gears that the controller compensates itself; axis corrections go
+            past it.
+        hose_share: Size of the hose pack's pull on the sensor, as in the simulated laboratory; 0 leaves it out.
+    """
+
+    program: Path
+    cell: Path
+    truth: Path
+    rsi: Path | None = None
+    original: Path | None = None
+    reading: Reading = AS_IT_IS
+    peer: tuple[str, int] | None = None
+    egm: tuple[str, int] | None = None
+    own_force: bool = False
+    netft_port: int | None = 0
+    netft_http_port: int = 0
+    tracker_peer: tuple[str, int] | None = None
+    tracker_hz: float = 1000.0
+    tracker_faults: tuple[Fault, ...] = ()
+    force_faults: tuple[Fault, ...] = ()
+    seed: int = 0
+    realtime: bool = False
+    wait_s: float = 60.0
+    gate_s: float = 0.8
+    context: RsiContext = field(default_factory=lambda: RsiContext(timeout=100))
+    answer: PathAnswer = field(default_factory=PathAnswer)
+    own_backlash: float = 0.0
+    hose_share: float = 1.0
+
+
+def late(late_s: float) -> tuple[Fault, ...]:
+    """Datagrams that all come so late; none for 0."""
+    return (Fault("late", late_s=late_s),) if late_s > 0.0 else ()
+
+
+@dataclass(frozen=True)
+class Addresses:
+    """Where a started cell can be reached: UDP and HTTP address of its force sensor, or None."""
+
+    netft: tuple[str, int] | None
+    netft_http: tuple[str, int] | None
+
+
+def run(
+    settings: LiveSettings,
+    out: str | Path,
+    *,
+    started: Callable[[Addresses], None] = lambda _: None,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Run the cell until its program has ended, its controller has stopped, or the sensor program has gone.
+
+    Writes what ``simulate`` writes, so that ``evaluate`` and ``report`` judge the part.
+
+    Args:
+        settings: See :class:`LiveSettings`.
+        out: Folder.
+        started: Told the addresses before the first telegram is sent.
+        progress: Told the fraction done.
+
+    Returns:
+        The summary.
+
+    Raises:
+        OutputError: No sensor program answers; nothing is written.
+    """
+    cell, truth = read_cell(settings.cell), read_truth(settings.truth)
+    simulate.check_same_cell(cell, truth, str(settings.truth))
+    job = read_job(settings.program, cell, reading=settings.reading)
+    reference = settings.original if settings.original is not None else settings.program
+    if settings.original is not None:
+        read_job(reference, cell, reading=settings.reading)
+    robot_controller, peer, own_force = _controller(settings, cell)
+    live = LiveCell(
+        job.machined,
+        truth=truth,
+        controller=simulate.controller(cell),
+        stock=cell.stock(),
+        cutter=cell.cutter(simulate.tool_of(job.path)),
+        datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
+        answer=settings.answer,
+        own_backlash=settings.own_backlash,
+    )
+    if not robot_controller.guides:
+        live.skip_to_contact()
+    laboratory_ = laboratory(settings.seed)
+    netft = None
+    if settings.netft_port is not None:
+        faults = FaultSchedule(settings.force_faults, settings.seed)
+        netft = NetftServer(port=settings.netft_port, http_port=settings.netft_http_port, faults=faults)
+    table = cell.tables.sensor
+    sensor = force_sensor(
+        truth,
+        settings.seed,
+        None if table is None else table.segment,
+        hose_share=settings.hose_share,
+    )
+    instruments = Instruments(
+        laboratory_,
+        sensor,
+        netft,
+        settings.tracker_peer,
+        tracker_faults=FaultSchedule(settings.tracker_faults, settings.seed),
+        tracker_every_s=1.0 / as_positive("tracker_hz", settings.tracker_hz),
+    )
+    server = CellServer(
+        live,
+        robot_controller,
+        peer,
+        instruments,
+        own_force,
+        realtime=settings.realtime,
+        waiting_s=settings.wait_s,
+        gate_cycles=round(settings.gate_s / robot_controller.cycle_s),
+    )
+    begin = time.perf_counter()
+    try:
+        with atomic.atomic_folder(out) as staging:
+            started(Addresses(netft.address if netft else None, netft.http_address if netft else None))
+            server.meet()
+            why = server.run(progress=progress)
+            record = live.record()
+            summary = {
+                "job": "simulate",
+                "program": settings.program.name,
+                "original": Path(reference).name,
+                "cell": cell.name,
+                "truth": truth.name,
+                "seed": truth.seed,
+                "machining": simulate.figures(record),
+                "online": {"cycles": server.cycles, "late_answers": robot_controller.late, "ended": why},
+                "seconds": round(time.perf_counter() - begin, 3),
+                "counterflex": __version__,
+            }
+            simulate.keep_inputs(cell, settings.program, reference, staging, settings.reading)
+            write_truth(staging / simulate.TRUTH, truth)
+            about = {key: summary[key] for key in ("program", "cell", "seed", "counterflex")}
+            write_run(staging / simulate.RUN, record, about)
+            record.stock.save(staging / simulate.SURFACE)
+            write_summary(staging / simulate.SUMMARY, summary)
+    finally:
+        server.close()
+    return summary
+
+
+def _controller(
+    settings: LiveSettings, cell: Cell
+) -> tuple[RobotController, tuple[str, int], Callable[[Float], None] | None]:
+    """Controller, where its telegrams go, and who takes the force that it measures itself."""
+    which(settings.rsi, settings.egm)
+    if settings.rsi is not None:
+        rsi, where = rsi_controller(settings.rsi, settings.context, seed=settings.seed, job=job_said(settings.program))
+        return rsi, settings.peer if settings.peer is not None else where, None
+    egm = egm_controller(cell)
+
+    def own_force(w_sensor: Float) -> None:
+        egm.force = w_sensor
+
+    peer = settings.egm if settings.egm is not None else ("127.0.0.1", 6510)
+    return egm, settings.peer or peer, own_force if settings.own_force else None

@@ -1,0 +1,116 @@
+"""Commands of a TwinCAT: list, read and write its symbols, pass its tracker on."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from counterflex.cli import given
+from counterflex.cli.bounds import MOST_RECORDS
+from counterflex.cli.commands.program import CellFile
+from counterflex.cli.commands.question import AsJson
+from counterflex.cli.given import address
+from counterflex.cli.output import print_json, print_table
+
+_ads = typer.Typer(no_args_is_help=True, help="A TwinCAT (Beckhoff ADS): check the connection, read, write, forward.")
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    _ads.command("list")(list_)
+    _ads.command("read")(read)
+    _ads.command("write")(write)
+    _ads.command("forward")(forward)
+    _ads.callback()(_group)
+    app.add_typer(_ads, name="ads")
+
+
+def _group() -> None:
+    """A TwinCAT (Beckhoff ADS): check the connection, read, write, forward."""
+
+
+def list_(
+    cell: CellFile,
+    containing: Annotated[str, typer.Option("--containing", help="Only names with this text in them.")] = "",
+    as_json: AsJson = False,
+) -> None:
+    """List the variables of the TwinCAT: what the table [ads] of the cell file can name.
+
+    Example: `counterflex ads list --cell cell.toml --containing strain`
+    """
+    from counterflex.app import ads as job
+
+    found = job.list_symbols(cell, containing)
+    if as_json:
+        print_json([{"name": one.name, "type": one.kind, "comment": one.comment} for one in found])
+        return
+    rows = [[one.name, one.kind, one.comment] for one in found]
+    print_table(f"{len(found)} variables", ["name", "type", "comment"], rows)
+
+
+def read(cell: CellFile, as_json: AsJson = False) -> None:
+    """Read every symbol of the table [ads] once, in the units of the table, and the force of an instrumented holder.
+
+    Example: `counterflex ads read --cell cell.toml`
+    """
+    from counterflex.app import ads as job
+
+    found = job.read(cell)
+    if as_json:
+        print_json(found)
+        return
+    rows = [
+        [name, "not a number" if value is None else f"{value:g}", found["types"][name]]
+        for name, value in found["values"].items()
+    ]
+    print_table(f"Read in {found['took_ms']:g} ms", ["name", "value", "type"], rows)
+    if found["force_n"] is not None:
+        typer.echo("force at the tool, holder axes: " + ", ".join(f"{v:.1f}" for v in found["force_n"]) + " N")
+
+
+def write(
+    name: Annotated[str, typer.Argument(help="A parameter of the table [ads].", metavar="NAME")],
+    value: Annotated[float, typer.Argument(help="In the unit of the table.", metavar="VALUE")],
+    cell: CellFile,
+    as_json: AsJson = False,
+) -> None:
+    """Write a parameter that the table allows to be written (write = true), within its limits, and read it back.
+
+    Example: `counterflex ads write filter_hz 8 --cell cell.toml`
+    """
+    from counterflex.app import ads as job
+
+    found = job.write(cell, name, value)
+    if as_json:
+        print_json(found)
+        return
+    typer.echo(f"{name}: {found['before']} before, {found['after']} now")
+
+
+def forward(
+    to: Annotated[
+        str,
+        typer.Argument(
+            help="Where datagrams go: the loop's --tracker port.", metavar="HOST:PORT", callback=given.host_port
+        ),
+    ],
+    cell: CellFile,
+    readings: Annotated[
+        int | None, typer.Option("--readings", help="End after so many; else at Ctrl-C.", min=1, max=MOST_RECORDS)
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Pass the tracker that a TwinCAT reads on to the loop, as pose datagrams; a process of its own, beside the loop.
+
+    Example: `counterflex ads forward 127.0.0.1:5001 --cell cell.toml`
+    """
+    from counterflex.app import ads as job
+
+    found = job.forward(cell, address(to, "HOST:PORT"), readings=readings)
+    if as_json:
+        print_json(found)
+        return
+    typer.echo(
+        f"{found['sent']} datagrams sent, {found['unusable']} not usable; {found['failed_readings']} readings failed"
+    )

@@ -1,0 +1,130 @@
+"""The command that sets up a cell as a laboratory would, on simulated cells."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli import given
+from counterflex.cli.commands.prove import Workers
+from counterflex.cli.output import keep_inputs, print_json, print_made_again, print_table, progress_bar
+from counterflex.core.errors import InputError, Interrupted
+from counterflex.identify.recipes import FOLDERS
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(campaign)
+
+
+def campaign(
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=given.output_folder)
+    ],
+    program: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Program to machine before and after; none: identify only.", metavar="[PROGRAM]", callback=given.file
+        ),
+    ] = None,
+    cell: Annotated[
+        Path | None,
+        typer.Option(
+            "--cell",
+            help="Cell file; left out, cell and part of the demonstration.",
+            metavar="CELL",
+            callback=given.file,
+        ),
+    ] = None,
+    twin: Annotated[
+        Path | None,
+        typer.Option("--twin", help="Truth file: the one simulated cell.", metavar="TRUTH", callback=given.file),
+    ] = None,
+    seeds: Annotated[
+        int | None, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)
+    ] = None,
+    recipe: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--recipe", help="Only this recipe; may be given several times.", callback=given.one_of(FOLDERS, "recipe")
+        ),
+    ] = None,
+    told: Annotated[
+        bool, typer.Option("--told/--no-told", help="Also show what a planner that knew the truth would leave.")
+    ] = False,
+    workers: Workers = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Set up a cell as a laboratory would, on simulated cells, and show what that is worth.
+
+    For each recipe: propose, measure on the twin over files, identify, validate on measurements of their own. Then a
+    program is machined before and after compensation, planned with the cell file as it was and with the identified
+    one. Interrupted, the same command goes on where it was.
+
+    With all recipes a cell takes minutes; --recipe does one of them.
+
+    Example: `counterflex campaign part.ngc --cell cell.toml --twin truth.toml --recipe tracker-frame --out campaign`
+    """
+    if (twin is None) == (seeds is None):
+        raise InputError(
+            "say either --twin or --seeds",
+            value="neither" if twin is None else "both",
+            hint="--twin TRUTH is one simulated cell, --seeds 5 makes five",
+        )
+    inputs = [path for path in (program, cell, twin) if path is not None]
+    keep_inputs(out, *inputs)
+    from counterflex.app import examples
+    from counterflex.app.campaign import campaign as job
+
+    with tempfile.TemporaryDirectory() as folder, progress_bar("campaign") as progress:
+        if cell is None:
+            cell = Path(folder) / "cell.toml"
+            _, part = examples.write(cell)
+            program = part if program is None else program
+        try:
+            summary = job.run(
+                cell,
+                out,
+                program=program,
+                seeds=seeds,
+                truth_file=twin,
+                recipes=recipe or None,
+                with_told=told,
+                workers=workers,
+                progress=progress,
+            )
+        except KeyboardInterrupt as stop:
+            raise Interrupted(
+                "interrupted; finished steps are kept", where=str(out), hint="The same command goes on where it was"
+            ) from stop
+    if as_json:
+        print_json(summary)
+    else:
+        show(summary, out)
+
+
+def show(summary: dict[str, Any], out: Path) -> None:
+    """Print the tables of a campaign."""
+    from counterflex.app.campaign.report import COLUMNS, headline_rows, rows_of, verdict
+
+    lines = headline_rows(summary)
+    if lines:
+        print_table(
+            "Identified on the twin; errors on measurements that no fit has seen",
+            ["seed", "recipe", "figure", "before", "identified", "taken over"],
+            lines,
+        )
+    rows = rows_of(summary)
+    if rows:
+        told = any(row[-1] != "-" for row in rows)
+        print_table(
+            "99.7 % path error before and after",
+            list(COLUMNS if told else COLUMNS[:-2]),
+            [list(row if told else row[:-2]) for row in rows],
+        )
+        typer.echo(verdict(summary))
+    print_made_again(summary)
+    typer.echo(f"report: {out / 'report.html'}")

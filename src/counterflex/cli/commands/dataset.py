@@ -1,0 +1,100 @@
+"""Commands about measured data: dataset check, dataset channels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli import given
+from counterflex.cli.output import print_json, print_table
+
+_dataset = typer.Typer(no_args_is_help=True, help="Read measured data and say what is in them.")
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    _dataset.command("check")(check)
+    _dataset.command("channels")(channels)
+    app.add_typer(_dataset, name="dataset")
+
+
+def check(
+    data: Annotated[Path, typer.Argument(help="Manifest of a dataset (.toml).", metavar="DATA", callback=given.file)],
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Read a dataset as identify does, and say what was understood: rows, ranges, standard deviations.
+
+    Example: `counterflex dataset check points.toml`
+    """
+    from counterflex.app.identification.dataset_check import described
+
+    answer = described(data)
+    if as_json:
+        print_json(answer)
+        return
+    print_table(
+        f"{answer['name']}: {answer['kind']}, {answer['rows']} rows in {answer['groups']} groups",
+        ["channel", "number", "unit", "least", "mean", "largest", "standard deviation"],
+        [
+            [
+                row["channel"] if i == 0 or row["channel"] != answer["channels"][i - 1]["channel"] else "",
+                row["component"],
+                row["unit"],
+                *(f"{row[key]:.6g}" for key in ("low", "mean", "high")),
+                row["sigma"],
+            ]
+            for i, row in enumerate(answer["channels"])
+        ],
+        note=f"Lines {answer['lines'][0]} to {answer['lines'][1]} of {answer['file']}. SHA-256 {answer['sha256']}",
+    )
+    for key, value in answer["settings"].items():
+        typer.echo(f"setting: {key} = {value}")
+    for line in answer["frame"]["lines"] if answer["frame"] else ():
+        typer.echo(f"measuring frame: {line}")
+    if answer["without_sigma"]:
+        typer.echo(
+            f"no standard deviation: {', '.join(answer['without_sigma'])}; a recipe that weighs one will ask for it"
+        )
+    typer.echo("dataset ok")
+
+
+def channels(
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+) -> None:
+    """List the kinds of datasets, the channels and the settings that a manifest can name.
+
+    Example: `counterflex dataset channels`
+    """
+    from counterflex.identify.data.channels import CHANNELS, KINDS, SETTINGS
+
+    if as_json:
+        answer: dict[str, Any] = {
+            "kinds": KINDS,
+            "channels": {name: {"meaning": k.text, "numbers": list(k.allowed)} for name, k in CHANNELS.items()},
+            "settings": SETTINGS,
+        }
+        print_json(answer)
+        return
+    print_table("Kinds of datasets", ["kind", "meaning"], [[name, text] for name, text in KINDS.items()])
+    print_table(
+        "Channels",
+        ["name", "numbers", "SI unit", "meaning"],
+        [
+            [
+                name,
+                " or ".join(map(str, _ends(kind.allowed))),
+                ", ".join(dict.fromkeys(kind.si_units(max(kind.allowed)))),
+                kind.text,
+            ]
+            for name, kind in CHANNELS.items()
+        ],
+    )
+    print_table("Settings, by SI name", ["name", "meaning"], [[name, text] for name, text in SETTINGS.items()])
+
+
+def _ends(counts: tuple[int, ...]) -> list[str]:
+    if len(counts) > 2 and counts == tuple(range(counts[0], counts[-1] + 1)):
+        return [f"{counts[0]} to {counts[-1]}"]
+    return [str(count) for count in counts]

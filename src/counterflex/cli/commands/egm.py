@@ -1,0 +1,88 @@
+"""Commands about ABB EGM set-ups: egm check, egm make."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli import given
+from counterflex.cli.commands.program import CellFile, Out
+from counterflex.cli.output import keep_inputs, print_json
+
+_egm = typer.Typer(no_args_is_help=True, help="ABB EGM set-ups: judge a RAPID program, or make one for a cell.")
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    _egm.command("check")(check)
+    _egm.command("make")(make)
+    app.add_typer(_egm, name="egm")
+
+
+def check(
+    program: Annotated[
+        Path, typer.Argument(help="RAPID module that sets up EGM (.mod).", metavar="MODULE", callback=given.file)
+    ],
+    cell: Annotated[
+        Path | None,
+        typer.Option(
+            "--cell", help="Cell file, for the tables [online] and [egm].", metavar="CELL", callback=given.file
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines.")] = False,
+) -> None:
+    """Judge a RAPID program that uses EGM: what is dangerous (error) or useless (warning), what is safe, what to do.
+
+    Exit status 1 when there is an error.
+
+    Example: `counterflex egm check part.mod --cell cell.toml`
+    """
+    from counterflex.app.robot_setup import egm as job
+
+    findings = job.check(program, cell)
+    errors = sum(item.severity == "error" for item in findings)
+    if as_json:
+        counts = {"errors": errors, "warnings": len(findings) - errors}
+        print_json({"file": str(program), **counts, "findings": [dataclasses.asdict(item) for item in findings]})
+    else:
+        for item in findings:
+            typer.echo(item.line())
+        blind = "; not judged without --cell" if cell is None else ""
+        typer.echo(f"{errors} errors, {len(findings) - errors} warnings{blind}")
+    if errors:
+        raise typer.Exit(1)
+
+
+def make(
+    cell: CellFile,
+    program: Annotated[
+        Path,
+        typer.Option(
+            "--program", help="RAPID program that compensate --as rapid wrote.", metavar="MODULE", callback=given.file
+        ),
+    ],
+    out: Out,
+    host: Annotated[str, typer.Option("--host", help="Address of the sensor computer.")] = "192.168.125.10",
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Make a RAPID program with EGM around its path, and a README of what to set on the controller.
+
+    The table [egm] of the cell file says which way: mode = "path" corrects the program's path, mode = "pose" takes the
+    path out and streams it. Writes into DIR, everything or nothing.
+
+    Example: `counterflex egm make --cell cell.toml --program plan/part.mod --out robot`
+    """
+    keep_inputs(out, cell, program)
+    from counterflex.app.robot_setup import egm as job
+
+    summary = job.make(job.MakeSettings(cell, program, host), out)
+    if as_json:
+        print_json(summary)
+        return
+    for warning in summary["warnings"]:
+        typer.echo(warning)
+    typer.echo(f"wrote {out}: {', '.join([*summary['files'], 'README.txt', 'summary.json'])}")
+    typer.echo("not tried on a controller: read README.txt first")

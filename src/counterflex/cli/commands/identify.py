@@ -1,0 +1,159 @@
+"""The command ``identify``: parameters of a cell from measurements."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli import given
+from counterflex.cli.bounds import LARGEST_SEED, MOST_PROPOSED
+from counterflex.cli.given import pairs
+from counterflex.cli.output import keep_inputs, print_json, progress_bar
+from counterflex.core.errors import InputError
+from counterflex.identify.recipes import FOLDERS, TITLES
+
+HISTORY = "history"
+_LIST = "\n\n".join(f"`{name}`: {TITLES[name]}" for name in FOLDERS)
+_HELP = f"""Find parameters of a cell from measured data: a new cell file with standard deviations, and a report.
+
+DATA are manifests of datasets. Writes into DIR: cell.toml (the cell file with what was found), result.json (every
+parameter with its 95 % interval, hold-out, outliers), report.html and a copy of everything in archive/. Either all of
+them or none; values that predict data not used worse than the cell file does are refused.
+
+Recipes:
+
+{_LIST}
+
+Examples:
+
+`counterflex identify tracker-frame --propose 20 --cell cell.toml --out proposal` says which poses to measure.
+
+`counterflex identify tracker-frame points.toml --cell cell.toml --out out` finds the parameters.
+
+`counterflex identify history out` lists what was identified below a folder and what changed.
+"""
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command(help=_HELP)(identify)
+
+
+def identify(
+    recipe: Annotated[
+        str,
+        typer.Argument(
+            help="What to find, or history.", metavar="RECIPE", callback=given.one_of((*FOLDERS, HISTORY), "recipe")
+        ),
+    ],
+    data: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Manifests of datasets (.toml).", metavar="DATA...", callback=given.file_or_folder),
+    ] = None,
+    cell: Annotated[
+        Path | None, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=given.file)
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", help="Folder for the results; made when missing.", metavar="DIR", callback=given.output_folder
+        ),
+    ] = None,
+    holdout: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--holdout",
+            help="Manifest of data that are only predicted; else folds of DATA.",
+            metavar="DATA",
+            callback=given.file,
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="A setting of the recipe.", metavar="KEY=VALUE", callback=given.settings),
+    ] = None,
+    seed: Annotated[
+        int, typer.Option("--seed", help="Of whatever is drawn: folds, starts, poses.", min=0, max=LARGEST_SEED)
+    ] = 0,
+    propose: Annotated[
+        int | None,
+        typer.Option(
+            "--propose", help="Propose this many measurements instead.", metavar="N", min=1, max=MOST_PROPOSED
+        ),
+    ] = None,
+    archive: Annotated[
+        Path | None,
+        typer.Option(
+            "--archive",
+            help="Folder that keeps every run; else DIR/archive.",
+            metavar="DIR",
+            callback=given.output_folder,
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """See the help text above."""
+    if recipe == HISTORY:
+        _history(data or [Path()], as_json)
+        return
+    if cell is None or out is None:
+        raise InputError(f"--{'cell' if cell is None else 'out'} is missing", hint="counterflex identify --help")
+    if propose is not None:
+        _propose(recipe, propose, data or [], cell, out, settings or [], seed, as_json)
+        return
+    if not data:
+        raise InputError("no data are given", limit="one or more manifests", hint="Or --propose N for what to measure")
+    keep_inputs(out, cell, *data, *(holdout or []))
+    wanted = pairs(settings or [])
+    from counterflex.app.identification import identify as job
+    from counterflex.cli.commands.identify_tables import show_result
+
+    with progress_bar(f"identifying {recipe}") as progress:
+        result = job.run(
+            recipe,
+            data,
+            cell,
+            out,
+            holdout=holdout or (),
+            settings=wanted,
+            seed=seed,
+            archive=archive,
+            progress=progress,
+        )
+    if as_json:
+        print_json(job.plain(result))
+    else:
+        show_result(result, out)
+
+
+def _history(folders: list[Path], as_json: bool) -> None:
+    if len(folders) > 1:
+        raise InputError("history takes one folder", value=len(folders))
+    from counterflex.app.identification.history import history
+    from counterflex.cli.commands.identify_tables import show_history
+
+    found = history(folders[0])
+    if as_json:
+        print_json(found)
+    else:
+        show_history(found)
+
+
+def _propose(
+    recipe: str, count: int, data: list[Path], cell: Path, out: Path, settings: list[str], seed: int, as_json: bool
+) -> None:
+    if data:
+        raise InputError("--propose takes no data", value=data[0], hint="Measure the proposal, then identify from it")
+    keep_inputs(out, cell)
+    wanted = pairs(settings)
+    from counterflex.app.identification import propose as job
+    from counterflex.cli.commands.identify_tables import show_proposal
+
+    with progress_bar(f"choosing {count} measurements"):
+        found = job.run(recipe, count, cell, out, settings=wanted, seed=seed)
+    if as_json:
+        print_json(found)
+    else:
+        show_proposal(found, out)

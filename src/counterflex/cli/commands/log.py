@@ -1,0 +1,339 @@
+"""Commands on a run log: log show, log replay, log export, log repair."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from counterflex.cli import given
+from counterflex.cli.bounds import MOST_RECORDS
+from counterflex.cli.commands.program import CellFile
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+
+if TYPE_CHECKING:
+    from counterflex.app.run.log import Replayed
+
+_log = typer.Typer(no_args_is_help=True, help="What an online run logged: show it, replay it, export it, repair it.")
+_SHOWN = 20
+INCOMPLETE: Final = 5
+"""Exit status: what there is was read, but cycles are missing or something cannot be read."""
+
+Folder = Annotated[Path, typer.Argument(help="Folder of the run log.", metavar="DIR", callback=given.folder)]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    _log.command("show")(show)
+    _log.command("replay")(replay)
+    _log.command("export")(export)
+    _log.command("repair")(repair)
+    app.add_typer(_log, name="log")
+
+
+def show(folder: Folder, as_json: AsJson = False) -> None:
+    """Say what happened in a run: cycles, states, holds and faults with their causes, answering times, losses.
+
+    Ends with status 5 when cycles are missing or something cannot be read.
+
+    Example: `counterflex log show log`
+    """
+    from counterflex.app.run import log as job
+
+    answer = job.show(folder)
+    if as_json:
+        print_json({key: value for key, value in answer.items() if key != "lines"})
+        _end(incomplete=answer["incomplete"])
+        return
+    for run in answer["runs"]:
+        _show_run(run, several=len(answer["runs"]) > 1)
+    typer.echo(f"segments: {len(answer['segments'])}")
+    for line in answer["lines"]:
+        typer.echo(line)
+    if answer["cut"]:
+        typer.echo(f"cut short: {', '.join(answer['cut'])}. counterflex log repair {folder} writes them anew")
+    elif answer["damage"]:
+        typer.echo(f"counterflex log repair {folder} writes damaged segments anew")
+    _end(incomplete=answer["incomplete"])
+
+
+def _end(*, incomplete: bool) -> None:
+    if incomplete:
+        raise typer.Exit(INCOMPLETE)
+
+
+def _show_run(run: dict[str, Any], *, several: bool) -> None:
+    reply = run["reply_us"] or dict.fromkeys(("p50", "p99", "p99.9", "max"))
+    print_table(
+        f"Run {run['run']}" if several else "Run",
+        ["answered", "no telegram", "telegrams lost", "records lost", "seconds", "largest correction um", "step um"],
+        [
+            [
+                *(str(run[key]) for key in ("answered", "waited", "telegrams_lost", "records_lost")),
+                *(f"{run[key]:g}" for key in ("seconds", "largest_correction_um", "largest_step_um")),
+            ]
+        ],
+    )
+    print_table(
+        "Time to answer, us",
+        list(reply),
+        [["-" if value is None else f"{value:g}" for value in reply.values()]],
+    )
+    print_table(
+        "States",
+        ["state", "cycles", "seconds"],
+        [
+            [name.replace("_", " "), str(value["cycles"]), f"{value['seconds']:g}"]
+            for name, value in run["states"].items()
+        ],
+    )
+    if run["sources"]:
+        print_table(
+            "The estimate rested on", ["sources", "cycles"], [[name, str(n)] for name, n in run["sources"].items()]
+        )
+    _show_changes("Changes of its sources", run["sources_changes"])
+    _show_changes("Changes", run["changes"])
+    _show_incidents(run["incidents"], run["incidents_total"])
+    show_process(run)
+    if run["causes"]:
+        said = (f"{name.replace('_', ' ')} {count}" for name, count in run["causes"].items())
+        typer.echo("cycles with a cause: " + ", ".join(said))
+
+
+def _show_changes(title: str, changes: list[dict[str, Any]]) -> None:
+    if changes:
+        print_table(
+            title,
+            ["cycle", "seconds", "from", "to", "cause"],
+            [
+                [
+                    str(change["cycle"]),
+                    f"{change['time_s']:.3f}",
+                    change["from"].replace("_", " "),
+                    change["to"].replace("_", " "),
+                    "" if change["cause"] == "none" else change["cause"].replace("_", " "),
+                ]
+                for change in changes[:_SHOWN]
+            ],
+            note=f"and {len(changes) - _SHOWN} more; --json lists them" if len(changes) > _SHOWN else "",
+        )
+
+
+def _show_incidents(incidents: list[dict[str, Any]], total: int) -> None:
+    if incidents:
+        print_table(
+            "Incidents",
+            ["incident", "cycle", "seconds", "state", "cause", "out of"],
+            [
+                [
+                    str(one["number"]),
+                    str(one["cycle"]),
+                    f"{one['time_s']:.3f}",
+                    *(one[key].replace("_", " ") for key in ("state", "cause", "before")),
+                ]
+                for one in incidents[:_SHOWN]
+            ],
+            note=f"and {total - _SHOWN} more; --json lists them" if total > _SHOWN else "",
+        )
+
+
+def show_process(found: dict[str, Any]) -> None:
+    """Print what process monitoring found."""
+    events = found["events"]
+    if events:
+        print_table(
+            "Process events",
+            ["event", "path mm", "seconds", "cycle", "value", "limit", ""],
+            [
+                [
+                    event["event"].replace("_", " "),
+                    f"{event['path_mm']:.1f}",
+                    f"{event['time_s']:.3f}",
+                    str(event["cycle"]),
+                    f"{event['value']:g}",
+                    f"{event['limit']:g}",
+                    event["unit"],
+                ]
+                for event in events[:_SHOWN]
+            ],
+            note=_others(found["event_counts"], len(events)),
+        )
+    wear = found["wear"]
+    if wear is not None and wear["trend_percent_per_m"] is None:
+        typer.echo(f"{wear['cut_m']:g} m of cut: too short to tell a trend of force by predicted force")
+    elif wear is not None:
+        typer.echo(
+            f"force by predicted force over {wear['cut_m']:g} m of cut: {wear['trend_percent_per_m']:+g}"
+            f" +- {wear['range95_percent_per_m']:g} % per metre (95 %)"
+        )
+    if found["slowed_share"] > 0.0:
+        typer.echo(
+            f"slowed in {100.0 * found['slowed_share']:.1f} % of the cycles,"
+            f" down to {100.0 * found['least_speed']:.0f} % of the programmed speed"
+        )
+
+
+def _others(counts: dict[str, int], listed: int) -> str:
+    """What a table of the first events leaves out."""
+    total = sum(counts.values())
+    if total <= _SHOWN:
+        return ""
+    kinds = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items())
+    return f"in all {kinds}; --json lists {listed}"
+
+
+def replay(
+    folder: Folder,
+    cell: CellFile,
+    plan: Annotated[
+        Path | None,
+        typer.Option("--plan", help="Plan file of the run (.parquet).", metavar="PLAN", callback=given.file),
+    ] = None,
+    original: Annotated[
+        bool, typer.Option("--original", help="The robot ran the original program, not the compensated one.")
+    ] = False,
+    from_s: Annotated[
+        float, typer.Option("--from", help="Begin there, s: at the last recorded state before.", min=0.0)
+    ] = 0.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Feed the logged inputs through the loop again: its corrections and states must be the logged ones bit for bit.
+
+    Ends with status 1 when they are not, with 5 when cycles are missing, so that not every one could be compared.
+
+    Example: `counterflex log replay log --cell cell.toml`
+    """
+    from counterflex.app.run import log as job
+
+    with progress_bar("replaying") as progress:
+        found = job.replay(folder, cell, plan, compensated=not original, from_s=from_s, progress=progress)
+    first = found.difference
+    if as_json:
+        print_json(
+            {
+                "records": found.records,
+                "compared": found.compared,
+                "skipped": found.skipped,
+                "missing": found.missing,
+                "same": found.proved,
+                "difference": None
+                if first is None
+                else {
+                    "run": found.run,
+                    "cycle": first.cycle,
+                    "counter_ms": first.counter_ms,
+                    "column": first.column,
+                    "logged": repr(first.logged),
+                    "replayed": repr(first.replayed),
+                    "columns": first.columns,
+                },
+                "begun_after": found.begun,
+                **found.lost.shown(),
+                "gaps": [{"after": gap.after, "missing": gap.missing} for gap in found.gaps],
+                "notes": found.notes,
+            }
+        )
+    else:
+        for note in found.notes:
+            typer.echo(f"note: {note}")
+        for gap in found.gaps:
+            where = f"after cycle {gap.after}" if gap.after else "at the beginning"
+            typer.echo(
+                f"{gap.missing} cycles missing {where}: what follows cannot be computed again, up to the next"
+                " recorded state"
+            )
+        for one in found.lost.damage:
+            typer.echo(f"damaged: {one.segment}, bytes {one.begin} to {one.end - 1} cannot be read")
+        for name in found.lost.empty:
+            typer.echo(f"nothing of {name} can be read")
+        for cycle in found.begun:
+            typer.echo(f"began from the state recorded after cycle {cycle}")
+        if found.lost.cut:
+            typer.echo(f"cut short: {', '.join(found.lost.cut)}; what is there was compared")
+        if first is not None:
+            more = f", and {first.columns - 1} more columns of that cycle" if first.columns > 1 else ""
+            typer.echo(
+                f"first difference: cycle {first.cycle} (counter {first.counter_ms}), {first.column}:"
+                f" logged {first.logged!r}, replayed {first.replayed!r}{more}"
+            )
+        same = "bit for bit the same" if first is None else "the same until there"
+        typer.echo(f"{found.compared} of {found.records + found.missing} cycles {same}" + _left_out(found))
+    if first is not None:
+        raise typer.Exit(1)
+    _end(incomplete=not found.proved or found.lost.incomplete)
+
+
+def _left_out(found: Replayed) -> str:
+    parts = [f"{found.missing} cycles missing"] if found.missing else []
+    parts += [f"{found.skipped} not computed: behind a gap"] if found.skipped else []
+    return "".join(f", {part}" for part in parts)
+
+
+def export(
+    folder: Folder,
+    csv: Annotated[Path, typer.Option("--csv", help="File to write.", metavar="FILE", callback=given.output_file)],
+    incident: Annotated[
+        int | None,
+        typer.Option(
+            "--incident",
+            help="Only the cycles around this hold or fault, as `log show` counts.",
+            min=1,
+            max=MOST_RECORDS,
+        ),
+    ] = None,
+    before: Annotated[int, typer.Option("--before", help="Cycles before the incident.", min=0, max=MOST_RECORDS)] = 250,
+    after: Annotated[int, typer.Option("--after", help="Cycles behind its first one.", min=0, max=MOST_RECORDS)] = 250,
+) -> None:
+    """Write every record as a line of CSV, in SI units and part axes; numbers read back bit for bit.
+
+    With --incident only the cycles around one hold or fault, with units in the headings, and state and cause in words.
+    Ends with status 5 when cycles are missing in what was written.
+
+    Example: `counterflex log export log --csv run.csv`
+    """
+    keep_inputs(csv, *sorted(folder.glob("run-*.mcap*")), option="--csv")
+    if incident is None:
+        from counterflex.app.run import log as job
+
+        with progress_bar("exporting") as progress:
+            count, missing = job.export(folder, csv, progress)
+        for line in (*missing.lines(), f"wrote {csv}: {count} records"):
+            say_written(csv, line)
+        _end(incomplete=missing.incomplete)
+        return
+    from counterflex.app.run.incidents import export_incident
+
+    with progress_bar("exporting") as progress:
+        done = export_incident(folder, incident, csv, before=before, after=after, progress=progress)
+    found = done.of.shown()
+    lost = f", {done.missing} cycles in between have no record" if done.missing else ""
+    say_written(
+        csv,
+        f"wrote {csv}: {done.cycles} cycles around the {found['state']} of cycle {found['cycle']}"
+        f" ({found['cause'].replace('_', ' ')}){lost}",
+    )
+    _end(incomplete=done.missing > 0)
+
+
+def repair(folder: Folder) -> None:
+    """Write segments that were cut short or are damaged anew, so that any MCAP reader takes them; originals are kept.
+
+    Ends with status 5 when cycles are missing all the same.
+
+    Example: `counterflex log repair log`
+    """
+    from counterflex.app.run import log as job
+
+    done, missing = job.repair(folder)
+    for item in done:
+        if item.note:
+            typer.echo(f"{item.name}: {item.note}")
+        else:
+            typer.echo(f"{item.name}: {item.records} records; the original is kept as {item.kept}")
+    if not done:
+        typer.echo("no segment is cut short or damaged")
+    for line in missing.lines():
+        typer.echo(line)
+    _end(incomplete=missing.incomplete)

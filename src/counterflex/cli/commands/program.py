@@ -1,0 +1,244 @@
+"""Commands that work on a milling program: path, compensate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli import given
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.core.units import UM
+
+Program = Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=given.file)]
+CellFile = Annotated[Path, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=given.file)]
+Out = Annotated[
+    Path,
+    typer.Option(
+        "--out", help="Folder for the results; made when missing.", metavar="DIR", callback=given.output_folder
+    ),
+]
+Dialect = Annotated[
+    str,
+    typer.Option(
+        "--dialect", help="Dialect of the program: linuxcnc.", callback=given.one_of(("linuxcnc",), "dialect")
+    ),
+]
+Parameters = Annotated[
+    Path | None,
+    typer.Option(
+        "--parameters",
+        help="LinuxCNC parameter file (.var, mm) of the machine it was written for: G28, G30, G53, work offsets.",
+        metavar="FILE",
+        callback=given.file,
+    ),
+]
+WithoutEnd = Annotated[
+    bool, typer.Option("--without-end", help="The program is complete though it stops without M2, M30 or a closing %.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    app.command()(path)
+    app.command()(compensate)
+
+
+def path(
+    program: Program,
+    csv: Annotated[
+        Path | None,
+        typer.Option(
+            "--csv",
+            help="Write the table to this file instead of printing it.",
+            metavar="FILE",
+            callback=given.output_file,
+        ),
+    ] = None,
+    dialect: Dialect = "linuxcnc",
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the motions as JSON.")] = False,
+) -> None:
+    """Show what was read: every motion with its line, end point, feed and arc.
+
+    Example: `counterflex path part.ngc --csv path.csv`
+    """
+    inputs = [program, *([] if parameters is None else [parameters])]
+    if csv is not None:
+        keep_inputs(csv, *inputs, option="--csv")
+    from counterflex.programs.gcode.read.parameter_file import read_parameter_file
+    from counterflex.programs.gcode.read.reader import read_gcode_file
+    from counterflex.programs.listing import listing, write_listing
+
+    machine = None if parameters is None else read_parameter_file(parameters)
+    found = read_gcode_file(program, dialect=dialect, complete=not without_end, machine=machine)
+    if as_json:
+        rows = listing(found).to_dicts()
+        print_json({"program": found.name, "dialect": found.dialect, "lines": len(found.lines), "motions": rows})
+    if csv is None and not as_json:
+        typer.echo(listing(found).write_csv(), nl=False)
+    elif csv is not None:
+        count = write_listing(found, csv)
+        if not as_json:
+            say_written(csv, f"wrote {csv}: {count} motions")
+
+
+def compensate(
+    program: Program,
+    cell: CellFile,
+    out: Out,
+    language: Annotated[
+        str,
+        typer.Option(
+            "--as",
+            help="Language of the output: gcode, krl or rapid.",
+            callback=given.one_of(("gcode", "krl", "rapid"), "language"),
+        ),
+    ] = "gcode",
+    dialect: Dialect = "linuxcnc",
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+    tolerance_um: Annotated[
+        float,
+        typer.Option(
+            "--tolerance-um",
+            help="Largest distance of the written path from the planned one, 0.1 to 1000.",
+            callback=given.between(0.1, 1000.0),
+        ),
+    ] = 5.0,
+    normal_only: Annotated[
+        bool, typer.Option("--normal-only", help="Correct square to the feed only, not along it.")
+    ] = False,
+    predict: Annotated[
+        bool, typer.Option("--predict/--no-predict", help="Predict the path error before and after.")
+    ] = True,
+    feed_for_tolerance_um: Annotated[
+        float | None,
+        typer.Option(
+            "--feed-for-tolerance-um",
+            help="Lower the feed where the predicted error would be above this.",
+            min=0.1,
+            max=10000.0,
+        ),
+    ] = None,
+    least_feed_percent: Annotated[
+        float,
+        typer.Option(
+            "--least-feed-percent",
+            help="With it: lowest share of the programmed feed, 5 to 100.",
+            callback=given.between(5.0, 100.0),
+        ),
+    ] = 30.0,
+    least_chip_um: Annotated[
+        float, typer.Option("--least-chip-um", help="With it: smallest chip that still cuts.", min=0.0, max=1000.0)
+    ] = 10.0,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Compensate a program: predict force and deflection at each point and write the program moved against them.
+
+    Writes into DIR: the program under its own name (or .src/.dat, .mod), plan.parquet (every point: time, pose,
+    joints, force, deflection, correction, engagement), summary.json and report.html. Either all of them or none.
+
+    What compensation cannot follow in time, a lower feed can: with --feed-for-tolerance-um F words ($VEL.CP, speeddata)
+    are lowered there, planned anew up to five times, and what it costs is said.
+
+    Example: `counterflex compensate part.ngc --cell cell.toml --out out --as krl`
+    """
+    keep_inputs(out, program, *([] if parameters is None else [parameters]))
+    from counterflex.app.compensation import compensate as job
+    from counterflex.app.inputs import Reading
+    from counterflex.plan.feed_for_tolerance import FeedTolerance
+
+    wish = None
+    if feed_for_tolerance_um is not None:
+        wish = FeedTolerance(feed_for_tolerance_um * UM, least_feed_percent / 100.0, least_chip_um * UM)
+    with progress_bar(f"compensating {program.name}") as progress:
+        summary = job.run(
+            program,
+            cell,
+            out,
+            report=report,
+            progress=progress,
+            language=language,
+            reading=Reading(dialect, parameters, complete=not without_end),
+            tolerance_m=tolerance_um * UM,
+            normal_only=normal_only,
+            predict=predict,
+            feed=wish,
+        )
+    if as_json:
+        print_json(summary)
+    else:
+        _show(summary, [*summary["files"], "plan.parquet", "summary.json", *(["report.html"] if report else [])], out)
+        if "feed" in summary:
+            _show_feed(summary["feed"])
+
+
+def _show_feed(found: dict[str, Any]) -> None:
+    """What a lower feed brought, what it cost, and where it was not enough."""
+    if found["lines"]:
+        print_table(
+            "Feed for tolerance",
+            ["line", "feed", "before um", "after um", ""],
+            [
+                [
+                    str(line["line"]),
+                    f"{line['feed_percent']:g} %",
+                    f"{line['before_um']:g}",
+                    f"{line['after_um']:g}",
+                    f"not reached: {line['why']}" if line["why"] else "",
+                ]
+                for line in found["lines"]
+            ],
+        )
+    typer.echo(
+        f"predicted error {found['worst_before_um']:g} um at the programmed feed, {found['worst_after_um']:g} um now"
+        f" (asked for {found['tolerance_um']:g}); it costs {found['extra_s']:.1f} s of {found['time_s']:.1f} s,"
+        " accelerations left out"
+    )
+
+
+def _written_rows(written: dict[str, Any]) -> list[list[str]]:
+    """How much longer the program got, and how far its path is from the planned one."""
+    before, after, bound = written["lines_in"], written["lines_out"], written["tolerance_um"]
+    error = written.get("largest_written_error_um", written.get("largest_position_error_um", 0.0))
+    line = written.get("largest_position_error_line", 0)
+    # Words are rounded to their last decimal, and positions with them.
+    coarse = error > bound + written.get("resolution_um", 0.0)
+    found = f"{error:.1f} um {'above' if coarse else 'within'} {bound:g} um"
+    return [
+        ["program lines, in and out", f"{before} -> {after}", f"{after / max(1, before):.1f} times"],
+        ["written path off the plan", found, f"line {line}" if line and coarse else ""],
+    ]
+
+
+def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
+    found = summary["prediction"]
+    rows = [
+        [what, f"{found[key]['value']:g} {unit}", f"line {found[key]['line']}"]
+        for what, key, unit in (
+            ("peak force", "peak_force_n", "N"),
+            ("peak deflection", "peak_deflection_um", "um"),
+            ("peak correction", "peak_correction_um", "um"),
+            ("peak axial depth", "peak_axial_depth_mm", "mm"),
+        )
+    ]
+    for name, what in (("nominal", "before"), ("compensated", "after")):
+        if f"predicted_{name}" in found:
+            error = found[f"predicted_{name}"]
+            text = f"{error['p997_mm']:.3f} mm (max {error['max_mm']:.3f} mm)"
+            rows.append([f"predicted path error {what}, 99.7 %", text, ""])
+    rows += _written_rows(summary["written"])
+    print_table(f"{summary['program']} on {summary['cell']}", ["", "value", "where"], rows)
+    if found["extrapolated_force_share"] > 0.0:
+        share = 100 * found["extrapolated_force_share"]
+        typer.echo(f"note: {share:.2g} % of the force comes from chips outside the range of the cutting constants")
+    for collision in found["collisions"]:
+        typer.echo(f"warning: rapid in line {collision['line']} cuts {collision['volume_mm3']:.1f} mm3 of material")
+    for warning in summary["written"].get("warnings", []):
+        typer.echo(f"warning: {warning}")
+    typer.echo(f"wrote {out}: {', '.join(files)} ({summary['seconds']:.1f} s)")

@@ -1,0 +1,220 @@
+"""Commands that prove a compensation: truth, simulate, evaluate, prove."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli import given
+from counterflex.cli.bounds import LARGEST_SEED, MOST_WORKERS
+from counterflex.cli.commands.program import CellFile, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.output import keep_folders, keep_inputs, print_json, print_table, progress_bar, say_written
+
+Seeds = Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        "--workers", help="Processes that machine at a time; by default one per core.", min=1, max=MOST_WORKERS
+    ),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    app.command()(truth)
+    app.command()(simulate)
+    app.command()(evaluate)
+    app.command()(report)
+    app.command()(prove)
+
+
+def truth(
+    cell: Annotated[Path, typer.Argument(help="The cell file.", metavar="CELL", callback=given.file)],
+    out: Annotated[
+        Path, typer.Option("--out", help="Truth file to write.", metavar="FILE", callback=given.output_file)
+    ],
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            "--seed", help="Put the truth off by this seed; left out, truth and cell agree.", min=0, max=LARGEST_SEED
+        ),
+    ] = None,
+) -> None:
+    """Make the simulated cell that a program is proven on: a truth file, off from the cell file as a real cell is.
+
+    Each elastic element 10 %, force constants 10 % in common, geometry 0.15 mm per link (one sigma each), bearings,
+    masses, runout, friction and play besides; the file lists every value.
+
+    Example: `counterflex truth cell.toml --seed 1 --out truth.toml`
+    """
+    keep_inputs(out, cell)
+    from counterflex.app.proof.truth import make_truth
+    from counterflex.files.cell.cell import read_cell
+
+    made = make_truth(read_cell(cell), seed, out)
+    say_written(out, f"wrote {out}: {len(made.bodies)} bodies, seed {'none' if seed is None else seed}")
+
+
+def simulate(
+    program: Program,
+    cell: CellFile,
+    truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=given.file)],
+    out: Out,
+    original: Annotated[
+        Path | None,
+        typer.Option(
+            "--original",
+            help="The uncompensated program, to judge a compensated one.",
+            metavar="PROGRAM",
+            callback=given.file,
+        ),
+    ] = None,
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Machine a program on the simulated cell.
+
+    Writes into DIR: run.parquet (path, force, every 4 ms), surface.npz (the part), the inputs, summary.json.
+
+    Example: `counterflex simulate out/part.ngc --original part.ngc --cell cell.toml --truth truth.toml --out run`
+    """
+    keep_inputs(out, *(path for path in (program, cell, truth, original, parameters) if path is not None))
+    from counterflex.app.inputs import Reading
+    from counterflex.app.proof import simulate as job
+
+    reading = Reading(parameters=parameters, complete=not without_end)
+    with progress_bar(f"machining {program.name}") as progress:
+        summary = job.run(program, cell, truth, out, original=original, reading=reading, progress=progress)
+    if as_json:
+        print_json(summary)
+        return
+    found = summary["machining"]
+    print_table(
+        f"{summary['program']} machined, seed {summary['seed']}",
+        ["time s", "in the cut s", "peak force N", "largest offset mm"],
+        [[f"{found[key]:g}" for key in ("duration_s", "cutting_s", "peak_force_n", "largest_offset_mm")]],
+    )
+    typer.echo(f"wrote {out} ({summary['seconds']:.1f} s)")
+
+
+def evaluate(
+    folders: Annotated[
+        list[Path], typer.Argument(help="Folders of simulate: before [after].", metavar="DIR...", callback=given.folder)
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", help="Write summary.json and report.html here.", metavar="DIR", callback=given.output_folder
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Compare machined programs with the original: path, entries, exits, surface.
+
+    The first folder is the uncompensated program, the second the compensated one.
+
+    Example: `counterflex evaluate run-before run-after --out out`
+    """
+    if out is not None:
+        keep_folders(out, *folders)
+    from counterflex.app.proof import evaluate as job
+
+    with progress_bar("judging"):
+        summary = job.run(list(folders), out)
+    if as_json:
+        print_json(summary)
+        return
+    show_figures(summary)
+    if out is not None:
+        typer.echo(f"wrote {out}")
+
+
+def report(
+    before: Annotated[
+        Path,
+        typer.Argument(help="Folder of simulate: the uncompensated program.", metavar="BEFORE", callback=given.folder),
+    ],
+    after: Annotated[
+        Path,
+        typer.Argument(help="Folder of simulate: the compensated program.", metavar="AFTER", callback=given.folder),
+    ],
+    out: Out,
+) -> None:
+    """Write the report of two machined programs: one HTML page with maps, curves, tables and what was assumed.
+
+    Example: `counterflex report run-before run-after --out out`
+    """
+    keep_folders(out, before, after)
+    from counterflex.app.proof import evaluate as job
+
+    with progress_bar("writing the report"):
+        job.run([before, after], out)
+    typer.echo(f"wrote {out / 'report.html'} and summary.json")
+
+
+def prove(
+    program: Program,
+    cell: CellFile,
+    out: Out,
+    seeds: Seeds = 1,
+    told: Annotated[
+        bool, typer.Option("--told/--no-told", help="Also show what a planner that knew the truth's constants leaves.")
+    ] = True,
+    workers: Workers = None,
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Compensate a program, machine it before and after on simulated cells, compare, and write the report.
+
+    Example: `counterflex prove part.ngc --cell cell.toml --seeds 5 --out out`
+    """
+    keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
+    from counterflex.app.inputs import Reading
+    from counterflex.app.proof import prove as job
+
+    reading = Reading(parameters=parameters, complete=not without_end)
+    with progress_bar(f"proving {program.name}") as progress:
+        summary = job.run(
+            program, cell, out, seeds=seeds, told=told, workers=workers, reading=reading, progress=progress
+        )
+    if as_json:
+        print_json(summary)
+    else:
+        show_proof(summary, out)
+
+
+def show_figures(summary: dict[str, Any]) -> None:
+    """Print the table of figures of a summary."""
+    from counterflex.evaluate.summary import table_rows
+
+    print_table(
+        f"{summary['program']}: deviation from the nominal path and part, mm",
+        ["figure", "nominal", "compensated", "reduction"],
+        [list(row) for row in table_rows(summary)],
+        note="path, entry, exit: across the feed while cutting. surface: positive = material left. docs/summary.md",
+    )
+
+
+def show_proof(summary: dict[str, Any], out: Path) -> None:
+    """Print the tables of a proof."""
+    from counterflex.evaluate.summary import seed_rows
+
+    show_figures(summary)
+    print_table(
+        "Per truth seed (seeded: the planner knows the cell file; same: it was told the truth's constants)",
+        ["seed", "truth", "p99.7 nominal mm", "p99.7 compensated mm", "p99.7 remains", "max remains"],
+        [list(row) for row in seed_rows(summary)],
+    )
+    peak = summary["prediction"]
+    typer.echo(
+        f"predicted peak force {peak['peak_force_n']['value']:.0f} N and deflection "
+        f"{peak['peak_deflection_um']['value'] / 1000:.2f} mm in line {peak['peak_force_n']['line']}, "
+        f"depth {peak['peak_axial_depth_mm']['value']:.1f} mm, joints "
+        f"{json.dumps([round(v, 1) for v in peak['peak_deflection_um']['joints_deg']])} deg"
+    )
+    typer.echo(f"report: {out / 'report.html'}")

@@ -1,0 +1,301 @@
+"""Commands that answer a small question: robots, pose, deflection, cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli import given
+from counterflex.cli.given import numbers
+from counterflex.cli.output import print_json, print_table
+from counterflex.core.errors import InputError
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+Target = Annotated[
+    str,
+    typer.Argument(
+        help="A robot of the catalogue, or a cell file (.toml).", metavar="ROBOT|CELL", callback=given.robot_or_cell
+    ),
+]
+
+_cell = typer.Typer(no_args_is_help=True, help="Write, check and explain cell files.")
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    app.command()(robots)
+    app.command()(pose)
+    app.command()(deflection)
+    _cell.command("check")(cell_check)
+    _cell.command("example")(cell_example)
+    app.add_typer(_cell, name="cell")
+
+
+def robots(
+    name: Annotated[str | None, typer.Argument(help="Show one robot with the source of every number.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the robots of the catalogue and how far their numbers can be trusted.
+
+    VERIFIED: two independent sources agree. SECONDARY: one source. UNVERIFIED: from memory or derived.
+
+    Example: `counterflex robots kuka_kr300_r2500_ultra`
+    """
+    from counterflex.app import questions
+    from counterflex.robot.model import catalog
+
+    if name is not None:
+        catalog.entry(name)
+    rows = [row for row in questions.robots() if name in (None, row["name"])]
+    if as_json:
+        print_json(rows)
+    elif name is not None:
+        row = rows[0]
+        table = [[group, status, row["source"][group]] for group, status in row["status"].items()]
+        print_table(f"{row['model']} ({name})", ["numbers", "status", "source"], table)
+    else:
+        print_table(
+            "Robots",
+            ["name", "model", "reach mm", "payload kg", "geometry", "stiffness about axes", "masses"],
+            [
+                [
+                    row["name"],
+                    row["model"],
+                    _number(row["reach_mm"]),
+                    _number(row["payload_kg"]),
+                    row["status"].get("geometry", "not known"),
+                    row["status"].get("stiffness_about_axes", "not known"),
+                    row["status"].get("masses", "not known"),
+                ]
+                for row in rows
+            ],
+            note="counterflex robots NAME shows where each number comes from.",
+        )
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:g}"
+
+
+def pose(
+    target: Target,
+    joints_deg: Annotated[
+        str | None,
+        typer.Option(
+            "--joints-deg",
+            help="Six joint angles as the controller shows them.",
+            metavar="A1,..,A6",
+            callback=given.numbers_of(6),
+        ),
+    ] = None,
+    xyz_mm: Annotated[
+        str | None,
+        typer.Option("--xyz-mm", help="TCP position in the robot base.", metavar="X,Y,Z", callback=given.numbers_of(3)),
+    ] = None,
+    abc_deg: Annotated[
+        str,
+        typer.Option(
+            "--abc-deg",
+            help="TCP orientation, intrinsic z-y'-x'' (KUKA A,B,C).",
+            metavar="A,B,C",
+            callback=given.numbers_of(3),
+        ),
+    ] = "0,0,0",
+    as_json: AsJson = False,
+) -> None:
+    """Where is the TCP for these joint angles, or which joint angles bring it to a pose (all branches).
+
+    Forth and back:
+
+    `counterflex pose kuka_kr300_r2500_ultra --joints-deg 0,-90,90,0,0,0`
+
+    `counterflex pose kuka_kr300_r2500_ultra --xyz-mm 1590,0,1784 --abc-deg 0,90,0`
+    """
+    from counterflex.app import questions
+
+    joints, xyz = numbers(joints_deg, "--joints-deg", 6), numbers(xyz_mm, "--xyz-mm", 3)
+    if (joints is None) == (xyz is None):
+        given = "both" if joints is not None else "neither"
+        raise InputError(
+            "say either --joints-deg or --xyz-mm",
+            value=given,
+            hint="--joints-deg gives the pose, --xyz-mm the joint angles",
+        )
+    chain, _ = questions.load_chain(target)
+    if joints is not None:
+        answer = questions.pose_of_joints(chain, joints)
+        if as_json:
+            print_json(answer)
+        else:
+            tcp = answer["tcp_in_base"]
+            print_table(f"TCP of {chain.name} in its base", list(tcp), [[f"{value:.4f}" for value in tcp.values()]])
+            print_table("Margin to the joint limits, deg", *_row(answer["margins"]))
+        return
+    answer = questions.joints_of_pose(chain, xyz or [], numbers(abc_deg, "--abc-deg", 3) or [])
+    if as_json:
+        print_json(answer)
+        return
+    print_table(
+        f"{len(answer['solutions'])} ways for {chain.name} to be there",
+        ["branch", *(f"A{i} deg" for i in range(1, 7)), "smallest margin deg", "wrist deg"],
+        [
+            [
+                solution["branch"],
+                *(f"{angle:.4f}" for angle in solution["joints_deg"]),
+                f"{min(solution['margins'].values()):.2f}",
+                f"{solution['wrist_deg']:.2f}",
+            ]
+            for solution in answer["solutions"]
+        ],
+        note="wrist: how far axis 5 is from the wrist singularity.",
+    )
+
+
+def _row(values: dict[str, float]) -> tuple[list[str], list[list[str]]]:
+    return list(values), [[f"{value:.2f}" for value in values.values()]]
+
+
+def deflection(
+    target: Target,
+    joints_deg: Annotated[
+        str, typer.Option("--joints-deg", help="Six joint angles.", metavar="A1,..,A6", callback=given.numbers_of(6))
+    ],
+    force_n: Annotated[
+        str,
+        typer.Option(
+            "--force-n",
+            help="Force on the tool at the TCP, base axes.",
+            metavar="FX,FY,FZ",
+            callback=given.numbers_of(3),
+        ),
+    ] = "0,0,0",
+    moment_nm: Annotated[
+        str,
+        typer.Option(
+            "--moment-nm",
+            help="Moment on the tool about the TCP, base axes.",
+            metavar="MX,MY,MZ",
+            callback=given.numbers_of(3),
+        ),
+    ] = "0,0,0",
+    as_json: AsJson = False,
+) -> None:
+    """How far the tool moves under a load: linear, nonlinear, own-weight sag, compliance matrix, who bends most.
+
+    Example: `counterflex deflection cell.toml --joints-deg 0,-95,125,0,-30,0 --force-n 0,500,0`
+    """
+    from counterflex.app import questions
+
+    chain, _ = questions.load_chain(target)
+    answer = questions.deflection(
+        chain,
+        numbers(joints_deg, "--joints-deg", 6) or [],
+        numbers(force_n, "--force-n", 3) or [],
+        numbers(moment_nm, "--moment-nm", 3) or [],
+    )
+    if as_json:
+        print_json(answer)
+        return
+    rows = [
+        [what, *(f"{v:.2f}" for v in answer[key]["dx_dy_dz_um"]), f"{answer[key]['length_um']:.2f}"]
+        + [f"{v:.2f}" for v in answer[key]["rx_ry_rz_urad"]]
+        for what, key in (("linear", "linear"), ("nonlinear", "nonlinear"), ("own weight (sag)", "gravity_sag"))
+    ]
+    columns = ["", "dx um", "dy um", "dz um", "length um", "rx urad", "ry urad", "rz urad"]
+    print_table(
+        f"Deflection of the TCP of {chain.name}, base axes",
+        columns,
+        rows,
+        note=f"Linear and nonlinear differ by {answer['gap_um']:.3f} um.",
+    )
+    matrix = answer["compliance"]["translation_um_per_kn"]
+    print_table(
+        "Compliance, um/kN (base axes)",
+        ["", "Fx", "Fy", "Fz"],
+        [[name, *(f"{value:.1f}" for value in row)] for name, row in zip(("dx", "dy", "dz"), matrix, strict=True)],
+    )
+    print_table("Who bends", ["segment", "dx um", "dy um", "dz um", "share"], [_share(row) for row in answer["shares"]])
+    for warning in answer["warnings"]:
+        typer.echo(f"warning: {warning}")
+
+
+def _share(row: dict[str, Any]) -> list[str]:
+    return [row["segment"], *(f"{value:.1f}" for value in row["dx_dy_dz_um"]), f"{100 * row['share']:.1f}%"]
+
+
+def cell_check(
+    cell: Annotated[Path, typer.Argument(help="The cell file.", metavar="CELL", callback=given.file)],
+    as_json: AsJson = False,
+) -> None:
+    """Check a cell file: units, plausibility, reach, the weakest element and its share.
+
+    Example: `counterflex cell check cell.toml`
+    """
+    from counterflex.app import questions
+
+    answer = questions.check_cell(str(cell))
+    if as_json:
+        print_json(answer)
+        return
+    print_table(
+        f"{answer['cell']}: elastic chain, {answer['mass_kg']:g} kg",
+        ["segment", "compliance", "mass kg"],
+        [
+            [
+                row["segment"],
+                "  ".join(f"{key} {value:g}" for key, value in row["compliance"].items()) or "rigid",
+                f"{row['mass_kg']:g}",
+            ]
+            for row in answer["segments"]
+        ],
+    )
+    if answer["at_corner"] is not None:
+        print_table(
+            f"Softness at the stock's corner {answer['at_corner']['xyz_mm']} mm",
+            ["direction", "um/N", "weakest element", "its share"],
+            [
+                [row["direction"], f"{row['um_per_n']:.2f}", row["weakest"], f"{100 * row['share']:.0f}%"]
+                for row in answer["softness"]
+            ],
+            note=f"Own-weight sag varies by {answer['sag_variation_um']:.0f} um over the stock. "
+            f"Smallest joint margin {answer['smallest_joint_margin_deg']:.1f} deg.",
+        )
+    if answer["identified"]:
+        print_table(
+            "Identified from measurements",
+            ["recipe", "date", "data", "error on data not used", "values seen", "not seen"],
+            [
+                [entry["recipe"], entry["date"], ", ".join(entry["data"]), entry["holdout"], *_seen(entry["values"])]
+                for entry in answer["identified"]
+            ],
+            note="Values with their standard deviations: counterflex cell check CELL --json.",
+        )
+    for warning in answer["warnings"]:
+        typer.echo(f"warning: {warning}")
+    typer.echo("cell file ok" if not answer["warnings"] else f"cell file readable, {len(answer['warnings'])} warnings")
+
+
+def _seen(values: list[dict[str, Any]]) -> tuple[str, str]:
+    """How many values the data see, and how many stayed as they were known before."""
+    unseen = sum(value["seen"] == "prior" for value in values)
+    return str(len(values) - unseen), str(unseen)
+
+
+def cell_example(
+    out: Annotated[
+        Path, typer.Option("--out", help="Where to write it; an existing file is kept.", callback=given.output_file)
+    ] = Path("cell.toml"),
+) -> None:
+    """Write the demonstration cell (KR 300 with a spindle) as a file to start from, and beside it what to try it with.
+
+    Beside NAME.toml: its test part part.ngc, an RSI configuration rsi.xml, and NAME-small.toml with groove.ngc, a small
+    blank for quick trials.
+
+    Example: `counterflex cell example --out cell.toml`
+    """
+    from counterflex.app import examples
+
+    for path in examples.write_all(out):
+        typer.echo(f"wrote {path}")

@@ -1,0 +1,157 @@
+"""Commands that repeat published experiments on the simulated cell, over sockets: a group, one command per paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli import given
+from counterflex.cli.output import print_json, print_made_again, print_table, progress_bar
+from counterflex.core.errors import Interrupted
+
+_reproduce = typer.Typer(
+    no_args_is_help=True, help="Published experiments, repeated on the simulated cell over its real protocols."
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    _reproduce.command("haehn2020")(haehn2020)
+    _reproduce.command("mandiola2023")(mandiola2023)
+    _reproduce.callback()(_group)
+    app.add_typer(_reproduce, name="reproduce")
+
+
+def _group() -> None:
+    """Published experiments, repeated on the simulated cell over its real protocols."""
+
+
+def haehn2020(
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=given.output_folder)
+    ],
+    seeds: Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)] = 5,
+    level: Annotated[
+        str,
+        typer.Option(
+            "--level",
+            help="identified: each simulated cell is measured first; seeded: the cell file as it is, constants off.",
+            callback=given.one_of(("identified", "seeded"), "level"),
+        ),
+    ] = "identified",
+    quick: Annotated[
+        bool, typer.Option("--quick", help="One truth, payload only, straight edge: does it work at all?")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """A groove of 547 N corrected from force, with pilot control, and by plan and rest (Haehn and Weigold 2020).
+
+    Straight and 40 degree exit edge, Cartesian and axis-specific corrections, each run in lockstep over RSI and Net F/T
+    and judged by where the simulated tool truly was. Interrupted, the same command goes on where it was.
+
+    Example: `counterflex reproduce haehn2020 --out haehn`
+    """
+    from counterflex.validation.reproduce import haehn as job
+
+    with progress_bar("haehn2020") as progress:
+        try:
+            summary = job.run(
+                out, seeds=1 if quick else seeds, level="seeded" if quick else level, quick=quick, progress=progress
+            )
+        except KeyboardInterrupt as stop:
+            raise Interrupted(
+                "interrupted; finished runs are kept", where=str(out), hint="The same command goes on where it was"
+            ) from stop
+    if as_json:
+        print_json(summary)
+    else:
+        _show_haehn(summary)
+        print_made_again(summary)
+        typer.echo(f"wrote {out}")
+
+
+def _show_haehn(summary: dict[str, Any]) -> None:
+    from counterflex.validation.reproduce import haehn_report as report
+
+    edges = list(dict.fromkeys(row["edge"] for row in summary["seeds"]))
+    print_table(
+        f"Largest error across the feed, mm: median / worst of {len({r['seed'] for r in summary['seeds']})} truths"
+        f" ({summary['truth_level']})",
+        ["variant", *(f"{edge} {figure}" for edge in edges for figure in ("path", "exit")), "Haehn2020", "runs"],
+        report.table_rows(summary),
+    )
+    if any(item["refused"] for item in summary["variants"].values()):
+        typer.echo(report.REFUSED)
+    typer.echo(report.verdict(summary))
+
+
+def mandiola2023(
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=given.output_folder)
+    ],
+    seeds: Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)] = 3,
+    quick: Annotated[bool, typer.Option("--quick", help="Small paths and one seed: does it work at all?")] = False,
+    workers: Annotated[
+        int | None, typer.Option("--workers", help="Runs at a time; by default one per core.", min=1, max=64)
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Square and circle with a laser tracker in the loop: off, the published integrator, the designed controller.
+
+    A 400 mm square and a circle of 150 mm radius at 700 mm/min (Mandiola 2023), each run in lockstep over sockets and
+    judged by where the simulated tool truly was. Interrupted, the same command goes on where it was.
+
+    Example: `counterflex reproduce mandiola2023 --out mandiola`
+    """
+    from counterflex.validation.reproduce import mandiola as job
+
+    with progress_bar("mandiola2023") as progress:
+        try:
+            summary = job.run(out, seeds=1 if quick else seeds, quick=quick, workers=workers, progress=progress)
+        except KeyboardInterrupt as stop:
+            raise Interrupted(
+                "interrupted; finished runs are kept", where=str(out), hint="The same command goes on where it was"
+            ) from stop
+    if as_json:
+        print_json(summary)
+    else:
+        _show_mandiola(summary)
+        print_made_again(summary)
+        typer.echo(f"wrote {out}")
+
+
+def _show_mandiola(summary: dict[str, Any]) -> None:
+    from counterflex.validation.reproduce import mandiola_report as report
+
+    print_table("True error of the tool", list(report.COLUMNS), report.figure_rows(summary))
+    columns, rows = report.beside_paper(summary)
+    print_table("Beside the paper, worst truth", columns, rows)
+    print_table(
+        "Reduction against off (Mandiola2023: circle 66 %), and corner peak against the published gain's",
+        ["seed", "controller", "circle contour %", "circle total %", "straights total %", "corner peak ratio"],
+        [
+            [
+                str(item["seed"]),
+                name,
+                *(
+                    f"{100.0 * item[name][key]:.1f}"
+                    for key in ("circle_contour_rms", "circle_total_rms", "square_total_rms")
+                ),
+                f"{item[name]['corner_peak_to_published']:.2f}",
+            ]
+            for item in summary["reductions"]
+            for name in item
+            if name != "seed"
+        ],
+    )
+    print_table(
+        "Margins on the robot of the cell file",
+        list(report.MARGIN_COLUMNS),
+        report.margin_rows(summary),
+    )
+    typer.echo(report.verdict(summary))
+    missed = [name.replace("_", " ") for name, goal in summary["goals"].items() if not goal["reached"]]
+    if missed:
+        typer.echo("goals missed: " + ", ".join(missed))

@@ -1,0 +1,109 @@
+"""Commands about KUKA RSI set-ups: rsi check, rsi make."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli import given
+from counterflex.cli.commands.program import CellFile, Out
+from counterflex.cli.output import keep_inputs, print_json
+
+_rsi = typer.Typer(no_args_is_help=True, help="KUKA RSI set-ups: judge one, or make one for a cell.")
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    _rsi.command("check")(check)
+    _rsi.command("make")(make)
+    app.add_typer(_rsi, name="rsi")
+
+
+def check(
+    file: Annotated[
+        Path, typer.Argument(help="ETHERNET configuration file (.xml).", metavar="FILE", callback=given.file)
+    ],
+    cell: Annotated[
+        Path | None,
+        typer.Option("--cell", help="Cell file, for the limits of [online].", metavar="CELL", callback=given.file),
+    ] = None,
+    context: Annotated[
+        Path | None,
+        typer.Option(
+            "--context", help="Context of the controller (.rsi.xml or .rsix).", metavar="FILE", callback=given.file
+        ),
+    ] = None,
+    krl: Annotated[
+        Path | None, typer.Option("--krl", help="KRL program that uses it (.src).", metavar="FILE", callback=given.file)
+    ] = None,
+    tracker: Annotated[
+        int | None, typer.Option("--tracker", help="UDP port for tracker datagrams, as in run.", min=1, max=65535)
+    ] = None,
+    force_port: Annotated[
+        int | None, typer.Option("--force-port", help="UDP port of a simulated force sensor.", min=1, max=65535)
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines.")] = False,
+) -> None:
+    """Judge an RSI set-up: what is dangerous (error) or useless (warning), what is safe, what to do.
+
+    The more files are given, the more is judged. Exit status 1 when there is an error.
+
+    Example: `counterflex rsi check rsi.xml --cell cell.toml`
+    """
+    from counterflex.app.robot_setup import rsi as job
+
+    ports = {"the tracker": tracker, "the force sensor": force_port}
+    settings = job.CheckSettings(file, cell, context, krl, {name: p for name, p in ports.items() if p is not None})
+    findings = job.check(settings)
+    errors = sum(item.severity == "error" for item in findings)
+    if as_json:
+        counts = {"errors": errors, "warnings": len(findings) - errors}
+        print_json({"file": str(file), **counts, "findings": [dataclasses.asdict(item) for item in findings]})
+    else:
+        for item in findings:
+            typer.echo(item.line())
+        not_given = [name for name, path in (("--context", context), ("--krl", krl), ("--cell", cell)) if path is None]
+        blind = f"; not judged without {', '.join(not_given)}" if not_given else ""
+        typer.echo(f"{errors} errors, {len(findings) - errors} warnings{blind}")
+    if errors:
+        raise typer.Exit(1)
+
+
+def make(
+    cell: CellFile,
+    out: Out,
+    program: Annotated[
+        Path | None,
+        typer.Option(
+            "--program",
+            help="Compensated KRL program; without it one that tries the link.",
+            metavar="SRC",
+            callback=given.file,
+        ),
+    ] = None,
+    host: Annotated[str, typer.Option("--host", help="Address of the sensor computer.")] = "192.168.44.10",
+    port: Annotated[int, typer.Option("--port", help="UDP port on it.", min=1, max=65535)] = 59152,
+    sentype: Annotated[str, typer.Option("--sentype", help="Type of the answers.")] = "Counterflex",
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Make an RSI set-up for a cell: ETHERNET file, context, KRL program with correction around its path, README.
+
+    Limits come from the table [online] of the cell file, with a margin. Writes into DIR, everything or nothing; what
+    must be tried out on the controller stands in README.txt.
+
+    Example: `counterflex rsi make --cell cell.toml --out robot`
+    """
+    keep_inputs(out, cell, *([] if program is None else [program]))
+    from counterflex.app.robot_setup import rsi as job
+
+    summary = job.make(job.MakeSettings(cell, program, host, port, sentype), out)
+    if as_json:
+        print_json(summary)
+        return
+    for warning in summary["warnings"]:
+        typer.echo(warning)
+    typer.echo(f"wrote {out}: {', '.join([*summary['files'], 'summary.json'])}")
+    typer.echo("not tried on a controller: read README.txt first")

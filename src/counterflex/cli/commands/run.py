@@ -1,0 +1,365 @@
+"""Commands that correct while milling: run, and the simulated cell to run against."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from counterflex.cli import given, interrupt
+from counterflex.cli.bounds import LARGEST_PORT, LARGEST_SEED
+from counterflex.cli.commands.log import show_process
+from counterflex.cli.commands.program import CellFile, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.commands.simulated.options import WaitS, left_alone
+from counterflex.cli.given import address
+from counterflex.cli.output import keep_inputs, line_period_s, print_json, print_table, progress_bar
+from counterflex.core.errors import InputError
+from counterflex.core.units import MS
+
+if TYPE_CHECKING:
+    from counterflex.app.run.status import Status
+
+_STILL_S: Final = 0.5
+Rsi = Annotated[
+    Path | None,
+    typer.Option(
+        "--rsi",
+        help="KUKA: ETHERNET configuration file of the RSI context (.xml).",
+        metavar="FILE",
+        callback=given.file,
+    ),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    app.command()(run)
+
+
+def register_twin(twin: typer.Typer) -> None:
+    """Add the commands of the simulated cell."""
+    twin.command("cell")(cell)
+
+
+def one_protocol(rsi: Path | None, egm: object) -> None:
+    """Refuse neither or both of the robot's protocols.
+
+    Raises:
+        InputError: They are.
+    """
+    if (rsi is None) == (egm is None):
+        raise InputError(
+            "the robot's protocol is not clear",
+            value="neither" if rsi is None else "both",
+            limit="--rsi FILE for a KUKA robot or --egm for an ABB one",
+        )
+
+
+def run(
+    cell: CellFile,
+    out: Out,
+    rsi: Rsi = None,
+    egm: Annotated[
+        int | None,
+        typer.Option("--egm", help="ABB: UDP port for EGM, set up by [egm].", min=0, max=65535, metavar="PORT"),
+    ] = None,
+    plan: Annotated[
+        Path | None,
+        typer.Option("--plan", help="Plan file of the program (.parquet).", metavar="PLAN", callback=given.file),
+    ] = None,
+    program: Annotated[
+        Path | None,
+        typer.Option(
+            "--program", help="What the robot runs: must be of the plan's job.", metavar="PROGRAM", callback=given.file
+        ),
+    ] = None,
+    original: Annotated[
+        bool, typer.Option("--original", help="The robot runs the original program, not the compensated one.")
+    ] = False,
+    force: Annotated[
+        str | None,
+        typer.Option(
+            "--force",
+            help="Force sensor (Net F/T); with EGM else the robot's own.",
+            metavar="HOST:PORT",
+            callback=given.host_port,
+        ),
+    ] = None,
+    force_http: Annotated[
+        int, typer.Option("--force-http", help="Port of its scaling document.", min=1, max=LARGEST_PORT)
+    ] = 80,
+    tracker: Annotated[
+        int | None, typer.Option("--tracker", help="UDP port for tracker datagrams.", min=0, max=65535)
+    ] = None,
+    currents: Annotated[
+        bool, typer.Option("--currents", help="Use the motor currents that the robot sends, where no force is.")
+    ] = False,
+    listen: Annotated[str, typer.Option("--listen", help="Address to listen on; only this computer unless told.")] = (
+        "127.0.0.1"
+    ),
+    peer: Annotated[
+        str | None,
+        typer.Option(
+            "--peer",
+            help="The controller's address, port 0 for any; nobody else is heard. Without it: the first that sends.",
+            metavar="HOST:PORT",
+            callback=given.host_port,
+        ),
+    ] = None,
+    arm: Annotated[
+        bool, typer.Option("--arm", help="Arm when all checks are passed. Without it the loop only watches.")
+    ] = False,
+    trust_machine: Annotated[
+        bool, typer.Option("--trust-machine", help="Arm even where counterflex doctor has not found the machine fit.")
+    ] = False,
+    lockstep: Annotated[
+        bool, typer.Option("--lockstep", help="The robot is simulated and waits for every answer (twin cell).")
+    ] = False,
+    seconds: Annotated[
+        float | None, typer.Option("--seconds", help="End after so long; else when the telegrams stop.", min=0.1)
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Correct while milling: answer the robot's telegrams from force, plan and tracker, and log every cycle.
+
+    Without --arm every answer is zero: watch first. A robot that does not wait is armed only on a machine that
+    `doctor` has found fit. The log goes to DIR as run-000.mcap, run-001.mcap, ... While it runs, `operator stop DIR`,
+    `operator reset DIR` and `operator arm DIR` from another terminal end the correction, acknowledge and arm again.
+    Ctrl-C ramps the correction out first and then ends.
+
+    Exit status: 0 the program ended as planned; 2 refused before it began; 3 a fault, or a hold that lasted, ended the
+    correction; 4 never armed; 5 records are missing in the log; 6 the operator ended the correction; 1 the loop died;
+    130 Ctrl-C, 143 request to terminate, 129 terminal closed, unless a fault or a lost log is to be told.
+
+    Example: `counterflex run --cell cell.toml --rsi rsi.xml --plan plan.parquet --force 192.168.1.1:49152 --out log`
+    """
+    keep_inputs(out, cell, *(path for path in (rsi, plan, program) if path is not None))
+    one_protocol(rsi, egm)
+    from counterflex.app.run import run as job
+    from counterflex.app.run.process_events import shown_event
+    from counterflex.app.run.session import RunSettings
+    from counterflex.app.run.status import force_said
+    from counterflex.protocols.session.session import SessionChecks
+    from counterflex.runtime.estimator.fusion import level
+
+    if arm and not lockstep and not trust_machine:
+        from counterflex.app.doctor import require_fit
+
+        require_fit()
+    settings = RunSettings(
+        cell=cell,
+        rsi=rsi,
+        plan=plan,
+        program=program,
+        compensated=not original,
+        host=listen,
+        port=egm,
+        egm=egm is not None,
+        force=None if force is None else address(force, "--force"),
+        force_http_port=force_http,
+        currents=currents,
+        tracker_port=tracker,
+        peer=None if peer is None else address(peer, "--peer"),
+        arm=arm,
+        lockstep=lockstep,
+        force_wait_s=60.0 if lockstep else 10.0,
+    )
+
+    def watch(status: Status) -> None:
+        x, y, z = status.correction_um
+        cause = f" ({status.cause.name.lower().replace('_', ' ')})" if status.cause else ""
+        rests = f"  from {level(status.sources)}" if status.sources else ""
+        if status.rejected:
+            rests += f"  {status.rejected} tracker samples rejected"
+        if status.set_back:
+            rests += f"  tracker's clock set back, {status.set_back} times"
+        if status.degraded:
+            rests += f" ({status.degraded.name.lower().replace('_', ' ')})"
+        trouble = "  feed held" if status.feed_hold else ""
+        if status.log_trouble or status.records_lost:
+            trouble += f"  LOG LOST: {status.log_trouble or 'it goes on'}, {status.records_lost} records lost"
+        if status.still_s > _STILL_S:
+            trouble += f"  THE LOOP STANDS STILL: no sign of life for {status.still_s:.1f} s; stop the robot"
+        if status.tracker_off:
+            trouble += f"  NOT READY: {status.tracker_off}"
+        if status.tares:
+            trouble += (
+                f"  NO ZERO: {status.idle_n:.1f} N and {status.idle_nm:.1f} N m without a cut, limits"
+                f" {SessionChecks.force_n:g} N and {SessionChecks.moment_nm:g} N m; tried again ({status.tares}):"
+                " take the tool off the part, or identify the payload"
+            )
+        trouble += force_said(status)
+        if status.trouble:
+            trouble += f"  INTERNAL: {status.trouble}"
+        if status.foreign:
+            trouble += f"  FOREIGN TELEGRAMS: {status.foreign}"
+        speed = f"  speed {100.0 * status.speed:.0f} %" if status.speed < 1.0 else ""
+        for event in status.events:
+            found = shown_event(event)
+            typer.echo(
+                f"PROCESS: {found['event'].replace('_', ' ')} at {found['path_mm']:.1f} mm of the path:"
+                f" {found['value']:g} {found['unit']}, limit {found['limit']:g}",
+                err=True,
+            )
+        typer.echo(
+            f"{status.state.name.lower():9s}{cause} {status.cycles:7d} cycles  "
+            f"correction {x:+6.0f} {y:+6.0f} {z:+6.0f} um  {status.compute_us:4.0f} us"
+            f"{_whereabouts(status)}{rests}{speed}{trouble}",
+            err=True,
+        )
+
+    def started(where: tuple[str, int]) -> None:
+        interrupt.keeps(f"the log up to here is in {out}; the loop ramps the correction out and ends by itself")
+        typer.echo(f"waiting for the robot at {where[0]}:{where[1]}", err=True)
+
+    def told(line: str) -> None:
+        typer.echo(f"warning: {line}", err=True)
+
+    if line_period_s() > 0.0:
+        typer.echo("preparing the loop: cell, plan, sensors", err=True)
+    summary = job.run(settings, out, watch=watch, most_s=seconds, started=started, told=told)
+    if as_json:
+        print_json(summary)
+    else:
+        _show(summary, out)
+    if summary["ended"]["wrong"]:
+        interrupt.went_wrong(summary["ended"]["status"])
+    if summary["ended"]["status"]:
+        typer.echo(f"ended: {summary['ended']['said']}", err=True)
+        raise typer.Exit(summary["ended"]["status"])
+
+
+def _whereabouts(status: Status) -> str:
+    """Place, force and the ages of the sources, as far as they are known."""
+    said = "" if status.place is None else f"  at {100.0 * status.place:.1f} %"
+    if status.force_n is not None:
+        said += f"  {status.force_n:.0f} N"
+        said += "" if status.planned_n is None else f" of {status.planned_n:.0f} planned"
+    ages = [f"{name} {'-' if age is None else f'{1e3 * age:.0f}'}" for name, age in status.ages_s]
+    return said + (f"  age ms: {' '.join(ages)}" if ages else "")
+
+
+def _show(summary: dict[str, Any], out: Path) -> None:
+    """What a run was, for people."""
+    print_table(
+        "Online run",
+        ["cycles", "seconds", "largest correction um", "compute p50 us", "p99 us", "records lost"],
+        [
+            [
+                f"{summary[key]:g}" if not isinstance(summary[key], dict) else ""
+                for key in ("cycles", "seconds", "largest_correction_um")
+            ]
+            + [f"{summary['compute_us'][key]:g}" for key in ("p50", "p99")]
+            + [f"{summary['records_lost']}"]
+        ],
+    )
+    typer.echo("states: " + ", ".join(f"{name} {count}" for name, count in summary["states"].items()))
+    show_process(summary)
+    if summary["causes"]:
+        typer.echo("causes: " + ", ".join(name.replace("_", " ") for name in summary["causes"]))
+    typer.echo(f"wrote {out}")
+
+
+def cell(
+    program: Program,
+    cell: CellFile,
+    truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=given.file)],
+    out: Out,
+    rsi: Rsi = None,
+    egm: Annotated[
+        str | None,
+        typer.Option(
+            "--egm",
+            help="ABB: where EGM messages go; set up by [egm] of the cell.",
+            metavar="HOST:PORT",
+            callback=given.host_port,
+        ),
+    ] = None,
+    own_force: Annotated[
+        bool, typer.Option("--own-force", help="ABB: the controller sends the force sensor's readings itself.")
+    ] = False,
+    original: Annotated[
+        Path | None,
+        typer.Option(
+            "--original",
+            help="The uncompensated program, to judge a compensated one.",
+            metavar="PROGRAM",
+            callback=given.file,
+        ),
+    ] = None,
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+    peer: Annotated[
+        str | None,
+        typer.Option(
+            "--peer", help="Where telegrams go, instead of RSI's own.", metavar="HOST:PORT", callback=given.host_port
+        ),
+    ] = None,
+    force_port: Annotated[
+        int, typer.Option("--force-port", help="UDP port of the force sensor; 0: a free one.", min=0, max=LARGEST_PORT)
+    ] = 0,
+    force_http: Annotated[
+        int, typer.Option("--force-http", help="Port of its scaling document; 0: a free one.", min=0, max=LARGEST_PORT)
+    ] = 0,
+    tracker: Annotated[
+        str | None,
+        typer.Option("--tracker", help="Send tracker datagrams there.", metavar="HOST:PORT", callback=given.host_port),
+    ] = None,
+    tracker_hz: Annotated[
+        float, typer.Option("--tracker-hz", help="Poses in a second; photogrammetry has few.", min=0.1, max=1000.0)
+    ] = 1000.0,
+    tracker_late_ms: Annotated[
+        float, typer.Option("--tracker-late", help="How late they come, ms.", min=0.0, max=900.0)
+    ] = 0.0,
+    seed: Annotated[int, typer.Option("--seed", help="Of the instruments.", min=0, max=LARGEST_SEED)] = 0,
+    wait_s: WaitS = 60.0,
+    gate_s: Annotated[float, typer.Option("--gate-s", help="Rest before the program starts.", min=0.0)] = 0.8,
+    realtime: Annotated[
+        bool, typer.Option("--realtime", help="Keep real time; else wait for every answer, as fast as both can.")
+    ] = False,
+) -> None:
+    """Run a program on the simulated cell behind its real protocols: KUKA RSI or ABB EGM, Net F/T, tracker.
+
+    It begins to send at once: start `counterflex run` first. Writes into DIR what `simulate` writes, and nothing where
+    nobody answers; it ends when its partner has ended.
+
+    Example: `counterflex twin cell part.ngc --cell cell.toml --truth truth.toml --rsi rsi.xml --out part`
+    """
+    keep_inputs(out, *(path for path in (program, cell, truth, rsi, original, parameters) if path is not None))
+    one_protocol(rsi, egm)
+    from counterflex.app.inputs import Reading
+    from counterflex.app.simulated_cell import cell as job
+
+    settings = job.LiveSettings(
+        program=program,
+        cell=cell,
+        truth=truth,
+        rsi=rsi,
+        original=original,
+        reading=Reading(parameters=parameters, complete=not without_end),
+        peer=None if peer is None else address(peer, "--peer"),
+        egm=None if egm is None else address(egm, "--egm"),
+        own_force=own_force,
+        netft_port=None if own_force else force_port,
+        netft_http_port=force_http,
+        tracker_peer=None if tracker is None else address(tracker, "--tracker"),
+        tracker_hz=tracker_hz,
+        tracker_faults=job.late(tracker_late_ms * MS),
+        seed=seed,
+        wait_s=wait_s,
+        gate_s=gate_s,
+        realtime=realtime,
+    )
+
+    def started(where: job.Addresses) -> None:
+        if where.netft and where.netft_http and 0 in (force_port, force_http):  # else the caller knows it
+            typer.echo(
+                f"force sensor at {where.netft[0]}:{where.netft[1]}, scaling at port {where.netft_http[1]}", err=True
+            )
+
+    with progress_bar(f"milling {program.name}") as progress:
+        summary = job.run(settings, out, started=started, progress=progress)
+    found = summary["online"]
+    typer.echo(f"{found['ended']} after {found['cycles']} telegrams, {found['late_answers']} late; wrote {out}")
+    left_alone(found["ended"])

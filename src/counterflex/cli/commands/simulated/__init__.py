@@ -1,0 +1,1 @@
+"""Commands that start one simulated controller or instrument by itself."""

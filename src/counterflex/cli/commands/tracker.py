@@ -1,0 +1,71 @@
+"""Commands of real trackers."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli import given
+from counterflex.cli.commands.question import AsJson
+from counterflex.cli.given import address
+from counterflex.core.errors import FileFormatError
+
+_tracker = typer.Typer(no_args_is_help=True, help="Laser trackers: bring their measurements to the loop.")
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    _tracker.command("bridge")(bridge)
+    _tracker.callback()(_group)
+    app.add_typer(_tracker, name="tracker")
+
+
+def _group() -> None:
+    """Laser trackers: bring their measurements to the loop."""
+
+
+def bridge(
+    to: Annotated[
+        str,
+        typer.Argument(
+            help="Where datagrams go: the loop's --tracker port.", metavar="HOST:PORT", callback=given.host_port
+        ),
+    ],
+    file: Annotated[
+        Path | None,
+        typer.Option(
+            "--file", help="Read lines from there; else from standard input.", metavar="CSV", callback=given.file
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Turn what a tracker's own program prints into pose datagrams, line by line as they come.
+
+    The first line names the columns: time_s (or time_ns); distance_mm,azimuth_deg,zenith_deg as a tracker measures
+    them, or x_mm,y_mm,z_mm; qw,qx,qy,qz where the target has an orientation; status and sigma_mm where known. A line
+    that cannot be used is left out and said. Lines come from standard input: tracker_program | counterflex ...
+
+    Example: `counterflex tracker bridge 127.0.0.1:5001`
+    """
+    from counterflex.app.run.tracker_bridge import forward
+    from counterflex.cli.output import print_json
+
+    def complain(what: str) -> None:
+        typer.echo(f"left out: {what}", err=True)
+
+    peer = address(to, "HOST:PORT")
+    if file is None:
+        found = forward(sys.stdin, peer, "standard input", complain=complain)
+    else:
+        try:
+            with file.open(encoding="utf-8-sig") as lines:
+                found = forward(lines, peer, str(file), complain=complain)
+        except (FileNotFoundError, IsADirectoryError, UnicodeDecodeError) as fault:
+            raise FileFormatError("the file cannot be read", where=str(file), value=str(fault)) from fault
+    if as_json:
+        print_json(found)
+    else:
+        typer.echo(f"{found['sent']} datagrams sent, {found['left_out']} lines left out")

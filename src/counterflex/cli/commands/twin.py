@@ -1,0 +1,70 @@
+"""Commands of the simulated laboratory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli import given
+from counterflex.cli.bounds import LARGEST_SEED
+from counterflex.cli.commands.program import CellFile, Out
+from counterflex.cli.commands.proxy import register as register_proxy
+from counterflex.cli.commands.run import register_twin
+from counterflex.cli.commands.simulated.egm import register as register_egm
+from counterflex.cli.commands.simulated.instruments import register as register_fakes
+from counterflex.cli.commands.simulated.rsi import register as register_rsi
+from counterflex.cli.output import keep_inputs, progress_bar
+
+_twin = typer.Typer(no_args_is_help=True, help="The simulated cell: measure on it, or run it behind its protocols.")
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    _twin.command("measure")(measure)
+    register_twin(_twin)
+    register_rsi(_twin)
+    register_fakes(_twin)
+    register_egm(_twin)
+    register_proxy(_twin)
+    _twin.callback()(_group)
+    app.add_typer(_twin, name="twin")
+
+
+def _group() -> None:
+    """The simulated cell: measure on it, or run it behind its protocols."""
+
+
+def measure(
+    proposal: Annotated[
+        Path,
+        typer.Argument(help="Proposal that identify RECIPE --propose wrote.", metavar="PROPOSAL", callback=given.file),
+    ],
+    cell: CellFile,
+    truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=given.file)],
+    out: Out,
+    seed: Annotated[
+        int,
+        typer.Option(
+            "--seed", help="Of the laboratory: where its instruments stand, and their noise.", min=0, max=LARGEST_SEED
+        ),
+    ] = 0,
+    session: Annotated[
+        str | None,
+        typer.Option("--session", help="Another session gives other noise; by default the name of its folder."),
+    ] = None,
+) -> None:
+    """Measure on the simulated cell what a proposal asks for: a CSV file and its manifest, as a laboratory delivers.
+
+    The readings come from the truth, with friction, play, drives and noise; nothing else of it gets into the files.
+
+    Example: `counterflex twin measure proposal/proposal.toml --cell cell.toml --truth truth.toml --out data`
+    """
+    keep_inputs(out, proposal, cell, truth)
+    from counterflex.app.campaign import laboratory
+
+    with progress_bar(f"measuring {proposal.name}") as progress:
+        found = laboratory.measure(proposal, cell, truth, out, seed=seed, session=session, progress=progress)
+    typer.echo(f"wrote {found['manifest']}: {found['rows']} rows of {found['kind']}, {', '.join(found['channels'])}")
+    typer.echo(f"next: counterflex identify {found['recipe']} {found['manifest']} --cell {cell} --out DIR")

@@ -1,0 +1,396 @@
+"""The cell file read and resolved: everything physical the rest of the program stands on."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import CounterflexError, FileFormatError
+from counterflex.core.units import DEG, MM, MRAD, MS, N_PER_MM, N_PER_MM2, UM, URAD
+from counterflex.cutting import material
+from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
+from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.stock import HeightMap
+from counterflex.files.cell.measured import CalibrationTable
+from counterflex.files.cell.plausibility import require_units
+from counterflex.files.cell.tables import CellTables, MaterialTable, OpwTable, PartTable, StockTable
+from counterflex.programs.robot_writer.machine_functions import Dialect, MachineFunctions
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.elasticity.drive_error import DriveErrors
+from counterflex.robot.model import catalog, opw_chain
+from counterflex.robot.model.calibration import calibrated
+from counterflex.robot.model.description import EndEffector, Opw, Play, Robot, Segment, Servo
+
+KIND = "counterflex-cell"
+VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """A cell: the tables of its file and the objects they describe, in SI.
+
+    Attributes:
+        tables: The file as written, in shop units.
+        path: Where it was read from; relative paths in the file are relative to its folder.
+        robot: Robot with the file's changes to its elastic elements, and calibrated.
+        end_effector: Bodies from the flange outward and the TCP, calibrated.
+        chain: Both as one elastic chain.
+        nominal_robot: Robot without calibration: the geometry that its controller computes with.
+        nominal_end_effector: End effector without calibration.
+    """
+
+    tables: CellTables
+    path: Path
+    robot: Robot
+    end_effector: EndEffector
+    chain: ElasticChain
+    nominal_robot: Robot
+    nominal_end_effector: EndEffector
+
+    @property
+    def name(self) -> str:
+        """Name of the cell."""
+        return self.tables.name
+
+    @property
+    def part(self) -> PartTable:
+        """Table ``[part]``.
+
+        Raises:
+            FileFormatError: The file has none.
+        """
+        if self.tables.part is None:
+            raise self._lacking("[part]")
+        return self.tables.part
+
+    @property
+    def material(self) -> MaterialTable:
+        """Table ``[material]``.
+
+        Raises:
+            FileFormatError: The file has none.
+        """
+        if self.tables.material is None:
+            raise self._lacking("[material]")
+        return self.tables.material
+
+    def missing_for_milling(self) -> tuple[str, ...]:
+        """Tables without which nothing can be milled and that the file does not have; calibration needs none of them.
+
+        Returns:
+            Some of ``[part]``, ``[part.stock]``, ``[[tools]]``, ``[material]``.
+        """
+        part = self.tables.part
+        return tuple(
+            name
+            for name, absent in (
+                ("[part]", part is None),
+                ("[part.stock]", part is not None and part.stock is None),
+                ("[[tools]]", not self.tables.tools),
+                ("[material]", self.tables.material is None),
+            )
+            if absent
+        )
+
+    def require_milling(self) -> None:
+        """Check that the file describes everything that cutting needs.
+
+        Raises:
+            FileFormatError: It does not; one line that names every table that is missing.
+        """
+        missing = self.missing_for_milling()
+        if missing:
+            raise self._lacking(*missing)
+
+    def _lacking(self, *tables: str) -> FileFormatError:
+        named = ", ".join(tables)
+        return FileFormatError(
+            f"the cell file has no {named}, which this job needs",
+            where=str(self.path),
+            hint="Only calibration does without; docs/cell-file.md lists the keys",
+        )
+
+    @cached_property
+    def controller_chain(self) -> ElasticChain:
+        """The chain as the robot controller has it, without calibrations; ``chain`` itself where there are none."""
+        if not self.tables.robot.calibration:
+            return self.chain
+        return ElasticChain.build(self.nominal_robot, self.nominal_end_effector)
+
+    @cached_property
+    def calibration(self) -> dict[str, Float]:
+        """(6,) m, rad: displacement behind each calibrated segment."""
+        return _calibration(self.tables)
+
+    @cached_property
+    def drive_errors(self) -> DriveErrors:
+        """Periodic errors and sag of the drives: from controller angles to those of ``chain`` and back."""
+        table, sag = self.tables.drive_error, self.tables.axis_sag
+        errors = DriveErrors() if table is None else table.errors()
+        return errors if sag is None else replace(errors, sag=sag.sag(self.controller_chain))
+
+    @cached_property
+    def T_base_part(self) -> Float:
+        """(4, 4) part frame in the robot base, as the controller knows it."""
+        return self.part.matrix()
+
+    @cached_property
+    def datum_points_part(self) -> Float:
+        """(k, 3) m, points where the robot touched the part to measure its frame."""
+        return np.array(self.part.datum_points_mm, dtype=np.float64).reshape(-1, 3) * MM
+
+    @cached_property
+    def force_law(self) -> ForceLaw:
+        """Cutting law of the material."""
+        return _force_law(self.material, str(self.path))
+
+    def cutter(self, number: int) -> Cutter:
+        """The tool with the program's number.
+
+        Raises:
+            FileFormatError: The cell has no such tool, or none at all.
+        """
+        if not self.tables.tools:
+            raise self._lacking("[[tools]]")
+        for tool in self.tables.tools:
+            if tool.number == number:
+                return Cutter(
+                    diameter_m=tool.diameter_mm * MM,
+                    corner_radius_m=tool.corner_radius_mm * MM,
+                    flutes=tool.flutes,
+                    helix_rad=tool.helix_deg * DEG,
+                    flute_length_m=tool.flute_length_mm * MM,
+                    runout_m=tool.runout_um * UM,
+                )
+        raise FileFormatError(
+            "the program cuts with a tool that the cell does not have",
+            where=str(self.path),
+            value=f"T{number}",
+            limit=", ".join(f"T{tool.number}" for tool in self.tables.tools),
+            hint=f"Add a [[tools]] table with number = {number}" if number else "Select a tool in the program: M6 T...",
+        )
+
+    def machine_functions(self, language: Dialect) -> MachineFunctions:
+        """Spindle, coolant and tool change in a robot language, from ``[controller.spindle]`` and ``[[tools]]``."""
+        if language == "krl":
+            data = {tool.number: f"{tool.tool_data}" for tool in self.tables.tools if tool.tool_data is not None}
+        else:
+            data = {tool.number: tool.tooldata for tool in self.tables.tools if tool.tooldata is not None}
+        return self.tables.controller.spindle.functions(language, data, str(self.path))
+
+    def stock(self) -> HeightMap:
+        """A fresh blank in the part frame.
+
+        Raises:
+            FileFormatError: There is no blank, or the mesh or the earlier result cannot be used.
+        """
+        if self.part.stock is None:
+            raise self._lacking("[part.stock]")
+        with _said_of(f"{self.path}: part.stock"):
+            return _stock(self.part.stock, self.path.parent)
+
+
+def read_cell(path: str | Path) -> Cell:
+    """Read a cell file and resolve what it names.
+
+    Raises:
+        FileFormatError: Missing file, wrong format or version, unknown key, value out of range or by magnitude in
+            another unit, unknown robot, segment or material; one line that says where and what to do.
+        ModelError: The numbers contradict each other (compliance or mass far outside of what robots are made of).
+    """
+    file = Path(path)
+    cell = resolve(CellTables.read(file, kind=KIND, version=VERSION), file)
+    require_units(cell.tables, str(file))
+    return cell
+
+
+def resolve(tables: CellTables, path: Path) -> Cell:
+    """Build the objects of a cell from its tables. Raises as :func:`read_cell`."""
+    where = str(path)
+    robot = _with_drives(_with_elastic(_robot(tables, path), tables, where), tables)
+    robot = replace(robot, regions=(*robot.regions, *(row.region() for row in tables.robot.elastic_region)))
+    taken = {segment.name for segment in robot.segments}
+    for body in tables.end_effector:
+        if body.name in taken:
+            raise FileFormatError(
+                "a body of the end effector has the name of a segment of the robot",
+                where=f"{where}: end_effector",
+                value=body.name,
+                hint="Give it another name",
+            )
+    bodies = tuple(
+        Segment(
+            name=body.name,
+            T_prev_seg=body.matrix(),
+            compliance=body.over(np.zeros(6)),
+            mass_kg=body.mass_kg,
+            p_seg_com=np.array([body.com_x_mm, body.com_y_mm, body.com_z_mm]) * MM,
+        )
+        for body in tables.end_effector
+    )
+    end_effector = EndEffector(bodies, tables.tcp.matrix())
+    with _said_of(f"{where}: robot.calibration"):
+        true_robot, true_end_effector = calibrated(robot, end_effector, _calibration(tables))
+    with _said_of(where):
+        chain = ElasticChain.build(true_robot, true_end_effector)
+        cell = Cell(tables, path, true_robot, true_end_effector, chain, robot, end_effector)
+    if tables.material is not None:
+        with _said_of(f"{where}: material"):
+            _ = cell.force_law
+    with _said_of(f"{where}: {'drive_error' if tables.drive_error is not None else 'axis_sag'}"):
+        _ = cell.drive_errors
+    for tool in tables.tools:
+        with _said_of(f"{where}: tool T{tool.number}"):
+            cell.cutter(tool.number)
+    return cell
+
+
+@contextlib.contextmanager
+def _said_of(where: str) -> Iterator[None]:
+    """Put the file and the key in front of the place of a fault that was found deeper down."""
+    try:
+        yield
+    except CounterflexError as fault:
+        if fault.where is not None and fault.where.startswith(where):
+            raise
+        place = where if fault.where is None else f"{where}: {fault.where}"
+        raise FileFormatError(
+            fault.what, where=place, value=fault.value, limit=fault.limit, hint=fault.hint, **fault.data
+        ) from fault
+
+
+def _robot(tables: CellTables, path: Path) -> Robot:
+    table = tables.robot
+    if table.catalog is not None:
+        with _said_of(f"{path}: robot.catalog"):
+            return catalog.load(table.catalog)
+    if table.geometry is not None:
+        with _said_of(f"{path}: robot.geometry"):
+            return _own_robot(table.geometry, tables.name)
+    if table.dh is not None:
+        with _said_of(f"{path}: robot.dh"):
+            return table.dh.robot(tables.name)
+    from counterflex.robot.model import urdf  # heavy, optional dependency
+
+    with _said_of(f"{path}: robot.urdf"):
+        return urdf.load_urdf(path.parent / str(table.urdf), tip_link=table.urdf_tip)
+
+
+def _calibration(tables: CellTables) -> dict[str, Float]:
+    return {
+        row.segment: np.array([*(np.array([row.x_mm, row.y_mm, row.z_mm]) * MM), *(_turn(row) * MRAD)])
+        for row in tables.robot.calibration
+    }
+
+
+def _turn(row: CalibrationTable) -> Float:
+    return np.array([row.rx_mrad, row.ry_mrad, row.rz_mrad])
+
+
+def _own_robot(table: OpwTable, name: str) -> Robot:
+    opw = Opw(
+        a1_m=table.a1_mm * MM,
+        a2_m=table.a2_mm * MM,
+        b_m=table.b_mm * MM,
+        c1_m=table.c1_mm * MM,
+        c2_m=table.c2_mm * MM,
+        c3_m=table.c3_mm * MM,
+        c4_m=table.c4_mm * MM,
+        offsets_rad=tuple(angle * DEG for angle in table.offsets_deg),
+        signs=tuple(table.signs),
+    )
+    return opw_chain.from_opw(name, opw, np.array(table.limits_deg) * DEG)
+
+
+def _with_elastic(robot: Robot, tables: CellTables, where: str) -> Robot:
+    segments = {segment.name: segment for segment in robot.segments}
+    for row in tables.robot.elastic:
+        if row.segment not in segments:
+            raise FileFormatError(
+                f"the robot has no segment '{row.segment}'",
+                where=f"{where}: robot.elastic",
+                limit=", ".join(segments),
+            )
+        old = segments[row.segment]
+        compliance = row.over(old.compliance)
+        mass = old.mass_kg if row.mass_kg is None else row.mass_kg
+        segments[row.segment] = replace(old, compliance=compliance, mass_kg=mass)
+    return replace(robot, segments=tuple(segments[segment.name] for segment in robot.segments))
+
+
+def _with_drives(robot: Robot, tables: CellTables) -> Robot:
+    """Play, friction and loop gains of the axes that the file gives them for."""
+    play, servo = list(robot.play or (None,) * 6), list(robot.servo or (None,) * 6)
+    for row in tables.robot.play:
+        slip = tuple(angle * URAD for angle in row.slip_urad)
+        play[row.axis - 1] = Play(row.dead_band_half_urad * URAD, row.friction_nm, slip)
+    for gains in tables.robot.servo:
+        servo[gains.axis - 1] = Servo(
+            speed_gain_nm_s=gains.speed_gain_nm_s,
+            position_gain_per_s=gains.position_gain_per_s,
+            integral_time_s=gains.integral_time_ms * MS,
+            friction_nm=gains.friction_nm,
+            slip_rad=gains.slip_urad * URAD,
+        )
+    return replace(
+        robot,
+        play=tuple(play) if any(play) else robot.play,
+        servo=tuple(servo) if any(servo) else robot.servo,
+    )
+
+
+def _force_law(table: MaterialTable, where: str) -> ForceLaw:
+    if table.catalog is not None:
+        with _said_of(f"{where}: material.catalog"):
+            return material.load(table.catalog).with_ratios(kr_over_kc=table.kr_over_kc, ka_over_kc=table.ka_over_kc)
+    h_min, h_max = table.chip_min_um * UM, table.chip_max_um * UM
+    if h_min >= h_max:
+        raise FileFormatError(
+            "chip_min_um is not below chip_max_um",
+            where=f"{where}: material",
+            value=f"{table.chip_min_um:g} and {table.chip_max_um:g}",
+        )
+    if table.law == "linear_edge":
+        return LinearEdgeLaw(
+            ktc_pa=(table.ktc_n_mm2 or 0.0) * N_PER_MM2,
+            krc_pa=(table.krc_n_mm2 or 0.0) * N_PER_MM2,
+            kac_pa=(table.kac_n_mm2 or 0.0) * N_PER_MM2,
+            kte_n_m=(table.kte_n_mm or 0.0) * N_PER_MM,
+            kre_n_m=(table.kre_n_mm or 0.0) * N_PER_MM,
+            kae_n_m=(table.kae_n_mm or 0.0) * N_PER_MM,
+            h_min_m=h_min,
+            h_max_m=h_max,
+            source=table.source,
+            status="cell file",
+        )
+    kc11, mc = table.kc11_n_mm2 or 0.0, table.mc or 0.0
+    law = KienzleLaw.from_k11(
+        kc11 * N_PER_MM2,
+        mc,
+        kr11_pa=(table.kr_over_kc or 0.0) * kc11 * N_PER_MM2,
+        mr=mc if table.mr is None else table.mr,
+        ka11_pa=(table.ka_over_kc or 0.0) * kc11 * N_PER_MM2,
+        ma=mc if table.ma is None else table.ma,
+        h_min_m=h_min,
+        h_max_m=h_max,
+        source=table.source,
+        status="cell file",
+    )
+    edge = (table.edge_c_n_mm * N_PER_MM, table.edge_r_n_mm * N_PER_MM, table.edge_a_n_mm * N_PER_MM)
+    return replace(law, edge_n_m=edge)
+
+
+def _stock(table: StockTable, folder: Path) -> HeightMap:
+    cell_m = table.cell_mm * MM
+    if table.box_min_mm is not None and table.box_max_mm is not None:
+        low, high = ((x * MM, y * MM, z * MM) for x, y, z in (table.box_min_mm, table.box_max_mm))
+        return HeightMap.from_box(low, high, cell_m)
+    if table.stl is not None:
+        return HeightMap.from_stl(folder / table.stl, cell_m)
+    return HeightMap.load(folder / str(table.result))

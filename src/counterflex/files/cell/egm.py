@@ -1,0 +1,95 @@
+"""Table ``[egm]`` of a cell file: how an ABB controller and the online loop work together, in shop units."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, MM
+from counterflex.files.cell.online import OnlineTable
+from counterflex.files.schema import Table
+from counterflex.protocols.abb_egm.guidance_link import GuidanceSettings
+from counterflex.runtime.state.supervisor import State
+
+Above = Annotated[float, Field(gt=0.0, le=1e6)]
+Level = Annotated[float, Field(ge=0.0, le=1e6)]
+PATH_MS = 24
+GUIDANCE_MS = 4
+
+
+class EgmTable(Table):
+    """Which of EGM's two ways is used, and with which settings on the controller."""
+
+    mode: Literal["path", "pose"] = "path"
+    port: Annotated[int, Field(ge=1, le=65535)] = 6510
+    device: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_:]{0,31}$")] = "UCdevice"
+    configuration: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
+    frame: Literal["part", "base"] = "part"
+    timeout_ms: Annotated[float, Field(ge=8.0, le=100.0)] = 100.0
+    position_gain_per_s: Annotated[float, Field(gt=0.0, le=20.0)] = 20.0
+    low_pass_hz: Annotated[float, Field(ge=0.0, le=100.0)] = 20.0
+    speed_deviation_deg_s: Annotated[float, Field(gt=0.0, le=180.0)] = 20.0
+    ramp_in_ms: Annotated[float, Field(ge=0.0, le=5000.0)] = 100.0
+    window_mm: Annotated[float, Field(gt=0.0, le=1.0)] = 0.05
+    window_deg: Annotated[float, Field(gt=0.0, le=1.0)] = 0.05
+    standing_s: Annotated[float, Field(ge=5.0, le=600.0)] = 30.0
+    start_tolerance_mm: Annotated[float, Field(gt=0.0, le=10.0)] = 1.0
+    start_tolerance_deg: Annotated[float, Field(gt=0.0, le=10.0)] = 0.5
+    follow_mm: Annotated[float, Field(gt=0.0, le=20.0)] = 2.0
+    acceleration_mm_s2: Above = 500.0
+    blending_mm: Annotated[float, Field(ge=0.0, le=10.0)] = 0.2
+    speed_reference: bool = False
+
+    @property
+    def configuration_name(self) -> str:
+        """Name of the External Motion Interface Data: ``pathCorr`` or ``default`` where none is given."""
+        return self.configuration or ("pathCorr" if self.mode == "path" else "default")
+
+    def guidance(self, lag_s: float, *, watch_only: bool) -> GuidanceSettings:
+        """How the path is streamed.
+
+        Args:
+            lag_s: How late the robot is where it was sent.
+            watch_only: The path begins without the loop being armed.
+        """
+        return GuidanceSettings(
+            lag_s=lag_s,
+            start=State.IDLE if watch_only else State.ARMED,
+            tolerance_m=self.start_tolerance_mm * MM,
+            tolerance_rad=self.start_tolerance_deg * DEG,
+            follow_m=self.follow_mm * MM,
+            speed_reference=self.speed_reference,
+        )
+
+    def require(self, online: OnlineTable, where: str) -> None:
+        """Check that EGM can do what the table ``[online]`` wants.
+
+        Raises:
+            InputError: It cannot.
+        """
+
+        def refuse(what: str, value: object, limit: object, hint: str) -> None:
+            raise InputError(what, where=where, value=value, limit=limit, hint=hint)
+
+        if online.output == "axes":
+            refuse("EGM takes no axis corrections", 'output = "axes"', "cartesian", 'Set output = "cartesian"')
+        if self.mode == "pose":
+            if online.period_ms != GUIDANCE_MS:
+                refuse("guidance runs in another cycle", online.period_ms, GUIDANCE_MS, "Set [online] period_ms = 4")
+            return
+        if online.period_ms % PATH_MS:
+            refuse(
+                "path correction runs in another cycle",
+                f"period_ms = {online.period_ms}",
+                f"multiples of {PATH_MS} ms",
+                "Set [online] period_ms = 24",
+            )
+        if online.orientation or online.along_feed:
+            refuse(
+                "path correction moves square to the path only, without turning",
+                "orientation or along_feed = true",
+                "false",
+                'Set both to false, or [egm] mode = "pose"',
+            )

@@ -1,0 +1,182 @@
+"""Tables ``[sensor]`` and ``[holder]`` of a cell file: how its forces are measured, in shop units."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import DEG, KN, MICRO, MINUTE, MM, N_PER_MM2
+from counterflex.files.schema import Angle, Length, PoseTable, Table
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.sensing.carrier import behind, hose_place
+from counterflex.sensing.flange_sensor import FlangeSensor
+from counterflex.sensing.holder_beam import Gauge, HolderBeam
+from counterflex.sensing.strain_holder import StrainHolder
+
+Three = tuple[float, float, float]
+Six = tuple[float, float, float, float, float, float]
+_HOUR = 60.0 * MINUTE
+_GPA = KN * N_PER_MM2
+_SHAPE = "expected 0, 9 or 34 rows of six numbers"
+
+
+class SensorTable(PoseTable):
+    """The six-axis force sensor; its pose is that of the sensor frame in the body that carries it."""
+
+    segment: Annotated[str, Field(min_length=1)]
+    mass_kg: Annotated[float, Field(ge=0.0, le=5000.0)] | None = None
+    com_mm: Three | None = None
+    inertia_kg_m2: Six | None = None
+    bias_n: Three = (0.0, 0.0, 0.0)
+    bias_nm: Three = (0.0, 0.0, 0.0)
+    drift_n_per_h: Three = (0.0, 0.0, 0.0)
+    drift_nm_per_h: Three = (0.0, 0.0, 0.0)
+    temperature_n_per_k: Three = (0.0, 0.0, 0.0)
+    temperature_nm_per_k: Three = (0.0, 0.0, 0.0)
+    reference_c: Annotated[float, Field(ge=-50.0, le=150.0)] = 20.0
+    offset: tuple[Six, ...] = ()
+    hose_from: str = ""
+    range_n: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    range_nm: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _both(self) -> Self:
+        if (self.mass_kg is None) != (self.com_mm is None):
+            raise ValueError("mass_kg and com_mm of what hangs behind the sensor belong together; give both or none")
+        if len(self.offset) not in (0, 9, 34):
+            raise ValueError(f"offset has {len(self.offset)} rows; {_SHAPE}")
+        return self
+
+
+class GaugeTable(Table):
+    """One strain-gauge bridge: where its active gauges sit on the holder, and which way they look."""
+
+    x_mm: Length
+    y_mm: Length
+    z_mm: Length
+    angle_deg: Angle = 0.0
+    factor: Annotated[float, Field(gt=0.0, le=20.0)] = 1.0
+
+
+class HolderTable(Table):
+    """The instrumented spindle holder: two cheeks between the clamped end and the spindle, and its bridges.
+
+    The holder frame: z along the cheeks from the clamped end to the spindle, x through both cheeks, y across.
+    """
+
+    length_mm: Annotated[float, Field(gt=1.0, le=2000.0)]
+    cheek_distance_mm: Annotated[float, Field(gt=1.0, le=2000.0)]
+    cheek_thickness_mm: Annotated[float, Field(gt=0.5, le=500.0)]
+    cheek_width_mm: Annotated[float, Field(gt=1.0, le=2000.0)]
+    youngs_modulus_gpa: Annotated[float, Field(gt=1.0, le=1000.0)] = 210.0
+    poisson_ratio: Annotated[float, Field(ge=0.0, lt=0.5)] = 0.3
+    segment: str = ""
+    gauges: Annotated[tuple[GaugeTable, ...], Field(min_length=3, max_length=12)]
+    tcp_mm: Three
+    sensitivity_um_m_per_kn: tuple[Six, ...] = ()
+    bias_um_m: tuple[float, ...] = ()
+    temperature_um_m_per_k: tuple[float, ...] = ()
+    reference_c: Annotated[float, Field(ge=-50.0, le=150.0)] = 20.0
+    noise_um_m: Annotated[float, Field(gt=0.0, le=1000.0)] = 0.2
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _rows(self) -> Self:
+        n = len(self.gauges)
+        for key in ("sensitivity_um_m_per_kn", "bias_um_m", "temperature_um_m_per_k"):
+            found = len(getattr(self, key))
+            if found not in (0, n):
+                raise ValueError(f"{key} has {found} rows; expected one for each of the {n} gauges, or none")
+        return self
+
+
+def flange_sensor(table: SensorTable | None, chain: ElasticChain) -> FlangeSensor | None:
+    """The sensor of a cell in SI.
+
+    Args:
+        table: Of the file; None where the cell has no sensor.
+        chain: Of the cell: what the file does not say of mass and centre of gravity is that of the bodies behind.
+
+    Returns:
+        The sensor, or None.
+
+    Raises:
+        InputError: The end effector has no such body, or the hose pack cannot come from where it is said to.
+    """
+    if table is None:
+        return None
+    T_seg_sensor = table.matrix()
+    R, p = T_seg_sensor[:3, :3], T_seg_sensor[:3, 3]
+    mass_kg, p_seg_com = behind(chain, table.segment)
+    if table.hose_from:
+        hose_place(chain, table.hose_from, table.segment)
+    p_sensor_com: Float = R.T @ (p_seg_com - p)
+    if table.mass_kg is not None and table.com_mm is not None:
+        mass_kg, p_sensor_com = table.mass_kg, np.array(table.com_mm) * MM
+    return FlangeSensor(
+        segment=table.segment,
+        T_seg_sensor=T_seg_sensor,
+        mass_kg=mass_kg,
+        p_sensor_com=p_sensor_com,
+        w_bias=np.array([*table.bias_n, *table.bias_nm]),
+        w_drift_per_s=np.array([*table.drift_n_per_h, *table.drift_nm_per_h]) / _HOUR,
+        w_kelvin=np.array([*table.temperature_n_per_k, *table.temperature_nm_per_k]),
+        reference_c=table.reference_c,
+        w_offset=np.array(table.offset).reshape(-1, 6),
+        inertia_kg_m2=np.array(table.inertia_kg_m2) if table.inertia_kg_m2 is not None else np.zeros(6),
+        hose_from=table.hose_from,
+    )
+
+
+def strain_holder(table: HolderTable | None) -> StrainHolder | None:
+    """The instrumented holder of a cell in SI.
+
+    Args:
+        table: Of the file; None where the cell has none. What it does not say of the bridges' sensitivity is computed
+            from the drawing.
+
+    Raises:
+        InputError: A gauge sits on no surface of the holder.
+    """
+    if table is None:
+        return None
+    beam = HolderBeam(
+        length_m=table.length_mm * MM,
+        distance_m=table.cheek_distance_mm * MM,
+        thickness_m=table.cheek_thickness_mm * MM,
+        width_m=table.cheek_width_mm * MM,
+        e_pa=table.youngs_modulus_gpa * _GPA,
+        poisson_ratio=table.poisson_ratio,
+    )
+    gauges = tuple(Gauge((g.x_mm * MM, g.y_mm * MM, g.z_mm * MM), g.angle_deg * DEG, g.factor) for g in table.gauges)
+    designed = StrainHolder.designed(beam, gauges, np.array(table.tcp_mm) * MM, table.noise_um_m * MICRO, table.segment)
+    zero = designed.bias
+    return replace(
+        designed,
+        sensitivity=np.array(table.sensitivity_um_m_per_kn) * (MICRO / KN)
+        if table.sensitivity_um_m_per_kn
+        else designed.sensitivity,
+        bias=np.array(table.bias_um_m) * MICRO if table.bias_um_m else zero,
+        per_kelvin=np.array(table.temperature_um_m_per_k) * MICRO if table.temperature_um_m_per_k else zero,
+        reference_c=table.reference_c,
+    )
+
+
+def sensing_of(sensor: SensorTable | None, holder: HolderTable | None, chain: ElasticChain) -> dict[str, Any]:
+    """What measures forces in a cell, as objects, by the name of its table; nothing for tables that are not there.
+
+    Args:
+        sensor: Table of the flange sensor.
+        holder: Table of the instrumented holder.
+        chain: Of the cell.
+
+    Raises:
+        InputError: The end effector has no such body, or a gauge sits on no surface of the holder.
+    """
+    found = {"sensor": flange_sensor(sensor, chain), "holder": strain_holder(holder)}
+    return {name: value for name, value in found.items() if value is not None}

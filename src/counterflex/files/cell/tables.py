@@ -1,0 +1,355 @@
+"""The tables of a cell file (``counterflex-cell``, version 1). docs/cell-file.md explains every key."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Final, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from counterflex.files.cell.ads import AdsTable
+from counterflex.files.cell.axis_sag import AxisSagTable
+from counterflex.files.cell.controller import ControllerTable
+from counterflex.files.cell.dh import DhTable
+from counterflex.files.cell.drive_error import DriveErrorTable
+from counterflex.files.cell.egm import EgmTable
+from counterflex.files.cell.elastic_region import MOST_REGIONS, ElasticRegionTable
+from counterflex.files.cell.measured import CalibrationTable, IdentifiedTable
+from counterflex.files.cell.monitor import MonitorTable, OverrideTable
+from counterflex.files.cell.online import OnlineTable
+from counterflex.files.cell.sensing import HolderTable, SensorTable
+from counterflex.files.cell.timing import TimingTable
+from counterflex.files.cell.tracker import TrackerTable
+from counterflex.files.schema import Angle, ComplianceTable, Length, PoseTable, Table, Versioned
+
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Vector = tuple[Length, Length, Length]
+Share = Annotated[float, Field(ge=0.0, le=5.0)]
+ToolLength = Annotated[float, Field(gt=0.0, le=1000.0)]
+Mass = Annotated[float, Field(ge=0.0, le=5000.0)]
+Pressure = Annotated[float, Field(ge=0.0, le=20000.0)]
+EdgeForce = Annotated[float, Field(ge=0.0, le=1000.0)]
+MAX_SLIP_ELEMENTS: Final = 3
+MIN_CELLS: Final = 16
+MAX_CELLS: Final = 200_000_000
+SignedShare = Annotated[float, Field(ge=-5.0, le=5.0)]
+
+
+class OpwTable(Table):
+    """Own geometry of a six-axis arm with parallel base and spherical wrist."""
+
+    a1_mm: Length
+    a2_mm: Length
+    b_mm: Length = 0.0
+    c1_mm: Length
+    c2_mm: Length
+    c3_mm: Length
+    c4_mm: Length
+    offsets_deg: Annotated[list[Angle], Field(min_length=6, max_length=6)]
+    signs: Annotated[list[Literal[-1, 1]], Field(min_length=6, max_length=6)]
+    limits_deg: Annotated[list[tuple[Angle, Angle]], Field(min_length=6, max_length=6)]
+
+
+class ElasticTable(ComplianceTable):
+    """Replaces entries of the compliance (and the mass) of one segment of the robot."""
+
+    segment: str
+    mass_kg: Mass | None = None
+    source: str = ""
+
+
+class PlayTable(Table):
+    """Gear play and dry friction of one axis, as slow reversals of the unloaded axis show them."""
+
+    axis: Annotated[int, Field(ge=1, le=6)]
+    dead_band_half_urad: Annotated[float, Field(ge=0.0, le=10_000.0)] = 0.0
+    friction_nm: tuple[Annotated[float, Field(ge=0.0, le=100_000.0)], ...] = ()
+    slip_urad: tuple[Annotated[float, Field(ge=0.1, le=10_000.0)], ...] = ()
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _elements(self) -> PlayTable:
+        if len(self.friction_nm) != len(self.slip_urad):
+            raise ValueError(
+                f"friction_nm has {len(self.friction_nm)} values and slip_urad {len(self.slip_urad)}; "
+                "expected one slip angle for every friction torque"
+            )
+        if len(self.friction_nm) > MAX_SLIP_ELEMENTS:
+            raise ValueError(
+                f"friction_nm has {len(self.friction_nm)} values; expected at most {MAX_SLIP_ELEMENTS} slip elements"
+            )
+        return self
+
+
+class ServoTable(Table):
+    """Loop gains of one axis, on the link side, as the controller's machine data or a load step show them."""
+
+    axis: Annotated[int, Field(ge=1, le=6)]
+    speed_gain_nm_s: Annotated[float, Field(ge=1e-3, le=1e9)]
+    position_gain_per_s: Annotated[float, Field(ge=0.1, le=1e4)]
+    integral_time_ms: Annotated[float, Field(ge=0.1, le=1e5)]
+    friction_nm: Annotated[float, Field(ge=0.0, le=100_000.0)] = 0.0
+    slip_urad: Annotated[float, Field(ge=0.1, le=10_000.0)] = 10.0
+    source: str = ""
+
+
+class RobotTable(Table):
+    """Which robot: by catalogue name, by own geometry, by Denavit-Hartenberg rows, or from a URDF file."""
+
+    catalog: str | None = None
+    geometry: OpwTable | None = None
+    dh: DhTable | None = None
+    urdf: str | None = None
+    urdf_tip: str | None = None
+    elastic: tuple[ElasticTable, ...] = ()
+    elastic_region: Annotated[tuple[ElasticRegionTable, ...], Field(max_length=MOST_REGIONS)] = ()
+    play: tuple[PlayTable, ...] = ()
+    servo: tuple[ServoTable, ...] = ()
+    calibration: tuple[CalibrationTable, ...] = ()
+
+    @model_validator(mode="after")
+    def _one_table_each(self) -> RobotTable:
+        for what, axes in (("play", [row.axis for row in self.play]), ("servo", [row.axis for row in self.servo])):
+            for axis in axes:
+                if axes.count(axis) > 1:
+                    raise ValueError(f"{what} of axis {axis} is given {axes.count(axis)} times; expected once")
+        segments = [row.segment for row in self.calibration]
+        for segment in segments:
+            if segments.count(segment) > 1:
+                raise ValueError(f"calibration of {segment} is given {segments.count(segment)} times; expected once")
+        return self
+
+    @model_validator(mode="after")
+    def _one_source(self) -> RobotTable:
+        given = [key for key in ("catalog", "geometry", "dh", "urdf") if getattr(self, key) is not None]
+        if len(given) != 1:
+            found = " and ".join(given) or "none of them"
+            raise ValueError(f"a robot comes from exactly one of catalog, geometry, dh and urdf; got {found}")
+        return self
+
+
+class BodyTable(PoseTable, ComplianceTable):
+    """One body of the end effector; its pose is given in the previous body (the flange for the first)."""
+
+    name: str
+    mass_kg: Mass = 0.0
+    com_x_mm: Length = 0.0
+    com_y_mm: Length = 0.0
+    com_z_mm: Length = 0.0
+    source: str = ""
+
+
+class ToolTable(Table):
+    """A milling tool."""
+
+    number: Annotated[int, Field(ge=0)]
+    name: str = ""
+    diameter_mm: ToolLength
+    corner_radius_mm: NonNegative = 0.0
+    flutes: Annotated[int, Field(ge=1, le=64)]
+    helix_deg: Annotated[float, Field(ge=0.0, lt=80.0)] = 30.0
+    flute_length_mm: ToolLength
+    runout_um: NonNegative = 0.0
+    tool_data: Annotated[int, Field(ge=1, le=128)] | None = None
+    tooldata: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
+
+    @model_validator(mode="after")
+    def _shape(self) -> ToolTable:
+        radius_mm = 0.5 * self.diameter_mm
+        if self.corner_radius_mm > radius_mm:
+            raise ValueError(
+                f"corner_radius_mm = {self.corner_radius_mm:g} does not fit diameter_mm = {self.diameter_mm:g}; "
+                f"expected at most {radius_mm:g}"
+            )
+        if self.runout_um > 100.0 * radius_mm:
+            raise ValueError(
+                f"runout_um = {self.runout_um:g} is implausibly large; expected at most {100.0 * radius_mm:g}"
+            )
+        if self.corner_radius_mm > self.flute_length_mm:
+            raise ValueError(f"the flutes end within the corner radius: flute_length_mm = {self.flute_length_mm:g}")
+        return self
+
+
+class MaterialTable(Table):
+    """Workpiece material and the cutting law used for it."""
+
+    catalog: str | None = None
+    name: str = ""
+    law: Literal["kienzle", "linear_edge"] = "kienzle"
+    kc11_n_mm2: Annotated[float, Field(gt=0.0, le=20000.0)] | None = None
+    mc: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
+    kr_over_kc: Share | None = None
+    mr: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
+    ka_over_kc: SignedShare | None = None
+    ma: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
+    edge_c_n_mm: NonNegative = 0.0
+    edge_r_n_mm: NonNegative = 0.0
+    edge_a_n_mm: NonNegative = 0.0
+    ktc_n_mm2: Pressure | None = None
+    krc_n_mm2: Pressure | None = None
+    kac_n_mm2: Pressure | None = None
+    kte_n_mm: EdgeForce | None = None
+    kre_n_mm: EdgeForce | None = None
+    kae_n_mm: EdgeForce | None = None
+    chip_min_um: Positive = 1.0
+    chip_max_um: Positive = 1000.0
+    allow_extrapolation: bool = False
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _complete(self) -> MaterialTable:
+        numbers = [
+            key
+            for key in ("kc11_n_mm2", "mc", "mr", "ma", "ktc_n_mm2", "krc_n_mm2", "kac_n_mm2", "kte_n_mm", "kre_n_mm")
+            if getattr(self, key) is not None
+        ]
+        if self.catalog is not None:
+            if numbers:
+                raise ValueError(f"a catalog material brings its own constants: remove {numbers[0]}, or remove catalog")
+            return self
+        wanted = {
+            "kienzle": ("kc11_n_mm2", "mc", "kr_over_kc", "ka_over_kc"),
+            "linear_edge": ("ktc_n_mm2", "krc_n_mm2"),
+        }[self.law]
+        missing = [key for key in wanted if getattr(self, key) is None]
+        if missing:
+            raise ValueError(f"the {self.law} law needs {missing[0]} (or a catalog material)")
+        return self
+
+
+class StockTable(Table):
+    """The blank, in the part frame: a box, an STL mesh, or the result of an earlier run."""
+
+    box_min_mm: Vector | None = None
+    box_max_mm: Vector | None = None
+    stl: str | None = None
+    result: str | None = None
+    cell_mm: Annotated[float, Field(gt=0.001, le=5.0)] = 0.1
+
+    @model_validator(mode="after")
+    def _one_source(self) -> StockTable:
+        box = self.box_min_mm is not None and self.box_max_mm is not None
+        if (self.box_min_mm is None) != (self.box_max_mm is None):
+            raise ValueError("a box needs box_min_mm and box_max_mm")
+        if box and any(low >= high for low, high in zip(self.box_min_mm or [], self.box_max_mm or [], strict=True)):
+            raise ValueError("box_min_mm must lie below box_max_mm in x, y and z")
+        if sum((box, self.stl is not None, self.result is not None)) != 1:
+            raise ValueError("the blank is exactly one of box_min_mm with box_max_mm, stl and result")
+        if box:
+            self._check_cells()
+        return self
+
+    def _check_cells(self) -> None:
+        low, high = self.box_min_mm or (), self.box_max_mm or ()
+        counts = [math.ceil((b - a) / self.cell_mm) for a, b in list(zip(low, high, strict=True))[:2]]
+        if min(counts) < MIN_CELLS:
+            raise ValueError(
+                f"cell_mm = {self.cell_mm:g} is too coarse for this box: {counts[0]} x {counts[1]} cells; "
+                f"expected at least {MIN_CELLS} each way"
+            )
+        if counts[0] * counts[1] > MAX_CELLS:
+            raise ValueError(
+                f"cell_mm = {self.cell_mm:g} is too fine for this box: {counts[0]} x {counts[1]} cells; "
+                f"expected at most {MAX_CELLS:.0e} in all. Choose a larger cell_mm, or check the unit of the box"
+            )
+
+
+class PartTable(PoseTable):
+    """The part frame (program zero) in the robot base, and how that frame was measured."""
+
+    measured_with: Literal["robot", "external"] = "robot"
+    datum_points_mm: Annotated[tuple[Vector, ...], Field(max_length=100)] = ()
+    stock: StockTable | None = None
+
+    @model_validator(mode="after")
+    def _datum(self) -> PartTable:
+        if self.measured_with == "robot" and len(self.datum_points_mm) < 3:
+            raise ValueError('measured_with = "robot" needs at least three datum_points_mm (where the robot touched)')
+        if self.measured_with == "robot" and _on_one_line(self.datum_points_mm):
+            raise ValueError("the datum_points_mm lie on one line and fix no frame; touch a point beside it")
+        return self
+
+
+def _on_one_line(points: tuple[Vector, ...]) -> bool:
+    """Whether all points lie within 1 mm of one line."""
+    spread = np.array(points) - np.mean(points, axis=0)
+    return bool(np.linalg.svd(spread, compute_uv=False)[1] < 1.0)
+
+
+class PostureTable(Table):
+    """Which of the arm's postures is used, and the free rotation about the tool axis."""
+
+    shoulder: Literal["front", "back"] = "front"
+    elbow: Literal["up", "down"] = "up"
+    wrist: Literal["noflip", "flip"] = "noflip"
+    rotation_about_tool_deg: Annotated[float, Field(ge=-360.0, le=360.0)] = 0.0
+
+    @property
+    def branch(self) -> str:
+        """The posture as the inverse kinematics names it."""
+        return f"{self.shoulder} {self.elbow} {self.wrist}"
+
+
+class DynamicsTable(Table):
+    """How the robot answers in time: its lowest mode, and how a correction must be shaped to act like the force."""
+
+    mode_hz: Annotated[float, Field(gt=0.0, le=1e4)] = 8.0
+    damping_ratio: Annotated[float, Field(gt=0.0, lt=2.0)] = 0.1
+    correction_smoothing_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 20.0
+    correction_lead_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
+
+
+class LimitsTable(Table):
+    """Bounds on what compensation may do."""
+
+    correction_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 3.0
+    correction_deg: Annotated[float, Field(gt=0.0, le=45.0)] = 1.0
+    joint_margin_deg: NonNegative = 2.0
+    wrist_singularity_deg: NonNegative = 5.0
+
+
+class CellTables(Versioned):
+    """A whole cell file; ``part``, ``tools`` and ``material`` may be left out where nothing is milled (calibration)."""
+
+    name: Annotated[str, Field(min_length=1)]
+    robot: RobotTable
+    end_effector: tuple[BodyTable, ...] = ()
+    tcp: PoseTable
+    part: PartTable | None = None
+    tools: tuple[ToolTable, ...] = ()
+    material: MaterialTable | None = None
+    posture: PostureTable = PostureTable()
+    controller: ControllerTable = ControllerTable()
+    dynamics: DynamicsTable = DynamicsTable()
+    limits: LimitsTable = LimitsTable()
+    sensor: SensorTable | None = None
+    holder: HolderTable | None = None
+    tracker: TrackerTable | None = None
+    drive_error: DriveErrorTable | None = None
+    axis_sag: AxisSagTable | None = None
+    timing: TimingTable | None = None
+    online: OnlineTable | None = None
+    ads: AdsTable | None = None
+    egm: EgmTable | None = None
+    monitor: MonitorTable | None = None
+    override: OverrideTable | None = None
+    identified: tuple[IdentifiedTable, ...] = ()
+
+    @property
+    def lowest_mode(self) -> tuple[float, float]:
+        """Lowest mode, Hz, and its damping ratio."""
+        return self.dynamics.mode_hz, self.dynamics.damping_ratio
+
+    @model_validator(mode="after")
+    def _unique(self) -> CellTables:
+        numbers = [tool.number for tool in self.tools]
+        if len(set(numbers)) != len(numbers):
+            twice = next(number for number in numbers if numbers.count(number) > 1)
+            raise ValueError(f"two tools have the number {twice}; tool numbers must differ")
+        names = [body.name for body in self.end_effector]
+        if len(set(names)) != len(names):
+            twice_named = next(name for name in names if names.count(name) > 1)
+            raise ValueError(f"two bodies of the end effector are named '{twice_named}'; names must differ")
+        return self

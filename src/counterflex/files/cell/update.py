@@ -1,0 +1,333 @@
+"""Put identified values into a cell file: only what changed, with comments, order and everything else kept."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, MutableMapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.units import DEG, MM, MRAD, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
+from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.measured import IdentifiedTable
+from counterflex.files.schema import STIFFEST
+from counterflex.identify.data.changes import (
+    AxisPlay,
+    AxisServo,
+    BodyMass,
+    Calibration,
+    Change,
+    CuttingLaw,
+    ElementCompliance,
+    ElementRegion,
+    TableValues,
+)
+from counterflex.robot.model.elastic_region import DIRECTIONS
+
+DIGITS: Final = 9
+"""Significant digits of written values."""
+COMPLIANCE_KEYS: Final = (
+    *((f"t{a}_um_per_kn", UM_PER_KN) for a in "xyz"),
+    *((f"r{a}_urad_per_knm", URAD_PER_KNM) for a in "xyz"),
+)
+_CALIBRATION_KEYS: Final = (*((f"{a}_mm", MM) for a in "xyz"), *((f"r{a}_mrad", MRAD) for a in "xyz"))
+_SAME_PLACE_M: Final = 1e-9
+_PATHS: Final = (("robot", "urdf"), ("part", "stock", "stl"), ("part", "stock", "result"))
+Doc = MutableMapping[str, Any]
+
+
+def updated_text(cell: Cell, changes: Sequence[Change], entry: IdentifiedTable, folder: Path) -> str:
+    """Text of the cell's file with changes applied.
+
+    Args:
+        cell: As read; its file is the template.
+        changes: What was identified.
+        entry: Provenance; it replaces an earlier entry of the same recipe.
+        folder: Where the new file will lie; paths in it that are relative are made relative to there.
+
+    Raises:
+        FileFormatError: The file has changed since it was read.
+        InputError: A change names a segment that the cell does not have.
+    """
+    try:
+        doc = tomlkit.parse(cell.path.read_bytes().decode("utf-8-sig"))
+    except (OSError, UnicodeDecodeError, TOMLKitError) as fault:
+        raise FileFormatError("the file can no longer be read", where=str(cell.path), value=str(fault)[:80]) from fault
+    source = f"identified: {entry.recipe}, {entry.date}"
+    for change in changes:
+        apply(doc, change, cell, source)
+    _enter(doc, entry)
+    _move_paths(doc, cell.path.parent, folder)
+    return tomlkit.dumps(doc)
+
+
+def check_update(text: str, path: Path) -> Cell:
+    """Read an updated text back as a cell, from a file that is written for it.
+
+    Args:
+        text: Of the new cell file.
+        path: Where it is written; relative paths in it are relative to its folder.
+
+    Raises:
+        FileFormatError: What was identified is out of the ranges of a cell file.
+    """
+    path.write_text(text, encoding="utf-8", newline="\n")
+    return read_cell(path)
+
+
+def copied_text(path: Path, folder: Path) -> str:
+    """Text of a cell file as it has to be in another folder: the files that it names are where they were.
+
+    Args:
+        path: Cell file.
+        folder: Where the copy will lie.
+
+    Raises:
+        FileFormatError: The file cannot be read.
+    """
+    try:
+        doc = tomlkit.parse(path.read_bytes().decode("utf-8-sig"))
+    except (OSError, UnicodeDecodeError, TOMLKitError) as fault:
+        raise FileFormatError("the file cannot be read", where=str(path), value=str(fault)[:80]) from fault
+    _move_paths(doc, path.parent, folder)
+    return tomlkit.dumps(doc)
+
+
+def apply(doc: Doc, change: Change, cell: Cell, source: str) -> None:
+    """Apply one change to the tables of a cell file.
+
+    Args:
+        doc: The tables, plain or with comments.
+        change: See :mod:`counterflex.identify.data.changes`.
+        cell: The cell that the tables describe.
+        source: Goes into the ``source`` key of what is written.
+
+    Raises:
+        InputError: An unknown segment, or a value that the cell file has no place for.
+    """
+    match change:
+        case ElementCompliance():
+            _compliance(doc, change, cell, source)
+        case Calibration():
+            values = {
+                key: _written(v, unit) for (key, unit), v in zip(_CALIBRATION_KEYS, change.displacement, strict=True)
+            }
+            _fill(_row(_table(doc, "robot"), "calibration", "segment", change.segment), values, source)
+        case AxisPlay():
+            play = change.play
+            row = _row(_table(doc, "robot"), "play", "axis", change.axis + 1)
+            friction = [_written(f, 1.0) for f in play.friction_nm]
+            slip = [_written(s, URAD) for s in play.slip_rad]
+            values = {"dead_band_half_urad": _written(play.half_band_rad, URAD)}
+            _fill(row, {**values, "friction_nm": friction, "slip_urad": slip}, source)
+        case AxisServo():
+            servo = change.servo
+            row = _row(_table(doc, "robot"), "servo", "axis", change.axis + 1)
+            values = {
+                "speed_gain_nm_s": _written(servo.speed_gain_nm_s, 1.0),
+                "position_gain_per_s": _written(servo.position_gain_per_s, 1.0),
+                "integral_time_ms": _written(servo.integral_time_s, MS),
+                "friction_nm": _written(servo.friction_nm, 1.0),
+                "slip_urad": _written(servo.slip_rad, URAD),
+            }
+            _fill(row, values, source)
+        case ElementRegion():
+            _region(doc, change, source)
+        case BodyMass():
+            _mass(doc, change, cell, source)
+        case CuttingLaw():
+            _law(doc, change, source)
+        case TableValues():
+            table = doc
+            for key in change.table.split("."):
+                table = _table(table, key)
+            for key, value in change.values.items():
+                table[key] = value
+
+
+def _compliance(doc: Doc, change: ElementCompliance, cell: Cell, source: str) -> None:
+    segments = {segment.name: segment for segment in cell.robot.segments}
+    if change.segment in segments:
+        row = _row(_table(doc, "robot"), "elastic", "segment", change.segment)
+        before: Float = segments[change.segment].compliance
+    else:
+        row = _body(doc, change.segment, cell)
+        before = next(s.compliance for s in cell.end_effector.segments if s.name == change.segment)
+    for (key, unit), value, old in zip(COMPLIANCE_KEYS, change.compliance, before, strict=True):
+        # What is stiffer than a file can hold is rigid: over 1e12 N/m or N m/rad nothing bends that can be measured.
+        value = 0.0 if 0.0 < value < STIFFEST * unit else value
+        # Rigid is written only where something else would be read without it.
+        if value != 0.0 or old != 0.0 or key in row:
+            row[key] = _written(value, unit)
+        if value == 0.0 and old != 0.0:
+            _drop_regions(doc, change.segment, key.partition("_")[0])
+    row["source"] = source
+
+
+def _drop_regions(doc: Doc, segment: str, direction: str) -> None:
+    """Remove the regions of a spring that is rigid now."""
+    rows = _table(doc, "robot").get("elastic_region", ())
+    for i in range(len(rows) - 1, -1, -1):
+        if (rows[i]["segment"], rows[i]["direction"]) == (segment, direction):
+            del rows[i]
+
+
+def _region(doc: Doc, change: ElementRegion, source: str) -> None:
+    """Add a row; an earlier one of the same spring and axis stays, factors multiply."""
+    region = change.region
+    robot = _table(doc, "robot")
+    if "elastic_region" not in robot:
+        robot["elastic_region"] = tomlkit.aot()
+    rows = robot["elastic_region"]
+    row: Any = tomlkit.inline_table() if isinstance(rows, tomlkit.items.Array) else _new_table()
+    values = {
+        "segment": region.segment,
+        "direction": DIRECTIONS[region.direction],
+        "axis": region.axis + 1,
+        "angles_deg": [_written(angle, DEG) for angle in region.angles_rad],
+        "factors": [_written(factor, 1.0) for factor in region.factors],
+    }
+    _fill(row, values, source)
+    rows.append(row)
+
+
+def _mass(doc: Doc, change: BodyMass, cell: Cell, source: str) -> None:
+    for segment in cell.robot.segments:
+        if segment.name == change.segment:
+            if np.max(np.abs(change.p_seg_com - segment.p_seg_com)) > _SAME_PLACE_M:
+                raise InputError(
+                    "the centre of gravity of a robot segment has no place in a cell file", value=change.segment
+                )
+            row = _row(_table(doc, "robot"), "elastic", "segment", change.segment)
+            row["mass_kg"] = _written(change.mass_kg, 1.0)
+            row["source"] = source
+            return
+    row = _body(doc, change.segment, cell)
+    row["mass_kg"] = _written(change.mass_kg, 1.0)
+    for axis, value in zip("xyz", change.p_seg_com, strict=True):
+        row[f"com_{axis}_mm"] = _written(value, MM)
+    row["source"] = source
+
+
+def _law(doc: Doc, change: CuttingLaw, source: str) -> None:
+    law, old = change.law, _table(doc, "material")
+    kept = {"name": old.get("name") or old.get("catalog", ""), "allow_extrapolation": old.get("allow_extrapolation")}
+    for key in list(old):
+        del old[key]
+    chip = {"chip_min_um": _written(law.h_min_m, UM), "chip_max_um": _written(law.h_max_m, UM)}
+    if isinstance(law, KienzleLaw):
+        k11 = law.k11_pa()
+        values: dict[str, Any] = {
+            "law": "kienzle",
+            "kc11_n_mm2": _written(k11[0], N_PER_MM2),
+            "mc": _written(law.mc, 1.0),
+            "kr_over_kc": _written(k11[1] / k11[0], 1.0),
+            "mr": _written(law.mr, 1.0),
+            "ka_over_kc": _written(k11[2] / k11[0], 1.0),
+            "ma": _written(law.ma, 1.0),
+        }
+        for key, edge in zip("cra", law.edge_n_m, strict=True):
+            values[f"edge_{key}_n_mm"] = _written(edge, N_PER_MM)
+    elif isinstance(law, LinearEdgeLaw):
+        pressures = (("ktc", law.ktc_pa), ("krc", law.krc_pa), ("kac", law.kac_pa))
+        edges = (("kte", law.kte_n_m), ("kre", law.kre_n_m), ("kae", law.kae_n_m))
+        values = {
+            "law": "linear_edge",
+            **{f"{key}_n_mm2": _written(value, N_PER_MM2) for key, value in pressures},
+            **{f"{key}_n_mm": _written(value, N_PER_MM) for key, value in edges},
+        }
+    for key, value in {**kept, **values, **chip, "source": source}.items():
+        if value is not None and value != "":
+            old[key] = value
+
+
+def _written(value: float, unit: float) -> float:
+    return float(f"{float(value) / unit:.{DIGITS}g}")
+
+
+def _fill(row: Doc, values: Mapping[str, Any], source: str) -> None:
+    for key, value in values.items():
+        row[key] = value
+    row["source"] = source
+
+
+def _new_table() -> Any:
+    """An empty table with an empty line above it."""
+    table = tomlkit.table()
+    table.trivia.indent = "\n"
+    return table
+
+
+def _table(doc: Doc, key: str) -> Doc:
+    if key not in doc:
+        doc[key] = _new_table()
+    found: Doc = doc[key]
+    return found
+
+
+def _row(parent: Doc, key: str, by: str, value: str | int) -> Doc:
+    """The row of a list of tables whose key ``by`` has a value; added when there is none."""
+    if key not in parent:
+        parent[key] = tomlkit.aot()
+    rows = parent[key]
+    for row in rows:
+        if row[by] == value:
+            found: Doc = row
+            return found
+    inline = isinstance(rows, tomlkit.items.Array)
+    new = tomlkit.inline_table() if inline else _new_table()
+    new[by] = value
+    rows.append(new)
+    made: Doc = rows[-1]
+    return made
+
+
+def _body(doc: Doc, name: str, cell: Cell) -> Doc:
+    for row in doc.get("end_effector", ()):
+        if row["name"] == name:
+            found: Doc = row
+            return found
+    known = [s.name for s in (*cell.robot.segments, *cell.end_effector.segments)]
+    raise InputError("the cell has no such segment", value=name, limit=", ".join(known))
+
+
+def _enter(doc: Doc, entry: IdentifiedTable) -> None:
+    """Add the entry to ``[[identified]]``, in the place of an earlier one of the same recipe."""
+    if "identified" not in doc:
+        doc["identified"] = tomlkit.aot()
+    rows = doc["identified"]
+    table = _new_table()
+    for key, value in entry.model_dump(mode="json").items():
+        if key != "values":
+            table[key] = value
+    values = tomlkit.array()
+    for item in entry.values:
+        line = tomlkit.inline_table()
+        for key, part in item.model_dump(mode="json").items():
+            line[key] = part
+        values.add_line(line)
+    values.add_line(indent="")
+    table["values"] = values
+    for i, row in enumerate(rows):
+        if row["recipe"] == entry.recipe:
+            rows[i] = table
+            return
+    rows.append(table)
+
+
+def _move_paths(doc: Doc, here: Path, there: Path) -> None:
+    """Make relative paths of files relative to another folder."""
+    for *keys, last in _PATHS:
+        table: Any = doc
+        for key in keys:
+            table = table.get(key, {})
+        named = table.get(last)
+        if named is not None and not Path(str(named)).is_absolute():
+            table[last] = Path(os.path.relpath(here / str(named), there)).as_posix()

@@ -1,0 +1,1 @@
+"""Datasets: manifests, tables of any laboratory, units, and proposals of measurements."""

@@ -1,0 +1,1 @@
+"""Run logs (MCAP) and text logs of trackers and force sensors."""

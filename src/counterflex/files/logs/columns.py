@@ -1,0 +1,92 @@
+"""Columns of a run log that older code wrote: placed by name among those of today."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Schema
+
+from counterflex import __version__
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError
+from counterflex.files.logs.mcap_salvage import Salvaged, parsed
+from counterflex.files.logs.segment import CYCLES
+from counterflex.runtime.record_ring import COLUMNS, is_whole
+
+_NEEDED: Final = ("cycle", "received_ns", "sent_ns", "out_state", "out_cause", "out_feed_hold", "elapsed")
+"""Columns without which nothing can be said about a run."""
+
+
+def columns_of(found: Salvaged, made_by: str, file: Path) -> tuple[str, ...]:
+    """Columns that the records of a segment have: those of today, or fewer where older code wrote it.
+
+    Columns have only ever been added, so that a name stands for the same number in all logs.
+
+    Args:
+        found: What can be read.
+        made_by: Version that wrote it, for the message.
+        file: For the message.
+
+    Raises:
+        FileFormatError: Columns that this program does not know, or without which nothing can be said.
+    """
+    for chunk in found.chunks:
+        for opcode, content in chunk.records():
+            schema = parsed(Schema, content) if opcode == Opcode.SCHEMA else None
+            if schema is None or schema.name != CYCLES:
+                continue
+            columns = tuple(str(name) for name in json.loads(schema.data)["columns"])
+            unknown = [name for name in columns if name not in COLUMNS]
+            if unknown or len(set(columns)) != len(columns) or not set(_NEEDED) <= set(columns):
+                lacking = [name for name in _NEEDED if name not in columns]
+                raise FileFormatError(
+                    "the run log was written by another version of this program, whose columns mean something else",
+                    where=str(file),
+                    value=f"{len(columns)} columns of counterflex {made_by}, "
+                    + (f"with '{unknown[0]}'" if unknown else f"without '{lacking[0]}'" if lacking else "one twice"),
+                    limit=f"columns of counterflex {__version__}",
+                    hint="Read it with the version that wrote it: its log export writes CSV",
+                )
+            return columns
+    return COLUMNS
+
+
+def placed(rows: Float, columns: tuple[str, ...]) -> Float:
+    """Records (n, WIDTH) with the columns of today; what was not recorded is 0 in counts and flags, else NaN.
+
+    Args:
+        rows: (n, k) as recorded.
+        columns: Their names.
+    """
+    if columns == COLUMNS:
+        return rows
+    out = np.array([0.0 if is_whole(name) else np.nan for name in COLUMNS]) * np.ones((len(rows), 1))
+    out[:, [COLUMNS.index(name) for name in columns]] = rows
+    return out
+
+
+def require_all(absent: Sequence[str], about: Mapping[str, Any], where: str, what: str) -> None:
+    """Refuse a log of older code for a job that needs everything that is recorded today.
+
+    Args:
+        absent: Columns that it lacks.
+        about: What its run was made of.
+        where: Folder or file, for the message.
+        what: What cannot be done with it, for the message: ``computed again``.
+
+    Raises:
+        FileFormatError: It lacks columns.
+    """
+    if absent:
+        raise FileFormatError(
+            f"the run log was written by older code and cannot be {what}: not all that this takes was recorded then",
+            where=where,
+            value=f"{len(COLUMNS) - len(absent)} columns of counterflex {about.get('counterflex', '(unknown)')}",
+            limit=f"{len(COLUMNS)} columns of counterflex {__version__}",
+            hint="log show and log export read it; for the rest use the version that wrote it",
+        )

@@ -1,0 +1,182 @@
+"""Segments of a run log that were cut short or are damaged, written anew so that any MCAP reader takes them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex.core import atomic
+from counterflex.core.errors import FileFormatError, InputError, OutputError
+from counterflex.core.held import boot_id, own
+from counterflex.evaluate.missing_cycles import MissingFinder
+from counterflex.files.logs.columns import require_all
+from counterflex.files.logs.run_log import HELD, Segment, read_segment
+from counterflex.files.logs.segment import KIND, VERSION, add_about, add_record, add_state, begin_segment
+from counterflex.runtime.record_ring import CYCLE
+
+STILL_S: Final = 5.0
+"""A file written to within this time is taken for one that is being written, where no lock tells."""
+_BARE: Final = {"format": KIND, "version": VERSION}
+
+
+@dataclass(frozen=True)
+class Repaired:
+    """What was done with a segment.
+
+    Attributes:
+        name: Of the segment.
+        kept: Name under which the original is kept; empty where nothing was done.
+        records: Records it now holds.
+        note: Why nothing was done, or empty.
+        missing: Cycles that it should hold and does not: before its first record, between its records, and behind the
+            last one by its own index.
+        damage: Stretches that could not be read.
+    """
+
+    name: str
+    kept: str
+    records: int
+    note: str
+    missing: int = 0
+    damage: int = 0
+
+
+def repair_segment(
+    path: str | Path,
+    now_s: float | None = None,
+    about: Mapping[str, Any] | None = None,
+    cycle: int | None = None,
+) -> Repaired | None:
+    """Write a segment anew, finished, with all records that can be read; the original keeps another name.
+
+    At every moment there is a file of the segment's name: first the original gets its second name, then the new file
+    takes the place of the first.
+
+    Args:
+        path: ``run-NNN.mcap``.
+        now_s: Time by the wall clock; None is now. It counts only where no lock tells whether the file is written to:
+            on a file system without locks, or a log that another computer, or this one before it was started, wrote.
+        about: What the run was made of, where the segment itself no longer says it.
+        cycle: Last cycle of its run that earlier segments account for; None where that is not known: then cycles before
+            its first record are counted in the first segment of a run only, which begins with cycle 1.
+
+    Returns:
+        What was done; None where the segment is whole.
+
+    Raises:
+        FileFormatError: Not a run log, or of a newer version.
+        InputError: The segment is being written.
+        OutputError: The folder cannot be written.
+    """
+    file = Path(path)
+    held = _held(file)  # before it is read: who is gone now has written his last
+    try:
+        found = read_segment(file)
+    except FileFormatError as fault:
+        if not fault.data.get("nothing"):
+            raise
+        return Repaired(file.name, "", 0, "not one record can be read: nothing to save")
+    if found.whole:
+        return None
+    require_all(found.absent, found.about or about or {}, str(file), "written anew")
+    _require_ended(file, found, held, now_s)
+    kept = _free_name(file)
+    rows, states = found.rows, sorted(found.states, key=lambda state: state.cycle)
+    made_of = found.about or about or {}
+    finder = MissingFinder(_begin(found, made_of) if cycle is None else cycle)
+    finder.add(rows)
+    finder.end(found.lost_at_end)
+    missing = finder.total
+    facts = {
+        **_BARE,
+        **made_of,
+        "repaired": {
+            "records": len(rows),
+            "original": kept.name,
+            "missing": missing,
+            "missing_at_end": found.lost_at_end,
+            "damage": [[d.begin, d.end] for d in found.damage],
+        },
+    }
+    with atomic.atomic_path(file) as part:
+        with part.open("wb") as stream:
+            writer, channel, state_channel = begin_segment(stream, facts)
+            for row in rows:
+                while states and states[0].cycle < row[CYCLE]:  # also one whose own record is lost
+                    add_state(writer, state_channel, states.pop(0))
+                add_record(writer, channel, row)
+            for state in states:
+                add_state(writer, state_channel, state)
+            add_about(writer, facts)
+            writer.finish()
+            stream.flush()
+            os.fsync(stream.fileno())
+        _keep(file, kept)
+    return Repaired(file.name, kept.name, len(rows), "", missing, len(found.damage))
+
+
+def _held(file: Path) -> bool | None:
+    """Whether a process that lives holds the file; None: nobody can say."""
+    try:
+        handle = os.open(file, os.O_RDWR)
+    except OSError:
+        return None
+    try:
+        ours = own(handle)
+    finally:
+        os.close(handle)
+    return None if ours is None else not ours
+
+
+def _require_ended(file: Path, segment: Segment, held: bool | None, now_s: float | None) -> None:
+    """Who holds a segment decides; where it was held on this computer, the time of the file says nothing more."""
+    told = {"where": str(file), "hint": "End the run first"}
+    if held:
+        raise InputError("this segment is being written", value="a process that lives holds it", **told)
+    boot = boot_id()
+    if segment.finished or (held is False and boot and segment.about.get(HELD) == boot):
+        return
+    age = (time.time() if now_s is None else now_s) - file.stat().st_mtime
+    if abs(age) < STILL_S:
+        raise InputError(
+            "this segment may be being written",
+            value=f"changed {max(age, 0.0):.1f} s ago, perhaps by another computer",
+            limit=f">= {STILL_S:g} s",
+            **told,
+        )
+
+
+def _begin(segment: Segment, about: Mapping[str, Any]) -> int | None:
+    """Cycle before the first one of a segment by itself: 0 for the first segment of a run, else not known."""
+    number = segment.name[4:].partition(".")[0]
+    own = about.get("segment", int(number) if number.isdigit() else 0)
+    return 0 if own == about.get("run", 0) else None
+
+
+def _free_name(file: Path) -> Path:
+    for number in range(1, 1000):
+        name = file.with_name(f"{file.name}.cut" if number == 1 else f"{file.name}.cut-{number}")
+        if not name.exists():
+            return name
+    raise OutputError("too many originals are kept here", where=str(file))
+
+
+def _keep(file: Path, kept: Path) -> None:
+    """A second name for the original; a copy where the file system has no links."""
+    try:
+        kept.hardlink_to(file)
+    except FileExistsError:
+        raise
+    except OSError:
+        try:
+            shutil.copy2(file, kept)
+        except OSError:
+            with contextlib.suppress(OSError):
+                kept.unlink()
+            raise

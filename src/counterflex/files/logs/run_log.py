@@ -1,0 +1,397 @@
+"""The run log (``counterflex-run-log``, version 2): MCAP segments that read back after power loss or ``kill -9``.
+
+Each segment begins with what the run was made of (settings, hashes of the inputs); records follow in small chunks,
+flushed every 100 ms. The file is held as long as it is written to, so that nobody takes one for cut short that is not.
+Every chunk that is whole can be read, also from a segment that was never finished, and behind a
+stretch that is damaged. A full disk ends a segment; a new one is begun when there is room again. Every few seconds the
+whole state of the loop stands beside the records, so that they can be computed again from there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import mmap
+import os
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from io import BufferedWriter
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Channel
+from mcap.writer import Writer
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError, OutputError
+from counterflex.core.held import boot_id, own
+from counterflex.files.logs.columns import columns_of, placed, require_all
+from counterflex.files.logs.mcap_salvage import Salvaged, message, parsed, salvage
+from counterflex.files.logs.place import LOOKED_S, LogBefore, LogGone, LogPlace
+from counterflex.files.logs.segment import (
+    CYCLE_CHANNEL,
+    KIND,
+    STATE_CHANNEL,
+    STATE_HEAD,
+    VERSION,
+    Unreadable,
+    add_about,
+    add_record,
+    add_state,
+    begin_segment,
+    lost_at_end,
+    nothing_said,
+    read_about,
+    require_ours,
+)
+from counterflex.runtime.record_ring import COLUMNS, CYCLE
+from counterflex.runtime.state_slots import LoopState
+
+FLUSH_S: Final = 0.06
+"""With the recorder's own period less than 100 ms of records are lost with it."""
+SYNC_S: Final = 1.0
+SEGMENT_BYTES: Final = 64 << 20
+HELD: Final = "held"
+"""Key of the start of the computer on which a segment was held (:mod:`counterflex.core.held`) while it was written."""
+UNKNOWN: Final = "unknown"
+"""Key of what a segment is made of where nothing of that can be read."""
+_RETRY_S: Final = 1.0
+
+
+class RunLog:
+    """Writes records into segments ``run-000.mcap``, ``run-001.mcap``, ... of a folder.
+
+    Args:
+        folder: Made when missing.
+        about: What the run is made of; the first thing in every segment, with the number of the run's first segment.
+
+    Attributes:
+        written: Records written.
+        lost: Records that could not be written, or whose file was removed while the run went on.
+        trouble: Why writing does not work at the moment, or empty.
+        trouble_number: Of the system's error, or :data:`counterflex.files.logs.place.GONE`; 0: it works.
+        first: Number of the run's first segment.
+
+    Raises:
+        OutputError: The folder cannot be written at the start.
+    """
+
+    def __init__(self, folder: str | Path, about: Mapping[str, Any]) -> None:
+        self.folder = Path(folder)
+        self._about = dict(about)
+        self._facts: dict[str, Any] = {}
+        self.written = self.lost = 0
+        self.trouble, self.trouble_number = "", 0
+        self._place: LogPlace | None = None
+        self._number = self.first = self._here = 0  # the last: records in the present segment
+        self._before = LogBefore()
+        self._device: int | None = None
+        self._stream: BufferedWriter | None = None
+        self._writer: Writer | None = None
+        self._channel = self._states = 0
+        self._retry = self._flushed = self._synced = self._looked = 0.0
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            taken = [int(p.stem[4:]) for p in self.folder.glob("run-*.mcap") if p.stem[4:].isdigit()]
+            self._number = self.first = max(taken, default=-1) + 1
+            self._begin()
+        except OSError as fault:
+            raise OutputError(
+                f"the run log cannot be written: {fault.strerror or fault}",
+                where=str(folder),
+                hint="Choose another --out, or make room there",
+            ) from fault
+
+    def _begin(self) -> None:
+        device = self.folder.stat().st_dev
+        if self._device not in (None, device):  # another disk, or none, where the log's was: not what was asked for
+            raise LogGone
+        self._device = device
+        path, stream = self._next_file()
+        try:
+            if self._place is None:
+                self.first = self._number
+            self._facts = {"format": KIND, "version": VERSION, "run": self.first, "segment": self._number}
+            self._facts.update(self._about)
+            if own(stream.fileno()):
+                self._facts[HELD] = boot_id()
+            writer, self._channel, self._states = begin_segment(stream, self._facts)
+            writer.flush()
+        except BaseException:
+            with contextlib.suppress(OSError):
+                stream.close()
+            path.unlink(missing_ok=True)
+            raise
+        self._stream, self._writer = stream, writer
+        self._place, self._here = LogPlace(path, stream.fileno()), 0
+        self._number += 1
+        self.trouble, self.trouble_number = "", 0
+
+    def _next_file(self) -> tuple[Path, BufferedWriter]:
+        """A new file of the next number that is free: another run may write to the same folder."""
+        while True:
+            path = self.folder / f"run-{self._number:03d}.mcap"
+            try:
+                return path, path.open("xb")
+            except FileExistsError:
+                self._number += 1
+
+    def add(self, rows: Float, now_s: float | None = None, *, state: LoopState | None = None) -> None:
+        """Write records, flush when due, rotate when large or when the disk refuses; never raises for a full disk.
+
+        Args:
+            rows: (n, WIDTH) of :class:`counterflex.runtime.record_ring.RecordRing`.
+            now_s: Monotonic time; None is now.
+            state: Of the loop, or None.
+        """
+        now = time.monotonic() if now_s is None else now_s
+        left, look = len(rows), now - self._looked >= LOOKED_S
+        if look:
+            self._looked = now
+            self._look_back()
+        if self._writer is None:
+            if now < self._retry:
+                self.lost += len(rows)
+                return
+            try:
+                self._begin()
+            except OSError as fault:
+                self._fail(fault, left, now)
+                return
+        writer, stream = self._writer, self._stream
+        if writer is None or stream is None:
+            return
+        try:
+            for row in rows:
+                add_record(writer, self._channel, row)
+            if state is not None:
+                add_state(writer, self._states, state)
+                add_about(writer, self._facts)  # again, so that a damaged beginning is not the only one
+            if now - self._flushed >= FLUSH_S:
+                writer.flush()
+                stream.flush()
+                self._flushed = now
+                if now - self._synced >= SYNC_S:
+                    os.fsync(stream.fileno())
+                    self._synced = now
+            self.written += left
+            self._here += left
+            left = 0
+            if self._place is not None and look:
+                self._place.check()
+            if stream.tell() > SEGMENT_BYTES:
+                self._finish()
+                self._leave()
+                self._begin()
+        except LogGone as fault:
+            self._gone(fault, now)
+        except OSError as fault:
+            self._fail(fault, left, now)
+
+    def _gone(self, fault: LogGone, now: float) -> None:
+        """Count as lost what is not there any more; what was moved away is finished where it is now."""
+        with contextlib.suppress(OSError):
+            self._finish()
+        lost, self._here = self._here, 0
+        self.written -= lost
+        self._look_back()
+        self._fail(fault, lost, now)
+
+    def _leave(self) -> None:
+        """The present segment is closed: from now on it is one of those before."""
+        if self._place is not None:
+            self._before.add(self._place.path, self._here)
+        self._here = 0
+
+    def _look_back(self) -> None:
+        """Count as lost the records of earlier segments that are not there any more."""
+        lost = self._before.gone()
+        self.written -= lost
+        self.lost += lost
+
+    def _fail(self, fault: OSError, rows: int, now: float) -> None:
+        self.lost += rows
+        self.trouble, self.trouble_number = fault.strerror or str(fault), fault.errno or errno.EIO
+        self._retry = now + _RETRY_S
+        if self._stream is not None:
+            with contextlib.suppress(OSError):
+                self._stream.close()
+        self._writer = self._stream = None
+        self._leave()
+
+    def _finish(self) -> None:
+        if self._writer is not None and self._stream is not None:
+            add_about(self._writer, self._facts)
+            self._writer.finish()
+            self._stream.flush()
+            os.fsync(self._stream.fileno())
+            self._stream.close()
+        self._writer = self._stream = None
+
+    def close(self) -> None:
+        """Finish the last segment; trouble is kept in :attr:`trouble`."""
+        try:
+            if self._place is not None and self._stream is not None:
+                self._place.check()
+            self._finish()
+        except LogGone as fault:
+            self._gone(fault, 0.0)
+        except OSError as fault:
+            self._fail(fault, 0, 0.0)
+        self._look_back()
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One file of a run log.
+
+    Attributes:
+        name: Of the file.
+        rows: (n, WIDTH) records: all that stand in sound chunks.
+        about: What the run was made of; empty where nothing of it can be read.
+        finished: It ends as a finished file does; else it was cut short, or is being written.
+        states: Of the loop, in order.
+        damage: Stretches that cannot be read.
+        lost_at_end: Records behind the last one that can be read, as far as the file's own index still names them.
+        absent: Columns that older code did not record: 0 in counts and flags, else not a number.
+    """
+
+    name: str
+    rows: Float
+    about: dict[str, Any]
+    finished: bool
+    states: tuple[LoopState, ...] = ()
+    damage: tuple[Unreadable, ...] = ()
+    lost_at_end: int = 0
+    absent: tuple[str, ...] = ()
+
+    @property
+    def whole(self) -> bool:
+        """It was finished and all of it can be read."""
+        return self.finished and not self.damage
+
+    @property
+    def run(self) -> int:
+        """Number of the first segment of the run it belongs to: a folder can hold several runs."""
+        return int(self.about.get("run", 0))
+
+
+def read_segment(path: str | Path) -> Segment:
+    """Read a segment, also one that was cut short or is damaged: every record that stands in a sound chunk.
+
+    Args:
+        path: MCAP file.
+
+    Raises:
+        FileFormatError: Missing, not a run log, newer than this program reads, or without a single sound record.
+    """
+    file = Path(path)
+    try:
+        found = _salvaged(file)
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(file)) from fault
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
+    about = read_about(found)
+    if about.get("format", KIND) != KIND:
+        raise FileFormatError("not a run log", where=str(file), value=about["format"])
+    if about.get("version", 0) > VERSION:
+        raise FileFormatError(
+            "the run log is newer than this program reads", where=str(file), value=about["version"], limit=VERSION
+        )
+    rows: list[Float] = []
+    states: list[LoopState] = []
+    columns = columns_of(found, str(about.get("counterflex", UNKNOWN)), file)
+    before = [0]  # records before each chunk
+    for chunk in found.chunks:
+        for opcode, content in chunk.records():
+            if opcode == Opcode.MESSAGE:
+                channel, _, data = message(content)
+                if channel == STATE_CHANNEL and len(data) >= STATE_HEAD.size:
+                    words = np.frombuffer(data, dtype="<i8", offset=STATE_HEAD.size)
+                    cycle, time_ns = STATE_HEAD.unpack_from(data)
+                    states.append(LoopState(cycle, time_ns, words))
+                elif channel == CYCLE_CHANNEL and len(data) == 8 * len(columns):
+                    rows.append(np.frombuffer(data, dtype="<f8"))
+            elif opcode == Opcode.CHANNEL:
+                require_ours(parsed(Channel, content), str(file))
+        before.append(len(rows))
+    if not about and not rows:
+        said, hint = nothing_said(found, file.stat().st_size)
+        raise FileFormatError(said, where=str(file), nothing=True, hint=hint)
+    damage = tuple(Unreadable(d.begin, d.end, before[d.chunks]) for d in found.damage)
+    table = placed(np.array(rows).reshape(-1, len(columns)), columns)
+    absent = tuple(name for name in COLUMNS if name not in columns)
+    lost = lost_at_end(found, table) + int(about.get("repaired", {}).get("missing_at_end", 0))
+    return Segment(file.name, table, about, found.finished, tuple(states), damage, lost, absent)
+
+
+def _salvaged(file: Path) -> Salvaged:
+    with file.open("rb") as stream:
+        if os.fstat(stream.fileno()).st_size == 0:
+            return Salvaged()
+        with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            return salvage(data)
+
+
+def segments(folder: str | Path) -> Iterator[Segment]:
+    """Segments of a folder in order, one at a time; a file of which nothing can be read is a segment without records.
+
+    A segment that has lost what it was made of belongs to the run whose cycles it continues, else to one of its own.
+
+    Raises:
+        FileFormatError: There is none, none can be read, or one is no run log.
+    """
+    files = sorted(Path(folder).glob("run-*.mcap"))
+    if not files:
+        raise FileFormatError("there is no run log in this folder", where=str(folder), hint="Expected run-000.mcap")
+    refused = None
+    before: Segment | None = None  # the last one with records
+    read = False
+    for file in files:
+        try:
+            found = read_segment(file)
+        except FileFormatError as fault:
+            if not fault.data.get("nothing"):
+                raise
+            refused = refused or fault
+            yield Segment(file.name, np.zeros((0, len(COLUMNS))), {}, False)
+            continue
+        found = found if found.about else replace(found, about=_likely(found, before))
+        yield found
+        read = True
+        before = found if len(found.rows) else before
+    if refused is not None and not read:
+        raise refused
+
+
+def _likely(segment: Segment, before: Segment | None) -> dict[str, Any]:
+    """The run that a segment without its facts belongs to: the one before, whose cycles it continues, or its own."""
+    number, rows = segment.name[4:].partition(".")[0], segment.rows
+    own = int(number) if number.isdigit() else 0
+    if before is not None and len(rows) and rows[0, CYCLE] > before.rows[-1, CYCLE]:
+        return {**before.about, "segment": own}
+    return {"run": own, "segment": own, UNKNOWN: True}
+
+
+def read_log(folder: str | Path) -> tuple[Float, dict[str, Any], list[str]]:
+    """Read all segments of a folder in order.
+
+    Returns:
+        Records, facts of the first segment, and the names of segments that were cut short or are damaged.
+
+    Raises:
+        FileFormatError: There is none, none can be read, one is no run log, or of older code that recorded less.
+    """
+    parts, cut = [], []
+    about: dict[str, Any] = {}
+    for segment in segments(folder):
+        require_all(segment.absent, segment.about, str(folder), "computed again")
+        parts.append(segment.rows)
+        about = about or segment.about
+        if not segment.whole:
+            cut.append(segment.name)
+    return np.concatenate(parts), about, cut

@@ -1,0 +1,142 @@
+"""What a segment of a run log is made of (``counterflex-run-log``, version 2): its head, records and states in MCAP."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import struct
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, BinaryIO, Final
+
+from mcap.records import Channel, MessageIndex, Metadata
+from mcap.writer import CompressionType, Writer
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError
+from counterflex.files.logs.mcap_salvage import Salvaged
+from counterflex.runtime.record_ring import COLUMNS
+from counterflex.runtime.state_slots import LoopState
+
+KIND: Final = "counterflex-run-log"
+VERSION: Final = 2
+_CHUNK: Final = 64 << 10
+TOPIC: Final = "cycle"
+STATES: Final = "state"
+CYCLE_CHANNEL: Final = 1
+STATE_CHANNEL: Final = 2
+CYCLES: Final = "counterflex.cycle"
+_ABOUT: Final = "about"
+_CHECKSUM: Final = "crc32"
+STATE_HEAD: Final = struct.Struct("<qq")
+
+
+@dataclass(frozen=True)
+class Unreadable:
+    """A stretch of a segment that cannot be read; what is behind it can.
+
+    Attributes:
+        begin: First byte.
+        end: First byte behind it.
+        after: Records of the segment before it.
+    """
+
+    begin: int
+    end: int
+    after: int
+
+
+def begin_segment(stream: BinaryIO, about: Mapping[str, Any]) -> tuple[Writer, int, int]:
+    """Write the head of a segment: what the run was made of and the columns.
+
+    Args:
+        stream: Buffered.
+        about: With ``format``, ``version``, ``run`` and ``segment``.
+
+    Returns:
+        The writer, to be finished, the channel of the records, and that of the loop's states.
+    """
+    writer = Writer(stream, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
+    writer.start(profile=KIND, library="counterflex")
+    add_about(writer, about)
+    layout = json.dumps({"columns": COLUMNS, "type": "float64 little-endian"}).encode()
+    schema = writer.register_schema(name=CYCLES, encoding="counterflex", data=layout)
+    form = json.dumps({"type": "int64 little-endian: cycle, time ns, then the loop's memory bit for bit"}).encode()
+    states = writer.register_schema(name="counterflex.state", encoding="counterflex", data=form)
+    return (
+        writer,
+        writer.register_channel(topic=TOPIC, message_encoding="float64", schema_id=schema),
+        writer.register_channel(topic=STATES, message_encoding="int64", schema_id=states),
+    )
+
+
+def add_about(writer: Writer, about: Mapping[str, Any]) -> None:
+    """Add what the run was made of, with a checksum: outside a chunk MCAP has none."""
+    values = {key: json.dumps(value) for key, value in about.items()}
+    writer.add_metadata(_ABOUT, {**values, _CHECKSUM: _checksum(values)})
+
+
+def add_record(writer: Writer, channel: int, row: Float) -> None:
+    """Add one record (WIDTH,), stamped with the time at which its telegram was received."""
+    stamp = int(row[1])
+    writer.add_message(channel, log_time=stamp, data=row.astype("<f8").tobytes(), publish_time=stamp)
+
+
+def add_state(writer: Writer, channel: int, state: LoopState) -> None:
+    """Add a state of the loop, stamped as the record of its cycle."""
+    data = STATE_HEAD.pack(state.cycle, state.time_ns) + state.words.astype("<i8").tobytes()
+    writer.add_message(channel, log_time=state.time_ns, data=data, publish_time=state.time_ns)
+
+
+def read_about(found: Salvaged) -> dict[str, Any]:
+    """What the run was made of: the first copy whose checksum is right; logs of before had one copy without."""
+    for record in found.records:
+        if isinstance(record, Metadata) and record.name == _ABOUT:
+            values = dict(record.metadata)
+            checksum = values.pop(_CHECKSUM, None)
+            if checksum is None or checksum == _checksum(values):
+                with contextlib.suppress(ValueError):
+                    return {key: json.loads(value) for key, value in values.items()}
+    return {}
+
+
+def lost_at_end(found: Salvaged, rows: Float) -> int:
+    """Cycles that the indexes beside the chunks name behind the last record: the index of a chunk stands outside it."""
+    last = int(rows[-1, 1]) if len(rows) else -1
+    stamps = {
+        time_ns
+        for record in found.records
+        if isinstance(record, MessageIndex) and record.channel_id == CYCLE_CHANNEL
+        for time_ns, _ in record.records
+    }
+    return sum(time_ns > last for time_ns in stamps)
+
+
+def require_ours(channel: Channel | None, where: str) -> None:
+    """Check that a channel is one of a run log.
+
+    Raises:
+        FileFormatError: It is another program's.
+    """
+    if channel is not None and (channel.id, channel.topic) not in ((CYCLE_CHANNEL, TOPIC), (STATE_CHANNEL, STATES)):
+        raise FileFormatError("not a run log", where=where, value=channel.topic)
+
+
+def nothing_said(found: Salvaged, size: int) -> tuple[str, str]:
+    """What a file is of which not one record can be read, and what to do.
+
+    Args:
+        found: In it.
+        size: Of the file, bytes.
+    """
+    remove = "Nothing in it can be saved: remove it, or move it out of this folder"
+    if size == 0:
+        return "empty", f"The run ended before it wrote, or its disk was full. {remove}"
+    if found.magic:
+        return "not one record of a run can be read", f"It was cut off or overwritten behind its beginning. {remove}"
+    return "not an MCAP file", f"Give the folder that run wrote with --out; if this is it, it was overwritten. {remove}"
+
+
+def _checksum(values: Mapping[str, str]) -> str:
+    return f"{zlib.crc32(json.dumps(values, sort_keys=True).encode()):08x}"

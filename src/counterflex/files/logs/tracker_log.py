@@ -1,0 +1,194 @@
+"""Tracker logs as text: one measurement per line, comma-separated, a unit in every column's name.
+
+Position either ``x_mm y_mm z_mm`` or, as a tracker measures it, ``distance_mm azimuth_deg zenith_deg`` (Mandiola2023
+eq. 1); orientation ``qw qx qy qz``, left out for a reflector; further ``time_s`` (or ``time_ns``), and where known
+``status`` and ``sigma_mm``. Lines that begin with ``#`` are comments.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.errors import FileFormatError
+from counterflex.core.similar import close_to, missing_file
+from counterflex.core.units import DEG, MM, NS
+from counterflex.geometry import pose, rotation
+from counterflex.protocols.tracker.telegram import NO_ORIENTATION, TrackerPose, spherical_point
+from counterflex.twin.devices.pose_source import TrackerLog
+
+CARTESIAN: Final = ("x_mm", "y_mm", "z_mm")
+SPHERICAL: Final = ("distance_mm", "azimuth_deg", "zenith_deg")
+ORIENTATION: Final = ("qw", "qx", "qy", "qz")
+OTHER: Final = ("time_s", "time_ns", "status", "sigma_mm")
+_UNIT: Final = 1e-4
+
+
+class TrackerLines:
+    """Reads a log line by line; the first line names the columns.
+
+    Args:
+        head: That line.
+        where: For messages.
+
+    Raises:
+        FileFormatError: An unknown, missing or repeated column.
+    """
+
+    def __init__(self, head: str, where: str) -> None:
+        self._names = [name.strip() for name in head.lstrip("\ufeff").strip().split(",")]
+        self._where = where
+        known = (*CARTESIAN, *SPHERICAL, *ORIENTATION, *OTHER)
+        for name in self._names:
+            if name not in known:
+                close = close_to(name, known, 1)
+                raise FileFormatError(
+                    "unknown column of a tracker log",
+                    where=f"{where}:1",
+                    value=repr(name),
+                    limit=", ".join(known),
+                    hint=f"Did you mean {close[0]}?" if close else None,
+                )
+        if len(set(self._names)) != len(self._names):
+            raise FileFormatError("a column stands twice", where=f"{where}:1", value=", ".join(self._names))
+        self._spherical = self._whole(SPHERICAL)
+        if self._spherical == self._whole(CARTESIAN):
+            raise FileFormatError(
+                "the position must be given once",
+                where=f"{where}:1",
+                limit=f"{' '.join(CARTESIAN)} or {' '.join(SPHERICAL)}",
+            )
+        self._oriented = self._whole(ORIENTATION)
+        if ("time_s" in self._names) == ("time_ns" in self._names):
+            raise FileFormatError("the time must be given once", where=f"{where}:1", limit="time_s or time_ns")
+        self._row = 1
+
+    def _whole(self, names: Sequence[str]) -> bool:
+        found = [name in self._names for name in names]
+        if any(found) and not all(found):
+            missing = names[found.index(False)]
+            raise FileFormatError("a column is missing", where=f"{self._where}:1", value=missing)
+        return all(found)
+
+    def measured(self, line: str, sequence: int = 0) -> TrackerPose | None:
+        """The measurement of a line, or None for a comment or an empty line.
+
+        Args:
+            line: As it came.
+            sequence: Of the datagram it is to become.
+
+        Raises:
+            FileFormatError: Another number of values, not a number, a quaternion that is not of unit length, a
+                distance that is negative.
+        """
+        self._row += 1
+        where = f"{self._where}:{self._row}"
+        text = line.strip()
+        if not text or text.startswith("#"):
+            return None
+        parts = text.split(",")
+        if len(parts) != len(self._names):
+            raise FileFormatError("values in a line", where=where, value=len(parts), limit=len(self._names))
+        row = dict(zip(self._names, parts, strict=True))
+        time_ns = _whole(row["time_ns"], where) if "time_ns" in row else _nanoseconds(row["time_s"], where)
+        status = _whole(row["status"], where) if "status" in row else 0
+        if not 0 <= time_ns < 1 << 64 or not 0 <= status < 1 << 32:
+            raise FileFormatError("time or status out of range", where=where, value=(time_ns, status), limit=">= 0")
+        if self._spherical:
+            distance, azimuth, zenith = (_number(row[name], where) for name in SPHERICAL)
+            if distance < 0.0:
+                raise FileFormatError("the distance is negative", where=where, value=distance, limit=">= 0 mm")
+            p = spherical_point(distance * MM, azimuth * DEG, zenith * DEG)
+        else:
+            p = np.array([_number(row[name], where) for name in CARTESIAN]) * MM
+        R = np.eye(3)
+        if self._oriented:
+            quat = np.array([_number(row[name], where) for name in ORIENTATION])
+            size = math.hypot(*quat.tolist())
+            if abs(size - 1.0) > _UNIT:
+                raise FileFormatError("a quaternion is not of unit length", where=where, value=size, limit=1)
+            R = rotation.from_quat_wxyz(quat / size)
+        else:
+            status |= NO_ORIENTATION
+        sigma = _number(row["sigma_mm"], where) if "sigma_mm" in row else 0.0
+        if sigma < 0.0:
+            raise FileFormatError("a standard deviation is negative", where=where, value=sigma, limit=">= 0")
+        return TrackerPose(sequence & 0xFFFFFFFF, time_ns, status, 0, pose.make(R, p), sigma * MM)
+
+
+def measurements(lines: Iterable[str], where: str) -> Iterator[TrackerPose]:
+    """Measurements of lines as they come, the first naming the columns; numbered from 1.
+
+    Raises:
+        FileFormatError: As :class:`TrackerLines`.
+    """
+    reader: TrackerLines | None = None
+    sequence = 0
+    for line in lines:
+        if reader is None:
+            reader = TrackerLines(line, where)
+            continue
+        found = reader.measured(line, sequence + 1)
+        if found is not None:
+            sequence += 1
+            yield found
+
+
+def read_tracker_log(path: str | Path) -> TrackerLog:
+    """Read a whole log.
+
+    Raises:
+        FileFormatError: Missing, not text, without rows, times that do not go on, or as :class:`TrackerLines`.
+    """
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
+    except (OSError, UnicodeDecodeError) as fault:
+        raise FileFormatError(f"cannot be read: {fault}", where=str(file)) from fault
+    found = list(measurements(text.splitlines(), str(file)))
+    if not found:
+        raise FileFormatError("a tracker log without rows", where=str(file))
+    back = next((k for k in range(1, len(found)) if found[k].time_ns <= found[k - 1].time_ns), None)
+    if back is not None:
+        raise FileFormatError(
+            "the clock of a tracker log does not go on",
+            where=f"{file}: measurement {back + 1}",
+            value=f"{found[back].time_ns} ns",
+            limit=f"> {found[back - 1].time_ns} ns",
+        )
+    return TrackerLog(
+        tuple(one.time_ns for one in found),
+        np.stack([one.T_tracker_target for one in found]),
+        tuple(one.status for one in found),
+        tuple(one.sigma_m for one in found),
+    )
+
+
+def _number(text: str, where: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise FileFormatError("not a finite number", where=where, value=repr(text.strip()))
+    return value
+
+
+def _nanoseconds(text: str, where: str) -> int:
+    value = _number(text, where) / NS
+    if not math.isfinite(value):
+        raise FileFormatError("time or status out of range", where=where, value=text.strip(), limit="< 2^64 ns")
+    return round(value)
+
+
+def _whole(text: str, where: str) -> int:
+    try:
+        return int(text.strip(), 0)
+    except ValueError as fault:
+        raise FileFormatError("not a whole number", where=where, value=repr(text.strip())) from fault

@@ -1,0 +1,1 @@
+"""Recipe ``cutting``: force constants of tool and material from test cuts."""

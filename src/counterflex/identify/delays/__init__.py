@@ -1,0 +1,1 @@
+"""Delay of one channel against another, which ``timing`` and ``servo`` both fit."""

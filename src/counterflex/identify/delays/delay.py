@@ -1,0 +1,365 @@
+"""Dead time, lag and clock of one channel against another, fitted in continuous time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.units import MS
+from counterflex.identify.delays.residuals import Basis, DelayResiduals, Order, Places
+from counterflex.identify.delays.stamped import Stamped
+from counterflex.identify.solver.correlated import with_correlation
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.holdout import HeldOut, cross_validate
+from counterflex.identify.solver.jackknife import stretches, widened, with_jackknife
+from counterflex.identify.solver.parameters import Parameter, Parameters
+from counterflex.identify.solver.solve import Stop, solve
+from counterflex.signals.alignment import coarse_shift
+
+LAG_BOUNDS_S: Final = (1e-5, 2.0)
+STRETCHES: Final = 20
+"""Stretches of a record that hold-out keeps together."""
+SAME_CLOCK_S: Final = 1.0
+"""Largest delay that is looked for between channels of one clock."""
+MOST_ROWS: Final = {"own": 3000, "matrix": 1000}
+"""Samples of the answer that are used, by mixing; of longer records every second, third, ... one."""
+GROSS: Final = 10.0
+"""Samples whose residual exceeds this many times the median are left out as outliers."""
+_GRID_PER_SAMPLE = 2
+_MOST_GRID = 400_000
+_SIGNIFICANT = 3.0
+_STEPS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Extra:
+    """A known signal that takes part in the answer beside the reference.
+
+    Attributes:
+        name: Of its parameters, followed by the component's label.
+        unit: SI unit of the coefficient.
+        values: (n, m) at the stamps of the reference, one column per component of the answer.
+        nominal: (m,) coefficient known before.
+        scale: Ordinary size of the coefficient.
+    """
+
+    name: str
+    unit: str
+    values: Float
+    nominal: Float
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A channel and the one it follows.
+
+    Attributes:
+        name: Of the pair, first part of its parameters' names.
+        reference: What leads.
+        answer: What follows.
+        labels: (m,) of the answer's components, for parameter names.
+        components: (m,) of the answer's components with unit.
+        mixing: ``own``: each component follows its own of the reference; ``matrix``: any of them (other axes).
+        each: Each component has a delay of its own.
+        derivative: The answer follows this derivative of the reference by time (2: a force of inertia).
+        inertia: The second derivative of what leads takes part as well: what inertia bends grows with the square of the
+            frequency and must not be taken for a lag.
+        extras: Further known signals.
+        delay_s: Known before, s.
+        lag: A lag large enough to be told from a dead time is to be expected.
+    """
+
+    name: str
+    reference: Stamped
+    answer: Stamped
+    labels: tuple[str, ...]
+    components: tuple[str, ...]
+    mixing: Literal["own", "matrix"] = "own"
+    each: bool = False
+    derivative: int = 0
+    inertia: bool = False
+    extras: tuple[Extra, ...] = ()
+    delay_s: float = 0.0
+    lag: bool = False
+
+    @property
+    def same_clock(self) -> bool:
+        """Whether one clock stamped both."""
+        return self.reference.clock == self.answer.clock
+
+
+@dataclass(frozen=True, eq=False)
+class Delay:
+    """What was found about a pair.
+
+    Attributes:
+        pair: The pair.
+        block: Its residuals.
+        parameters: All parameters.
+        fit: With standard deviations that allow for correlated residuals.
+        order: Of the lag that was fitted.
+        held_out: Errors on stretches of time that their fit had not seen.
+    """
+
+    pair: Pair
+    block: DelayResiduals
+    parameters: Parameters
+    fit: Fit
+    order: Order
+    held_out: HeldOut
+
+    def value(self, name: str) -> float:
+        """SI value of a parameter by the last part of its name."""
+        return self.fit.value(f"{self.pair.name}.{name}")
+
+    def sigma(self, name: str) -> float:
+        """SI standard deviation of a parameter by the last part of its name."""
+        return self.fit.sigma_of(f"{self.pair.name}.{name}")
+
+
+def find_delay(pair: Pair, order: Order | Literal["auto"] = "auto", *, robust: bool = True) -> Delay:
+    """Fit delay, lag, gains and, between two clocks, drift of a pair of channels.
+
+    Args:
+        pair: The channels.
+        order: Of the lag; ``auto`` takes first order where one is to be expected and its time stands three standard
+            deviations clear of zero. Without a lag the delay is that of slow motion, dead time and lag together.
+        robust: See :func:`counterflex.identify.solver.solve.solve`.
+
+    Returns:
+        The fit. Standard deviations are the largest of the sandwich estimate of
+        :mod:`counterflex.identify.solver.correlated`, the jackknife over ten stretches in order of time
+        (:mod:`counterflex.identify.solver.jackknife`: what the model lacks lasts as long as a motion does, which the
+        sandwich cuts off) and the jackknife over the folds held out.
+
+    Raises:
+        InputError: The reference does not move, or the records do not overlap.
+    """
+    shift = _coarse(pair)
+    if order != "auto" or not pair.lag:
+        return _fitted(pair, "none" if order == "auto" else order, shift, robust)
+    plain = _fitted(pair, "none", shift, robust)
+    lagged = _fitted(pair, "first", shift, robust)
+    clear = lagged.value("lag") > _SIGNIFICANT * lagged.sigma("lag") and lagged.value("lag") > 10.0 * LAG_BOUNDS_S[0]
+    better = lagged.held_out.rms()[0] < plain.held_out.rms()[0]
+    return lagged if clear and better else plain
+
+
+def build(pair: Pair, order: Order, shift_s: float) -> tuple[Parameters, DelayResiduals, Float, tuple[str, ...]]:
+    """Parameters, residuals, start values and the names that any use has to find first (offsets and gains).
+
+    Args:
+        pair: The channels.
+        order: Of the lag.
+        shift_s: Rough delay, s: where the search starts.
+    """
+    basis, columns = _basis(pair)
+    answer = pair.answer
+    m = answer.values.shape[1]
+    margin = min(0.2, 0.05 * (basis.end_s - basis.start_s))
+    seen_at = answer.time_s - shift_s
+    rows = (seen_at >= basis.start_s + margin) & (seen_at <= basis.end_s - margin)
+    if int(rows.sum()) < 10 * m:
+        raise InputError(
+            "the records hardly overlap", where=answer.where, value=f"{int(rows.sum())} samples", limit=f">= {10 * m}"
+        )
+    used = np.flatnonzero(rows)[:: max(1, -(-int(rows.sum()) // MOST_ROWS[pair.mixing]))]
+    time, values = answer.time_s[used], answer.values[used]
+    size = np.maximum(np.std(values, axis=0), 1e-12)
+    items: list[Parameter] = []
+    needed: list[str] = []
+
+    def add(name: str, unit: str, nominal: float, scale: float, **more: float) -> int:
+        items.append(Parameter(f"{pair.name}.{name}", unit, nominal, np.inf, scale=scale, **more))  # type: ignore[arg-type]
+        return len(items) - 1
+
+    before = pair.delay_s if pair.same_clock else shift_s
+    if pair.each:
+        delay = tuple(add(f"delay{label}", "s", before, 10.0 * MS) for label in pair.labels)
+    else:
+        delay = (add("delay", "s", before, 10.0 * MS),) * m
+    drift = -1 if pair.same_clock else add("drift", "1", 0.0, 1e-3)
+    low, high = LAG_BOUNDS_S
+    lag = -1 if order == "none" else add("lag", "s", low, 50.0 * MS, lower=low, upper=high)
+    damping = add("damping", "1", 0.7, 0.2, lower=0.01, upper=10.0) if order == "second" else -1
+    offset = []
+    for c, label in enumerate(pair.labels):
+        offset.append(
+            add(
+                f"offset{label}",
+                pair.components[c].rsplit(" ", 1)[1],
+                float(np.mean(values[:, c])),
+                float(abs(np.mean(values[:, c])) + size[c]),
+            )
+        )
+        needed.append(items[-1].name)
+    gain = np.full((m, basis.values.shape[1]), -1, dtype=np.int64)
+    moving = int(basis.lagged.sum()) // (2 if pair.inertia else 1)
+    for c, label in enumerate(pair.labels):
+        for b in columns[c]:
+            spread = max(float(np.std(basis.values[:, b])), 1e-15)
+            suffix = label if pair.mixing == "own" else f"{label}{b + 1}"
+            nominal = 1.0 if pair.mixing == "own" and pair.derivative == 0 else 0.0
+            gain[c, b] = add(f"gain{suffix}", "1", nominal, float(size[c]) / spread)
+            needed.append(items[-1].name)
+            if pair.inertia:
+                spread = max(float(np.std(basis.values[:, moving + b])), 1e-15)
+                gain[c, moving + b] = add(f"inertia{suffix}", "s2", 0.0, float(size[c]) / spread)
+                needed.append(items[-1].name)
+    first = basis.values.shape[1] - m * len(pair.extras)
+    for e, extra in enumerate(pair.extras):
+        for c, label in enumerate(pair.labels):
+            gain[c, first + e * m + c] = add(f"{extra.name}{label}", extra.unit, float(extra.nominal[c]), extra.scale)
+    parameters = Parameters.of(items)
+    block = DelayResiduals(
+        name=pair.name,
+        group=np.minimum(np.arange(len(time)) * STRETCHES // len(time), STRETCHES - 1).astype(np.int64),
+        components=pair.components,
+        sigma=answer.sigma[used],
+        time_s=time,
+        measured=values,
+        middle_s=float(0.5 * (time[0] + time[-1])),
+        basis=basis,
+        places=Places(delay, tuple(offset), tuple(tuple(int(i) for i in row) for row in gain), drift, lag, damping),
+        count=len(items),
+    )
+    start = parameters.nominal
+    for place in set(delay):
+        start[place] = shift_s
+    if lag >= 0:
+        start[lag] = 3.0 * MS
+    _linear_start(block, start, [*offset, *(int(i) for i in gain.ravel() if i >= 0)])
+    return parameters, block, start, tuple(needed)
+
+
+def _fitted(pair: Pair, order: Order, shift: float, robust: bool) -> Delay:
+    parameters, block, start, needed = build(pair, order, shift)
+    start = _refined(parameters, block, start)
+    if robust:
+        size = np.sqrt(np.mean(block.evaluate(start) ** 2, axis=1))
+        block = block.subset(size <= GROSS * float(np.median(size)))
+        start = _refined(parameters, block, start)
+    stop = Stop(tolerance=1e-9, evaluations=20)
+    independent = solve(parameters, [block], robust=False, start=start, stop=stop)
+    apart = with_jackknife(independent, [block], stretches([block]))
+    fit = widened(with_correlation(independent, [block]), np.diag(apart.covariance))
+    held_out = cross_validate(
+        parameters, [block], needed=needed, start=fit.values, robust=False, stop=Stop(tolerance=1e-7, evaluations=10)
+    )
+    return Delay(pair, block, parameters, _with_jackknife(fit, held_out.fits), order, held_out)
+
+
+def _refined(parameters: Parameters, block: DelayResiduals, start: Float) -> Float:
+    """A few Gauss-Newton steps within the bounds: all but two of the kinds of parameters are linear."""
+    x = start.copy()
+    low = np.array([p.lower for p in parameters])
+    high = np.array([p.upper for p in parameters])
+    best = float(np.sum(block.evaluate(x) ** 2))
+    for _ in range(_STEPS):
+        r = block.evaluate(x).reshape(-1)
+        J = block.jacobian(x).reshape(len(r), -1)
+        scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+        A = J / scale
+        move = np.linalg.lstsq(A.T @ A, -(A.T @ r), rcond=1e-12)[0] / scale
+        share = 1.0
+        while share > 1e-3:
+            trial = np.clip(x + share * move, low, high)
+            cost = float(np.sum(block.evaluate(trial) ** 2))
+            if cost < best:
+                break
+            share *= 0.5
+        else:
+            break
+        gain, x, best = 1.0 - cost / best, trial, cost
+        if gain < 1e-9:
+            break
+    return x
+
+
+def _with_jackknife(fit: Fit, parts: Sequence[Fit]) -> Fit:
+    """Standard deviations at least those of the jackknife over the folds."""
+    k = len(parts)
+    values = np.array([part.values for part in parts])
+    spread = np.sqrt((k - 1) / k * np.sum((values - values.mean(axis=0)) ** 2, axis=0))
+    return replace(fit, sigma=np.maximum(fit.sigma, spread))
+
+
+def _coarse(pair: Pair) -> float:
+    """Rough delay: the best cross-correlation among the components that can belong together."""
+    reference, answer = pair.reference, pair.answer
+    lead = _derived(reference, pair.derivative)
+    m, k = answer.values.shape[1], lead.shape[1]
+    step = min(reference.step_s, answer.step_s)
+    limit = SAME_CLOCK_S if pair.same_clock else None
+    best, found = 0.0, 0.0
+    sizes = np.std(lead, axis=0)
+    for c in range(m):
+        for b in [c] if pair.mixing == "own" else range(k):
+            if sizes[b] < 1e-3 * sizes.max() or np.std(answer.values[:, c]) == 0.0:
+                continue
+            shift, match = coarse_shift(
+                reference.time_s, lead[:, b], answer.time_s, answer.values[:, c], step_s=step, limit_s=limit
+            )
+            if abs(match) > best:
+                best, found = abs(match), shift
+    if best == 0.0:
+        raise InputError(
+            "nothing moves in the record, so it says nothing about time",
+            where=reference.where,
+            hint="Record a chirp or steps that are large against the noise",
+        )
+    return found
+
+
+def _derived(stamped: Stamped, order: int) -> Float:
+    if order == 0:
+        return stamped.values
+    out: Float = CubicSpline(stamped.time_s, stamped.values)(stamped.time_s, order)
+    return out
+
+
+def _basis(pair: Pair) -> tuple[Basis, list[list[int]]]:
+    """Signals on an even grid, and which of the reference's columns each component of the answer follows."""
+    reference, m = pair.reference, pair.answer.values.shape[1]
+    step = min(reference.step_s, pair.answer.step_s) / _GRID_PER_SAMPLE
+    length = reference.time_s[-1] - reference.time_s[0]
+    count = min(int(length / step), _MOST_GRID)
+    step = length / count
+    grid = reference.time_s[0] + step * np.arange(count + 1)
+    spline = CubicSpline(reference.time_s, reference.values)
+    lead = spline(grid, pair.derivative)
+    size = np.std(lead, axis=0)
+    if pair.mixing == "own":
+        columns = [[c] for c in range(m)]
+    else:
+        moving = [int(b) for b in np.flatnonzero(size > 1e-3 * size.max())]
+        lead = lead[:, moving]
+        columns = [list(range(len(moving)))] * m
+    if pair.inertia:
+        lead = np.hstack([lead, _second_derivative(lead, step)])
+    parts = [lead, *(CubicSpline(reference.time_s, extra.values)(grid) for extra in pair.extras)]
+    values = np.hstack(parts)
+    lagged = np.arange(values.shape[1]) < lead.shape[1]
+    return Basis(float(grid[0]), step, values, lagged), columns
+
+
+def _second_derivative(values: Float, step: float) -> Float:
+    out: Float = np.gradient(np.gradient(values, step, axis=0), step, axis=0)
+    return out
+
+
+def _linear_start(block: DelayResiduals, start: Float, places: Sequence[int]) -> None:
+    """Offsets and gains by linear least squares at the start's delay and lag; written into ``start``."""
+    chosen = sorted(set(places))
+    start[chosen] = 0.0
+    r = block.evaluate(start).reshape(-1)
+    J = block.jacobian(start).reshape(len(r), -1)[:, chosen]
+    scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    start[chosen] = -np.linalg.lstsq(J / scale, r, rcond=1e-10)[0] / scale

@@ -1,0 +1,1 @@
+"""Geometry of arm, tracker and target as parameters of an identification."""

@@ -1,0 +1,322 @@
+"""Tool poses of an arm whose geometry has parameters, and what each parameter moves.
+
+The chain of :mod:`counterflex.robot.elasticity.chain` with, behind each segment, its sag under own weight and a
+constant displacement (:mod:`counterflex.robot.model.calibration`)::
+
+    T_base_tcp = D_base prod_i (fixed_i Rz(theta_i) E_i(c_i l_i) D_i) T_last_tcp D_tcp
+
+    theta_i = sign_i (q_j + sum_k (g_jk,sin sin(k q_j) + g_jk,cos (cos(k q_j) - 1)) + sum_t a_t u_jt(q) - h_j s_j)
+              + offset_i
+
+``l_i`` are the loads of own weight on element i, ``c_i`` its compliance; ``g`` are periodic errors of the drives, ``a``
+what own weight turns axes 2 and 3 by where masses are not known (:mod:`counterflex.robot.elasticity.axis_sag`).
+Parameters are the displacements ``D``, single compliances, masses, the ``g``, the ``a`` and the ``h``, half of the
+lost motion of an axis that came in the sense s (:mod:`counterflex.identify.kinematics.approach_sense`); derivatives
+are exact (loads are taken where bodies hang at the compliances known before: what a change of sag changes is of
+second order).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.geometry import pose, rotation
+from counterflex.geometry.rotation_derivative import left_jacobian
+from counterflex.identify.geometry.placed_frame import NO_PARAMETERS, components
+from counterflex.robot.elasticity.axis_sag import turned_axis
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.elasticity.gravity import weight_loads
+from counterflex.robot.model.calibration import BASE, TCP, displacement
+from counterflex.robot.model.elastic_region import growth
+
+_SETTLING_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class PeriodicTerm:
+    """A periodic error of a drive, sine and cosine of a multiple of its angle.
+
+    Attributes:
+        axis: 0..5.
+        order: k, periods per turn.
+        sine: Place of the sine's amplitude among the parameters.
+        cosine: Place of the cosine's.
+    """
+
+    axis: int
+    order: int
+    sine: int
+    cosine: int
+
+
+@dataclass(frozen=True, eq=False)
+class ArmLayout:
+    """Where the parameters of the arm stand among all parameters.
+
+    Attributes:
+        displaced: Places (6,) of the displacement behind a segment, or of ``base`` and ``tcp``; -1 stays as known.
+        known: (6,) m, rad displacements that are no parameters, by the same names.
+        soft: Places of single compliances, by segment and direction 0..5.
+        mass: Places of the masses of bodies, by segment.
+        periodic: Errors of drives.
+        turns: (6,) places of what own weight turns axes 2 and 3 by, or None.
+        lost: Places of half of the lost motion of an axis, by axis 0..5.
+    """
+
+    displaced: dict[str, Int] = field(default_factory=dict)
+    known: dict[str, Float] = field(default_factory=dict)
+    soft: dict[tuple[int, int], int] = field(default_factory=dict)
+    mass: dict[int, int] = field(default_factory=dict)
+    periodic: tuple[PeriodicTerm, ...] = ()
+    turns: Int | None = None
+    lost: dict[int, int] = field(default_factory=dict)
+
+    def displacement_at(self, name: str, x: Float) -> Float | None:
+        """(6,) m, rad at the values x, or None where nothing is displaced."""
+        index = self.displaced.get(name)
+        base = self.known.get(name)
+        if index is None:
+            return base
+        here = components(x, index)
+        return here if base is None else np.where(index >= 0, here, base)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmGeometry:
+    """The arm in a set of poses.
+
+    Attributes:
+        chain: Nominal chain: geometry without calibration, with its compliances and masses.
+        layout: Where its parameters are.
+        q: (m, 6) rad.
+        loads: (m, n, 6) of own weight on each element times the factor of its regions, N, N m; None leaves sag out.
+        unit_loads: (m, b, n, 6) likewise of one kilogram of each of the b bodies whose mass is a parameter, or None.
+        unit_turns: (m, 6) of :func:`counterflex.robot.elasticity.axis_sag.unit_turns`, where the layout has their
+            places.
+        sense: (m, 6) in which each axis came to the pose, +1, -1 or 0 where it is not known; or None.
+    """
+
+    chain: ElasticChain
+    layout: ArmLayout
+    q: Float
+    loads: Float | None = None
+    unit_loads: Float | None = None
+    unit_turns: Float | None = None
+    sense: Float | None = None
+
+    def subset(self, rows: Bool) -> ArmGeometry:
+        """The marked poses only."""
+        return replace(
+            self,
+            q=self.q[rows],
+            loads=None if self.loads is None else self.loads[rows],
+            unit_loads=None if self.unit_loads is None else self.unit_loads[rows],
+            unit_turns=None if self.unit_turns is None else self.unit_turns[rows],
+            sense=None if self.sense is None else self.sense[rows],
+        )
+
+    def poses(self, x: Float) -> Float:
+        """T_base_tcp (m, 4, 4) at the values x (p,) of all parameters."""
+        return self._frames(x)[-1]
+
+    def moved(self, x: Float) -> tuple[Float, Int, Float]:
+        """What the parameters move.
+
+        Args:
+            x: (p,) values of all parameters, SI.
+
+        Returns:
+            T_base_tcp (m, 4, 4); places (k,) of the arm's parameters; (m, 6, k) twist of the TCP (velocity of its
+            origin, then rotation, base axes) per unit of each.
+        """
+        drives, ends, T_last, T = self._frames(x)
+        tip = T[:, :3, 3]
+        lay, chain = self.layout, self.chain
+        loads, compliance = self._loads(x), self._compliance(x)
+        found = _Columns(tip)
+        heavy = np.zeros((len(self.q), 6, len(lay.mass)))
+        found.displaced(lay, BASE, np.broadcast_to(np.eye(4), T.shape), x)
+        for i, name in enumerate(chain.names):
+            R, p = drives[i][:, :3, :3], drives[i][:, :3, 3]
+            for term in lay.periodic:
+                if term.axis == chain.joint[i]:
+                    angle = term.order * self.q[:, term.axis]
+                    amount = chain.sign[i] * np.stack([np.sin(angle), np.cos(angle) - 1.0], axis=-1)
+                    found.turns(R[:, :, 2:] * amount[:, None, :], p, np.array([term.sine, term.cosine]))
+            places, turns = self._turns_of(i)
+            if len(places):
+                found.turns(R[:, :, 2:] * (chain.sign[i] * turns)[:, None, :], p, places)
+            soft = {d: place for (segment, d), place in lay.soft.items() if segment == i}
+            if loads is not None and (soft or (lay.mass and np.any(compliance[i] > 0.0))):
+                e = compliance[i] * loads[:, i]
+                centre = p + (R @ e[:, :3, None])[..., 0]
+                axes = R @ _elastic_axes(e)
+                for d, place in soft.items():
+                    column = (R if d < 3 else axes)[:, :, d % 3, None] * loads[:, i, d, None, None]
+                    if d < 3:
+                        found.shifts(column, np.array([place]))
+                    else:
+                        found.turns(column, centre, np.array([place]))
+                if self.unit_loads is not None and np.any(compliance[i] > 0.0):
+                    by = compliance[i] * self.unit_loads[:, :, i]  # (m, bodies, 6)
+                    turn = axes @ np.swapaxes(by[:, :, 3:], 1, 2)
+                    heavy[:, :3] += R @ np.swapaxes(by[:, :, :3], 1, 2) - rotation.skew(tip - centre) @ turn
+                    heavy[:, 3:] += turn
+            found.displaced(lay, name, ends[i], x)
+        found.displaced(lay, TCP, T_last, x)
+        if loads is not None and lay.mass:
+            found.add(heavy, np.array(list(lay.mass.values())))
+        return T, *found.all()
+
+    def settled(self) -> ArmGeometry:
+        """The same poses with the loads of own weight where the bodies are after sag (at the known compliances)."""
+        if not np.any(self.chain.mass > 0.0):
+            return replace(self, loads=None)
+        bare = ArmLayout(known=self.layout.known)
+        grown = growth(self.chain.regions, self.chain.names, self.q)  # as much as if the load were larger
+        plain = replace(self, layout=bare, loads=grown * weight_loads(self.chain, self.q), unit_loads=None)
+        ends = np.stack(plain._frames(np.zeros(0))[1], axis=1)
+        for _ in range(_SETTLING_ROUNDS):
+            plain = replace(plain, loads=grown * weight_loads(self.chain, self.q, ends))
+            ends = np.stack(plain._frames(np.zeros(0))[1], axis=1)
+        units = None
+        if self.layout.mass:
+            each = np.eye(self.chain.n)
+            ones = [replace(self.chain, mass=each[body], counterbalance=None) for body in self.layout.mass]
+            units = np.stack([grown * weight_loads(one, self.q, ends) for one in ones], axis=1)
+        return replace(self, loads=plain.loads, unit_loads=units)
+
+    def _loads(self, x: Float) -> Float | None:
+        if self.loads is None or self.unit_loads is None:
+            return self.loads
+        bodies = list(self.layout.mass)
+        more = x[list(self.layout.mass.values())] - self.chain.mass[bodies]
+        out: Float = self.loads + np.einsum("b,mbnd->mnd", more, self.unit_loads)
+        return out
+
+    def _compliance(self, x: Float) -> Float:
+        compliance = np.array(self.chain.compliance)
+        for (segment, direction), place in self.layout.soft.items():
+            compliance[segment, direction] = x[place]
+        return compliance
+
+    def _sag(self, x: Float) -> Float | None:
+        loads = self._loads(x)
+        return None if loads is None else self._compliance(x) * loads
+
+    def _frames(self, x: Float) -> tuple[list[Float], list[Float], Float, Float]:
+        """Frames behind every drive, behind every sag, of the TCP before its displacement, and of the TCP."""
+        chain, lay, m = self.chain, self.layout, len(self.q)
+        delta = self._sag(x)
+        base = lay.displacement_at(BASE, x)
+        T: Float = np.broadcast_to(np.eye(4) if base is None else displacement(base), (m, 4, 4))
+        drives, ends = [], []
+        for i, name in enumerate(chain.names):
+            T = T @ chain.fixed[i]
+            if chain.joint[i] >= 0:
+                T = _turned(T, self._angle(i, x))
+            drives.append(T)
+            if delta is not None and (np.any(chain.compliance[i] > 0.0) or any(s == i for s, _ in lay.soft)):
+                T = T @ _elastic(delta[:, i])
+            ends.append(T)
+            d = lay.displacement_at(name, x)
+            if d is not None:
+                T = T @ displacement(d)
+        T_last = T @ chain.T_last_tcp
+        d = lay.displacement_at(TCP, x)
+        return drives, ends, T_last, T_last if d is None else T_last @ displacement(d)
+
+    def _angle(self, i: int, x: Float) -> Float:
+        q = self.q[:, self.chain.joint[i]]
+        out = q
+        for term in self.layout.periodic:
+            if term.axis == self.chain.joint[i]:
+                k = term.order
+                out = out + x[term.sine] * np.sin(k * q) + x[term.cosine] * (np.cos(k * q) - 1.0)
+        places, turns = self._turns_of(i)
+        if len(places):
+            out = out + turns @ x[places]
+        angle: Float = self.chain.sign[i] * out + self.chain.offset[i]
+        return angle
+
+    def _turns_of(self, i: int) -> tuple[Int, Float]:
+        """Places (k,) of what weight and lost motion turn the axis of segment i by, and the turns (m, k) per unit."""
+        places, turns, axis = np.zeros(0, dtype=np.int64), np.zeros((len(self.q), 0)), int(self.chain.joint[i])
+        if self.layout.turns is not None and self.unit_turns is not None:
+            mine = turned_axis() == axis
+            places, turns = self.layout.turns[mine], self.unit_turns[:, mine]
+        if self.sense is not None and axis in self.layout.lost:
+            places = np.append(places, self.layout.lost[axis])
+            turns = np.concatenate([turns, -self.sense[:, [axis]]], axis=1)
+        return places, turns
+
+
+def displaced_arm(chain: ElasticChain, q: Float, known: dict[str, Float] | None = None) -> ArmGeometry:
+    """An arm without parameters: a nominal chain with known displacements, sagging under its own weight."""
+    layout = ArmLayout(displaced=dict.fromkeys((), NO_PARAMETERS), known=dict(known or {}))
+    return ArmGeometry(chain, layout, q).settled()
+
+
+def _turned(T: Float, angle: Float) -> Float:
+    """T (m, 4, 4) followed by a turn about its z by angle (m,)."""
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    out = T.copy()
+    out[..., 0] = c * T[..., 0] + s * T[..., 1]
+    out[..., 1] = c * T[..., 1] - s * T[..., 0]
+    return out
+
+
+def _elastic(delta: Float) -> Float:
+    """E(delta) (m, 4, 4): translation, then z-y'-x'' rotations."""
+    return pose.make(rotation.from_zyx(delta[:, [5, 4, 3]]), delta[:, :3])
+
+
+def _elastic_axes(delta: Float) -> Float:
+    """(m, 3, 3) axes in the element's frame that its rotations rx, ry, rz turn about, as columns."""
+    out = np.zeros((len(delta), 3, 3))
+    out[:, 2, 2] = 1.0
+    R = rotation.about_z(delta[:, 5])
+    out[:, :, 1] = R[:, :, 1]
+    out[:, :, 0] = (R @ rotation.about_y(delta[:, 4]))[:, :, 0]
+    return out
+
+
+class _Columns:
+    """Twists of the TCP per unit of each parameter, collected."""
+
+    def __init__(self, tip: Float) -> None:
+        self.tip = tip
+        self.blocks: list[Float] = []
+        self.places: list[Int] = []
+
+    def add(self, columns: Float, places: Int) -> None:
+        """Twists (m, 6, k)."""
+        self.blocks.append(columns)
+        self.places.append(places)
+
+    def shifts(self, axes: Float, places: Int) -> None:
+        """Translations along axes (m, 3, k)."""
+        self.add(np.concatenate([axes, np.zeros_like(axes)], axis=1), places)
+
+    def turns(self, axes: Float, centre: Float, places: Int) -> None:
+        """Rotations about axes (m, 3, k) through centres (m, 3)."""
+        self.add(np.concatenate([-rotation.skew(self.tip - centre) @ axes, axes], axis=1), places)
+
+    def displaced(self, layout: ArmLayout, name: str, before: Float, x: Float) -> None:
+        """The displacement behind frames (m, 4, 4)."""
+        index, d = layout.displaced.get(name), layout.displacement_at(name, x)
+        if index is None or d is None:
+            return
+        R = before[:, :3, :3]
+        first, last = index[:3] >= 0, index[3:] >= 0
+        self.shifts(R[:, :, first], index[:3][first])
+        self.turns((R @ left_jacobian(d[3:]))[:, :, last], before[:, :3, 3] + R @ d[:3], index[3:][last])
+
+    def all(self) -> tuple[Int, Float]:
+        """Places (k,) and twists (m, 6, k)."""
+        if not self.blocks:
+            return np.zeros(0, dtype=np.int64), np.zeros((len(self.tip), 6, 0))
+        return np.concatenate(self.places).astype(np.int64), np.concatenate(self.blocks, axis=-1)

@@ -1,0 +1,180 @@
+"""Compliances of the elastic elements of a chain as parameters of an identification."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int, frozen
+from counterflex.core.errors import InputError
+from counterflex.core.similar import close_to
+from counterflex.core.units import MM, UM_PER_KN, URAD_PER_KNM
+from counterflex.identify.data.changes import ElementCompliance
+from counterflex.identify.solver.parameters import Parameter, Parameters
+from counterflex.robot.elasticity.chain import ElasticChain
+
+DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
+TRANSLATION_M_N: Final = 5.0 * UM_PER_KN
+"""Compliance that a freed rigid direction is expected to have at most, one standard deviation, m/N."""
+ROTATION_RAD_NM: Final = 100.0 * URAD_PER_KNM
+"""The same for rotations, rad/(N m): a stiffness of 1e7 N m/rad."""
+_RIGID: Final = 1e-12  # m/N, rad/(N m): what is stiffer is written as rigid
+_RANGE: Final = 1e3  # a compliance stays within this factor of what the cell file says
+SETTINGS: Final[Mapping[str, float | int | str | bool]] = {
+    "prior": 0.3,
+    "wide": "",
+    "wide_prior": 1.0,
+    "known": "",
+    "known_prior": 0.05,
+    "free": "",
+    "held": "",
+    "bearing_mm": 10.0,
+}
+"""Options of recipes that find compliances: relative prior standard deviation of an element; names of elements, or of
+single directions as ``axis2.rx``, whose values are assumed, and their prior; the same for what a data sheet or a bench
+says; names of rigid directions to free; names of elements or directions to hold. ``all`` stands for everything,
+``torsion``, ``tilting`` and ``translation`` for the directions z; x and y; tx, ty, tz of all driven axes.
+``bearing_mm``: how well the centres of the elements are known, per axis."""
+_OF_AXES: Final = {"torsion": (5,), "tilting": (3, 4), "translation": (0, 1, 2)}
+
+
+@dataclass(frozen=True, eq=False)
+class Springs:
+    """Which directions of which elements are parameters, in the order of the parameters.
+
+    Attributes:
+        segment: (k,) index of the element in the chain.
+        direction: (k,) 0..5 of ``tx ty tz rx ry rz``.
+        parameters: k parameters named ``axis1.rz``, m/N or rad/(N m).
+    """
+
+    segment: Int
+    direction: Int
+    parameters: Parameters
+
+    def __len__(self) -> int:
+        return len(self.segment)
+
+    def compliance(self, chain: ElasticChain, values: Float) -> Float:
+        """Compliances (n, 6) of the whole chain with the values (k,) of the parameters."""
+        out = np.array(chain.compliance)
+        out[self.segment, self.direction] = values
+        return out
+
+    def of_chain(self, chain: ElasticChain) -> Float:
+        """(k,) what a chain has in these directions."""
+        out: Float = chain.compliance[self.segment, self.direction]
+        return out
+
+    def changes(self, chain: ElasticChain, values: Float) -> tuple[ElementCompliance, ...]:
+        """What goes into the cell file: every element with a free parameter, whole."""
+        whole = self.compliance(chain, np.where(values < _RIGID, 0.0, values))
+        touched = sorted({int(s) for s, p in zip(self.segment, self.parameters, strict=True) if p.free})
+        return tuple(ElementCompliance(chain.names[i], whole[i]) for i in touched)
+
+
+def bearing_of(settings: Mapping[str, Any]) -> float:
+    """The setting ``bearing_mm`` in m.
+
+    Raises:
+        InputError: Negative or beyond 200 mm.
+    """
+    value = settings.get("bearing_mm", SETTINGS["bearing_mm"])
+    if not (isinstance(value, int | float) and 0.0 <= float(value) <= 200.0):
+        raise InputError("setting bearing_mm", value=value, limit="0 .. 200 mm")
+    return float(value) * MM
+
+
+def with_compliance(chain: ElasticChain, compliance: Float) -> ElasticChain:
+    """The same chain with other compliances (n, 6), m/N and rad/(N m)."""
+    return replace(chain, compliance=frozen(compliance))
+
+
+def springs(chain: ElasticChain, settings: Mapping[str, Any]) -> Springs:
+    """Every elastic direction of a chain as a parameter.
+
+    A direction with a compliance above zero is logarithmic around it with a relative prior; a rigid one that is freed
+    is linear from zero up, with a prior of :data:`TRANSLATION_M_N` or :data:`ROTATION_RAD_NM`.
+
+    Args:
+        chain: With what the cell file says.
+        settings: See :data:`SETTINGS`; lists of names are separated by commas or blanks.
+
+    Returns:
+        The parameters, in the order of the chain.
+
+    Raises:
+        InputError: A name that the chain does not have, a prior that is not positive, or nothing elastic at all.
+    """
+    options = {**SETTINGS, **settings}
+    for key in ("prior", "wide_prior", "known_prior"):
+        if not (isinstance(options[key], int | float) and 0.0 < float(options[key]) <= 10.0):
+            raise InputError(f"setting {key}", value=options[key], limit="a relative standard deviation above 0, <= 10")
+    wide, known, free, held = (named_directions(chain, str(options[key])) for key in ("wide", "known", "free", "held"))
+    items, segment, direction = [], [], []
+    for i, name in enumerate(chain.names):
+        for d, letter in enumerate(DIRECTIONS):
+            value, place = float(chain.compliance[i, d]), (i, d)
+            unit = "m/N" if d < 3 else "rad/(N m)"
+            label = f"{name} {'translation' if d < 3 else 'rotation'} {letter[1]}"
+            if value > 0.0:
+                kind = "known_prior" if place in known else "wide_prior" if place in wide else "prior"
+                sigma = float(options[kind])
+                item = Parameter(
+                    f"{name}.{letter}",
+                    unit,
+                    value,
+                    sigma,
+                    lower=value / _RANGE,
+                    upper=value * _RANGE,
+                    free=place not in held,
+                    log=True,
+                    label=label,
+                )
+            elif place in free and (value == 0.0 and place not in held):
+                sigma = TRANSLATION_M_N if d < 3 else ROTATION_RAD_NM
+                item = Parameter(f"{name}.{letter}", unit, 0.0, sigma, lower=0.0, upper=_RANGE * sigma, label=label)
+            else:
+                continue
+            items.append(item)
+            segment.append(i)
+            direction.append(d)
+    if not items:
+        raise InputError(
+            "nothing in this cell is elastic, so there is no compliance to identify",
+            value=chain.name,
+            hint="Give each axis a rough compliance in [[robot.elastic]], or free rigid directions: "
+            '--set free="axis1.rz axis2.rz axis3.rz"',
+        )
+    return Springs(np.array(segment, dtype=np.int64), np.array(direction, dtype=np.int64), Parameters.of(items))
+
+
+def named_directions(chain: ElasticChain, names: str) -> set[tuple[int, int]]:
+    """Elements and directions (segment, 0..5) that a text names: ``all``, ``tilting``, ``axis2``, ``axis2.rx``.
+
+    Raises:
+        InputError: A name that the chain does not have.
+    """
+    found: set[tuple[int, int]] = set()
+    for word in names.replace(",", " ").split():
+        if word == "all":
+            return {(i, d) for i in range(chain.n) for d in range(6)}
+        if word in _OF_AXES:
+            found |= {(int(i), d) for i in np.flatnonzero(chain.joint >= 0) for d in _OF_AXES[word]}
+            continue
+        element, _, letter = word.partition(".")
+        if element not in chain.names or (letter and letter not in DIRECTIONS):
+            known = [f"{name}.{d}" for name in chain.names for d in DIRECTIONS] if letter else list(chain.names)
+            close = close_to(word, known, 1)
+            raise InputError(
+                "the cell has no such elastic element or direction",
+                value=word,
+                limit=", ".join((*chain.names, "all", *_OF_AXES)) + "; directions " + " ".join(DIRECTIONS),
+                hint=f"Did you mean '{close[0]}'?" if close else None,
+            )
+        i = chain.names.index(element)
+        found |= {(i, d) for d in range(6) if not letter or DIRECTIONS[d] == letter}
+    return found

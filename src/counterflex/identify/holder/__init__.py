@@ -1,0 +1,1 @@
+"""Recipe ``holder``: sensitivities of a strain-gauge spindle holder."""

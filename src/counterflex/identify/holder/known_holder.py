@@ -1,0 +1,26 @@
+"""The instrumented holder that a cell says it has."""
+
+from __future__ import annotations
+
+from counterflex.core.errors import InputError, ModelError
+from counterflex.identify.data.model import CellModel
+from counterflex.sensing.strain_holder import StrainHolder
+
+
+def holder_before(cell: CellModel) -> StrainHolder:
+    """The holder before identification.
+
+    Raises:
+        InputError: The cell has none.
+        ModelError: What the cell holds as its holder is none.
+    """
+    given = cell.tables.get("holder")
+    if given is None:
+        raise InputError(
+            "the cell has no instrumented spindle holder",
+            where=cell.name,
+            hint="Add a table [holder] with its dimensions, [[holder.gauges]] and tcp_mm to the cell file",
+        )
+    if not isinstance(given, StrainHolder):
+        raise ModelError("what the cell holds as its holder is none", value=type(given).__name__)
+    return given

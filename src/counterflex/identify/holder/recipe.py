@@ -1,0 +1,347 @@
+"""Recipe ``holder``: sensitivities of a strain-gauge spindle holder, and the force that it then tells."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, in_parts, saying, silent
+from counterflex.core.units import DEG, KN, MICRO, MM
+from counterflex.identify.data.alternative_readings import sign_mistakes, swapped_columns, unit_mistakes
+from counterflex.identify.data.changes import Change, TableValues
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.data.manifest_checks import Misfit, check_reading, misfit_of
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.holder.estimators import cross_talk, hysteresis, regressions
+from counterflex.identify.holder.known_holder import holder_before
+from counterflex.identify.holder.proposal import LARGEST_N, SHORTER_M, propose
+from counterflex.identify.holder.residuals import (
+    DRAWING_SHARE,
+    HolderReadings,
+    force_error,
+    needed,
+    parameters,
+    readings,
+    sensitivity_of,
+    with_honest_sigma,
+)
+from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.holdout import HeldOut, cross_validate, fold_of_groups, score_separate
+from counterflex.identify.solver.parameters import Parameters
+from counterflex.identify.solver.solve import solve
+from counterflex.sensing.holder_beam import Gauge
+from counterflex.sensing.strain_holder import StrainHolder, sight, tool_matrix
+
+LEAST = 6
+"""Loads needed, in at least three directions."""
+DRIFT_S = 120.0
+"""Length of a record from which a drift of the zeros is looked for."""
+_TRUSTED = 0.3  # share of the sensitivities that a drawing is trusted to where readings of the data are compared
+SPREAD_K = 1.0
+"""Range of temperatures from which coefficients are looked for; less tells nothing but the thermometer's noise."""
+SETTINGS: Mapping[str, float | int | str | bool] = {
+    "drawing_share": DRAWING_SHARE,
+    "drift": True,
+    "temperature": True,
+    "as_stated": False,
+    "gauges": "given",
+    "largest_n": LARGEST_N,
+    "shorter_m": SHORTER_M,
+}
+
+CHECKING, FITTING, HELD_OUT, COMPARING = "checking the readings", "sensitivities", "held out", "estimators compared"
+WORK = {CHECKING: 1.0, FITTING: 1.0, HELD_OUT: 5.0, COMPARING: 0.3}
+"""Parts of the work with what they cost (share of processor time), as the progress tells them."""
+
+
+def identify(
+    cell: CellModel,
+    data: Sequence[Dataset],
+    holdout: Sequence[Dataset],
+    settings: Mapping[str, Any],
+    progress: Progress,
+) -> Identification:
+    """Find the bridges' sensitivities to force and moment from known loads.
+
+    Args:
+        cell: Before; its holder's drawing is what is known.
+        data: Kind ``holder_loads``.
+        holdout: Likewise, or empty for folds.
+        settings: Of :data:`SETTINGS`.
+        progress: Told about fits.
+
+    Raises:
+        InputError: Too few loads or directions, or data that fit far better when read otherwise.
+        FileFormatError: A channel is missing or not a number.
+    """
+    s = {**SETTINGS, **settings}
+    parts = in_parts(progress, WORK)
+    holder, blocks = prepared(cell, data, holdout)
+    unseen = [readings(d, holder, reference_c=holder.reference_c) for d in holdout]
+    _check_loads(blocks, ", ".join(d.where or d.name for d in data))
+    remarks: list[str] = []
+    for i, d in enumerate((*data, *holdout)):
+        remarks += _check(d, holder, bool(s["as_stated"]))
+        parts[CHECKING]((i + 1) / (len(data) + len(holdout)))
+    free, fit = fitted(holder, blocks, s, saying(parts[FITTING], FITTING))
+    parts[FITTING](1.0)
+    held = _held_out(free, blocks, unseen, len(holder.gauges), parts[HELD_OUT])
+    parts[HELD_OUT](1.0)
+    n = len(holder.gauges)
+    found = replace(
+        holder,
+        sensitivity=sensitivity_of(fit.values, n),
+        bias=fit.values[6 * n : 7 * n],
+        per_kelvin=fit.values[7 * n : 8 * n],
+    )
+    estimated = np.concatenate([b.estimated(fit.values) for b in blocks])
+    figures, more = _figures(holder, found, blocks, estimated)
+    parts[COMPARING](1.0)
+    mean, before = held.mean()
+    worst, worst_before = held.largest()
+    p95, p95_before = held.quantile(0.95)
+    return Identification(
+        recipe="holder",
+        fits={"holder": fit},
+        headline=(
+            Figure("holdout_mean_n", "mean error of the force, loads not used", mean, before),
+            Figure("holdout_p95_n", "force error that 95 % of loads not used keep", p95, p95_before),
+            Figure("holdout_max_n", "largest error of the force, loads not used", worst, worst_before),
+        ),
+        figures=figures,
+        changes=_changes(found),
+        remarks=(*remarks, *more, *_remarks(holder, found, fit, blocks)),
+        pictures=(_picture(blocks, unseen, held),),
+    )
+
+
+def prepared(
+    cell: CellModel, data: Sequence[Dataset], holdout: Sequence[Dataset] = ()
+) -> tuple[StrainHolder, list[HolderReadings]]:
+    """The holder as it is known before, at the mean temperature of the data, and their readings.
+
+    Args:
+        cell: Before.
+        data: Kind ``holder_loads``.
+        holdout: Likewise; its bridges have to sit where those of ``data`` do.
+
+    Raises:
+        InputError: The data do not agree on where the bridges sit.
+    """
+    holder = _at(_glued(holder_before(cell), (*data, *holdout)), data)
+    return holder, [readings(d, holder, reference_c=holder.reference_c) for d in data]
+
+
+def fitted(
+    holder: StrainHolder, blocks: Sequence[HolderReadings], settings: Mapping[str, Any], progress: Progress = silent
+) -> tuple[Parameters, Fit]:
+    """The parameters of a holder and their fit, its standard deviations with what all loads share.
+
+    Args:
+        holder: Before.
+        blocks: Readings under known loads.
+        settings: Others than :data:`SETTINGS`.
+        progress: Told about the fit.
+    """
+    s = {**SETTINGS, **settings}
+    spread_k = float(np.ptp(np.concatenate([b.warmer_k for b in blocks])))
+    spread_s = max(float(np.ptp(b.time_s)) for b in blocks)
+    free = parameters(
+        holder,
+        float(s["drawing_share"]),
+        temperature=bool(s["temperature"]) and spread_k > SPREAD_K,
+        drift=bool(s["drift"]) and spread_s > DRIFT_S,
+    )
+    return free, with_honest_sigma(solve(free, blocks, progress=progress), blocks)
+
+
+def _glued(holder: StrainHolder, data: Sequence[Dataset]) -> StrainHolder:
+    """The holder with its bridges where the data say they sit, by its drawing where that is elsewhere."""
+    stated = [np.asarray(d.settings["gauges"], dtype=np.float64).reshape(-1) for d in data if "gauges" in d.settings]
+    if not stated:
+        return holder
+    if any(len(g) % 5 or len(g) != len(stated[0]) or not np.allclose(g, stated[0]) for g in stated):
+        raise InputError(
+            "the data do not agree on where the bridges of the holder sit",
+            where=", ".join(d.where or d.name for d in data),
+            limit="setting gauges: five numbers for each bridge, the same in all data",
+        )
+    gauges = tuple(Gauge((r[0], r[1], r[2]), r[3], r[4]) for r in stated[0].reshape(-1, 5).tolist())
+    now = np.array([(*g.p_holder_gauge, g.angle_rad, g.factor) for g in holder.gauges])
+    if len(gauges) == len(now) and np.allclose(now.reshape(-1), stated[0], atol=1e-5):
+        return holder
+    return StrainHolder.designed(holder.beam, gauges, holder.p_holder_tcp, float(holder.noise.mean()), holder.segment)
+
+
+def _at(holder: StrainHolder, data: Sequence[Dataset]) -> StrainHolder:
+    """The holder with its zeros carried to the mean temperature of the data, where they are best known."""
+    warm = [d.values("temperature_c")[:, 0] for d in data if d.has("temperature_c") and len(d)]
+    if not warm:
+        return holder
+    reference_c = round(float(np.mean(np.concatenate(warm))), 1)
+    bias = holder.bias + (reference_c - holder.reference_c) * holder.per_kelvin
+    return replace(holder, bias=bias, reference_c=reference_c)
+
+
+def _check_loads(blocks: Sequence[HolderReadings], where: str) -> None:
+    force = np.concatenate([b.force for b in blocks])
+    size = np.linalg.norm(force, axis=1)
+    loaded = force[size > 0.05 * max(float(size.max(initial=0.0)), 1e-9)]
+    if len(loaded) < LEAST:
+        raise InputError("too few loads on the holder", where=where, value=len(loaded), limit=f">= {LEAST}")
+    spread = np.linalg.svd(loaded, compute_uv=False)
+    if spread[2] < 0.02 * spread[0]:
+        weak = np.linalg.svd(loaded)[2][2]
+        raise InputError(
+            "the loads on the holder lie in one plane, so one force direction is never seen",
+            where=where,
+            value=f"nothing along {np.round(weak, 2).tolist()}",
+            hint="Press along x, y and z at least",
+        )
+
+
+def _check(data: Dataset, holder: StrainHolder, as_stated: bool) -> tuple[str, ...]:
+    free = parameters(holder, _TRUSTED, temperature=False, drift=False)
+
+    def score(sample: Dataset) -> Misfit:
+        return misfit_of(solve(free, [readings(sample, holder, reference_c=holder.reference_c)]))
+
+    tried = [
+        *unit_mistakes(data, "f_tcp_holder"),
+        *sign_mistakes(data, "f_tcp_holder"),
+        *swapped_columns(data, "f_tcp_holder"),
+        *swapped_columns(data, "strain"),
+        *sign_mistakes(data, "strain"),
+    ]
+    return check_reading(data, tried, score, as_stated=as_stated)
+
+
+def _held_out(
+    free: Parameters, blocks: Sequence[HolderReadings], unseen: Sequence[HolderReadings], n: int, progress: Progress
+) -> HeldOut:
+    zeros = [name for name in needed(n) if free.items[free.index(name)].free]
+    if unseen:
+        local = [f"bridge{i + 1}.zero" for i in range(n)]
+        return score_separate(free, blocks, unseen, needed=zeros, local=local, error=_force_error, progress=progress)
+    return cross_validate(free, blocks, needed=zeros, error=_force_error, progress=progress)
+
+
+def _force_error(block: Any, x: Float) -> Float:
+    return force_error(block, x)
+
+
+def _figures(
+    holder: StrainHolder, found: StrainHolder, blocks: Sequence[HolderReadings], estimated: Float
+) -> tuple[tuple[Figure, ...], list[str]]:
+    noise = np.diag(found.noise**2)
+    seen = sight(tool_matrix(found.sensitivity, found.p_holder_tcp), noise)
+    drawn = sight(tool_matrix(holder.sensitivity, holder.p_holder_tcp), noise)
+    figures = [Figure("condition", "condition of strain by force, weighted by noise", seen.condition, drawn.condition)]
+    figures += [
+        Figure(f"sample_sigma_{a}_n", f"standard deviation of one sample's force along {a}", float(v), float(w))
+        for a, v, w in zip("xyz", seen.sigma_n, drawn.sigma_n, strict=True)
+    ]
+    block = blocks[0]
+    folds = fold_of_groups([block.group])[0]
+    for name, error in regressions(block, folds).items():
+        length = np.linalg.norm(error, axis=1)
+        if np.any(np.isfinite(length)):
+            text = f"mean error of {name} regression of force on strain, loads not used"
+            figures.append(Figure(f"holdout_{name}_n", text, float(np.nanmean(length))))
+    error = estimated[: len(block.force)] - block.force
+    for a, share in zip("xyz", cross_talk(block, error), strict=True):
+        if np.isfinite(share):
+            figures.append(Figure(f"cross_talk_{a}_share", f"force shown across a load along {a}, share", float(share)))
+    stays = hysteresis(block, estimated[: len(block.force)])
+    more = []
+    if np.isfinite(stays):
+        figures.append(Figure("hysteresis_share", "share of a load that stays after it is gone", stays))
+        if abs(stays) > 0.01:
+            more.append(f"{100 * stays:.1f} % of a load stays after it is gone: check screws and glue of the holder")
+    weak = seen.directions[2]
+    more.append(
+        f"Seen best: a force along {np.round(seen.directions[0], 2).tolist()} ({seen.direction_sigma_n[0]:.1f} N for "
+        f"one sample); worst: along {np.round(weak, 2).tolist()} ({seen.direction_sigma_n[2]:.1f} N)"
+    )
+    return tuple(figures), more
+
+
+def _remarks(holder: StrainHolder, found: StrainHolder, fit: Fit, blocks: Sequence[HolderReadings]) -> tuple[str, ...]:
+    n = len(holder.gauges)
+    points = np.unique(np.round(np.concatenate([b.p_holder_load for b in blocks]), 3), axis=0)
+    lever = fit.covariance  # of the free parameters, in fit coordinates
+    S = [int(np.flatnonzero(fit.free_index == k)[0]) for k in range(6 * n)]
+    moved = found.p_holder_tcp + np.array([0.0, 0.0, 50.0 * MM])
+    K, M = tool_matrix(found.sensitivity, moved), found.matrix(moved)
+    slope = fit.parameters.slope(fit.values)[: 6 * n]
+    load = np.zeros((3, 6))
+    load[:, :3] = np.eye(3)
+    load[:, 3:] = np.array([np.cross(moved, e) for e in np.eye(3)])
+    spread = []
+    for axis in range(3):
+        map_ = np.einsum("ai,k->aik", M, load[axis]).reshape(3, 6 * n) * slope
+        spread.append(float(np.sqrt(np.trace(map_ @ lever[np.ix_(S, S)] @ map_.T))))
+    out = [
+        "For a tool 50 mm longer the matrix follows from the lever: expected error "
+        f"{100 * max(spread):.1f} % of the force"
+        + (
+            ""
+            if len(points) > 1
+            else "; all loads acted at one point, so that rests on the drawing. Load at a second point to see it"
+        )
+    ]
+    if np.linalg.cond(K) > 30.0:
+        out.append("One direction of force is seen badly; propose with gauges = choose finds better places for bridges")
+    return tuple(out)
+
+
+def _changes(found: StrainHolder) -> tuple[Change, ...]:
+    def row(values: Float, unit: float) -> list[float]:
+        return [float(f"{v / unit:.6g}") for v in values]
+
+    gauges = [
+        {
+            "x_mm": round(g.p_holder_gauge[0] / MM, 4),
+            "y_mm": round(g.p_holder_gauge[1] / MM, 4),
+            "z_mm": round(g.p_holder_gauge[2] / MM, 4),
+            "angle_deg": round(g.angle_rad / DEG, 4),
+            "factor": g.factor,
+        }
+        for g in found.gauges
+    ]
+    values: dict[str, Any] = {
+        "gauges": gauges,
+        "sensitivity_um_m_per_kn": [row(r, MICRO / KN) for r in found.sensitivity],
+        "bias_um_m": row(found.bias, MICRO),
+        "temperature_um_m_per_k": row(found.per_kelvin, MICRO),
+        "reference_c": found.reference_c,
+    }
+    return (TableValues("holder", values),)
+
+
+def _picture(blocks: Sequence[HolderReadings], unseen: Sequence[HolderReadings], held: HeldOut) -> Picture:
+    of = unseen or blocks
+    size = [np.linalg.norm(b.force, axis=1) for b in of]
+    x = np.array([size[b][r] for b, r in zip(held.block, held.row, strict=True)])
+    return Picture(
+        "Error of the force told by the bridges, loads not used",
+        "load, N",
+        "error, N",
+        (Curve("drawing", x, held.nominal), Curve("identified", x, held.identified)),
+    )
+
+
+RECIPE = Recipe(
+    name="holder",
+    title="sensitivity of a strain-gauge spindle holder to force and moment, for any tool length",
+    kinds=("holder_loads",),
+    settings=SETTINGS,
+    identify=identify,
+    propose=propose,
+)

@@ -1,0 +1,1 @@
+"""Recipe ``kinematics``: geometric calibration of the arm."""

@@ -1,0 +1,106 @@
+"""What to measure for the geometry: poses that make its parameters observable, in an order that keeps travel short."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.units import UM, URAD
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.design.choice import candidates_of, choose, expected_sigma, prior_information
+from counterflex.identify.design.order import order_of_poses, wrong_sides
+from counterflex.identify.design.pose_candidates import in_order, measurable
+from counterflex.identify.geometry.arm_parameters import ArmModel, ArmPriors, arm_model
+from counterflex.identify.geometry.known_frames import KnownFrames, known_frames
+from counterflex.identify.geometry.placed_frame import PlacedFrame, frame_parameters
+from counterflex.identify.geometry.pose_residuals import TrackerResiduals
+from counterflex.identify.recipe import Proposal
+from counterflex.identify.solver.parameters import Parameters
+
+FEWEST: Final = 8
+CANDIDATES: Final = 6
+"""Candidates per pose that is chosen, but 400 at most."""
+POSITION_M: Final = 50.0 * UM
+ROTATION_RAD: Final = 100.0 * URAD
+"""What a pose may be off by for other reasons than geometry: tracker, play, friction."""
+
+
+def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
+    """Poses of a six-axis tracker target that determine geometry, masses and frames best (D-optimal).
+
+    Args:
+        cell: The cell; with a ``[tracker]`` table only poses that the tracker sees are proposed.
+        count: How many.
+        settings: ``seed``, ``sag`` as in the recipe.
+
+    Raises:
+        InputError: Too few.
+        ReachError: Hardly any pose can be measured.
+    """
+    if count < FEWEST:
+        raise InputError("too few poses", value=count, limit=f"{FEWEST} or more, better 40")
+    rng = np.random.default_rng(int(settings.get("seed", 0)))
+    known = known_frames(cell)
+    q = measurable(
+        cell,
+        max(count, min(CANDIDATES * count, 400)),
+        rng,
+        tracker=None if known is None else known.T_base_tracker[:3, 3],
+        p_tcp_target=None if known is None else known.T_tcp_target[:3, 3],
+    )
+    model = arm_model(cell, ArmPriors(), sag=str(settings.get("sag", "auto")))
+    parameters, block = foreseen(model, q, known)
+    candidates = candidates_of(parameters, [block])
+    choice = choose(candidates.jacobian, count, prior_information(parameters))
+    speeds = model.chain.joint_speeds_rad_s
+    chosen = in_order(cell.nominal_chain, q[choice.indices])
+    chosen = chosen[order_of_poses(chosen, np.ones(6) if speeds is None else speeds)]
+    return Proposal(
+        recipe="kinematics",
+        kind="tracker_poses",
+        columns={f"q{i + 1}_rad": chosen[:, i] for i in range(6)},
+        expected=expected_sigma(parameters, choice.covariance),
+        units=parameters.units,
+        remarks=(
+            f"{count} of {len(q)} poses within limits, above the floor and clear of the column"
+            + (", seen by the tracker." if known is not None else "; line of sight is not checked without [tracker]."),
+            f"{int(np.sum(wrong_sides(chosen)))} of {6 * count} times an axis arrives with falling angle; "
+            "to take up its play, approach such poses from 2 deg below.",
+            "Let the robot rest for a second before each measurement.",
+        ),
+    )
+
+
+def foreseen(model: ArmModel, q: Float, known: KnownFrames | None) -> tuple[Parameters, TrackerResiduals]:
+    """Parameters, and the residuals that readings of a six-axis target at poses not yet measured would have.
+
+    Args:
+        model: The arm with its errors as parameters.
+        q: (n, 6) rad.
+        known: First estimates of tracker and target; None: in the base and at the tool tip.
+
+    Returns:
+        The parameters of the arm, ``T_base_tracker.*`` and ``T_tcp_target.*`` (nothing is known of these two); the
+        residuals, whose Jacobian counts, weighted by :data:`POSITION_M` and :data:`ROTATION_RAD`.
+    """
+    first = len(model.parameters)
+    parameters = model.parameters + Parameters.of(
+        [*frame_parameters("T_base_tracker", "tracker in the base"), *frame_parameters("T_tcp_target", "target")]
+    )
+    T0 = np.eye(4) if known is None else known.T_base_tracker
+    X0 = np.eye(4) if known is None else known.T_tcp_target
+    block = TrackerResiduals(
+        "candidates",
+        np.arange(len(q), dtype=np.int64),
+        np.tile([POSITION_M] * 3 + [ROTATION_RAD] * 3, (len(q), 1)),
+        model.at(q),
+        PlacedFrame(T0, np.arange(first, first + 6, dtype=np.int64)),
+        PlacedFrame(X0, np.arange(first + 6, first + 12, dtype=np.int64)),
+        np.zeros((len(q), 3)),
+        np.broadcast_to(np.eye(3), (len(q), 3, 3)),
+    )
+    return parameters, block

@@ -1,0 +1,300 @@
+"""Recipe ``kinematics``: geometric calibration of the arm from tracker poses, points, distances and planes, mixed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, in_parts, share_of
+from counterflex.core.units import MM
+from counterflex.identify.data.changes import AxisPlay, BodyMass, Calibration, Change, ElementCompliance
+from counterflex.identify.data.data_checks import check_enough, check_finite
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.data.manifest_checks import thinned
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.geometry.arm_geometry import ArmGeometry
+from counterflex.identify.geometry.arm_parameters import ArmPriors, sag_as_known, sag_of
+from counterflex.identify.geometry.compliances import bearing_of
+from counterflex.identify.geometry.considered_sag import with_honest_sigma
+from counterflex.identify.geometry.known_drives import axis_sag_table, drive_error_table, known_drive_errors
+from counterflex.identify.geometry.known_frames import KnownFrames, known_frames, tracker_table
+from counterflex.identify.geometry.pose_residuals import TrackerResiduals
+from counterflex.identify.geometry.tracker_data import ROBOT_M, check_tracker_data, fixes_target, start_frames
+from counterflex.identify.kinematics.approach_sense import as_play, with_approach, written
+from counterflex.identify.kinematics.file_offsets import file_offsets, refuse
+from counterflex.identify.kinematics.held_out import held_apart, held_out
+from counterflex.identify.kinematics.periodic_errors import GAIN, Harmonics, choose_harmonics
+from counterflex.identify.kinematics.proposal import propose
+from counterflex.identify.kinematics.report import figures, headline, pictures, remarks
+from counterflex.identify.kinematics.setup import (
+    KINDS,
+    POSE_KINDS,
+    TARGET,
+    TRACKER,
+    Setup,
+    by_channel,
+    set_up,
+    tool_of,
+)
+from counterflex.identify.kinematics.stages import model_of_data, priors_of, refitted, with_lost, with_turns
+from counterflex.identify.recipe import Identification, Recipe
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.holdout import HeldOut
+from counterflex.identify.solver.solve import solve
+from counterflex.robot.elasticity.drive_error import DriveError
+
+SOURCE: Final = "counterflex identify kinematics"
+CHECKING, GEOMETRY, SAG, PERIODIC, HELD_OUT, APART = (
+    "checking the data",
+    "geometry",
+    "sag and play",
+    "periodic errors",
+    "held out",
+    "sessions and regions held out",
+)
+WORK: Final = {CHECKING: 1.0, GEOMETRY: 2.0, SAG: 0.3, PERIODIC: 4.5, HELD_OUT: 8.0, APART: 8.5}
+"""Parts of the work with what they cost: between those of a published UR10 and of 400 poses of the simulated cell."""
+
+
+def identify(
+    cell: CellModel,
+    data: Sequence[Dataset],
+    holdout: Sequence[Dataset],
+    settings: Mapping[str, Any],
+    progress: Progress,
+) -> Identification:
+    """Find the displacements behind the segments, what the sag needs, and periodic errors of the drives.
+
+    Args:
+        cell: The cell; earlier calibrations are where the displacements start.
+        data: Datasets of the kinds :data:`counterflex.identify.kinematics.setup.KINDS`, mixed.
+        holdout: Of the same kinds, or empty for folds.
+        settings: See :data:`RECIPE`.
+        progress: Told about steps.
+
+    Raises:
+        InputError: Unusable data (see :func:`counterflex.identify.geometry.tracker_data.check_tracker_data`) or
+            settings.
+        FileFormatError: A channel is missing.
+    """
+    options = {**RECIPE.settings, **settings}
+    parts = in_parts(progress, WORK)
+    prepared = with_approach([*data, *holdout], str(options["play"]))
+    data, holdout = prepared[: len(data)], prepared[len(data) :]
+    if options["frames"] not in ("free", "known"):
+        raise InputError("unknown setting", where="frames", value=options["frames"], limit="free or known")
+    known = known_frames(cell) if options["frames"] == "known" else None
+    told = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]), known=known)
+    if known_drive_errors(cell).sag is not None:
+        told += ("The cell file's [axis_sag] holds for all poses; what is found here is what it leaves.",)
+    parts[CHECKING](1.0)
+    priors = priors_of(options)
+    sag = sag_as_known(cell.nominal_chain) if _tries_axes(cell, options) else str(options["sag"])
+    model = model_of_data(cell, [*data, *holdout], priors, sag, tied=known is not None)
+    setup = set_up(cell, model, data, holdout, known=known)
+    check_enough(setup.parameters, setup.blocks)
+    everything = [*data, *holdout]
+    told += _check_offsets(setup, everything, setup.parameters.nominal, options, least_m=ROBOT_M)
+    fit = solve(setup.parameters.held(setup.local), setup.blocks, progress=parts[GEOMETRY])
+    parts[GEOMETRY](1.0)
+    if _tries_axes(cell, options):
+        setup, fit, said = with_turns(cell, setup, fit, data, holdout, options, known)
+        model, told = setup.model, told + said
+    if options["play"] != "off":
+        setup, fit, said = with_lost(cell, setup, fit, data, holdout, int(options["folds"]), known)
+        model, told = setup.model, told + said
+    parts[SAG](1.0)
+    orders = _harmonics(str(options["periodic"]), setup, fit, priors, share_of(parts[PERIODIC], 0.0, 0.7))
+    held: HeldOut | None = None
+    if orders:
+        for axis, k in orders.items():
+            model = model.with_periodic(k, [axis], priors.periodic_rad)
+        wider = set_up(cell, model, data, holdout, known=known)
+        more = refitted(setup, fit, wider)
+        if holdout and options["periodic"] == "auto":
+            without = held_out(setup, holdout, int(options["folds"]), fit)
+            held = held_out(wider, holdout, int(options["folds"]), more)
+            if held.mean()[0] > (1.0 - GAIN) * without.mean()[0]:
+                told += (_not_kept(orders, held, without),)
+                orders, held = {}, without
+        if orders:
+            setup, fit = wider, more
+    told += _check_offsets(setup, everything, fit.values, options)
+    fit = with_honest_sigma(fit, setup.blocks, float(options["compliance_sigma"]), bearing_of(options))
+    parts[PERIODIC](1.0)
+    held = held_out(setup, holdout, int(options["folds"]), fit, parts[HELD_OUT]) if held is None else held
+    parts[HELD_OUT](1.0)
+    apart, not_apart = ((), ()) if holdout else held_apart(setup, fit, parts[APART])
+    plays = _plays(setup, fit)
+    return Identification(
+        recipe="kinematics",
+        fits={"kinematics": fit},
+        headline=headline(setup, held, separate=bool(holdout)),
+        figures=(*apart, *figures(setup, fit, orders)),
+        changes=_changes(cell, setup, fit, plays),
+        remarks=(*told, *written(plays), *not_apart, *remarks(setup, fit, held, orders)),
+        pictures=pictures(setup, fit, held),
+    )
+
+
+def _tries_axes(cell: CellModel, options: Mapping[str, Any]) -> bool:
+    """Whether what own weight turns axes 2 and 3 by is looked for, and kept where held-out poses bear it out."""
+    return options["sag"] == "auto" and sag_of(cell.nominal_chain, "auto") == "axes"
+
+
+def _check(
+    cell: CellModel, data: Sequence[Dataset], *, as_stated: bool, known: KnownFrames | None = None
+) -> tuple[str, ...]:
+    told: tuple[str, ...] = ()
+    parts = []
+    for d in data:
+        if d.kind not in KINDS:
+            raise InputError(
+                "the kinematics recipe cannot use this dataset", where=d.where or d.name, value=d.kind,
+                limit=", ".join(KINDS),
+            )  # fmt: skip
+        if d.kind in POSE_KINDS:
+            parts += [(tool_of(d, number), part) for number, part in by_channel(d, "target")]
+        elif d.kind == "fiducials":
+            check_finite(d, ["p_base_fiducial", "p_tracker_fiducial"])
+        else:
+            check_finite(d, ["q", *(["distance"] if d.kind == "distances" else [])])
+    if not any(d.kind != "fiducials" for d in data):
+        raise InputError("the geometry of the arm needs poses, points, distances or planes", value="only fiducials")
+    # Poses that do not turn enough need others, of the same target, that do.
+    targets = {} if known is None else {"": known.T_tcp_target}
+    fixing = [len(part) == 0 or fixes_target(cell, part) for _, part in parts]
+    for (tool, part), fixed in sorted(zip(parts, fixing, strict=True), key=lambda item: not item[1]):
+        target = None if fixed else targets.get(tool)
+        told = (*told, *check_tracker_data(cell, part, as_stated=as_stated, partly=True, target=target))
+        if fixed and tool not in targets:
+            targets[tool] = start_frames(cell, thinned(part)).T_tcp_target
+        elif not fixed:
+            told = (*told, _not_turning(part, tool, target is not None))
+    return told
+
+
+def _check_offsets(
+    setup: Setup, data: Sequence[Dataset], x: Float, options: Mapping[str, Any], *, least_m: float = 0.0
+) -> tuple[str, ...]:
+    """Name files whose tracker or target stands elsewhere than that of the others."""
+    blocks = [b for b in (*setup.blocks, *setup.unseen) if isinstance(b, TrackerResiduals)]
+    owners = [d for d in data if d.kind in POSE_KINDS for _ in by_channel(d, "target")]
+    fitted = sum(isinstance(b, TrackerResiduals) for b in setup.blocks)
+    found = file_offsets(blocks, x, fitted=fitted, least_m=least_m)
+    # A few tenths of a millimetre on data not used may be the arm's own error where these are: told, not refused.
+    told = [o for o in found if o.place >= fitted and least_m == 0.0]
+    remarks = tuple(f"{o.sentence()}. If it was moved, {o.remedy()}." for o in told)
+    rest = [o for o in found if o not in told]
+    where = [d.where or d.name for d in owners]
+    return (*refuse(rest, where, as_stated=bool(options["as_stated"])), *remarks)
+
+
+def _not_turning(d: Dataset, tool: str, known: bool) -> str:
+    whose = f"target '{tool}'" if tool else "target"
+    if known:
+        return (
+            f"{d.name} hardly turns the tool: its {whose} is that of the other data, its tracker was found by itself."
+        )
+    return (
+        f"{d.name} turns the tool about one axis only: the offset of the {whose} along it is not told from the place "
+        "of the tracker and was left at zero."
+    )
+
+
+def _harmonics(asked: str, setup: Setup, fit: Fit, priors: ArmPriors, progress: Progress) -> Harmonics:
+    if asked == "off":
+        return {}
+    if asked == "auto":
+        return choose_harmonics(setup, fit, priors.periodic_rad, progress)
+    try:
+        order = int(asked)
+    except ValueError as fault:
+        raise InputError("unknown setting", where="periodic", value=asked, limit="auto, off or an order") from fault
+    return dict.fromkeys(range(6), tuple(range(1, order + 1))) if order > 0 else {}
+
+
+def _not_kept(orders: Harmonics, held: HeldOut, without: HeldOut) -> str:
+    count = sum(len(k) for k in orders.values())
+    return (
+        f"{count} periodic errors of the drives that folds of the fitted data bear out were not kept: the mean "
+        f"error of the data held out is {held.mean()[0] / MM:.3g} mm with and {without.mean()[0] / MM:.3g} mm without."
+    )
+
+
+def _plays(setup: Setup, fit: Fit) -> dict[int, AxisPlay | None]:
+    """What stands in the cell file for the lost motion of each axis that has some."""
+    lay, x, chain = setup.model.layout, fit.values, setup.model.chain
+    out = {}
+    for axis, place in sorted(lay.lost.items()):
+        at = int(chain.torsion[axis])
+        soft = x[lay.soft[(at, 5)]] if (at, 5) in lay.soft else chain.compliance[at, 5]
+        out[axis] = as_play(chain, axis, float(x[place]), float(soft), _angles(setup))
+    return out
+
+
+def _angles(setup: Setup) -> Float:
+    return np.concatenate([arm.q for b in setup.blocks if isinstance(arm := getattr(b, "arm", None), ArmGeometry)])
+
+
+def _changes(cell: CellModel, setup: Setup, fit: Fit, plays: Mapping[int, AxisPlay | None]) -> tuple[Change, ...]:
+    lay, x = setup.model.layout, fit.values
+    out: list[Change] = [
+        Calibration(name, d) for name in lay.displaced if (d := lay.displacement_at(name, x)) is not None
+    ]
+    segments = {s.name: s for s in (*cell.nominal_robot.segments, *cell.nominal_end_effector.segments)}
+    names = setup.model.chain.names
+    for i, place in lay.mass.items():
+        out.append(BodyMass(names[i], float(x[place]), segments[names[i]].p_seg_com))
+    for (i, direction), place in lay.soft.items():
+        compliance = np.array(setup.model.chain.compliance[i])
+        compliance[direction] = x[place]
+        out.append(ElementCompliance(names[i], compliance))
+    out += [play for play in plays.values() if play is not None]
+    if lay.turns is not None:
+        out.append(axis_sag_table(known_drive_errors(cell), x[lay.turns], SOURCE))
+    if lay.periodic:
+        found = [DriveError(t.axis, t.order, float(x[t.sine]), float(x[t.cosine])) for t in lay.periodic]
+        out.append(drive_error_table(known_drive_errors(cell), found, _angles(setup), SOURCE))
+    tracker, target = setup.frames.get(TRACKER), setup.frames.get(TARGET)
+    if tracker is not None:
+        whole = target if target is not None and np.all(target.index >= 0) else None
+        out.append(
+            tracker_table(
+                tracker.at(x),
+                fit.sigma[tracker.index],
+                None if whole is None else whole.at(x),
+                None if whole is None else fit.sigma[whole.index],
+                SOURCE,
+            )
+        )
+    return tuple(out)
+
+
+RECIPE: Final = Recipe(
+    name="kinematics",
+    title="Geometric calibration of the arm, with its sag and its drives",
+    kinds=KINDS,
+    settings={
+        "sag": "auto",
+        "periodic": "auto",
+        "play": "off",
+        "frames": "free",
+        "length_sigma_mm": 0.5,
+        "angle_sigma_mrad": 0.5,
+        "mass_sigma": 0.1,
+        "compliance_sigma": 0.1,
+        "bearing_mm": 10.0,
+        "periodic_sigma_urad": 60.0,
+        "sag_sigma_mrad": 1.0,
+        "folds": 5,
+        "as_stated": False,
+        "seed": 0,
+    },
+    identify=identify,
+    propose=propose,
+)

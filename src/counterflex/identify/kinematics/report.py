@@ -1,0 +1,142 @@
+"""What a geometric calibration tells its user: figures, remarks, pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM, MRAD
+from counterflex.identify.geometry.arm_geometry import ArmGeometry
+from counterflex.identify.geometry.pose_residuals import TrackerResiduals
+from counterflex.identify.kinematics.setup import Setup
+from counterflex.identify.recipe import Curve, Figure, Picture
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.holdout import HeldOut
+
+_MOST_NAMED = 10
+
+
+def headline(setup: Setup, held: HeldOut, *, separate: bool = False) -> tuple[Figure, ...]:
+    """Errors of held-out rows, with the nominal arm in frames of its own beside them, and which rows these are.
+
+    Args:
+        setup: Of the fit.
+        held: Errors of the rows.
+        separate: They come from data given for that, else from folds of the postures.
+    """
+    poses = any(isinstance(b, TrackerResiduals) for b in setup.blocks)
+    which = "separate data" if separate else f"{len(held.fits)} folds of the postures"
+    what = f"position error of held-out poses ({which})" if poses else "error of held-out distances or planes"
+    rows = (
+        ("holdout_mean_mm", f"mean {what}", held.mean()),
+        ("holdout_median_mm", f"median {what}", held.quantile(0.5)),
+        ("holdout_p95_mm", f"{what}, 95 %", held.quantile(0.95)),
+        ("holdout_largest_mm", f"largest {what}", held.largest()),
+    )
+    return (
+        *(Figure(name, text, found / MM, before / MM) for name, text, (found, before) in rows),
+        Figure("holdout_count", "rows predicted", float(held.count)),
+        Figure("gross_count", "gross errors of the measurement left out", float(np.sum(held.gross))),
+    )
+
+
+def figures(setup: Setup, fit: Fit, orders: Mapping[int, Sequence[int]]) -> tuple[Figure, ...]:
+    """Residuals of the fit, factors of the stated standard deviations, sizes of what was found."""
+    out = []
+    for k, (block, residuals, factor) in enumerate(zip(setup.blocks, fit.residuals, fit.sigma_factors, strict=True)):
+        off = residuals * block.sigma
+        name = f"block{k + 1}"
+        length = np.linalg.norm(off[:, :3], axis=1)
+        out.append(Figure(f"{name}_median_mm", f"{block.name}: median residual", float(np.median(length)) / MM))
+        if off.shape[1] == 6:
+            turn = np.linalg.norm(off[:, 3:], axis=1)
+            out.append(
+                Figure(f"{name}_median_mrad", f"{block.name}: median residual, rotation", float(np.median(turn)) / MRAD)
+            )
+        out.append(Figure(f"{name}_factor", f"{block.name}: residuals by stated standard deviation", float(factor)))
+    out += [
+        Figure(f"drive{axis + 1}_order", f"highest order of the periodic error of drive {axis + 1}", float(max(k)))
+        for axis, k in sorted(orders.items())
+    ]
+    out.append(Figure("outliers", "rows with less than half their weight", float(len(fit.outliers))))
+    return tuple(out)
+
+
+def remarks(setup: Setup, fit: Fit, held: HeldOut, orders: Mapping[int, Sequence[int]]) -> tuple[str, ...]:
+    """Sentences for the report."""
+    out = []
+    for o in fit.outliers[:_MOST_NAMED]:
+        index = next(i for i, b in enumerate(setup.blocks) if b.name == o.block)
+        block = setup.blocks[index]
+        size = float(np.linalg.norm((fit.residuals[index][o.row] * block.sigma[o.row])[:3]))
+        group = int(block.group[o.row])
+        out.append(f"{o.block}, row {o.row + 1} (group {group}) is off by {size / MM:.3g} mm; weight {o.weight:.2g}.")
+    if len(fit.outliers) > _MOST_NAMED:
+        out.append(f"{len(fit.outliers) - _MOST_NAMED} further rows were given less than half their weight.")
+    how = {
+        "off": "Own weight was left out: it was asked for, or nothing of it is seen in the data.",
+        "axes": "The cell file has no masses of the arm: what own weight turns axes 2 and 3 by was found as six "
+        "numbers and stands in [axis_sag]; whatever hung on the flange is part of it.",
+        "cell": "Sag under own weight was taken from the cell file as it is.",
+        "masses": "Sag under own weight was adapted by the masses of the bodies; compliances are the cell file's.",
+        "torsion": "Sag under own weight was adapted by the torsion compliance of the driven axes.",
+    }[setup.model.sag]
+    out.append(how)
+    if orders:
+        named = ", ".join(f"axis {axis + 1}: {', '.join(map(str, k))}" for axis, k in sorted(orders.items()))
+        out.append(
+            "Periodic errors of the drives lower the error of held-out poses and were kept, periods per turn of "
+            f"{named}. They hold for the angles that were measured and fade beyond them."
+        )
+        outside = _outside(setup, sorted(orders))
+        if outside > 0.0:
+            out.append(
+                f"{100.0 * outside:.0f} % of the poses held out lie beyond the angles that were measured, where "
+                "periodic errors fade; measure there too."
+            )
+    if len(held.fits) > 1:
+        out.append("What of the periodic errors is kept was decided on other folds of the same poses.")
+    return tuple(out)
+
+
+def _outside(setup: Setup, axes: Sequence[int]) -> float:
+    """Share of the poses held out in which one of some axes is beyond the angles that were fitted."""
+    fitted, unseen = (
+        [arm.q[:, axes] for b in blocks if isinstance(arm := getattr(b, "arm", None), ArmGeometry)]
+        for blocks in (setup.blocks, setup.unseen)
+    )
+    if not fitted or not unseen:
+        return 0.0
+    q, other = np.concatenate(fitted), np.concatenate(unseen)
+    return float(np.mean(np.any((other < q.min(axis=0)) | (other > q.max(axis=0)), axis=1)))
+
+
+def pictures(setup: Setup, fit: Fit, held: HeldOut) -> tuple[Picture, ...]:
+    """Errors of held-out rows in order of size, and residuals over the angles of the axes."""
+    good = ~held.gross
+    share = np.linspace(0.0, 100.0, int(np.sum(good)))
+    out = [
+        Picture(
+            "Errors of rows that their fit had not seen",
+            "share of rows, %",
+            "error, mm",
+            (
+                Curve("nominal, frames fitted", share, np.sort(held.nominal[good]) / MM, line=True),
+                Curve("calibrated", share, np.sort(held.identified[good]) / MM, line=True),
+            ),
+        )
+    ]
+    pairs = [
+        (b.arm.q, np.linalg.norm((r * b.sigma)[:, :3], axis=1))
+        for b, r in zip(setup.blocks, fit.residuals, strict=True)
+        if isinstance(b, TrackerResiduals) and isinstance(b.arm, ArmGeometry)
+    ]
+    if pairs:
+        q: Float = np.concatenate([angles for angles, _ in pairs])
+        off = np.concatenate([length for _, length in pairs]) / MM
+        usual = off <= 10.0 * np.median(off)
+        curves = tuple(Curve(f"axis {i + 1}", np.degrees(q[usual, i]), off[usual]) for i in range(3))
+        out.append(Picture("Residuals over the angles of axes 1 to 3", "angle, deg", "position residual, mm", curves))
+    return tuple(out)

@@ -1,0 +1,304 @@
+"""All measurements of one geometric calibration put together: frames, anchors and planes first, then residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int, as_positive
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM, MRAD
+from counterflex.identify.data.data_checks import SAME_POSE_RAD
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.geometry.arm_parameters import ArmModel
+from counterflex.identify.geometry.fiducials import FiducialResiduals, fiducial_sigma, robust_register
+from counterflex.identify.geometry.known_drives import known_drive_errors
+from counterflex.identify.geometry.known_frames import KnownFrames
+from counterflex.identify.geometry.placed_frame import PlacedFrame, frame_parameters
+from counterflex.identify.geometry.tracker_data import (
+    arm_as_known,
+    fixes_target,
+    has_orientation,
+    start_frames,
+    tracker_residuals,
+)
+from counterflex.identify.kinematics.approach_sense import senses
+from counterflex.identify.kinematics.distance_residuals import DistanceResiduals, find_anchor
+from counterflex.identify.kinematics.plane_residuals import PlaneResiduals, find_plane
+from counterflex.identify.solver.parameters import Parameter, Parameters
+from counterflex.identify.solver.residuals import Residuals
+
+TRACKER = "T_base_tracker"
+TARGET = "T_tcp_target"
+POSE_KINDS = ("tracker_poses", "tracker_points")
+KINDS = (*POSE_KINDS, "fiducials", "distances", "planes")
+
+
+@dataclass
+class Frames:
+    """Frames by name with their first estimates, anchors and planes likewise; parameters in the order they were met."""
+
+    first: int
+    items: list[Parameter] = field(default_factory=list)
+    placed: dict[str, PlacedFrame] = field(default_factory=dict)
+    anchors: dict[str, tuple[Float, Int]] = field(default_factory=dict)
+    planes: dict[str, tuple[Float, Float, Int]] = field(default_factory=dict)
+
+    def add(self, parameters: Sequence[Parameter]) -> Int:
+        """Append parameters; their places."""
+        start = self.first + len(self.items)
+        self.items += parameters
+        return np.arange(start, start + len(parameters), dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """One geometric calibration.
+
+    Attributes:
+        parameters: Those of the arm, then those of frames, anchors and planes.
+        blocks: Residuals of the data that are fitted.
+        unseen: Residuals of the separate file, if any.
+        needed: Names of the parameters that any use finds first (all but the arm's).
+        local: Names of those that only the separate file has.
+        frames: Frames by name.
+        model: The arm.
+    """
+
+    parameters: Parameters
+    blocks: tuple[Residuals, ...]
+    unseen: tuple[Residuals, ...]
+    needed: tuple[str, ...]
+    local: tuple[str, ...]
+    frames: dict[str, PlacedFrame]
+    model: ArmModel
+
+
+def set_up(
+    cell: CellModel,
+    model: ArmModel,
+    data: Sequence[Dataset],
+    holdout: Sequence[Dataset] = (),
+    *,
+    known: KnownFrames | None = None,
+) -> Setup:
+    """Find frames, anchors and planes robustly, then build the residuals of all datasets.
+
+    Args:
+        cell: The cell, as known so far.
+        model: The arm with its parameters.
+        data: Datasets of the kinds :data:`KINDS`.
+        holdout: Datasets that are predicted only.
+        known: Tracker and target of the cell file with their standard deviations as priors; None leaves them free.
+
+    Raises:
+        InputError: A dataset that fixes no frame, anchor or plane.
+        FileFormatError: A channel is missing.
+    """
+    frames = Frames(first=len(model.parameters))
+    everything = [*data, *holdout]
+    # Poses fix tracker and target at once; what has only points or fiducials then finds its tracker placed already, and
+    # poses that do not turn find their target.
+    fixing = [d.kind in POSE_KINDS and fixes_target(cell, d) for d in everything]
+    order = sorted(
+        range(len(everything)),
+        key=lambda i: (not fixing[i], KINDS.index(everything[i].kind), i >= len(data), -len(everything[i])),
+    )
+    built: dict[int, list[Residuals]] = {}
+    for i in order:
+        built[i] = _residuals(cell, model, everything[i], frames, known)
+    blocks = [b for i in range(len(data)) for b in built[i]]
+    unseen = [b for i in range(len(data), len(everything)) for b in built[i]]
+    names = tuple(p.name for p in frames.items)
+    used = used_places(blocks)
+    local = tuple(n for k, n in enumerate(names) if frames.first + k not in used)
+    return Setup(
+        parameters=model.parameters + Parameters.of(frames.items),
+        blocks=tuple(blocks),
+        unseen=tuple(unseen),
+        needed=tuple(n for n in names if n not in local),
+        local=local,
+        frames=dict(frames.placed),
+        model=model,
+    )
+
+
+def used_places(blocks: Sequence[Residuals]) -> set[int]:
+    """Places of the parameters of frames, anchors and planes that blocks depend on."""
+    out: set[int] = set()
+    for b in blocks:
+        for name in ("tracker", "target"):
+            frame = getattr(b, name, None)
+            if isinstance(frame, PlacedFrame):
+                out |= {int(i) for i in frame.index if i >= 0}
+        for name in ("anchor", "place"):
+            index = getattr(b, name, None)
+            if index is not None:
+                out |= {int(i) for i in np.unique(index)}
+    return out
+
+
+def _residuals(
+    cell: CellModel, model: ArmModel, d: Dataset, frames: Frames, known: KnownFrames | None
+) -> list[Residuals]:
+    if d.kind in POSE_KINDS:
+        return [_tracker(cell, model, part, frames, known, target) for target, part in by_channel(d, "target")]
+    if d.kind == "fiducials":
+        return [_fiducials(d, frames, known)]
+    if d.kind == "distances":
+        return _distances(cell, model, d, frames)
+    return _planes(cell, model, d, frames)
+
+
+def by_channel(d: Dataset, channel: str) -> list[tuple[str, Dataset]]:
+    """The dataset split by a channel of numbers; whole where it has none."""
+    if not d.has(channel):
+        return [("", d)]
+    number = np.rint(d.values(channel)[:, 0]).astype(np.int64)
+    return [(str(k), replace(d.rows(number == k), name=f"{d.name}, {channel} {k}")) for k in np.unique(number)]
+
+
+def station_of(d: Dataset) -> str:
+    """What the data call the place of their tracker; empty is that of the cell."""
+    return str(d.settings.get("tracker", ""))
+
+
+def tool_of(d: Dataset, number: str = "") -> str:
+    """What the data call their target, or its number; empty is that of the cell."""
+    return str(d.settings.get("target", number))
+
+
+def _named(name: str, key: str) -> str:
+    return f"{name}[{key}]" if key else name
+
+
+def _placed(
+    frames: Frames, name: str, T0: Float, label: str, sigma: Float | None, *, point: bool = False
+) -> PlacedFrame:
+    if name not in frames.placed:
+        index = np.full(6, -1, dtype=np.int64)
+        places = frames.add(frame_parameters(name, label, sigma, point=point))
+        index[: len(places)] = places
+        frames.placed[name] = PlacedFrame(T0, index)
+    return frames.placed[name]
+
+
+def _tracker(
+    cell: CellModel,
+    model: ArmModel,
+    d: Dataset,
+    frames: Frames,
+    known: KnownFrames | None,
+    number: str,
+) -> Residuals:
+    station, tool = station_of(d), tool_of(d, number)
+    tracker, target = _named(TRACKER, station), _named(TARGET, tool)
+    main = known if not station else None
+    mine = known if not tool else None
+    Z0 = frames.placed[tracker].T0 if tracker in frames.placed else None if main is None else main.T_base_tracker
+    X0 = frames.placed[target].T0 if target in frames.placed else None if mine is None else mine.T_tcp_target
+    if Z0 is None or X0 is None:
+        found = start_frames(cell, d, partly=True, target=X0, tracker=Z0)
+        Z0, X0 = found.T_base_tracker, found.T_tcp_target
+    arm = model.at(known_drive_errors(cell).link_angles(d.values("q")), senses(d))
+    return tracker_residuals(
+        d,
+        arm,
+        _placed(
+            frames,
+            tracker,
+            Z0,
+            f"tracker {station} in the base".replace("  ", " "),
+            None if main is None else main.sigma,
+        ),
+        _placed(
+            frames,
+            target,
+            X0,
+            f"target {tool} on the tool".replace("  ", " "),
+            None if mine is None else mine.target_sigma,
+            point=not has_orientation(d),
+        ),
+    )
+
+
+def _fiducials(d: Dataset, frames: Frames, known: KnownFrames | None) -> Residuals:
+    name = _named(TRACKER, str(d.settings.get("tracker", "")))
+    p_base, p_tracker = d.values("p_base_fiducial"), d.values("p_tracker_fiducial")
+    T0 = robust_register(p_base, p_tracker)
+    if name == TRACKER and known is not None:
+        T0 = known.T_base_tracker
+    tracker = _placed(
+        frames, name, T0, "tracker in the base", known.sigma if known is not None and name == TRACKER else None
+    )
+    return FiducialResiduals(d.name, d.group, fiducial_sigma(d), tracker, p_base, p_tracker)
+
+
+def _distances(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> list[Residuals]:
+    out: list[Residuals] = []
+    angles = known_drive_errors(cell).link_angles
+    for number, part in by_channel(d, "anchor"):
+        length = part.values("distance")[:, 0]
+        n = len(part)
+        if part.has("q_second"):
+            second = model.at(angles(part.values("q_second")))
+            same = np.all(np.abs(part.values("q") - part.values("q_second")) < SAME_POSE_RAD, axis=1)
+            if np.any(same):
+                raise InputError(
+                    "a distance between a pose and itself", where=part.place(int(np.flatnonzero(same)[0])), value=0
+                )
+            anchor0, index = np.zeros((n, 3)), np.zeros((n, 3), dtype=np.int64)
+        else:
+            second, name = None, _named(f"anchor of {d.name}", number)
+            if name not in frames.anchors:
+                p = arm_as_known(cell, part.values("q")).poses(np.zeros(0))[:, :3, 3]
+                a0 = find_anchor(p, length, part.where)
+                items = [
+                    Parameter(f"{name}.{c}", "m", 0.0, np.inf, scale=MM, label=f"fixed end of the bar, {c}")
+                    for c in "xyz"
+                ]
+                frames.anchors[name] = (a0, frames.add(items))
+            a0, places = frames.anchors[name]
+            anchor0, index = np.tile(a0, (n, 1)), np.tile(places, (n, 1))
+        sigma = part.channel("distance").need_sigma()
+        arm = model.at(angles(part.values("q")))
+        out.append(DistanceResiduals(part.name, part.group, sigma, arm, length, second, anchor0, index))
+    return out
+
+
+def _planes(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> list[Residuals]:
+    out: list[Residuals] = []
+    for number, part in by_channel(d, "plane"):
+        name = _named(f"plane of {d.name}", number)
+        q = part.values("q")
+        if name not in frames.planes:
+            centre, axes = find_plane(arm_as_known(cell, q).poses(np.zeros(0))[:, :3, 3], part.where)
+            items = [
+                Parameter(f"{name}.height", "m", 0.0, np.inf, scale=MM, label="height of the plane"),
+                Parameter(f"{name}.tilt_u", "rad", 0.0, np.inf, scale=MRAD, label="tilt of the plane"),
+                Parameter(f"{name}.tilt_v", "rad", 0.0, np.inf, scale=MRAD, label="tilt of the plane"),
+            ]
+            frames.planes[name] = (centre, axes, frames.add(items))
+        centre, axes, places = frames.planes[name]
+        n = len(part)
+        if "probe_sigma_m" not in part.settings:
+            raise InputError(
+                "how well the probe touches is not stated",
+                where=part.where,
+                hint="Write its standard deviation into the manifest under [settings]: probe_sigma_mm = ...",
+            )
+        out.append(
+            PlaneResiduals(
+                part.name,
+                part.group,
+                np.full((n, 1), as_positive("probe_sigma_m", float(part.settings["probe_sigma_m"]))),
+                model.at(known_drive_errors(cell).link_angles(q)),
+                np.tile(centre, (n, 1)),
+                np.tile(axes, (n, 1, 1)),
+                np.tile(places, (n, 1)),
+            )
+        )
+    return out

@@ -1,0 +1,100 @@
+"""Readings that say something else than their manifest: what a quick fit of weight and zero tells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.identify.data.alternative_readings import (
+    Reading,
+    row_mistakes,
+    sign_mistakes,
+    swapped_columns,
+    unit_mistakes,
+)
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.data.manifest_checks import Misfit, check_reading, misfit_of
+from counterflex.identify.payload.parameters import COM, MASS, Effects, Knowledge, parameters
+from counterflex.identify.payload.residuals import SensorReadings
+from counterflex.identify.solver.solve import solve
+from counterflex.sensing.flange_sensor import FlangeSensor
+
+MASS_SHARE = 0.15
+"""Standard deviation of the mass in the cell file, for judging units."""
+CHANNEL = "w_sensor"
+
+
+def _exchanged() -> Reading:
+    def change(data: Dataset) -> Dataset:
+        return _with(data, lambda v: np.ascontiguousarray(v[:, [3, 4, 5, 0, 1, 2]]))
+
+    return Reading(
+        CHANNEL,
+        "the columns of forces and moments are exchanged",
+        "list the columns of the forces first",
+        change,
+    )
+
+
+def _mirrored(axis: int) -> Reading:
+    """A left-handed sensor frame: one axis counts the other way, and moments follow its hand."""
+    factor = np.ones(6)
+    factor[axis] = -1.0
+    factor[[3 + (axis + 1) % 3, 3 + (axis + 2) % 3]] = -1.0
+    name = "xyz"[axis]
+    signs = ", ".join(f"{int(s)}" for s in factor)
+    return Reading(
+        CHANNEL,
+        f"the axes of the sensor are left-handed (axis {name} counts the other way, moments with it)",
+        f"write signs = [{signs}] under [channels.{CHANNEL}], or export from a right-handed frame",
+        lambda data: _with(data, lambda v: v * factor),
+    )
+
+
+def _with(data: Dataset, change: Callable[[Float], Float]) -> Dataset:
+    old = data.channel(CHANNEL)
+    return replace(data, channels={**data.channels, CHANNEL: replace(old, values=change(old.values))})
+
+
+def check(
+    data: Dataset, sensor: FlangeSensor, block_of: Callable[[Dataset], SensorReadings], *, as_stated: bool
+) -> tuple[str, ...]:
+    """Refuse data that fit far better when read another way.
+
+    Tried are the units of forces and moments, every sign, exchanged columns, forces for moments, left-handed axes and
+    shifted or reversed rows, each by a fit of zero, weight, centre of gravity and a small mounting rotation.
+
+    Args:
+        data: As stated.
+        sensor: Of the cell before.
+        block_of: Makes residuals of a dataset.
+        as_stated: The finding is a remark, not a refusal.
+
+    Returns:
+        Remarks.
+
+    Raises:
+        InputError: Another reading is far better.
+    """
+    known = replace(Knowledge(), mass_share=MASS_SHARE, mass_kg=MASS_SHARE * max(sensor.mass_kg, 20.0))
+    free = parameters(sensor, known, Effects())
+    judged = sensor.mass_kg > 1.0
+
+    def score(sample: Dataset) -> Misfit:
+        fit = solve(free, [block_of(sample)])
+        u = fit.parameters.coordinates(fit.values)
+        priors = np.array([u[MASS], float(np.linalg.norm(u[COM])) / np.sqrt(3.0)]) if judged else np.zeros(0)
+        return replace(misfit_of(fit), priors=priors)
+
+    tried = [
+        *unit_mistakes(data, CHANNEL),
+        *sign_mistakes(data, CHANNEL),
+        *swapped_columns(data, CHANNEL),
+        _exchanged(),
+        *(_mirrored(axis) for axis in range(3)),
+        *(row_mistakes(CHANNEL) if data.kind != "sensor_motion" else ()),
+    ]
+    return check_reading(data, tried, score, as_stated=as_stated)

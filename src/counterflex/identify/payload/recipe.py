@@ -1,0 +1,386 @@
+"""Recipe ``payload``: zero, weight, centre of gravity, mounting, drift and hose pack of the flange sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.progress import Progress, in_parts, share_of
+from counterflex.core.units import DEG, MINUTE, MM
+from counterflex.geometry import pose, rotation
+from counterflex.identify.data.changes import BodyMass, Change, TableValues
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.payload import checks as payload_checks
+from counterflex.identify.payload import weight as payload_weight
+from counterflex.identify.payload.data import KINDS, check_orientations, clock, readings, shared_mass, with_mass_behind
+from counterflex.identify.payload.groups import ALIKE_RAD, count_of, groups_of
+from counterflex.identify.payload.holdout import held_out_forces, held_out_moments
+from counterflex.identify.payload.hose_pack import (
+    BASE,
+    ROWS_PER_FUNCTION,
+    Rest,
+    choose_rest,
+    degrees_of,
+    frames_of,
+    trials_of,
+)
+from counterflex.identify.payload.parameters import (
+    DRIFT,
+    INERTIA,
+    KELVIN,
+    TURN,
+    Effects,
+    Knowledge,
+    needed,
+    parameters,
+    seg_frame_com,
+    sensor_of,
+)
+from counterflex.identify.payload.proposal import FORCE_N, HEIGHT_M, MOMENT_NM, NEAR_SHARE, propose
+from counterflex.identify.payload.residuals import SensorReadings, force_error
+from counterflex.identify.payload.sensor import sensor_before
+from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.holdout import HeldOut, score_separate
+from counterflex.identify.solver.jackknife import parts_of_groups, with_groups_once, with_jackknife
+from counterflex.identify.solver.solve import solve
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.sensing.carrier import hose_bodies
+from counterflex.sensing.flange_sensor import FlangeSensor
+from counterflex.sensing.orientation_basis import COUNTS
+
+SHOWS = 2.6
+"""Standard deviations beyond which a drift is kept: one of six components exceeds that by chance in 6 % of cases."""
+_HOUR = 60.0 * MINUTE
+_ROUNDS = 2
+CHECKING, WEIGHT, HOSE, HELD_OUT = "checking the data", "weight and zero", "hose pack", "held-out orientations"
+SETTINGS: Mapping[str, float | int | str | bool] = {
+    "hose": "auto",
+    "hose_from": "auto",
+    "drift": True,
+    "temperature": True,
+    "inertia": True,
+    "window_s": 0.1,
+    "mounting_rad": 2.0 * DEG,
+    "offset_n": 3.0,
+    "offset_nm": 1.0,
+    "as_stated": False,
+    "height_m": HEIGHT_M,
+    "near_share": NEAR_SHARE,
+    "force_n": FORCE_N,
+    "moment_nm": MOMENT_NM,
+}
+
+
+def identify(
+    cell: CellModel,
+    data: Sequence[Dataset],
+    holdout: Sequence[Dataset],
+    settings: Mapping[str, Any],
+    progress: Progress,
+) -> Identification:
+    """Find the constants of the flange sensor from readings without a process.
+
+    Args:
+        cell: Before.
+        data: Kinds ``sensor_poses`` and ``sensor_motion``.
+        holdout: Likewise, or empty for folds.
+        settings: Of :data:`SETTINGS`; ``hose`` is ``auto``, ``none``, ``1`` or ``2`` (degree of its functions),
+            ``hose_from`` ``auto``, ``base`` or the body that the hose pack comes from.
+        progress: Told about fits.
+
+    Raises:
+        InputError: Too few orientations, or data that fit far better when read otherwise.
+        FileFormatError: A channel is missing or not a number.
+    """
+    s = {**SETTINGS, **settings}
+    sensor = sensor_before(cell)
+    start_s, reference_c = clock(data, sensor.reference_c)
+    window_s = float(s["window_s"])
+
+    def block_of(d: Dataset, chain: ElasticChain, hose_from: str = "") -> SensorReadings:
+        framed = replace(sensor, hose_from=hose_from)
+        return readings(d, chain, framed, reference_c=reference_c, start_s=start_s, window_s=window_s)
+
+    chain = cell.chain
+    blocks = [block_of(d, chain) for d in data]
+    groups = groups_of(blocks, [d.kind != "sensor_motion" for d in data])
+
+    def blocks_in(hose_from: str = "") -> list[SensorReadings]:
+        return [replace(block_of(d, chain, hose_from), group=g) for d, g in zip(data, groups, strict=True)]
+
+    blocks = blocks_in()
+    degrees = degrees_of(s)
+    bodies = hose_bodies(chain, sensor.segment)
+    frames = frames_of(s, bodies, with_joints=all(d.has("q") for d in (*data, *holdout)))
+    trials = trials_of(blocks, degrees, frames, forced=str(s["hose"]) != "auto")
+    parts = in_parts(progress, _work(trials))
+    remarks = list(check_orientations(blocks, ", ".join(d.where or d.name for d in data)))
+    for i, d in enumerate((*data, *holdout)):
+        remarks += payload_weight.check(d, lambda x: block_of(x, chain), as_stated=bool(s["as_stated"]))
+        remarks += payload_checks.check(d, sensor, lambda x: block_of(x, chain), as_stated=bool(s["as_stated"]))
+        parts[CHECKING]((i + 1) / (len(data) + len(holdout)))
+    before = _at(sensor, reference_c)
+    known = replace(
+        Knowledge(),
+        turn_rad=float(s["mounting_rad"]),
+        offset_n=float(s["offset_n"]),
+        offset_nm=float(s["offset_nm"]),
+    )
+    effects = _effects(blocks, s)
+    shares = [share_of(parts[WEIGHT], i / (_ROUNDS + 1), (i + 1) / (_ROUNDS + 1), WEIGHT) for i in range(_ROUNDS + 1)]
+    fit = solve(parameters(before, known, effects), blocks, progress=shares[0])
+    for i in range(_ROUNDS):  # a heavier tool bends the arm more, which turns the sensor
+        chain = with_mass_behind(chain, sensor.segment, float(fit.values[6]), seg_frame_com(sensor, fit))
+        blocks = blocks_in()
+        fit = solve(parameters(before, known, effects), blocks, progress=shares[i + 1])
+    parts[WEIGHT](1.0)
+    effects = _that_show(fit, effects)
+    rest = choose_rest(
+        blocks_in,
+        before,
+        known,
+        effects,
+        degrees,
+        frames,
+        parts[HOSE],
+        forced=str(s["hose"]) != "auto",
+    )
+    parts[HOSE](1.0)
+    effects = replace(effects, degree=rest.degree)
+    chosen = parameters(before, known, effects)
+    blocks = blocks_in(rest.hose_from)
+    fit = solve(chosen, blocks)
+    fit = with_jackknife(with_groups_once(fit, blocks), blocks, parts_of_groups(blocks))
+    remarks += payload_weight.check_rest(blocks, fit, as_stated=bool(s["as_stated"]))
+    unseen = [block_of(d, chain, rest.hose_from) for d in holdout]
+    if unseen:
+        force = score_separate(
+            chosen, blocks, unseen, needed=needed(), error=force_error, progress=share_of(parts[HELD_OUT], 0.2, 0.6)
+        )
+    else:
+        force = rest.tried[rest.key] if rest.key in rest.tried else held_out_forces(chosen, blocks)
+    moment = held_out_moments(force, chosen, blocks, unseen, share_of(parts[HELD_OUT], 0.6, 1.0))
+    parts[HELD_OUT](1.0)
+    found = sensor_of(replace(sensor, hose_from=rest.hose_from), fit.values, reference_c)
+    remarks += _remarks(cell, found, fit, effects, rest, blocks)
+    return Identification(
+        recipe="payload",
+        fits={"payload": fit},
+        headline=_headline(force, moment),
+        figures=_figures(force, moment, fit, found),
+        changes=_changes(cell, found, effects),
+        remarks=tuple(remarks),
+        pictures=_pictures(unseen or blocks, force, moment),
+    )
+
+
+def _work(trials: Mapping[str, float]) -> dict[str, float]:
+    """Parts with what they cost, in fits of the plain weight (processor time, ``tools/measure_progress.py``)."""
+    hose = sum(trials.values())
+    return {CHECKING: 5.0, WEIGHT: 0.5, HOSE: hose, HELD_OUT: 1.0 + 0.15 * max(trials.values(), default=1.0)}
+
+
+def _at(sensor: FlangeSensor, reference_c: float) -> FlangeSensor:
+    """The sensor with its bias carried to another reference temperature."""
+    warmer = reference_c - sensor.reference_c
+    return replace(sensor, w_bias=sensor.w_bias + warmer * sensor.w_kelvin, reference_c=reference_c)
+
+
+def _effects(blocks: Sequence[SensorReadings], s: Mapping[str, Any]) -> Effects:
+    time_s = np.concatenate([b.time_s for b in blocks])
+    warm = np.concatenate([b.warmer_k for b in blocks])
+    moving = any(np.any(b.alpha != 0.0) for b in blocks)
+    return Effects(
+        drift=bool(s["drift"]) and float(np.ptp(time_s)) > 60.0,
+        temperature=bool(s["temperature"]) and float(np.ptp(warm)) > 0.5,
+        inertia=bool(s["inertia"]) and moving,
+    )
+
+
+def _that_show(fit: Fit, effects: Effects) -> Effects:
+    """Drift and temperature only where a component stands out of its noise."""
+
+    def shows(part: slice) -> bool:
+        return bool(np.any(np.abs(fit.values[part] - fit.parameters.nominal[part]) > SHOWS * fit.sigma[part]))
+
+    return replace(
+        effects,
+        drift=effects.drift and shows(DRIFT),
+        temperature=effects.temperature and shows(KELVIN),
+    )
+
+
+def _headline(force: HeldOut, moment: HeldOut) -> tuple[Figure, ...]:
+    out = []
+    for held, key, text in ((force, "n", "force"), (moment, "nm", "moment")):
+        (mean, before), (worst, worst_before) = held.mean(), held.largest()
+        out += [
+            Figure(
+                f"holdout_mean_{key}", f"mean error of the {text} without process, unseen orientations", mean, before
+            ),
+            Figure(f"holdout_max_{key}", f"largest error of the {text}, unseen orientations", worst, worst_before),
+        ]
+    return tuple(out)
+
+
+def _figures(force: HeldOut, moment: HeldOut, fit: Fit, found: FlangeSensor) -> tuple[Figure, ...]:
+    turn = float(np.linalg.norm(fit.values[TURN]))
+    return (
+        Figure("holdout_p95_n", "force error that 95 % of unseen orientations keep", *force.quantile(0.95)),
+        Figure("holdout_p95_nm", "moment error that 95 % of unseen orientations keep", *moment.quantile(0.95)),
+        Figure("mass_kg", "mass behind the sensor", found.mass_kg, float(fit.parameters.nominal[6])),
+        Figure("mass_sigma_kg", "its standard deviation", fit.sigma_of("mass")),
+        Figure("mounting_deg", "rotation of the sensor against the cell file", turn / DEG, 0.0),
+        Figure("offset_degree", "degree of the orientation-dependent rest", float(found.degree), 0.0),
+    )
+
+
+def _changes(cell: CellModel, found: FlangeSensor, effects: Effects) -> tuple[Change, ...]:
+    changes: list[Change] = [TableValues("sensor", _table(found, effects))]
+    chain = cell.chain
+    split = shared_mass(chain, found.segment, found.mass_kg, _seg_com(found))
+    changes += [BodyMass(chain.names[i], kg, com) for i, (kg, com) in split.items()]
+    return tuple(changes)
+
+
+def _seg_com(found: FlangeSensor) -> Float:
+    out: Float = pose.transform(found.T_seg_sensor, found.p_sensor_com)
+    return out
+
+
+def _table(found: FlangeSensor, effects: Effects) -> dict[str, Any]:
+    """The table of the cell file, in its units."""
+    a, b, c = rotation.to_zyx(found.T_seg_sensor[:3, :3]) / DEG
+    x, y, z = found.T_seg_sensor[:3, 3] / MM
+
+    def row(values: Float) -> list[float]:
+        return [float(f"{v:.6g}") for v in values]
+
+    table: dict[str, Any] = {
+        "segment": found.segment,
+        **dict(
+            zip(("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg"), row(np.array([x, y, z, a, b, c])), strict=True)
+        ),
+        "mass_kg": float(f"{found.mass_kg:.6g}"),
+        "com_mm": row(found.p_sensor_com / MM),
+        "bias_n": row(found.w_bias[:3]),
+        "bias_nm": row(found.w_bias[3:]),
+        "reference_c": found.reference_c,
+        "offset": [row(r) for r in found.w_offset],
+        "hose_from": found.hose_from,
+    }
+    if effects.drift:
+        table["drift_n_per_h"], table["drift_nm_per_h"] = (
+            row(found.w_drift_per_s[:3] * _HOUR),
+            row(found.w_drift_per_s[3:] * _HOUR),
+        )
+    if effects.temperature:
+        table["temperature_n_per_k"], table["temperature_nm_per_k"] = row(found.w_kelvin[:3]), row(found.w_kelvin[3:])
+    if effects.inertia:
+        table["inertia_kg_m2"] = row(found.inertia_kg_m2)
+    return table
+
+
+def _remarks(
+    cell: CellModel, found: FlangeSensor, fit: Fit, effects: Effects, rest: Rest, blocks: Sequence[SensorReadings]
+) -> list[str]:
+    out = []
+    rows, count = sum(len(b.group) for b in blocks), count_of(blocks)
+    if count < rows and not effects.inertia:
+        out.append(
+            f"{rows} readings in {count} different orientations: readings of one orientation count together, in the "
+            "standard deviations and in the folds"
+        )
+    chain = cell.chain
+    split = shared_mass(chain, found.segment, found.mass_kg, _seg_com(found))
+    if split:
+        names = ", ".join(chain.names[i] for i in split)
+        out.append(
+            f"The sensor feels the sum of what hangs behind it, {found.mass_kg:.2f} kg; how it is split between the "
+            f"bodies is not seen. The difference to the cell file is booked on {names}"
+        )
+    else:
+        out.append("No body with mass lies behind the sensor in the cell file, so only the table [sensor] is changed")
+    if len(rest.tried) > 1:
+        listed = ", ".join(
+            f"degree {degree} in {body}: {held.mean()[0]:.2f} N" if degree else f"none: {held.mean()[0]:.2f} N"
+            for (body, degree), held in rest.tried.items()
+        )
+        kept = (
+            f"degree {found.degree} is kept, by the sensor's rotation in {found.hose_from or BASE}"
+            if found.degree
+            else "none is kept, as none helps on unseen orientations"
+        )
+        out.append(f"Orientation-dependent rest (hose pack), error on unseen orientations: {listed}; {kept}")
+        out += [
+            f"The rest of degree {degree} in {body} was not taken: it would make the standard deviation of the mass "
+            f"{cost:.0f} times larger"
+            for (body, degree), cost in rest.dear.items()
+        ]
+    elif found.degree == 0 and not effects.inertia:
+        out.append(
+            "An orientation-dependent rest (hose pack) was not looked for; "
+            f"it needs {ROWS_PER_FUNCTION * COUNTS[1]} or more different orientations, of which there are "
+            f"{count_of(blocks)} (directions of gravity that differ by over {ALIKE_RAD / DEG:.0f} deg; repeats and "
+            "copies do not count)"
+        )
+    if found.degree:
+        out.append(
+            "A pull of the hoses that turns with gravity as a weight does cannot be told from weight; "
+            "standard deviations of mass and mounting include that"
+        )
+    if effects.drift and effects.temperature:
+        i, j = fit.parameters.index("drift.fz"), fit.parameters.index("temperature.fz")
+        place = {int(k): n for n, k in enumerate(fit.free_index)}
+        cov = fit.covariance[np.ix_([place[i], place[j]], [place[i], place[j]])]
+        share = float(cov[0, 1] / np.sqrt(cov[0, 0] * cov[1, 1]))
+        if abs(share) > 0.9:
+            out.append(
+                f"Temperature rose with time (correlation of their effects {share:.2f}): drift and temperature "
+                "coefficients are seen only together. Read the sensor again after it has cooled"
+            )
+    if np.all(found.inertia_kg_m2 == 0.0):
+        out.append(
+            "The inertia is not known: readings in motion hold it; record a motion (kind sensor_motion) to find it"
+        )
+    if effects.inertia and not np.all(np.linalg.eigvalsh(_tensor(fit.values[INERTIA])) > 0.0):
+        out.append("The inertia found belongs to no rigid body; the motion was too slow or too poor to see it")
+    return out
+
+
+def _tensor(values: Float) -> Float:
+    xx, yy, zz, xy, xz, yz = values
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _pictures(blocks: Sequence[SensorReadings], force: HeldOut, moment: HeldOut) -> tuple[Picture, ...]:
+    tilt = [np.degrees(np.arccos(np.clip(-b.R_base_sensor[:, 2, 2], -1.0, 1.0))) for b in blocks]
+    x = np.array([tilt[b][r] for b, r in zip(force.block, force.row, strict=True)])
+    out = []
+    for held, unit, text in ((force, "N", "Force"), (moment, "N m", "Moment")):
+        curves = (Curve("before", x, held.nominal), Curve("identified", x, held.identified))
+        out.append(
+            Picture(
+                f"{text} left without process, orientations not used",
+                "angle between the sensor's z axis and down, deg",
+                f"error, {unit}",
+                curves,
+            )
+        )
+    return tuple(out)
+
+
+RECIPE = Recipe(
+    name="payload",
+    title="zero, weight, centre of gravity and mounting of the flange force sensor, drift, hose pack, inertia",
+    kinds=KINDS,
+    settings=SETTINGS,
+    identify=identify,
+    propose=propose,
+)

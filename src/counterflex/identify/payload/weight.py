@@ -1,0 +1,251 @@
+"""What the plain weight says about the axes of a wrench, before any rest that goes by orientation is looked for.
+
+Zero, weight and centre of gravity alone, ``f = b + m gamma + (m rho) x gamma``, ``moment = b' + (m c) x gamma`` with
+``gamma`` gravity in sensor axes and rho a small mounting rotation, are linear in b, b', m, m rho, m c. The same fit is
+done with the file read otherwise: wrench in base axes, rotation transposed, quaternion in another order, sign reversed.
+A rest of functions of the rotation would take any of these as a hose pack.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.stats import f
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import CounterflexError, InputError
+from counterflex.geometry import rotation
+from counterflex.geometry.rotation import skew
+from counterflex.identify.data.alternative_readings import Reading, quaternion_mistakes, transposed
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.payload.data import CHANNEL, axes_of, distinct
+from counterflex.identify.payload.parameters import MASS, OFFSET, TURN
+from counterflex.identify.payload.residuals import SensorReadings
+from counterflex.identify.solver.fit import Fit
+from counterflex.sensing.orientation_basis import degree_of, orientation_basis
+
+RATIO: Final = 2.0
+"""How many times smaller another reading must make the median residual."""
+ALIKE: Final = 1.2
+"""Factor within which two readings fit alike."""
+CHANCE: Final = 1e-3
+SURE: Final = 10.0
+"""Standard deviations of the weight found that make it one."""
+FEWEST: Final = 4
+_ROUNDS = 12
+_UNKNOWN = 13
+_ROTATIONS = ("R_base_flange", "R_base_tcp")
+_BlockOf = Callable[[Dataset], SensorReadings]
+
+
+@dataclass(frozen=True)
+class Plain:
+    """Zero and weight fitted to readings.
+
+    Attributes:
+        size: Median of the rows' residuals over their standard deviations, per root of the number of components.
+        mass_kg: Weight found; below zero it pulls upward.
+        sigma_kg: Its standard deviation, by the residuals.
+        dof: Measured numbers less those found.
+    """
+
+    size: float
+    mass_kg: float
+    sigma_kg: float
+    dof: float
+
+    @property
+    def hangs(self) -> bool:
+        """Whether there is a weight, and it hangs down."""
+        return self.mass_kg > SURE * self.sigma_kg
+
+
+def plain_weight(block: SensorReadings) -> Plain:
+    """Fit zero, weight, centre of gravity and a small mounting rotation to readings at rest, robustly.
+
+    Args:
+        block: Readings; their motion is left out.
+    """
+    n = len(block.group)
+    turn = skew(block.gamma)
+    J = np.zeros((n, 6, _UNKNOWN))
+    J[:, :, :6] = np.eye(6)
+    J[:, :3, 6] = block.gamma
+    J[:, :3, 7:10] = -turn
+    J[:, 3:, 10:] = -turn
+    J, y = J / block.sigma[:, :, None], block.w_sensor / block.sigma
+    weight: Float = np.ones(n)
+    x: Float = np.zeros(_UNKNOWN)
+    sizes: Float = np.zeros(n)
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weight)[:, None]
+        rows = (J * root[:, :, None]).reshape(-1, _UNKNOWN)
+        x = np.asarray(np.linalg.lstsq(rows, (y * root).reshape(-1), rcond=1e-10)[0], dtype=np.float64)
+        sizes = np.asarray(np.sqrt(np.mean((y - J @ x) ** 2, axis=1)), dtype=np.float64)
+        usual = max(2.0 * float(np.median(sizes)), 1e-12)
+        weight = np.minimum(1.0, usual / np.maximum(sizes, 1e-300))
+    size = float(np.median(sizes))
+    information = np.einsum("n,nij,nik->jk", weight, J, J)
+    sigma = max(size, 1.0) * float(np.sqrt(np.linalg.pinv(information, rcond=1e-12)[6, 6]))
+    return Plain(size, float(x[6]), sigma, float(max(6 * n - _UNKNOWN, 1)))
+
+
+def axis_readings(data: Dataset, block_of: _BlockOf) -> tuple[Reading, ...]:
+    """What else the rotations and axes of a file may mean."""
+    base = axes_of(data) == "base"
+
+    def turned(back: bool, sign: float) -> Callable[[Dataset], Dataset]:
+        def change(d: Dataset) -> Dataset:
+            R = block_of(d).R_base_sensor
+            R = np.swapaxes(R, 1, 2) if back else R
+            old = d.channel(CHANNEL)
+            w = sign * (R[:, None] @ old.values.reshape(-1, 2, 3, 1)).reshape(-1, 6)
+            return replace(d, channels={**d.channels, CHANNEL: replace(old, values=w)})
+
+        return change
+
+    def reversed_(d: Dataset) -> Dataset:
+        old = d.channel(CHANNEL)
+        return replace(d, channels={**d.channels, CHANNEL: replace(old, values=-old.values)})
+
+    acts = f'write acts_on = "surroundings" under [channels.{CHANNEL}]'
+    stated, other, write = (
+        ("base", "sensor", f"leave out axes under [channels.{CHANNEL}]")
+        if base
+        else ("sensor", "base", f'write axes = "base" under [channels.{CHANNEL}]')
+    )
+    there = f"'{CHANNEL}' is in {other} axes, not in those of the {stated}"
+    wrong = f"'{CHANNEL}' was turned by the transposed rotation"
+    export = "export it in sensor axes"
+    out = [
+        Reading(CHANNEL, there, write, turned(not base, 1.0)),
+        Reading(CHANNEL, wrong, export, turned(base, 1.0)),
+        Reading(CHANNEL, f"the sign of '{CHANNEL}' is reversed", acts, reversed_),
+        Reading(CHANNEL, f"{there}, and its sign is reversed", f"{write} and {acts}", turned(not base, -1.0)),
+        Reading(CHANNEL, f"{wrong}, and its sign is reversed", f"{export} and {acts}", turned(base, -1.0)),
+    ]
+    for name in _ROTATIONS:
+        if data.has(name) and not data.has("q"):
+            first = (transposed(name), *quaternion_mistakes(name))
+            out += first
+            out += [
+                Reading(CHANNEL, f"{r.says}, and {there}", f"{r.remedy}; {write}", _both(r, turned(not base, 1.0)))
+                for r in first
+            ]
+    return tuple(out)
+
+
+def _both(first: Reading, then: Callable[[Dataset], Dataset]) -> Callable[[Dataset], Dataset]:
+    return lambda d: then(first.change(d))
+
+
+def check(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[str, ...]:
+    """Refuse a wrench whose plain weight says that its axes are others than stated.
+
+    Another reading is named where it makes the residual of the plain weight :data:`RATIO` times smaller (F test), or
+    fits as well and finds a weight that hangs down where the stated one finds none or one that pulls upward.
+
+    Args:
+        data: Kind ``sensor_poses``; motions are left alone.
+        block_of: Makes readings of a dataset.
+        as_stated: The user insists: the finding is a remark.
+
+    Returns:
+        Remarks.
+
+    Raises:
+        InputError: Another reading is found, or the weight pulls upward in all.
+    """
+    if data.kind != "sensor_poses":
+        return ()
+    block = block_of(data)
+    if len(block.group) < FEWEST or distinct(block) < FEWEST:
+        return ()
+    stated = plain_weight(block)
+    found = []
+    readings = axis_readings(data, block_of)
+    for reading in readings:
+        try:
+            other = plain_weight(block_of(reading.change(data)))
+        except CounterflexError:
+            continue
+        if other.hangs and _better(stated, other, len(readings)):
+            found.append((other.size, reading, other))
+    if not found and stated.mass_kg < -SURE * stated.sigma_kg and not as_stated:
+        raise InputError(
+            "the weight found pulls upward",
+            where=f"{data.where or data.name}: channels.{CHANNEL}",
+            value=f"{stated.mass_kg:.4g} kg",
+            limit="> 0",
+            hint="Check the sign, the axes and the rotation; or add --set as_stated=true",
+        )
+    if not found:
+        return ()
+    found.sort(key=lambda item: item[0])
+    size, reading, other = found[0]
+    alike = "; ".join(r.says for s, r, _ in found[1:] if s <= ALIKE * max(size, 1.0))
+    text = (
+        f"the data suggest that {reading.says}: as stated, the plain weight is {stated.mass_kg:.3g} kg and leaves "
+        f"{stated.size:.3g} sigma in median, so read {other.mass_kg:.3g} kg and {other.size:.3g} sigma"
+    )
+    if alike:
+        text += f"; as good: {alike}"
+    if as_stated:
+        return (f"{data.name}: {text}; used as stated all the same, as asked",)
+    raise InputError(
+        text,
+        where=f"{data.where or data.name}: channels.{reading.channel}",
+        hint=f"If so, {reading.remedy}. If the data are right as they stand, add --set as_stated=true",
+        reading=reading.says,
+    )
+
+
+def _better(stated: Plain, other: Plain, tried: int) -> bool:
+    ratio = stated.size / max(other.size, 1.0)
+    if ratio >= RATIO:
+        return tried * float(f.sf(ratio**2, stated.dof, other.dof)) <= CHANCE
+    upward = stated.mass_kg < -SURE * stated.sigma_kg
+    none = abs(stated.mass_kg) < 0.2 * other.mass_kg
+    return (upward or none) and other.size <= ALIKE * max(stated.size, 1.0)
+
+
+def check_rest(blocks: Sequence[SensorReadings], fit: Fit, *, as_stated: bool) -> tuple[str, ...]:
+    """Refuse an orientation-dependent rest as large as the weight: something else than a hose pack is in the data.
+
+    Args:
+        blocks: Readings that were fitted.
+        fit: With the rest.
+        as_stated: The user insists: the finding is a remark.
+
+    Returns:
+        Remarks.
+
+    Raises:
+        InputError: The force of the rest varies by as much as the weight.
+    """
+    degree = degree_of((len(fit.values) - OFFSET) // 6)
+    if not degree:
+        return ()
+    turn, rest = rotation.exp(fit.values[TURN]), fit.values[OFFSET:].reshape(-1, 6)
+    forces = np.concatenate([orientation_basis(b.R_rest @ turn, degree) @ rest[:, :3] for b in blocks])
+    largest = float(np.max(np.linalg.norm(forces - forces.mean(axis=0), axis=1)))
+    gravity = float(np.median(np.linalg.norm(np.concatenate([b.gamma for b in blocks]), axis=1)))
+    weight = float(fit.values[MASS]) * gravity
+    if largest < weight:
+        return ()
+    text = (
+        f"the orientation-dependent rest reaches {largest:.3g} N where the weight found is {weight:.3g} N "
+        f"({fit.values[MASS]:.3g} kg)"
+    )
+    if as_stated:
+        return (f"{text}; used all the same, as asked",)
+    raise InputError(
+        text,
+        where=", ".join(b.name for b in blocks),
+        limit="a rest smaller than the weight",
+        hint="A hose pack pulls less. Check the axes of the wrench, signs and rotations; --set hose=none leaves the "
+        "rest out, --set as_stated=true insists",
+    )

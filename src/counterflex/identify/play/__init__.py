@@ -1,0 +1,1 @@
+"""Recipe ``play``: dead band and dry friction of the axes from slow reversals."""

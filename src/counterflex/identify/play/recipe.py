@@ -1,0 +1,321 @@
+"""Recipe ``play``: dead band and dry friction of the axes from slow reversals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, in_parts, share_of, silent
+from counterflex.core.units import MRAD, MS, URAD
+from counterflex.identify.data.changes import AxisPlay
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.play.considered import compliance_share, with_honest_sigma, with_spread
+from counterflex.identify.play.parameters import axis_play, blocks, compliance, parameters
+from counterflex.identify.play.proposal import propose
+from counterflex.identify.play.residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
+from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
+from counterflex.identify.reversals.data import Motion, balance, motions
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.holdout import HeldOut, cross_validate, score_separate
+from counterflex.identify.solver.residuals import Residuals
+from counterflex.identify.solver.solve import Stop, solve
+from counterflex.robot.model.description import Play
+
+BEARING_M: Final = 0.01
+"""How far off its axis the torsion of a gear and its bearing may turn, one standard deviation."""
+_STOP: Final = Stop(tolerance=1e-8, evaluations=60)
+_SHOWN = 800
+
+
+def angle_error(block: Residuals, x: Float) -> Float:
+    """Error of the link's angle by the model, rad: (rows,)."""
+    if not isinstance(block, AxisResiduals):
+        raise InputError("the error of an angle is that of reversal motions", where=block.name)
+    return block.angle_error(x)
+
+
+def identify(
+    cell: CellModel,
+    data: Sequence[Dataset],
+    holdout: Sequence[Dataset],
+    settings: Mapping[str, Any],
+    progress: Progress = silent,
+) -> Identification:
+    """Find play and friction axis by axis; see :mod:`counterflex.identify.play.residuals` for the model.
+
+    Args:
+        cell: Compliance and weights; play known before.
+        data: Of kind ``reversals``.
+        holdout: Motions to predict; empty means motions of ``data`` held out in turn.
+        settings: ``bearing_m``: see :data:`BEARING_M`; ``as_stated``.
+        progress: Told about axes.
+
+    Returns:
+        A fit for each axis that moved, ``[[robot.play]]`` of these.
+
+    Raises:
+        FileFormatError: See :func:`counterflex.identify.reversals.data.motions`.
+        InputError: See there; or torque and motion contradict each other.
+    """
+    found = motions(cell, data)
+    unseen = motions(cell, holdout, len(found))
+    axes = sorted({m.axis for m in found})
+    fits: dict[str, Fit] = {}
+    errors: list[HeldOut] = []
+    changes: list[AxisPlay] = []
+    figures: list[Figure] = []
+    remarks: list[str] = []
+    pictures: list[Picture] = []
+    rows_of = {axis: float(sum(len(m.q) for m in found if m.axis == axis)) for axis in axes}
+    parts = in_parts(progress, {f"axis {axis + 1}": rows_of[axis] for axis in axes}) if axes else {}
+    for axis in axes:
+        told = parts[f"axis {axis + 1}"]
+        mine = [m for m in found if m.axis == axis]
+        other = [m for m in unseen if m.axis == axis]
+        remarks += _turned_torque(mine, bool(settings.get("as_stated", False)))
+        large = any(m.by == "encoder" and float(np.ptp(m.q)) > LARGE_RAD for m in mine)
+        p, places = parameters(cell, axis, free_compliance=large, delay=all(m.time_s is not None for m in mine))
+        rows = [AxisResiduals(tuple(blocks(mine, places)))]
+        first = share_of(told, 0.0, 0.3, f"axis {axis + 1}")
+        plain = solve(p, rows, robust=False, stop=_STOP, progress=first)
+        fit = with_honest_sigma(plain, rows[0])
+        needed = [name for name in p.names if name.endswith(".delay")]
+        turn_spread = 0.0
+        if other:
+            errors.append(
+                score_separate(
+                    p,
+                    rows,
+                    [AxisResiduals(tuple(blocks(other, places)))],
+                    needed=needed,
+                    error=angle_error,
+                    robust=False,
+                    stop=_STOP,
+                )
+            )
+        elif len(mine) > 1:
+            folds = min(4, len(mine))
+            held = cross_validate(
+                p,
+                rows,
+                needed=needed,
+                error=angle_error,
+                folds=folds,
+                robust=False,
+                stop=_STOP,
+                start=fit.values,
+                progress=share_of(told, 0.3, 1.0, f"axis {axis + 1}"),
+            )
+            errors.append(held)
+            fit = _at_least(fit, jackknife([part.values for part in held.fits]))
+            turn_spread = float(jackknife([np.array([turn(part, axis)]) for part in held.fits])[0])
+        share = float(settings.get("bearing_m", BEARING_M)) / min(m.lever_m for m in mine)
+        fit = with_spread(_with_bearing(fit, share), compliance_share(plain, rows[0]))
+        fits[f"axis {axis + 1}"] = fit
+        play = _play(fit, axis)
+        changes.append(AxisPlay(axis, play))
+        figures += _figures(cell, fit, axis, play, mine, (turn_spread, share))
+        remarks += _remarks(cell, fit, axis, play, mine)
+        pictures += [_loop(b, fit, m) for b, m in list(zip(rows[0].parts, mine, strict=True))[:2]]
+        told(1.0)
+    if not errors:
+        raise InputError(
+            "each axis has one motion only, so none can be held out",
+            value=len(found),
+            limit="two motions of an axis",
+            hint="Record a second motion (another pose, speed or amplitude), or give a separate file with --holdout",
+        )
+    return Identification(
+        "play", fits, _headline(errors), tuple(figures), tuple(changes), tuple(remarks), tuple(pictures)
+    )
+
+
+def _play(fit: Fit, axis: int) -> Play:
+    name = f"axis{axis + 1}"
+    count = sum(n.startswith(f"{name}.friction") for n in fit.parameters.names)
+    return Play(
+        max(fit.value(f"{name}.half_band"), 0.0),
+        tuple(fit.value(f"{name}.friction{e + 1}") for e in range(count)),
+        tuple(fit.value(f"{name}.slip{e + 1}") for e in range(count)),
+    )
+
+
+def _headline(errors: Sequence[HeldOut]) -> tuple[Figure, ...]:
+    identified = np.concatenate([e.identified for e in errors]) / URAD
+    nominal = np.concatenate([e.nominal for e in errors]) / URAD
+    return (
+        Figure(
+            "holdout_rms_urad",
+            "angle of the link predicted for motions not used, root mean square error (noise of the measurement "
+            "included), urad",
+            float(np.sqrt(np.mean(identified**2))),
+            float(np.sqrt(np.mean(nominal**2))),
+        ),
+        Figure(
+            "holdout_p95_urad",
+            "the same, not exceeded by 95 %, urad",
+            float(np.quantile(identified, 0.95)),
+            float(np.quantile(nominal, 0.95)),
+        ),
+    )
+
+
+def loop_half_width(fit: Fit, axis: int) -> tuple[float, float]:
+    """Half the width of the loop that friction opens on a loaded axis, ``c sum F``, and its standard deviation, rad."""
+    name = f"axis{axis + 1}"
+    p = fit.parameters
+    names = [n for n in p.names if n.startswith(f"{name}.friction")]
+    soft = fit.value(f"{name}.compliance")
+    places = [int(np.flatnonzero(fit.free_index == p.index(n))[0]) for n in names]
+    slope = np.array([fit.value(n) * p.items[p.index(n)].unit_step for n in names])
+    part = fit.covariance[np.ix_(places, places)]
+    return soft * sum(fit.value(n) for n in names), soft * float(np.sqrt(slope @ part @ slope))
+
+
+def turn(fit: Fit, axis: int) -> float:
+    """Torsion by dry friction, half the loop of a loaded axis: ``c sum F``, rad."""
+    name = f"axis{axis + 1}"
+    return fit.value(f"{name}.compliance") * sum(
+        fit.value(n) for n in fit.parameters.names if n.startswith(f"{name}.friction")
+    )
+
+
+def jackknife(values: Sequence[Float]) -> Float:
+    """Standard deviations (p,) from the values (p,) that each of k folds left out gave."""
+    spread = np.array(values)
+    k = len(spread)
+    out: Float = np.sqrt((k - 1) / k * np.sum((spread - spread.mean(axis=0)) ** 2, axis=0))
+    return out
+
+
+def _at_least(fit: Fit, sigma: Float) -> Fit:
+    return replace(fit, sigma=np.where(fit.sigma > 0.0, np.maximum(fit.sigma, sigma), 0.0))
+
+
+def _with_bearing(fit: Fit, share: float) -> Fit:
+    """Add a share of play and friction: what turns about a bearing off the axis moves a tool by another lever."""
+    scaled = np.array([part.split(".")[1].startswith(("half_band", "friction")) for part in fit.parameters.names])
+    extra = np.where(scaled, share * np.abs(fit.values), 0.0)
+    return replace(fit, sigma=np.where(fit.sigma > 0.0, np.hypot(fit.sigma, extra), 0.0))
+
+
+def _figures(
+    cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Motion], more: tuple[float, float]
+) -> list[Figure]:
+    name, before = f"axis{axis + 1}", axis_play(cell, axis)[0]
+    width, sigma = loop_half_width(fit, axis)
+    sigma = float(np.hypot(max(sigma, more[0]), more[1] * width))
+    old = compliance(cell, axis) * sum(before.friction_nm)
+    out = [
+        Figure(
+            f"{name}_half_band_urad",
+            f"half dead band of axis {axis + 1}, urad",
+            play.half_band_rad / URAD,
+            before.half_band_rad / URAD,
+        ),
+        Figure(
+            f"{name}_half_band_sigma_urad", "its standard deviation, urad", fit.sigma_of(f"{name}.half_band") / URAD
+        ),
+        Figure(
+            f"{name}_friction_turn_urad",
+            f"torsion by dry friction of axis {axis + 1}, half the loop, urad",
+            width / URAD,
+            old / URAD,
+        ),
+        Figure(f"{name}_friction_turn_sigma_urad", "its standard deviation, urad", sigma / URAD),
+    ]
+    if f"{name}.delay" in fit.parameters.names:
+        out.append(
+            Figure(f"{name}_delay_ms", "delay of what saw the link, taken out, ms", fit.value(f"{name}.delay") / MS)
+        )
+    torque = motor_friction(mine)
+    if torque is not None:
+        out.append(
+            Figure(
+                f"{name}_motor_loop_nm",
+                f"half the loop of the motor's torque of axis {axis + 1}: dry friction of link and motor, N m",
+                torque,
+            )
+        )
+    return out
+
+
+def motor_friction(mine: Sequence[Motion]) -> float | None:
+    """Half the difference of the motor's torque between the directions of motion, N m; None if it was not recorded."""
+    halves = [
+        balance(m.q, m.time_s, m.motor_torque)[1] for m in mine if m.motor_torque is not None and m.time_s is not None
+    ]
+    seen = [half for half in halves if np.isfinite(half)]
+    return float(np.mean(seen)) if seen else None
+
+
+def _turned_torque(mine: Sequence[Motion], as_stated: bool) -> list[str]:
+    half = motor_friction(mine)
+    if half is None or half > 0.0:
+        return []
+    says = (
+        f"the motor of axis {mine[0].axis + 1} pushes against its own motion ({half:.3g} N m): "
+        "the sign of 'tau_motor' looks turned round"
+    )
+    if as_stated:
+        return [f"{says}; used as stated all the same, as asked"]
+    raise InputError(
+        says,
+        where=mine[0].where,
+        hint="Write signs = [...] under [channels.tau_motor]. If the data are right as they stand, add "
+        "--set as_stated=true",
+    )
+
+
+def _remarks(cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Motion]) -> list[str]:
+    out = [f"axis {axis + 1}: {sentence}" for sentence in fit.hidden]
+    total = sum(play.friction_nm)
+    crossed = any(float(np.min(np.abs(m.torque))) < 0.7 * total for m in mine)
+    if not crossed:
+        least = min(float(np.min(np.abs(m.torque))) for m in mine)
+        out.append(
+            f"axis {axis + 1}: its weight ({least:.0f} N m at least) never let the gear change flanks, so the dead "
+            "band was not seen; measure in a pose where the axis is balanced"
+        )
+    if fit.parameters.items[0].free is False:
+        out.append(
+            f"axis {axis + 1}: friction is given for the torsion compliance of the cell file "
+            f"({compliance(cell, axis) * 1e9:.3g} urad/(kN m)); what was seen is their product"
+        )
+    torque = motor_friction(mine)
+    if torque is not None:
+        out.append(
+            f"axis {axis + 1}: the motor's torque shows {torque:.3g} N m of dry friction in all, of which "
+            f"{total:.3g} N m on the side of the link: {max(torque - total, 0.0):.3g} N m are the motor's "
+            "(friction_nm of [[robot.servo]])"
+        )
+    return out
+
+
+def _loop(block: ReversalResiduals, fit: Fit, motion: Motion) -> Picture:
+    by_model, measured = block.shape(fit.values)
+    every = slice(None, None, max(1, len(by_model) // _SHOWN))
+    x = (block.q - block.q.mean())[every] / MRAD
+    return Picture(
+        f"Axis {motion.axis + 1}, motion {motion.run + 1}: lost motion over motor angle",
+        "motor angle, mrad",
+        "link minus motor without elastic torsion, urad",
+        (Curve("measured", x, measured[every] / URAD), Curve("model", x, by_model[every] / URAD, True)),
+        note=f"Torque of the weight {float(np.mean(motion.torque)):.0f} N m; the delay is taken out.",
+    )
+
+
+RECIPE: Final = Recipe(
+    name="play",
+    title="Dead band and dry friction of the axes from slow reversals",
+    kinds=("reversals",),
+    settings={"bearing_m": BEARING_M, "as_stated": False},
+    identify=identify,
+    propose=propose,
+)

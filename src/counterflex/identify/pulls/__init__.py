@@ -1,0 +1,1 @@
+"""Displacement of the tool under known loads, which ``stiffness`` and ``cubes`` both fit."""

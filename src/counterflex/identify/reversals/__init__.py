@@ -1,0 +1,1 @@
+"""Slow reversals of single axes, which ``play`` and ``servo`` both read."""

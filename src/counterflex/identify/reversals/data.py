@@ -1,0 +1,206 @@
+"""Reversal datasets as motions of single axes, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.batches import rows_of_each
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.units import DEG, MM, MRAD, URAD
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.data.model import CellModel
+from counterflex.robot.elasticity.play import FLOATING_NM, axis_torque
+
+FEWEST: Final = 30
+"""Rows of a motion."""
+ALONE: Final = 0.2
+"""Range of the other axes against the moving one, at most."""
+LONGEST_M: Final = 10.0
+"""Distance of a tool from an axis that no arm has."""
+_LEAST_RAD = 100.0 * URAD
+_LEAST_M = 0.02 * MM
+_SLOW_RAD_S = 50.0 * MRAD
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One motion of one axis with reversals.
+
+    Attributes:
+        run: Number in the dataset.
+        axis: 0..5.
+        by: What saw the link.
+        q: (n,) rad, motor angle.
+        torque: (n,) N m about the axis by weight and cylinder; its mean by the motor's torque where that was recorded,
+            because masses are hardly known well enough to say which flank of the gear bears (an upright axis bears no
+            weight at all, and keeps that).
+        time_s: (n,) or None.
+        measured: (n,) rad link minus motor, or m along the motion of the tool.
+        sigma: (n,).
+        motor_torque: (n,) N m or None.
+        where: For messages.
+        lever_m: Distance that the tool moves per rad; infinite for encoders.
+    """
+
+    run: int
+    axis: int
+    by: Literal["encoder", "tracker"]
+    q: Float
+    torque: Float
+    time_s: Float | None
+    measured: Float
+    sigma: Float
+    motor_torque: Float | None
+    where: str
+    lever_m: float = float("inf")
+
+
+def motions(cell: CellModel, data: Sequence[Dataset], first_run: int = 0) -> list[Motion]:
+    """All motions of some datasets.
+
+    Args:
+        cell: Its weight loads the axes.
+        data: Of kind ``reversals``: ``q_motor`` or ``q`` of six axes, ``q_link`` or ``p_tracker_target``; perhaps
+            ``time_s`` and ``tau_motor``. Rows of one group are one motion.
+        first_run: Number of the first motion.
+
+    Raises:
+        FileFormatError: A channel or standard deviation is missing, values are not numbers, time runs backwards.
+        InputError: More than one axis moves, hardly any motion, too fast, too few rows, or angles in wrong units.
+    """
+    out: list[Motion] = []
+    for dataset in data:
+        lead = "q_motor" if dataset.has("q_motor") else "q"
+        q = dataset.values(lead)
+        if q.shape[1] != 6:
+            raise InputError(f"reversals need '{lead}' of all six axes", where=dataset.where, value=q.shape[1], limit=6)
+        seen = "q_link" if dataset.has("q_link") else "p_tracker_target"
+        names = [lead, seen, *(n for n in ("time_s", "tau_motor") if dataset.has(n))]
+        for name in names:
+            bad = np.flatnonzero(~np.all(np.isfinite(dataset.values(name)), axis=1))
+            if len(bad):
+                raise FileFormatError(
+                    f"channel '{name}' holds a value that is not a number", where=dataset.place(int(bad[0]))
+                )
+        limits = cell.robot.joint_limits_rad
+        far = np.any((q < limits[:, 0] - 5.0 * DEG) | (q > limits[:, 1] + 5.0 * DEG), axis=1)
+        if far.any():
+            raise InputError(
+                f"'{lead}' is beyond the joint limits of the robot",
+                where=dataset.place(int(np.argmax(far))),
+                value=f"{np.round(q[int(np.argmax(far))] / DEG, 1).tolist()} deg",
+                hint=f'If the file is in deg, write unit = "deg" under [channels.{lead}]',
+            )
+        for _, rows in rows_of_each(dataset.group):
+            out.append(_motion(cell, dataset, rows, lead, seen, first_run + len(out)))
+    return out
+
+
+def _motion(cell: CellModel, dataset: Dataset, rows: np.ndarray, lead: str, seen: str, run: int) -> Motion:
+    place = dataset.place(int(rows[0]))
+    if len(rows) < FEWEST:
+        raise InputError("a motion has too few rows", where=place, value=len(rows), limit=f">= {FEWEST}")
+    q = dataset.values(lead)[rows]
+    span = np.ptp(q, axis=0)
+    axis = int(np.argmax(span))
+    if span[axis] < _LEAST_RAD:
+        raise InputError(
+            "no axis moves far enough to reverse its play",
+            where=place,
+            value=f"{span[axis] / URAD:.3g} urad",
+            limit=f">= {_LEAST_RAD / URAD:g} urad",
+        )
+    others = np.delete(span, axis)
+    if float(np.max(others)) > ALONE * span[axis]:
+        raise InputError(
+            "more than one axis moves; a reversal motion turns one axis alone",
+            where=place,
+            value=f"ranges {np.round(span / MRAD, 3).tolist()} mrad",
+        )
+    time: Float | None = None
+    if dataset.has("time_s"):
+        time = dataset.values("time_s")[rows, 0]
+        if np.any(np.diff(time) <= 0.0):
+            row = int(rows[int(np.argmin(np.diff(time))) + 1])
+            raise FileFormatError(
+                "time runs backwards or stands still within a motion",
+                where=dataset.place(row),
+                hint="Leave out repeated rows; without time_s each row is taken as a point at rest",
+            )
+        speed = float(np.percentile(np.abs(np.gradient(q[:, axis], time)), 95))
+        if speed > _SLOW_RAD_S and seen == "p_tracker_target":
+            raise InputError(
+                "the axis moves too fast for play to be told from delay and inertia",
+                where=place,
+                value=f"{speed / MRAD:.3g} mrad/s",
+                limit=f"<= {_SLOW_RAD_S / MRAD:g} mrad/s",
+            )
+    torque = axis_torque(cell.chain, q)[:, axis]
+    motor = dataset.values("tau_motor")[rows, axis] if dataset.has("tau_motor") else None
+    if motor is not None and time is not None and float(np.max(np.abs(torque))) > FLOATING_NM:
+        torque = torque - np.mean(torque) - balance(q[:, axis], time, motor)[0]
+    channel = dataset.channel(seen)
+    sigma = channel.need_sigma()[rows]
+    if seen == "q_link":
+        link = channel.values[rows]
+        if link.shape[1] != 6:
+            raise InputError("reversals need 'q_link' of all six axes", where=place, value=link.shape[1], limit=6)
+        gap = link[:, axis] - q[:, axis]
+        if float(np.ptp(gap)) > 0.5 * span[axis]:
+            raise InputError(
+                "'q_link' does not follow the motor: a wrong axis, unit or sign",
+                where=place,
+                value=f"{np.ptp(link[:, axis]) / span[axis]:.3g} times the motion of '{lead}'",
+                limit="1",
+            )
+        return Motion(run, axis, "encoder", q[:, axis], torque, time, gap, sigma[:, axis], motor, place)
+    p = channel.values[rows]
+    angle = q[:, axis] - np.mean(q[:, axis])
+    slope = np.polyfit(angle, p - np.mean(p, axis=0), 1)[0]
+    lever = float(np.linalg.norm(slope))
+    if lever * span[axis] < _LEAST_M:
+        raise InputError(
+            "the tool hardly moves while the axis turns; choose a pose with the tool off the axis",
+            where=place,
+            value=f"{lever * span[axis] / MM:.3g} mm",
+            limit=f">= {_LEAST_M / MM:g} mm",
+        )
+    if not lever < LONGEST_M:
+        raise InputError(
+            "the tool moves farther than any arm could carry it: 'p_tracker_target' or the angles are in a wrong unit",
+            where=place,
+            value=f"{lever:.3g} m per rad",
+            limit=f"< {LONGEST_M:g}",
+        )
+    along = slope / lever
+    return Motion(
+        run, axis, "tracker", q[:, axis], torque, time, p @ along, np.sqrt(sigma**2 @ along**2), motor, place, lever
+    )
+
+
+def balance(q: Float, time_s: Float, motor: Float) -> tuple[float, float]:
+    """What the motor's torque says of a slow motion: the torque that holds the weight, and dry friction.
+
+    Least squares of ``tau = t_0 + k (q - mean q) + t_1 sgn(dq/dt)`` where the axis moves.
+
+    Args:
+        q: (n,) rad.
+        time_s: (n,) s.
+        motor: (n,) N m.
+
+    Returns:
+        t_0 (the weight turns the axis with ``-t_0``) and t_1, half the loop: dry friction of link and motor, N m; NaN
+        for t_1 where the motion does not run both ways.
+    """
+    speed = np.gradient(q, time_s)
+    quick = np.abs(speed) > 0.5 * np.percentile(np.abs(speed), 90)
+    if (quick & (speed > 0.0)).sum() < 5 or (quick & (speed < 0.0)).sum() < 5:
+        return float(np.mean(motor)), float("nan")
+    B = np.stack([np.ones(len(q)), q - q.mean(), np.sign(speed)], axis=1)[quick]
+    t = np.linalg.lstsq(B / np.linalg.norm(B, axis=0), motor[quick], rcond=None)[0] / np.linalg.norm(B, axis=0)
+    return float(t[0]), float(t[2])

@@ -1,0 +1,1 @@
+"""Recipe ``servo``: gains of the drives, lowest mode, lags."""

@@ -1,0 +1,134 @@
+"""Load steps as a dataset has them, checked and cut into steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float
+from counterflex.core.batches import rows_of_each
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.units import MS, URAD
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.servo.residuals import Release
+
+FEWEST: Final = 60
+"""Rows of a load step."""
+_UNEVEN = 0.05
+_MOST_RAD = 50e-3
+_HANGS = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class LoadStep:
+    """One release of a load.
+
+    Attributes:
+        run: Number.
+        step_s: s.
+        time_s: (n,) s from the first row.
+        released: (n,) the load is off.
+        error: (n, 6) rad motor minus command, less the mean before.
+        sigma: (n, 6) rad.
+        torque: (n, 6) N m, less the mean before.
+        tip: (n, 3) m position seen by a tracker, or None.
+        where: For messages.
+    """
+
+    run: int
+    step_s: float
+    time_s: Float
+    released: Bool
+    error: Float
+    sigma: Float
+    torque: Float
+    tip: Float | None
+    where: str
+
+    def of_axis(self, axis: int) -> Release:
+        """One axis of it."""
+        return Release(self.run, self.step_s, self.torque[:, axis], self.error[:, axis], self.sigma[:, axis])
+
+
+def load_steps(data: Sequence[Dataset], first_run: int = 0) -> list[LoadStep]:
+    """All load steps of some datasets.
+
+    Args:
+        data: Of kind ``servo_steps``: ``time_s``, ``q_command``, ``q_motor``, ``tau_motor`` of six axes and
+            ``w_tcp_base`` or ``f_tcp_base`` (what the cable pulls with, zero once it is cut); perhaps
+            ``p_tracker_target``. Rows of one group are one step.
+        first_run: Number of the first.
+
+    Raises:
+        FileFormatError: Channels or standard deviations are missing, values are not numbers, uneven time.
+        InputError: Too short, no release, or units that cannot be.
+    """
+    out: list[LoadStep] = []
+    for dataset in data:
+        load = "w_tcp_base" if dataset.has("w_tcp_base") else "f_tcp_base"
+        names = ["time_s", "q_command", "q_motor", "tau_motor", load]
+        names += ["p_tracker_target"] if dataset.has("p_tracker_target") else []
+        for name in names:
+            values = dataset.values(name)
+            bad = np.flatnonzero(~np.all(np.isfinite(values), axis=1))
+            if len(bad):
+                raise FileFormatError(
+                    f"channel '{name}' holds a value that is not a number", where=dataset.place(int(bad[0]))
+                )
+            if name.startswith(("q_", "tau_")) and values.shape[1] != 6:
+                raise InputError(
+                    f"load steps need '{name}' of all six axes", where=dataset.where, value=values.shape[1]
+                )
+        for _, rows in rows_of_each(dataset.group):
+            out.append(_step(dataset, rows, load, first_run + len(out)))
+    return out
+
+
+def _step(dataset: Dataset, rows: np.ndarray, load: str, run: int) -> LoadStep:
+    where = dataset.place(int(rows[0]))
+    if len(rows) < FEWEST:
+        raise InputError("a load step has too few rows", where=where, value=len(rows), limit=f">= {FEWEST}")
+    time = dataset.values("time_s")[rows, 0]
+    step = np.diff(time)
+    h = float(np.median(step))
+    if h <= 0.0 or float(np.max(np.abs(step - h))) > _UNEVEN * h:
+        worst = int(np.argmax(np.abs(step - h)))
+        raise FileFormatError(
+            "rows of a load step must come at even times",
+            where=dataset.place(int(rows[worst + 1])),
+            value=f"{step[worst] / MS:g} ms after the row before",
+            limit=f"{h / MS:g} ms",
+            hint="Record with the controller's trace; rows that are missing or repeated make the loop look faster",
+        )
+    force = np.linalg.norm(dataset.values(load)[rows][:, :3], axis=1)
+    released = force < _HANGS * float(force.max())
+    if force.max() == 0.0 or released.all() or not released.any() or released[0]:
+        raise InputError(
+            "no load is released in these rows",
+            where=where,
+            value=f"{force[0]:.3g} N at first, {force[-1]:.3g} N at last",
+            hint="A load step begins with the load hanging and ends with it cut off",
+        )
+    first = int(np.argmax(released))
+    if first < 5:
+        raise InputError("too few rows before the release", where=where, value=first, limit=">= 5")
+    before = slice(0, first - 1)
+    motor, command = dataset.values("q_motor")[rows], dataset.values("q_command")[rows]
+    error = motor - command
+    if float(np.max(np.abs(error))) > _MOST_RAD:
+        raise InputError(
+            "the motors stand far from their commands: one of q_motor and q_command is in a wrong unit or order",
+            where=where,
+            value=f"{np.max(np.abs(error)):.3g} rad",
+            limit=f"<= {_MOST_RAD:g} rad",
+        )
+    error = error - error[before].mean(axis=0)
+    torque = dataset.values("tau_motor")[rows]
+    torque = torque - torque[before].mean(axis=0)
+    torque[0] = 0.0
+    sigma = dataset.channel("q_motor").need_sigma()[rows]
+    tip = dataset.values("p_tracker_target")[rows] if dataset.has("p_tracker_target") else None
+    return LoadStep(run, h, time - time[0], released, error, np.maximum(sigma, 0.1 * URAD), torque, tip, where)

@@ -1,0 +1,351 @@
+"""Recipe ``servo``: gains of the drives from load steps, lowest mode from ringing, lags from records."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import CounterflexError, InputError
+from counterflex.core.progress import Progress, share_of, silent
+from counterflex.core.units import MS, URAD
+from counterflex.identify.data.changes import AxisServo, Change, TableValues
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.delays.checks import check_delay
+from counterflex.identify.delays.delay import Delay, find_delay
+from counterflex.identify.delays.pairs import FOLLOWING, pairs
+from counterflex.identify.play.recipe import motor_friction
+from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
+from counterflex.identify.reversals.data import motions
+from counterflex.identify.servo.data import LoadStep, load_steps
+from counterflex.identify.servo.exchange import together, with_exchange
+from counterflex.identify.servo.proposal import FORCE_N, propose
+from counterflex.identify.servo.residuals import ServoResiduals
+from counterflex.identify.servo.ringing import Mode, lowest_mode
+from counterflex.identify.solver.correlated import with_correlation
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.holdout import HeldOut, cross_validate, row_error, score_separate
+from counterflex.identify.solver.parameters import Parameter, Parameters
+from counterflex.identify.solver.solve import Stop, solve
+from counterflex.identify.timing.recipe import changes as timing_changes
+from counterflex.identify.timing.recipe import lag_of
+from counterflex.robot.model.description import Servo
+
+GUESS: Final = Servo(1e5, 20.0, 60.0 * MS)
+"""Where the cell file has no gains; K is scaled to the data."""
+KNOWN: Final = (0.15, 0.1, 0.1)
+GUESSED: Final = (2.0, 1.0, 1.0)
+"""Prior sigma (log) of K, Kv and Ti with and without gains in the cell file."""
+_STOP: Final = Stop(tolerance=1e-9, evaluations=60)
+_MOVES: Final = 4.0
+"""Standard deviations by which an axis must give way to be fitted."""
+_RINGS_S = 0.02
+
+
+def identify(
+    cell: CellModel,
+    data: Sequence[Dataset],
+    holdout: Sequence[Dataset],
+    settings: Mapping[str, Any],
+    progress: Progress = silent,
+) -> Identification:
+    """Find loop gains, the lowest mode, and lags of drives and corrections.
+
+    Args:
+        cell: Gains, play and friction known before.
+        data: ``servo_steps`` (see :func:`counterflex.identify.servo.data.load_steps`); ``reversals`` with
+            ``tau_motor`` for the friction of the motors; ``record`` for lags.
+        holdout: Load steps to predict; empty means steps of ``data`` held out in turn.
+        settings: ``torque_share``: relative standard deviation of the motors' torque (K shares it); ``as_stated``.
+        progress: Told about axes.
+
+    Returns:
+        Fits by axis and pair; ``[[robot.servo]]``, ``[dynamics]`` mode and damping, ``[timing]``.
+
+    Raises:
+        FileFormatError: Damaged rows, missing channels or standard deviations.
+        InputError: No load step moves any motor, or torque and motion contradict each other.
+    """
+    steps = load_steps([d for d in data if d.kind == "servo_steps"])
+    unseen = load_steps([d for d in holdout if d.kind == "servo_steps"], len(steps))
+    records = [d for d in data if d.kind == "record"]
+    if not steps and not records:
+        raise InputError("servo needs load steps or records", value=", ".join(d.kind for d in data))
+    share = float(settings.get("torque_share", 0.03))
+    as_stated = bool(settings.get("as_stated", False))
+    friction = _friction(cell, [d for d in data if d.kind == "reversals"])
+    fits: dict[str, Fit] = {}
+    changes: list[Change] = []
+    figures: list[Figure] = []
+    remarks: list[str] = []
+    pictures: list[Picture] = []
+    errors: list[HeldOut] = []
+    of_steps = 1.0 if not records else 0.6  # a record takes about as long as two axes
+    for axis in range(6) if steps else ():
+        part = share_of(progress, of_steps * axis / 6, of_steps * (axis + 1) / 6, f"axis {axis + 1}")
+        block = ServoResiduals(axis, tuple(s.of_axis(axis) for s in steps))
+        swing = max(float(np.max(np.abs(r.error))) / float(np.median(r.sigma)) for r in block.releases)
+        if swing < _MOVES:
+            remarks.append(f"axis {axis + 1}: no load step moved its motor; its gains stay as they were")
+            continue
+        remarks += _signs(block, steps[0].where, as_stated)
+        fit, held = _gains(cell, axis, block, unseen, part)
+        fit = _with_torque(fit, axis, share)
+        fits[f"axis {axis + 1}"] = fit
+        errors.append(held)
+        servo = _servo(cell, axis, fit, friction.get(axis))
+        changes.append(AxisServo(axis, servo))
+        figures += _figures(cell, axis, fit, servo)
+        pictures += _pictures(block, fit)[:1]
+        part(1.0)
+    if steps and not errors:
+        raise InputError("no load step moved any motor noticeably", value=f"{len(steps)} steps")
+    if fits:
+        remarks.append(
+            f"K is a torque over a speed and shares the error of the motors' torque: {100 * share:.3g} % are added to "
+            "its standard deviation"
+        )
+        remarks.append(
+            "Kv and 1/Ti act alike: a load step shows their sum and product, and only what was known beforehand says "
+            "which is which. The planner uses them alike: the intervals of sum and product are what counts"
+        )
+        changed, told, missing = _mode(steps)
+        changes += changed
+        figures += told
+        remarks += missing
+    headline = list(_headline(errors)) if errors else []
+    for found in _lags(cell, records, as_stated):
+        fits[found.pair.name] = found.fit
+        changes += timing_changes([found])
+        lag_figures, first = _lag_figures(found)
+        figures += lag_figures
+        headline.append(first)
+    return Identification(
+        "servo", fits, tuple(headline), tuple(figures), tuple(changes), tuple(remarks), tuple(pictures)
+    )
+
+
+def gain_parameters(cell: CellModel, axis: int, guess_gain: float) -> tuple[Parameters, bool]:
+    """K, Kv and Ti of an axis, and whether the cell file has them."""
+    known = (cell.robot.servo or (None,) * 6)[axis]
+    base = known if known is not None else replace(GUESS, speed_gain_nm_s=guess_gain)
+    sigma = KNOWN if known is not None else GUESSED
+    name = f"axis{axis + 1}"
+    items = (
+        Parameter(f"{name}.speed_gain", "N m s/rad", base.speed_gain_nm_s, sigma[0], log=True),
+        Parameter(f"{name}.position_gain", "1/s", base.position_gain_per_s, sigma[1], log=True),
+        Parameter(f"{name}.integral_time", "s", base.integral_time_s, sigma[2], log=True),
+    )
+    return Parameters(items), known is not None
+
+
+def _gains(
+    cell: CellModel, axis: int, block: ServoResiduals, unseen: Sequence[LoadStep], progress: Progress
+) -> tuple[Fit, HeldOut]:
+    unit = block.predict(np.array([1.0, GUESS.position_gain_per_s, GUESS.integral_time_s]))
+    measured = np.concatenate([r.error for r in block.releases])
+    inverse = float(unit @ measured) / max(float(unit @ unit), 1e-300)
+    p, known = gain_parameters(cell, axis, 1.0 / max(inverse, 1e-12))
+    fit = with_correlation(solve(p, [block], robust=False, stop=_STOP, progress=share_of(progress, 0.0, 0.2)), [block])
+    if unseen:
+        other = ServoResiduals(axis, tuple(s.of_axis(axis) for s in unseen))
+        held = score_separate(p, [block], [other], error=row_error, robust=False, stop=_STOP)
+        seen = np.concatenate([r.error for r in other.releases])
+    else:
+        folds, told = min(5, len(block.releases)), share_of(progress, 0.2, 1.0)
+        held = cross_validate(p, [block], error=row_error, robust=False, stop=_STOP, folds=folds, progress=told)
+        seen = measured
+    if not known:
+        held = replace(held, nominal=np.abs(seen))
+    return with_exchange(fit, axis), held
+
+
+def _with_torque(fit: Fit, axis: int, share: float) -> Fit:
+    """K is a torque over a speed: the scale of the torque that the drives show is the same in all steps."""
+    place = fit.parameters.index(f"axis{axis + 1}.speed_gain")
+    sigma = fit.sigma.copy()
+    sigma[place] = float(np.hypot(sigma[place], share * fit.values[place]))
+    return replace(fit, sigma=sigma)
+
+
+def _signs(block: ServoResiduals, where: str, as_stated: bool) -> list[str]:
+    """Refuse torques whose sign is turned round: the loop would push away from its command."""
+    unit = block.predict(np.array([1.0, GUESS.position_gain_per_s, GUESS.integral_time_s]))
+    measured = np.concatenate([r.error for r in block.releases])
+    match = float(unit @ measured) / max(float(np.linalg.norm(unit) * np.linalg.norm(measured)), 1e-300)
+    if match > -0.5:
+        return []
+    says = (
+        f"the motor of axis {block.axis + 1} pushes away from its command (correlation {match:.2f}): "
+        "the sign of 'tau_motor' looks turned round, or q_motor and q_command are exchanged"
+    )
+    if as_stated:
+        return [f"{says}; used as stated all the same, as asked"]
+    raise InputError(
+        says,
+        where=where,
+        hint="Write signs = [...] under [channels.tau_motor], or exchange the columns. If the data are right as they "
+        "stand, add --set as_stated=true",
+    )
+
+
+def _servo(cell: CellModel, axis: int, fit: Fit, friction: float | None) -> Servo:
+    known = (cell.robot.servo or (None,) * 6)[axis] or GUESS
+    name = f"axis{axis + 1}"
+    return Servo(
+        fit.value(f"{name}.speed_gain"),
+        fit.value(f"{name}.position_gain"),
+        fit.value(f"{name}.integral_time"),
+        known.friction_nm if friction is None else friction,
+        known.slip_rad,
+    )
+
+
+def _friction(cell: CellModel, data: Sequence[Dataset]) -> dict[int, float]:
+    """Dry friction of the motors, N m: half the loop of their torque less the friction of the links."""
+    found = motions(cell, data)
+    out = {}
+    for axis in sorted({m.axis for m in found}):
+        whole = motor_friction([m for m in found if m.axis == axis])
+        play = (cell.robot.play or (None,) * 6)[axis]
+        if whole is not None and play is not None:
+            out[axis] = max(whole - sum(play.friction_nm), 0.0)
+    return out
+
+
+def _headline(errors: Sequence[HeldOut]) -> tuple[Figure, ...]:
+    identified = np.concatenate([e.identified for e in errors]) / URAD
+    nominal = np.concatenate([e.nominal for e in errors]) / URAD
+    return (
+        Figure(
+            "holdout_rms_urad",
+            "motor angle predicted for load steps not used, root mean square error over all axes, urad",
+            float(np.sqrt(np.mean(identified**2))),
+            float(np.sqrt(np.mean(nominal**2))),
+        ),
+    )
+
+
+def _figures(cell: CellModel, axis: int, fit: Fit, servo: Servo) -> list[Figure]:
+    before = (cell.robot.servo or (None,) * 6)[axis]
+    name = f"axis{axis + 1}"
+    rows = (
+        ("speed_gain", "speed_gain_nm_s", "gain of the speed loop K, N m s/rad", 1.0),
+        ("position_gain", "position_gain_per_s", "gain of the position loop Kv, 1/s", 1.0),
+        ("integral_time", "integral_time_s", "integral time of the speed loop Ti, ms", MS),
+    )
+    out = []
+    for key, field, text, size in rows:
+        value = getattr(servo, field)
+        sigma = fit.sigma_of(f"{name}.{key}")
+        unit = {"speed_gain": "nm_s", "position_gain": "per_s", "integral_time": "ms"}[key]
+        old = None if before is None else getattr(before, field) / size
+        out.append(Figure(f"{name}_{key}_{unit}", f"axis {axis + 1}: {text}", value / size, old))
+        out.append(Figure(f"{name}_{key}_sigma_{unit}", "its standard deviation", sigma / size))
+    both = together(fit, axis)
+    for i, (key, text) in enumerate((("sum_per_s", "Kv + 1/Ti, 1/s"), ("product_per_s2", "Kv / Ti, 1/s2"))):
+        out.append(Figure(f"{name}_rate_{key}", f"axis {axis + 1}: {text}", float(both.value[i])))
+        out.append(
+            Figure(f"{name}_rate_{key.replace('_', '_sigma_', 1)}", "its standard deviation", float(both.sigma[i]))
+        )
+    if servo.friction_nm > 0.0:
+        out.append(
+            Figure(f"{name}_motor_friction_nm", f"axis {axis + 1}: dry friction of the motor, N m", servo.friction_nm)
+        )
+    return out
+
+
+def modes(steps: Sequence[LoadStep]) -> list[Mode]:
+    """Lowest mode of each load step that rings: of the tool where a tracker saw it, else of the motors."""
+    out = []
+    for step in steps:
+        seen = step.tip if step.tip is not None else step.error
+        start = int(np.argmax(step.released)) + round(_RINGS_S / step.step_s)
+        every = max(1, round(0.008 / step.step_s))
+        try:
+            out.append(lowest_mode(seen[start::every], step.step_s * every))
+        except CounterflexError:
+            continue
+    return out
+
+
+def _mode(steps: Sequence[LoadStep]) -> tuple[list[Change], list[Figure], list[str]]:
+    found = modes(steps)
+    if len(found) < 2:
+        return [], [], ["fewer than two load steps rang clearly, so mode and damping stay as they were"]
+    hz, zeta = (np.array([getattr(m, key) for m in found]) for key in ("frequency_hz", "damping"))
+    middle, damping = float(np.median(hz)), float(np.clip(np.median(zeta), 1e-3, 1.9))
+    spread = [1.2533 * 1.4826 * float(np.median(np.abs(v - np.median(v)))) / np.sqrt(len(v)) for v in (hz, zeta)]
+    return (
+        [TableValues("dynamics", {"mode_hz": middle, "damping_ratio": damping})],
+        [
+            Figure("mode_hz", f"lowest mode, median of {len(found)} load steps, Hz", middle),
+            Figure("mode_sigma_hz", "its standard deviation, from their scatter, Hz", float(spread[0])),
+            Figure("damping_ratio", "its damping ratio", damping),
+            Figure("damping_sigma", "its standard deviation, from their scatter", float(spread[1])),
+        ],
+        [],
+    )
+
+
+def _lags(cell: CellModel, records: Sequence[Dataset], as_stated: bool) -> list[Delay]:
+    out = []
+    for record in records:
+        wanted = [
+            f.name
+            for f in FOLLOWING
+            if f.name in ("drive", "correction") and record.has(f.answer) and record.has(f.reference[0])
+        ]
+        for pair in pairs(cell, record, ",".join(dict.fromkeys(wanted))) if wanted else ():
+            found = find_delay(replace(pair, lag=True))
+            check_delay(found, as_stated=as_stated)
+            out.append(found)
+    return out
+
+
+def _lag_figures(found: Delay) -> tuple[list[Figure], Figure]:
+    name = found.pair.name
+    size, unit = (URAD, "urad") if found.pair.components[0].endswith("rad") else (1e-6, "um")
+    identified, nominal = found.held_out.rms()
+    out = [Figure(f"{name}_dead_time_ms", f"dead time of the {name}, ms", found.value("delay") / MS)]
+    if found.order != "none":
+        lag = lag_of(found)
+        out.append(Figure(f"{name}_lag_ms", f"lag of the {name}, ms", lag.time_s / MS))
+        out.append(Figure(f"{name}_bandwidth_hz", f"bandwidth of the {name} (-3 dB), Hz", lag.bandwidth_hz))
+        if name == "drive":
+            out.append(
+                Figure("drive_following_gain_per_s", "following error is speed over this Kv, 1/s", 1.0 / lag.time_s)
+            )
+    text = f"{found.pair.answer.name} predicted from {found.pair.reference.name} on stretches not used, {unit}"
+    return out, Figure(f"holdout_{name}_rms_{unit}", text, identified / size, nominal / size)
+
+
+def _pictures(block: ServoResiduals, fit: Fit) -> list[Picture]:
+    largest = max(block.releases, key=lambda r: float(np.max(np.abs(r.error))))
+    alone = ServoResiduals(block.axis, (largest,))
+    t: Float = np.arange(len(largest.error), dtype=np.float64) * largest.step_s
+    return [
+        Picture(
+            f"Axis {block.axis + 1}: motor after the load was cut",
+            "time, s",
+            "motor minus command, urad",
+            (
+                Curve("measured", t, largest.error / URAD),
+                Curve("loop found", t, alone.predict(fit.values) / URAD, True),
+            ),
+        )
+    ]
+
+
+RECIPE: Final = Recipe(
+    name="servo",
+    title="Loop gains of the drives, the lowest mode, and lags of drives and corrections",
+    kinds=("servo_steps", "reversals", "record"),
+    settings={"torque_share": 0.03, "force_n": FORCE_N, "as_stated": False},
+    identify=identify,
+    propose=propose,
+)

@@ -1,0 +1,1 @@
+"""Robust weighted least squares with priors: solve, standard deviations, hold-out, observability."""

@@ -1,0 +1,265 @@
+"""Robust weighted least squares with priors, and honest standard deviations.
+
+Minimises ``sum_b sum_rows w |r / s_b|^2 + sum_priors u^2`` over the fit coordinates ``u`` of the free parameters.
+Inside, SciPy's trust-region least squares with exact Jacobians; outside, the robust weights ``w`` of the rows and the
+factors ``s_b`` of the blocks are brought up to date until they rest (iteratively reweighted least squares). The start
+may be far off and a good part of the rows grossly wrong: the first rounds weigh rows as least absolute deviations do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float
+from counterflex.core.progress import Progress, silent
+from counterflex.identify.solver.fit import Fit, Outlier
+from counterflex.identify.solver.observability import examine
+from counterflex.identify.solver.parameters import Parameters
+from counterflex.identify.solver.residuals import Residuals
+from counterflex.identify.solver.robust import excess, hampel_weights, median_weights, sizes, spread
+from counterflex.identify.solver.stacked_residuals import Stacked
+
+OUTLIER: Final = 0.5
+"""Robust weight below which a row is named as an outlier."""
+_COARSE_ROUNDS = 15
+_COARSE_GAIN = 0.05
+_ROUNDS = 40
+_DAMPED_AFTER = 10
+_AT_REST = 1e-2
+_COARSE_TOLERANCE = 1e-2
+_LASTS = 0.75
+"""Of the rounds that may still be needed, so many after each: most fits need far fewer than they may take."""
+_LOOSE = 1e-6
+_FEW = 10
+_AT_BOUND = 1e-4
+_HELD_BACK = 2.0
+_BOLDER = (0.1, 0.0)
+_REASONS = {
+    0: "stopped after {n} evaluations of the last round without coming to rest: look at the residuals before using it",
+    1: "came to rest: no small change of the values improves the fit",
+    2: "came to rest: the misfit falls no further",
+    3: "came to rest: the values change no further",
+    4: "came to rest: neither misfit nor values change further",
+}
+
+
+@dataclass(frozen=True)
+class Stop:
+    """When the solver stops.
+
+    Attributes:
+        tolerance: Relative change of cost, step or gradient at which the inner solver rests.
+        evaluations: Most evaluations of one inner solve.
+    """
+
+    tolerance: float = 1e-9
+    evaluations: int = 200
+
+
+def solve(
+    parameters: Parameters,
+    blocks: Sequence[Residuals],
+    *,
+    robust: bool = True,
+    start: Float | None = None,
+    stop: Stop | None = None,
+    progress: Progress = silent,
+) -> Fit:
+    """Fit the free parameters to measurements and priors.
+
+    A row keeps weight 1 while its residual is among the usual share of what noise gives, then loses it
+    (:mod:`counterflex.identify.solver.robust`). Each block's standard deviations are widened by a factor of at least
+    1 that holds for what its residuals show, so that neither optimistic standard deviations, heavy tails, repeats
+    with errors in common nor what the model lacks makes the result look better than it is.
+
+    Args:
+        parameters: What to find.
+        blocks: Measurements.
+        robust: False gives every row full weight.
+        start: (p,) SI values to start from; None is nominal. Held parameters stay at nominal.
+        stop: When to stop.
+        progress: Told about rounds.
+
+    Returns:
+        The fit; parameters that the data do not see stay at their priors.
+
+    Raises:
+        InputError: Nothing to fit, or residuals that are not finite at the start.
+    """
+    stop = stop if stop is not None else Stop()
+    problem = Stacked(parameters, blocks, start)
+    problem.check_finite()
+    u = problem.start
+    if robust:
+        u = _coarse(problem, u, stop, progress)
+    state = _settle(problem, _State.at(problem, u, robust), robust, stop, progress)
+    for share in _BOLDER:
+        if _priors_may_hold_back(problem, state, share):
+            bold = _State.at(problem, state.u, robust)
+            bold.factors = _believed_more(state.factors, share)
+            bold = _settle(problem, bold, robust, stop, progress)
+            if bold.surprise(problem) < state.surprise(problem):
+                state = bold
+    result = problem.fit(state.u, state.weights, state.factors, stop.tolerance, stop.evaluations)
+    state.u = result.x
+    reason = _REASONS[result.status].format(n=stop.evaluations)
+    if not state.rested:
+        reason += f"; the weights of the rows still changed after {_ROUNDS} rounds"
+    return _fit(problem, state, reason, result.status > 0 and state.rested)
+
+
+class _State:
+    """Values, and the weights and factors that belong to them."""
+
+    def __init__(self, u: Float, weights: list[Float], scales: list[float], factors: list[float]) -> None:
+        self.u, self.weights, self.scales, self.factors = u, weights, scales, factors
+        self.used = [0.0] * len(weights)
+        self.rested = False
+
+    @classmethod
+    def at(cls, problem: Stacked, u: Float, robust: bool) -> _State:
+        """Weights of the residuals at u, factors as large as their spread."""
+        rows = problem.rows(u)
+        scales = [spread(r) for r in rows]
+        weights = [hampel_weights(r, s) if robust else np.ones(len(r)) for r, s in zip(rows, scales, strict=True)]
+        return cls(u, weights, scales, list(scales))
+
+    def renew(self, problem: Stacked, robust: bool, damped: bool) -> None:
+        """Weights and factors of the residuals as they now are."""
+        rows = problem.rows(self.u)
+        _, self.used = problem.covariance(problem.triangles(self.u, self.weights, self.factors))
+        for b, (block, r) in enumerate(zip(problem.blocks, rows, strict=True)):
+            if robust:
+                self.scales[b] = spread(r, self.used[b])
+                weights = hampel_weights(r, self.scales[b])
+                self.weights[b] = np.sqrt(weights * self.weights[b]) if damped else weights
+            self.factors[b] = math.sqrt(excess(r, self.weights[b], self.scales[b], self.used[b], block.group))
+
+    def surprise(self, problem: Stacked) -> float:
+        """Minus the logarithm of the posterior with the factors at their best, but for a constant."""
+        counts = [float(np.sum(w)) * r.shape[1] for w, r in zip(self.weights, problem.rows(self.u), strict=True)]
+        spreads = sum(n * math.log(s) for n, s in zip(counts, self.factors, strict=True))
+        return float(spreads + 0.5 * np.sum((self.u * problem.known) ** 2))
+
+
+def _coarse(problem: Stacked, u: Float, stop: Stop, progress: Progress) -> Float:
+    """Towards the least absolute residuals, until their median hardly falls any more."""
+    typical = [spread(r) for r in problem.rows(u)]
+    for turn in range(_COARSE_ROUNDS):
+        weights = [median_weights(r) for r in problem.rows(u)]
+        result = problem.fit(u, weights, typical, _COARSE_TOLERANCE, min(_FEW, stop.evaluations))
+        moved = result.x
+        now = [spread(r) for r in problem.rows(moved)]
+        gain = max(math.log(a / b) for a, b in zip(typical, now, strict=True))
+        u, typical = moved, now
+        progress(0.3 * (1.0 - _LASTS ** (turn + 1)), f"start, round {turn + 1}")
+        if gain < _COARSE_GAIN:
+            break
+    return u
+
+
+def _settle(problem: Stacked, state: _State, robust: bool, stop: Stop, progress: Progress) -> _State:
+    """Rounds of fitting and weighing until the values move by next to nothing of their standard deviations."""
+    for turn in range(_ROUNDS):
+        result = problem.fit(state.u, state.weights, state.factors, _LOOSE, min(_FEW, stop.evaluations))
+        step = result.x - state.u
+        moved = math.sqrt(float(np.sum((result.jac @ step) ** 2)) / len(step))
+        state.u = result.x
+        before = list(state.factors)
+        state.renew(problem, robust, turn >= _DAMPED_AFTER)
+        progress(0.3 + 0.6 * (1.0 - _LASTS ** (turn + 1)), f"round {turn + 1}")
+        grown = max(abs(math.log(a / b)) for a, b in zip(before, state.factors, strict=True))
+        if turn > 0 and moved < _AT_REST and grown < _AT_REST:
+            state.rested = True
+            break
+    return state
+
+
+def _believed_more(factors: Sequence[float], share: float) -> list[float]:
+    return [1.0 + share * (s - 1.0) for s in factors]
+
+
+def _priors_may_hold_back(problem: Stacked, state: _State, share: float) -> bool:
+    """Whether believing the data more would make their residuals much smaller, by the tangent at the solution.
+
+    Wide factors and narrow priors can hold each other up: residuals are large because the priors hold, and the priors
+    hold because the residuals are large.
+    """
+    if max(state.factors) < _HELD_BACK or not np.any(problem.known):
+        return False
+    less = _believed_more(state.factors, share)
+    parts = problem.triangles(state.u, state.weights, less)
+    covariance, _ = problem.covariance(parts)
+    pull = problem.known * state.u
+    for part in parts:
+        pull = pull + part[:, :-1].T @ part[:, -1]
+    step = covariance @ pull
+    rows = problem.rows(state.u)
+    left = [
+        (both[:, -1] - both[:, :-1] @ step).reshape(r.shape)
+        for both, r in zip(problem.slopes(state.u), rows, strict=True)
+    ]
+    return any(spread(a) > 1.3 * spread(b) for a, b in zip(rows, left, strict=True))
+
+
+def _fit(problem: Stacked, state: _State, reason: str, converged: bool) -> Fit:
+    parameters, free = problem.parameters, problem.free
+    rows = problem.rows(state.u)
+    parts = problem.triangles(state.u, state.weights, state.factors)
+    covariance, used = problem.covariance(parts)
+    x = problem.values(state.u)
+    sigma_u = np.sqrt(np.diag(covariance))
+    sigma = np.zeros(len(parameters))
+    sigma[free] = sigma_u * parameters.slope(x)[free]
+    squares = sum(float(np.sum(w[:, None] * r**2)) for w, r in zip(state.weights, rows, strict=True))
+    dof = sum(float(np.sum(w)) * r.shape[1] for w, r in zip(state.weights, rows, strict=True)) - sum(used)
+    found = examine(parameters, free, np.concatenate(parts)[:, :-1], sigma_u, problem.known > 0.0)
+    at_bound = _at_bound(problem, state.u)
+    return Fit(
+        parameters=parameters,
+        values=x,
+        sigma=sigma,
+        covariance=covariance,
+        free_index=free,
+        seen=tuple(
+            "partly" if name in at_bound and how == "determined" else how
+            for name, how in zip(parameters.names, found.seen, strict=True)
+        ),
+        residuals=tuple(rows),
+        weights=tuple(state.weights),
+        outliers=_outliers(problem.blocks, rows, state),
+        sigma_factors=tuple(state.factors),
+        chi2_reduced=squares / dof if dof > 0.0 else math.nan,
+        dof=dof,
+        rank=found.rank,
+        condition=found.condition,
+        hidden=found.hidden,
+        reason=reason,
+        evaluations=problem.evaluations,
+        converged=converged,
+        at_bound=tuple(name for name in at_bound if found.seen[parameters.index(name)] == "determined"),
+    )
+
+
+def _outliers(blocks: Sequence[Residuals], rows: Sequence[Float], state: _State) -> tuple[Outlier, ...]:
+    found = [
+        Outlier(block.name, int(i), float(size[i]), float(weight[i]))
+        for block, size, weight in (
+            (b, sizes(r) / s, w) for b, r, w, s in zip(blocks, rows, state.weights, state.scales, strict=True)
+        )
+        for i in np.flatnonzero(weight < OUTLIER)
+    ]
+    return tuple(sorted(found, key=lambda item: -item.size))
+
+
+def _at_bound(problem: Stacked, u: Float) -> tuple[str, ...]:
+    """Names of the free parameters that rest against a bound."""
+    near: Bool = (u - problem.lower < _AT_BOUND * (1.0 + np.abs(problem.lower))) | (
+        problem.upper - u < _AT_BOUND * (1.0 + np.abs(problem.upper))
+    )
+    return tuple(problem.parameters.names[i] for i in problem.free[near])

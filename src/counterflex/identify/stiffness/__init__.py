@@ -1,0 +1,1 @@
+"""Recipe ``stiffness``: compliance of every elastic element from pulls at the tool."""

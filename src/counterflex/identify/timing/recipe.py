@@ -1,0 +1,304 @@
+"""Recipe ``timing``: dead time, lag and clock of each channel of a record against the one it follows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, cast
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.units import MS, UM, URAD
+from counterflex.identify.data.changes import TableValues
+from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.delays.checks import check_delay
+from counterflex.identify.delays.delay import Delay, Pair, build, find_delay
+from counterflex.identify.delays.pairs import pairs
+from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
+from counterflex.identify.solver.holdout import HeldOut, score_separate
+from counterflex.identify.timing.proposal import propose
+from counterflex.signals.lag import Lag
+
+_ORDERS: Final = ("auto", "none", "first", "second")
+_SHOWN = 1500
+_PPM = 1e-6
+
+
+def identify(
+    cell: CellModel,
+    data: Sequence[Dataset],
+    holdout: Sequence[Dataset],
+    settings: Mapping[str, Any],
+    progress: Progress = silent,
+) -> Identification:
+    """Find delays in records; see :mod:`counterflex.identify.delays.delay` for the model.
+
+    Args:
+        cell: What is known before.
+        data: Of kind ``record``.
+        holdout: Records to predict; empty means stretches of ``data`` held out in turn.
+        settings: ``pairs``, ``lag``, ``as_stated``.
+        progress: Told about pairs.
+
+    Returns:
+        Fits by pair, changes to ``[timing]``.
+
+    Raises:
+        FileFormatError: Damaged stamps or values, no standard deviations.
+        InputError: Nothing moves, or a unit, a sign or which channel is which looks wrong.
+    """
+    order = str(settings.get("lag", "auto"))
+    if order not in _ORDERS:
+        raise InputError("order of the lag", value=order, limit=", ".join(_ORDERS))
+    wanted = str(settings.get("pairs", "auto"))
+    as_stated = bool(settings.get("as_stated", False))
+    found: list[tuple[Delay, HeldOut]] = []
+    remarks: list[str] = []
+    every = [(pair, dataset) for dataset in data for pair in pairs(cell, dataset, wanted)]
+    names = [f"{pair.name} of {dataset.name}" for pair, dataset in every]
+    work = {f"{i + 1}: {name}": float(len(every[i][1])) for i, name in enumerate(names)}
+    parts = list(in_parts(progress, work).values()) if work else []
+    for told, name, (pair, _) in zip(parts, names, every, strict=True):
+        remarks += [*pair.reference.remarks, *pair.answer.remarks]
+        delay = find_delay(pair, cast(Any, order))
+        remarks += check_delay(delay, as_stated=as_stated)
+        unseen = [p for other in holdout for p in pairs(cell, other, pair.name)] if holdout else []
+        found.append((delay, _separate(delay, unseen) if unseen else delay.held_out))
+        told(1.0, name)
+    return Identification(
+        recipe="timing",
+        fits={_name(d, i, found): d.fit for i, (d, _) in enumerate(found)},
+        headline=tuple(_headline(d, h) for d, h in found),
+        figures=tuple(f for d, _ in found for f in _figures(d)),
+        changes=tuple(changes([d for d, _ in found])),
+        remarks=tuple(dict.fromkeys([*remarks, *(r for d, _ in found for r in _remarks(d))])),
+        pictures=tuple(p for d, _ in found for p in _pictures(d)),
+    )
+
+
+def changes(found: Sequence[Delay]) -> list[TableValues]:
+    """What goes into ``[timing]``: of several fits of one pair the one with the smallest standard deviation."""
+    best: dict[str, Delay] = {}
+    for delay in found:
+        name = delay.pair.name
+        if name not in best or max(_delay_sigmas(delay)) < max(_delay_sigmas(best[name])):
+            best[name] = delay
+    return [TableValues(f"timing.{name}", _table(delay)) for name, delay in best.items()]
+
+
+def _table(found: Delay) -> dict[str, float | str | bool | list[float] | list[list[float]]]:
+    pair = found.pair
+    times, sigmas = [d / MS for d in _delays(found)], [s / MS for s in _delay_sigmas(found)]
+    out: dict[str, float | str | bool | list[float] | list[list[float]]] = {"against": pair.reference.name}
+    if pair.same_clock:
+        out |= {"dead_time_ms": times, "dead_time_sigma_ms": sigmas}
+    else:
+        out |= {
+            "clock_offset_ms": times[0],
+            "clock_offset_sigma_ms": sigmas[0],
+            "clock_drift_ppm": found.value("drift") / _PPM,
+            "clock_drift_sigma_ppm": found.sigma("drift") / _PPM,
+        }
+    if found.order != "none":
+        out |= {"lag_ms": found.value("lag") / MS, "lag_sigma_ms": found.sigma("lag") / MS}
+        out["bandwidth_hz"] = lag_of(found).bandwidth_hz
+    if found.order == "second":
+        out["lag_damping"] = found.value("damping")
+    return out
+
+
+def lag_of(found: Delay) -> Lag:
+    """The fitted lag.
+
+    Raises:
+        InputError: None was fitted.
+    """
+    if found.order == "none":
+        raise InputError("no lag was fitted", where=found.pair.name)
+    return Lag(found.value("lag"), found.value("damping") if found.order == "second" else None)
+
+
+def _delay_names(found: Delay) -> tuple[str, ...]:
+    pair = found.pair
+    return tuple(f"delay{label}" for label in pair.labels) if pair.each else ("delay",)
+
+
+def _delays(found: Delay) -> list[float]:
+    return [found.value(name) for name in _delay_names(found)]
+
+
+def _delay_sigmas(found: Delay) -> list[float]:
+    return [found.sigma(name) for name in _delay_names(found)]
+
+
+def _separate(found: Delay, unseen: Sequence[Pair]) -> HeldOut:
+    parameters, block, start, needed = build(found.pair, found.order, float(np.mean(_delays(found))))
+    blocks = []
+    for pair in unseen:
+        others, other, _, _ = build(pair, found.order, float(np.mean(_delays(found))))
+        if others.names != parameters.names:
+            raise InputError(
+                "the record held out has other axes or directions in motion", where=pair.answer.where, value=pair.name
+            )
+        blocks.append(other)
+    local = [name for name in needed if ".offset" in name]
+    return score_separate(parameters, [block], blocks, needed=needed, local=local, start=start)
+
+
+def _unit(found: Delay) -> tuple[str, float]:
+    unit = found.pair.components[0].rsplit(" ", 1)[1]
+    return {"rad": ("urad", URAD), "m": ("um", UM), "N": ("N", 1.0)}[unit]
+
+
+def _name(found: Delay, place: int, all_found: Sequence[tuple[Delay, HeldOut]]) -> str:
+    name = found.pair.name
+    return name if sum(d.pair.name == name for d, _ in all_found) == 1 else f"{name} {place + 1}"
+
+
+def _headline(found: Delay, held_out: HeldOut) -> Figure:
+    unit, size = _unit(found)
+    identified, nominal = held_out.rms()
+    before = "the delay known before" if found.pair.same_clock else "the peak of the cross-correlation"
+    return Figure(
+        f"holdout_{found.pair.name}_rms_{unit.lower()}",
+        f"{found.pair.answer.name} predicted from {found.pair.reference.name}, root mean square error on stretches "
+        f"not used; nominal with {before}, {unit}",
+        identified / size,
+        nominal / size,
+    )
+
+
+def _figures(found: Delay) -> list[Figure]:
+    name, pair = found.pair.name, found.pair
+    out = []
+    word = "dead time" if pair.same_clock else "dead time and offset of the clock together"
+    for key, value, sigma in zip(_delay_names(found), _delays(found), _delay_sigmas(found), strict=True):
+        tail = key.removeprefix("delay")
+        axis = f", axis {tail}" if tail else ""
+        out.append(Figure(f"{name}_delay{tail}_ms", f"{word} of {pair.answer.name}{axis}, ms", value / MS))
+        out.append(Figure(f"{name}_delay{tail}_sigma_ms", "its standard deviation, ms", sigma / MS))
+    if not pair.same_clock:
+        out.append(Figure(f"{name}_drift_ppm", "drift of the clock, 1e-6", found.value("drift") / _PPM))
+        out.append(Figure(f"{name}_drift_sigma_ppm", "its standard deviation, 1e-6", found.sigma("drift") / _PPM))
+    if found.order != "none":
+        out.append(
+            Figure(f"{name}_lag_ms", f"time constant of the lag ({found.order} order), ms", found.value("lag") / MS)
+        )
+        out.append(Figure(f"{name}_lag_sigma_ms", "its standard deviation, ms", found.sigma("lag") / MS))
+        out.append(Figure(f"{name}_bandwidth_hz", "bandwidth (-3 dB) of the lag, Hz", lag_of(found).bandwidth_hz))
+    for parameter in found.parameters.names if name == "link_encoder" else ():
+        key = parameter.removeprefix(f"{name}.")
+        if key.startswith("compliance"):
+            value, sigma = found.value(key), found.sigma(key)
+            out.append(
+                Figure(
+                    f"{name}_{key}_urad_per_knm",
+                    f"torsion of the gear of axis {key[-1]} under the motor's torque, delay taken out, urad/(kN m)",
+                    value * 1e9,
+                )
+            )
+            out.append(Figure(f"{name}_{key}_sigma_urad_per_knm", "its standard deviation, urad/(kN m)", sigma * 1e9))
+        elif key.startswith("dry"):
+            out.append(
+                Figure(
+                    f"{name}_{key}_urad",
+                    f"part of axis {key[-1]} that turns round with the direction of motion, urad, half its width",
+                    found.value(key) / URAD,
+                )
+            )
+            out.append(Figure(f"{name}_{key}_sigma_urad", "its standard deviation, urad", found.sigma(key) / URAD))
+    return out
+
+
+def _remarks(found: Delay) -> list[str]:
+    pair, out = found.pair, list(found.fit.hidden)
+    if not pair.same_clock:
+        out.append(
+            f"{pair.answer.name} and {pair.reference.name} carry stamps of two clocks: the difference of the clocks "
+            "and the dead time of the channel are found as one sum, which is what bringing them together needs"
+        )
+    if any("compliance" in n for n in found.parameters.names):
+        out.append(
+            "link_encoder: what rises with the speed is a delay between the encoders, not torsion: viscous friction of "
+            "the gears, had it all passed through the torsion, would be within the delay; dry friction at the motors "
+            "is not part of what the gears pass on and makes the part that turns round with the motion smaller"
+        )
+    return out
+
+
+def _pictures(found: Delay) -> list[Picture]:
+    unit, size = _unit(found)
+    block, x = found.block, found.fit.values
+    c = int(np.argmax(np.std(block.measured, axis=0)))
+    n = min(_SHOWN, len(block.time_s))
+    window = slice(0, n)
+    t = block.time_s[window] - block.time_s[0]
+    late = x.copy()
+    for place in set(block.places.delay):
+        late[place] = found.pair.delay_s if found.pair.same_clock else x[place]
+    before = (block.measured - block.predict(late))[window, c] / size
+    after = (block.measured - block.predict(x))[window, c] / size
+    label = f"{found.pair.answer.name} {found.pair.labels[c]}"
+    first = "with the delay known before" if found.pair.same_clock else "fitted"
+    curves = [Curve(first, t, before, True)] if found.pair.same_clock else []
+    out = [
+        Picture(
+            f"{label}: measured minus predicted",
+            "time, s",
+            unit,
+            (*curves, Curve("with the delay found", t, after, True)),
+        )
+    ]
+    loops = [n for n in found.parameters.names if ".compliance" in n]
+    if loops:
+        out += [_loop(found, c, label) for c, label in enumerate(found.pair.labels)]
+    return out
+
+
+def _loop(found: Delay, c: int, label: str) -> Picture:
+    """Torsion over torque of one axis, as recorded and with the delay taken out."""
+    block, x = found.block, found.fit.values
+    torque_place = [
+        b for b, i in enumerate(block.places.gain[c]) if i >= 0 and ".compliance" in found.parameters.names[i]
+    ]
+    grid = block.basis.start_s + block.basis.step_s * np.arange(len(block.basis.values))
+
+    def torque(at: Float) -> Float:
+        out: Float = -np.interp(at, grid, block.basis.values[:, torque_place[0]])
+        return out
+
+    rest = x.copy()
+    for key in ("compliance", "dry"):
+        rest[found.parameters.index(f"{found.pair.name}.{key}{label}")] = 0.0
+    undone = (block.measured - block.predict(rest))[:, c] / URAD
+    at = block.time_s - x[block.places.delay[c]]
+    as_is = rest.copy()
+    as_is[block.places.delay[c]] = 0.0
+    raw = (block.measured - block.predict(as_is))[:, c] / URAD
+    every = slice(None, None, max(1, len(at) // _SHOWN))
+    span = np.array([torque(at).min(), torque(at).max()])
+    soft = found.value(f"compliance{label}")
+    return Picture(
+        f"Axis {label}: link minus motor over torque",
+        "torque of the motor on the link side, N m",
+        "urad",
+        (
+            Curve("as recorded", torque(at)[every], raw[every]),
+            Curve("delay taken out", torque(at)[every], undone[every]),
+            Curve("torsion found", span, -soft * span / URAD, True),
+        ),
+        note="What opens the loop as recorded is the delay between the encoders.",
+    )
+
+
+RECIPE: Final = Recipe(
+    name="timing",
+    title="Dead time, lag and clock of each channel against the one it follows",
+    kinds=("record",),
+    settings={"pairs": "auto", "lag": "auto", "through": "program", "as_stated": False},
+    identify=identify,
+    propose=propose,
+)

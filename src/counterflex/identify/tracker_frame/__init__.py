@@ -1,0 +1,1 @@
+"""Recipe ``tracker-frame``: where the tracker stands and where its target sits."""

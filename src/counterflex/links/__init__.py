@@ -1,1 +1,0 @@
-"""Sockets of the protocols and what real time needs of the operating system."""

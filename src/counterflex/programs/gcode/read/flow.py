@@ -1,0 +1,140 @@
+"""O words of a source: which line closes what, and where subroutines begin."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Final
+
+from counterflex.programs.gcode.read.scanner import FlowWord, ScannedLine, error_at, scan_line
+
+_FLOW_LINE: Final = re.compile(r"[ \t]*/?[ \t]*(?:[Nn][ \t0-9.]*)?[Oo]")
+_CLOSERS: Final = {"endsub": "sub", "endwhile": "while", "endif": "if", "endrepeat": "repeat"}
+LOOPS: Final = ("while", "do", "repeat")
+
+
+def split_lines(text: str) -> tuple[str, ...]:
+    """Split at line feeds, with or without a carriage return; the empty rest behind the last one is no line."""
+    lines = text.replace("\r\n", "\n").split("\n")
+    if lines[-1] == "":
+        lines.pop()
+    return tuple(lines)
+
+
+@dataclass
+class Construct:
+    """A subroutine, loop or condition.
+
+    Attributes:
+        keyword: ``sub``, ``while``, ``do``, ``repeat`` or ``if``.
+        label: Its label.
+        start: Index of its first line.
+        end: Index of its last line.
+        branches: Indices of its ``elseif``, ``else`` and ``endif`` lines, in order.
+    """
+
+    keyword: str
+    label: str
+    start: int
+    end: int = -1
+    branches: list[int] = field(default_factory=list)
+
+
+class Source:
+    """A program or an included file: its lines and the structure of its O words.
+
+    Args:
+        name: File name, for errors.
+        lines: Without line ends.
+
+    Raises:
+        ProgramError: A loop, condition or subroutine that is not closed, closed twice, or nested into another halfway.
+    """
+
+    def __init__(self, name: str, lines: tuple[str, ...]) -> None:
+        self.name = name
+        self.lines = lines
+        self.scanned: dict[int, ScannedLine] = {}
+        self.at: dict[int, Construct] = {}
+        self.subs: dict[str, Construct] = {}
+        self.labels: dict[str, int] = {}
+        self._open: list[Construct] = []
+        for index, line in enumerate(lines):
+            if _FLOW_LINE.match(line):
+                flow = self.scan(index).flow
+                if flow is not None:
+                    self._place(index, flow)
+        if self._open:
+            left = self._open[-1]
+            raise error_at(
+                name, left.start + 1, f"O{left.label} {left.keyword} is never closed", 0, lines[left.start].strip()
+            )
+
+    def scan(self, index: int) -> ScannedLine:
+        """Return the line as scanned; each line is scanned once."""
+        line = self.scanned.get(index)
+        if line is None:
+            line = scan_line(self.lines[index], self.name, index + 1)
+            self.scanned[index] = line
+        return line
+
+    def _place(self, index: int, flow: FlowWord) -> None:
+        keyword = flow.keyword
+        if keyword in ("call", "return", "break", "continue"):
+            return
+        if not isinstance(flow.label, str):
+            raise error_at(
+                self.name, index + 1, "this O word needs a plain label", flow.column, self.lines[index].strip()
+            )
+        label = flow.label
+        top = self._open[-1] if self._open else None
+        if keyword == "":
+            if label in self.labels:
+                raise error_at(self.name, index + 1, "the O number is used twice", flow.column, f"O{label}")
+            self.labels[label] = index
+        elif keyword == "while" and top is not None and (top.keyword, top.label) == ("do", label):
+            self._close(index)
+        elif keyword in ("sub", "while", "do", "if", "repeat"):
+            if keyword == "sub":
+                if label in self.subs:
+                    raise error_at(self.name, index + 1, "the subroutine is defined twice", flow.column, f"O{label}")
+                if top is not None:
+                    raise error_at(
+                        self.name, index + 1, "a subroutine opens inside another O word", flow.column, f"O{label}"
+                    )
+            construct = Construct(keyword, label, index)
+            self._open.append(construct)
+            self.at[index] = construct
+            if keyword == "sub":
+                self.subs[label] = construct
+        else:
+            wanted = _CLOSERS.get(keyword, "if")
+            if top is None or (top.keyword, top.label) != (wanted, label):
+                opened = f"O{top.label} {top.keyword} (line {top.start + 1})" if top else "nothing"
+                raise error_at(
+                    self.name, index + 1, f"O{label} {keyword} closes nothing of its own", flow.column, f"{opened} open"
+                )
+            if keyword in ("else", "elseif"):
+                last = self.scan(top.branches[-1]).flow if top.branches else None
+                if last is not None and last.keyword == "else":
+                    raise error_at(self.name, index + 1, f"O{label} {keyword} follows its else", flow.column)
+                top.branches.append(index)
+                self.at[index] = top
+            else:
+                self._close(index)
+
+    def _close(self, index: int) -> None:
+        construct = self._open.pop()
+        construct.end = index
+        if construct.keyword == "if":
+            construct.branches.append(index)
+        self.at[index] = construct
+
+    def loop_around(self, index: int, label: str) -> Construct | None:
+        """Return the innermost loop of that label around a line."""
+        around = [
+            construct
+            for construct in self.at.values()
+            if construct.keyword in LOOPS and construct.label == label and construct.start < index < construct.end
+        ]
+        return max(around, key=lambda construct: construct.start, default=None)

@@ -1,0 +1,352 @@
+"""Executes a program line by line: plain lines by a short way, O words as jumps, everything else word by word."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Final
+
+from counterflex.core.units import MINUTE, RPM
+from counterflex.programs.gcode.read.block import BlockWords
+from counterflex.programs.gcode.read.codes import TAKES_AXES, code_name
+from counterflex.programs.gcode.read.expression import NamedParameter
+from counterflex.programs.gcode.read.flow import Source
+from counterflex.programs.gcode.read.jumps import MOST_REPEATS, FlowRunner, Place
+from counterflex.programs.gcode.read.modes import apply_modes, apply_offsets, apply_rates
+from counterflex.programs.gcode.read.motion import FARTHEST_M, MotionMaker, point, radians
+from counterflex.programs.gcode.read.scanner import ScannedLine, scan_plain
+from counterflex.programs.gcode.read.state import State
+from counterflex.programs.program import Block, Modal, Motion, Word
+
+_ZERO_ABC: Final = (0.0, 0.0, 0.0)
+
+
+class Interpreter(FlowRunner):
+    """One run of one program.
+
+    Args:
+        source: The program.
+        state: Offsets and modes at the start.
+        parameters: Parameters known at the start.
+        tool_lengths: Length of each tool in m for G43; None where every length is already compensated.
+        includes: Returns the text of a subroutine's file by name, or None.
+        step_limit: Largest number of lines executed.
+        block_delete: Skip lines that begin with a slash.
+        complete: Refuse a program that stops without M2, M30 or a closing ``%``.
+        machine_known: Where the part lies in the machine is known: G53 leads somewhere.
+        plain: Use the short way for plain lines (the result is the same).
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        state: State,
+        parameters: Mapping[str | int, float] | None,
+        tool_lengths: Mapping[int, float] | None,
+        includes: Callable[[str], str | None] | None,
+        step_limit: int,
+        block_delete: bool,
+        complete: bool = False,
+        plain: bool = True,
+        machine_known: bool = True,
+    ) -> None:
+        super().__init__(source, state, parameters, includes)
+        self._state = state
+        self._tool_lengths = tool_lengths
+        self._step_limit = step_limit
+        self._block_delete = block_delete
+        self._complete = complete
+        self._plain = plain
+        self._maker = MotionMaker(state, self._parameters, machine_known)
+        self._modals: dict[Modal, Modal] = {}
+        self._modal = state.modal()
+        self._ended = False
+        self._percent = False
+        self.blocks: list[Block] = []
+        self._counts: dict[int, int] = {}
+        self._inside: set[int] = set()
+
+    @property
+    def motions(self) -> list[Motion]:
+        """Motions made so far."""
+        return self._maker.motions
+
+    # The run --------------------------------------------------------------------------------------------------------
+
+    def run(self) -> bool:
+        """Execute to the end of the program.
+
+        Returns:
+            True when every line was executed at most once and in order.
+
+        Raises:
+            ProgramError: At the first line that cannot be executed exactly, or when the step limit is reached.
+        """
+        steps = 0
+        while not self._ended:
+            place = self._place
+            if place.index >= len(place.source.lines):
+                if place.source is not self._main or self._frames:
+                    place.index = len(place.source.lines) - 1
+                    raise self._fault("the file ends inside a subroutine", 0, hint="Close it with endsub or M99")
+                if self._complete:
+                    place.index = len(place.source.lines) - 1
+                    raise self._fault(
+                        "the program stops without M2, M30 or a closing %", 0,
+                        hint="It may have been cut off. If it is complete: --without-end of path and compensate",
+                    )  # fmt: skip
+                break
+            steps += 1
+            if steps > self._step_limit:
+                raise self._fault(
+                    "the program does not end within the step limit", 0, f"{self._step_limit} lines executed",
+                    "Look for an endless loop",
+                )  # fmt: skip
+            self._line(place.source, place.index)
+        return self._mark_repeated()
+
+    def _line(self, source: Source, index: int) -> None:
+        self._place = Place(source, index + 1)
+        here = Place(source, index)
+        text = source.lines[index]
+        words = scan_plain(text) if self._plain else None
+        if words is not None and not self._frames and self._straight(text, index, words):
+            return
+        after, self._place = self._place, here
+        scanned = source.scan(index) if words is None else None
+        self._parameters.line = index + 1
+        jump = self._execute(source, index, text, scanned, words or ())
+        self._place = after if jump is None else jump
+
+    def _count(self, source: Source, index: int) -> None:
+        if source is self._main:
+            self._counts[index] = self._counts.get(index, 0) + 1
+            if self._frames:
+                self._inside.add(index)
+
+    def _mark_repeated(self) -> bool:
+        """Mark the blocks of lines that ran more than once, in a subroutine, or in another file."""
+        straight = True
+        for number, block in enumerate(self.blocks):
+            if block.single and (self._counts.get(block.line - 1, 0) != 1 or block.line - 1 in self._inside):
+                self.blocks[number] = replace(block, single=False)
+            straight = straight and self.blocks[number].single
+        return straight
+
+    def _append_block(
+        self, source: Source, index: int, text: str, words: tuple[Word, ...], modal: Modal, first: int, cycle: bool
+    ) -> None:
+        self._count(source, index)
+        self.blocks.append(
+            Block(
+                line=index + 1,
+                text=text,
+                words=words,
+                modal=modal,
+                first_motion=first,
+                motion_count=len(self._maker.motions) - first,
+                single=source is self._main and not self._frames,
+                cycle=cycle,
+            )
+        )
+
+    # Plain straight moves -------------------------------------------------------------------------------------------
+
+    def _straight(self, text: str, index: int, words: tuple[Word, ...]) -> bool:
+        """Execute a plain G0 or G1 line under G94; False where the line needs the long way."""
+        state = self._state
+        if state.feed_mode != 94 or self._maker.away:
+            return False
+        code = state.motion
+        feed: float | None = None
+        axes = {}
+        named = False
+        for word in words:
+            letter, value = word.letter, word.value
+            if letter in "XYZ":
+                if letter in axes:
+                    return False
+                axes[letter] = value
+            elif letter == "G" and value in (0.0, 1.0) and not named:
+                code = int(value) * 10
+                named = True
+            elif letter == "F" and feed is None and 0.0 < value <= 1e6:
+                feed = value
+            else:
+                return False
+        if code not in (0, 10) or not axes:
+            return False
+        unit = state.unit_m
+        origin = state.origin if state.absolute else state.position
+        x, y, z = state.position[:3]
+        if "X" in axes:
+            x = origin[0] + axes["X"] * unit
+        if "Y" in axes:
+            y = origin[1] + axes["Y"] * unit
+        if "Z" in axes:
+            z = origin[2] + axes["Z"] * unit
+        if not (abs(x) <= FARTHEST_M and abs(y) <= FARTHEST_M and abs(z) <= FARTHEST_M):
+            return False
+        if feed is not None:
+            state.feed, state.feed_unit_m = feed, unit
+        elif code == 10 and not state.feed:
+            return False
+        if code != state.motion:
+            state.choose_motion(code)
+            self._refresh()
+        motions = self._maker.motions
+        last = motions[-1].p_end if motions else None
+        here = state.position
+        p_start = last if last is not None and (last[0], last[1], last[2]) == here[:3] else point(here)
+        abc = _ZERO_ABC if here[3:] == _ZERO_ABC else radians(here)
+        state.position = (x, y, z, here[3], here[4], here[5])
+        rapid = code == 0
+        if state.constant_surface:
+            self._refresh()
+        motions.append(
+            Motion(
+                len(self.blocks),
+                "rapid" if rapid else "feed",
+                p_start,
+                p_start if (x, y, z) == here[:3] else point((x, y, z)),
+                0.0 if rapid else (state.feed or 0.0) * state.feed_unit_m / MINUTE,
+                state.spindle_rpm * RPM,
+                state.tool,
+                0.0,
+                abc,
+                abc,
+            )
+        )
+        self._append_block(self._main, index, text, words, self._modal, len(motions) - 1, False)
+        return True
+
+    def _refresh(self, machine: bool = False) -> Modal:
+        modal = self._state.modal(machine)
+        modal = self._modals.setdefault(modal, modal)
+        if not machine:
+            self._modal = modal
+        return modal
+
+    # Every other line -----------------------------------------------------------------------------------------------
+
+    def _execute(
+        self, source: Source, index: int, text: str, scanned: ScannedLine | None, literal: tuple[Word, ...]
+    ) -> Place | None:
+        """Execute a line; the place to go on at where that is not the next line."""
+        first = len(self._maker.motions)
+        if scanned is None:
+            words = literal
+        else:
+            if scanned.percent or (scanned.block_delete and self._block_delete):
+                if scanned.percent:
+                    self._percent_line(source, index)
+                self._append_block(source, index, text, (), self._modal, first, False)
+                return None
+            words = self._evaluate(scanned)
+            if scanned.flow is not None:
+                self._append_block(source, index, text, words, self._modal, first, False)
+                return self._jump(source, index, scanned.flow)
+        if not words:
+            self._append_block(source, index, text, (), self._modal, first, False)
+            return None
+        block = BlockWords(words, self._fault)
+        self._maker.block = len(self.blocks)
+        modal, cycle, jump = self._words(source, block)
+        self._append_block(source, index, text, words, modal, first, cycle)
+        return jump() if jump is not None else None
+
+    def _percent_line(self, source: Source, index: int) -> None:
+        """A percent sign opens the program where nothing but blank lines come before it; a second one ends it."""
+        if not any(line.strip() for line in source.lines[:index]):
+            self._percent = True
+        elif self._percent:
+            self._ended = True
+        else:
+            column = source.lines[index].index("%")
+            raise self._fault("a % in a program that does not begin with one", column, "%")
+
+    def _evaluate(self, scanned: ScannedLine) -> tuple[Word, ...]:
+        """Evaluate words, then let assignments take effect."""
+        words = tuple(
+            Word(word.letter, word.value, word.start, word.end)
+            if word.value is not None
+            else Word(word.letter, self._value(word.expression), word.start, word.end, literal=False)
+            for word in scanned.words
+        )
+        settled = [(assignment, self._value(assignment.value)) for assignment in scanned.assignments]
+        for assignment, value in settled:
+            target = assignment.target
+            if isinstance(target, NamedParameter):
+                self._parameters.set_named(target.name, value, assignment.column)
+            else:
+                self._parameters.set_numbered(target.index.evaluate(self._parameters), value, assignment.column)
+        return words
+
+    def _words(self, source: Source, block: BlockWords) -> tuple[Modal, bool, Callable[[], Place | None] | None]:
+        """Execute a block's words in LinuxCNC's order."""
+        state, maker = self._state, self._maker
+        special = block.g.get("non-modal")
+        motion = block.g.get("motion")
+        machine = special == 530
+        stop = block.m.get("stopping")
+        apply_rates(block, state)
+        if special == 40:
+            maker.dwell(block, block.take("P"))
+        apply_modes(block, state, self._tool_lengths)
+        if special in TAKES_AXES and motion is not None and motion != 800 and block.has("XYZABC"):
+            raise block.fault(
+                "two codes of one block both need the axis words", f"G{special}",
+                f"{code_name('G', special or 0)} and {code_name('G', motion)}",
+            )  # fmt: skip
+        if motion is not None:
+            state.choose_motion(motion)
+        cycle = False
+        if special in (280, 300):
+            maker.home(block, special)
+            cycle = True
+        elif special in (281, 301):
+            self._parameters.store_position(special - 1, maker.machine_position())
+        else:
+            apply_offsets(block, state)
+        active = state.motion
+        modal = self._refresh()
+        if machine:
+            modal = self._refresh(machine=True)
+        jump = self._stop(source, block, stop)
+        if motion == 800 and block.has("XYZABC"):
+            raise block.fault("G80 moves nothing, yet there are axis words", "G800", "G80")
+        if block.has("XYZABC") or (active in (20, 30) and block.has("IJKR")):
+            if active == 800:
+                letter = next(axis for axis in "XYZABC" if block.has(axis))
+                raise block.fault("an axis word, but no motion code is active", letter, hint="Write G0, G1, G2 or G3")
+            count = len(maker.motions)
+            maker.run(block, active, machine)
+            cycle = cycle or (active >= 730 and len(maker.motions) > count)
+        elif machine:
+            raise block.fault("G53 needs an axis word", "G530", "G53")
+        elif motion is not None and motion not in (0, 10, 800):
+            raise block.fault("the motion code has no axis word", f"G{motion}", code_name("G", motion))
+        block.finish()
+        if stop in (20, 300):
+            self._ended = True
+        if not machine and state.constant_surface:
+            modal = self._refresh()
+        return modal, cycle, jump
+
+    # Jumps ----------------------------------------------------------------------------------------------------------
+
+    def _stop(self, source: Source, block: BlockWords, stop: int | None) -> Callable[[], Place | None] | None:
+        if stop == 980:
+            number = block.whole("P", 1, 99_999_999)
+            if number is None:
+                raise block.fault("M98 needs the number P of the subprogram", "M980", "M98")
+            repeats = block.whole("L", 1, MOST_REPEATS) or 1
+            index = self._place.index
+            return lambda: self._call(source, index, str(number), [], repeats, False, 0)
+        if stop == 990:
+            if not self._frames or self._frames[-1].modern:
+                raise block.fault(
+                    "M99 outside a subprogram runs the program for ever", "M990", "M99", "End it with M2 or M30"
+                )
+            return lambda: self._return(None)
+        return None

@@ -1,0 +1,352 @@
+"""Motions of a block: straight moves, arcs, canned cycles, stored positions and dwells."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import DEG, MINUTE, MM, RPM
+from counterflex.programs.gcode.read.arc import PLANE_AXES, Arc, ArcFault, by_centre, by_radius
+from counterflex.programs.gcode.read.block import BlockWords
+from counterflex.programs.gcode.read.canned_cycles import MOST_PECKS, Step, hole
+from counterflex.programs.gcode.read.codes import CYCLES, code_name
+from counterflex.programs.gcode.read.parameters import Parameters
+from counterflex.programs.gcode.read.state import Six, State, minus
+from counterflex.programs.program import Motion, MotionKind
+
+# No machine is larger, and beyond it a float no longer resolves a micrometre against rounding.
+FARTHEST_M: Final = 1000.0
+UNKNOWN_PLACE: Final = (
+    "Give the machine's own: --parameters FILE (a LinuxCNC parameter file with #5161 to #5166 for G28, #5181 to #5186 "
+    "for G30, #5221 to #5226 for G54), or retract with a plain G0"
+)
+_LONGEST_DWELL_S: Final = 1e6
+_CENTRE_LETTERS: Final = "IJK"
+_NORMALS: Final[dict[int, Float]] = {}
+for _plane, (_, _, _axis) in PLANE_AXES.items():
+    _normal = np.zeros(3)
+    _normal[_axis] = 1.0
+    _normal.flags.writeable = False
+    _NORMALS[_plane] = _normal
+
+
+def point(values: tuple[float, ...]) -> Float:
+    """Return the first three numbers as a read-only (3,) array."""
+    array = np.array(values[:3])
+    array.flags.writeable = False
+    return array
+
+
+class MotionMaker:
+    """Turns the motion words of blocks into motions and moves the state along.
+
+    Args:
+        state: Moved along.
+        parameters: Hold the stored positions of G28 and G30.
+        machine_known: Where the part lies in the machine is known: G53 leads somewhere.
+
+    Attributes:
+        motions: Everything made so far.
+        block: Index of the block that the next motions belong to.
+        away: Where the tool went to a place that is not known (``G28 in line 12``), empty while it is known. At the
+            end of a program that does not matter; nothing may be made of it.
+    """
+
+    def __init__(self, state: State, parameters: Parameters, machine_known: bool = True) -> None:
+        self._state = state
+        self._parameters = parameters
+        self._machine_known = machine_known
+        self.motions: list[Motion] = []
+        self.block = 0
+        self.away = ""
+
+    # Elementary motions ---------------------------------------------------------------------------------------------
+
+    def _append(
+        self,
+        kind: MotionKind,
+        target: Six,
+        feed_m_s: float = 0.0,
+        duration_s: float = 0.0,
+        arc: tuple[Float, Float, float] | None = None,
+        feed_rad_s: float = 0.0,
+        spindle: bool = True,
+    ) -> None:
+        state = self._state
+        start = state.position
+        state.position = target
+        last = self.motions[-1].p_end if self.motions else None
+        p_start = last if last is not None and tuple(last) == start[:3] else point(start)
+        centre, normal, turn = arc if arc is not None else (None, None, 0.0)
+        self.motions.append(
+            Motion(
+                block=self.block,
+                kind=kind,
+                p_start=p_start,
+                p_end=p_start if start[:3] == target[:3] else point(target),
+                feed_m_s=feed_m_s,
+                spindle_rad_s=state.spindle_rpm * RPM if spindle else 0.0,
+                tool=state.tool,
+                duration_s=duration_s,
+                abc_start=radians(start),
+                abc_end=radians(target),
+                p_centre=centre,
+                normal=normal,
+                turn_rad=turn,
+                feed_rad_s=feed_rad_s,
+            )
+        )
+
+    def _feed(self, block: BlockWords, length_m: float, angle_deg: float) -> tuple[float, float]:
+        """Feed of a motion of that length in m/s and, where only rotary axes turn, in rad/s."""
+        state = self._state
+        if state.feed_mode == 93 and not block.names("F"):
+            raise block.fault("inverse time (G93) needs F in every block that feeds", "F", "no F")
+        if not state.feed or state.feed <= 0.0:
+            value = "F0" if state.feed == 0.0 else "no F"
+            raise block.fault("a feed move without a feed", "F", value, "Write F on this line or before")
+        if state.feed_mode == 93:
+            time_s = MINUTE / state.feed
+            return length_m / time_s, 0.0 if length_m > 0.0 else angle_deg * DEG / time_s
+        per_minute = state.feed
+        if state.feed_mode == 95:
+            if state.spindle == 0 or state.speed_rpm == 0.0:
+                raise block.fault("feed per revolution (G95) with the spindle stopped", "F", "0 rpm")
+            per_minute *= abs(state.spindle_rpm)
+        if length_m == 0.0 and angle_deg > 0.0:
+            return 0.0, per_minute * DEG / MINUTE
+        return per_minute * state.feed_unit_m / MINUTE, 0.0
+
+    def _check(self, block: BlockWords, target: Six) -> Six:
+        for axis, value in enumerate(target):
+            if not abs(value) <= (FARTHEST_M if axis < 3 else 1e7):
+                letter = "XYZABC"[axis]
+                shown = f"{letter}{value / self._state.unit_m if axis < 3 else value:.6g}"
+                raise block.fault("the target is beyond any machine", letter, shown, "At most 1000 m or 1e7 deg")
+        return target
+
+    def straight(self, block: BlockWords, target: Six, rapid: bool) -> None:
+        """Move straight to a point."""
+        self._require_place(block)
+        self._check(block, target)
+        if rapid:
+            self._append("rapid", target)
+            return
+        start = self._state.position
+        feed = self._feed(block, math.dist(start[:3], target[:3]), math.dist(start[3:], target[3:]))
+        self._append("feed", target, feed[0], feed_rad_s=feed[1])
+
+    def _leave(self, name: str) -> None:
+        """Go to a place that is not known. Before the first motion no place is known anyway."""
+        if self.motions and not self.away:
+            self.away = f"{name} in line {self._parameters.line}"
+
+    def _require_place(self, block: BlockWords) -> None:
+        if self.away:
+            raise block.fault(
+                f"the program moves on after {self.away}, and where that leads is not known", "", None, UNKNOWN_PLACE
+            )
+
+    def dwell(self, block: BlockWords, time_s: float | None, spindle: bool = True) -> None:
+        """Wait."""
+        if time_s is None or not 0.0 <= time_s <= _LONGEST_DWELL_S:
+            value = None if time_s is not None else "no P"
+            raise block.fault("a dwell needs its time P in seconds, 0 to 1e6", "P", value)
+        self._append("dwell", self._state.position, duration_s=time_s, spindle=spindle)
+
+    # Blocks ---------------------------------------------------------------------------------------------------------
+
+    def target(self, axes: dict[int, float], machine: bool) -> Six:
+        """End point of a block from its axis words, G90 or G91, and G53."""
+        state = self._state
+        target = list(state.position)
+        origin = state.origin
+        for axis, value in axes.items():
+            number = value * state.unit_m if axis < 3 else value
+            if machine:
+                target[axis] = number - state.tool_length[axis]
+            elif state.absolute:
+                target[axis] = origin[axis] + number
+            else:
+                target[axis] += number
+        return (target[0], target[1], target[2], target[3], target[4], target[5])
+
+    def run(self, block: BlockWords, code: int, machine: bool) -> None:
+        """Execute the motion ``code`` (tenths) with the block's axis words."""
+        if machine and code not in (0, 10):
+            raise block.fault("G53 goes with G0 or G1 only", "G530", code_name("G", code))
+        if machine and not self._state.absolute:
+            raise block.fault("G53 under G91 is not defined", "G530", "G91", "Write G90")
+        if machine and not self._machine_known:
+            block.take_axes()
+            self._leave("G53")
+            return
+        if code in CYCLES:
+            self.cycle(block, code)
+        elif code in (20, 30):
+            self.arc(block, clockwise=code == 20)
+        else:
+            self.straight(block, self.target(block.take_axes(), machine), rapid=code == 0)
+
+    def arc(self, block: BlockWords, clockwise: bool) -> None:
+        """Execute G2 or G3."""
+        self._require_place(block)
+        state = self._state
+        first, second, third = PLANE_AXES[state.plane]
+        unit = state.unit_m
+        if not block.has("XYZABCIJKR"):
+            return
+        in_plane = block.has("XYZ"[first] + "XYZ"[second])
+        start = state.position
+        target = self._check(block, self.target(block.take_axes(), machine=False))
+        turns = block.whole("P", 1, 100_000) or 1
+        radius = block.take("R")
+        offsets = {axis: block.take(_CENTRE_LETTERS[axis]) for axis in (first, second)}
+        wrong = _CENTRE_LETTERS[third]
+        if block.has(wrong):
+            raise block.fault(f"{wrong} has no place in an arc of plane G{state.plane}", wrong)
+        given = {axis: value for axis, value in offsets.items() if value is not None}
+        name = "G2" if clockwise else "G3"
+        a, b = (start[first], start[second]), (target[first], target[second])
+        try:
+            if radius is not None:
+                if given:
+                    raise block.fault("an arc has both R and a centre", "R")
+                if not in_plane:
+                    raise block.fault("an arc with R needs an end point in its plane", "R")
+                arc = by_radius(a, b, radius * unit, clockwise, turns, unit)
+            else:
+                letters = _CENTRE_LETTERS[first] + " " + _CENTRE_LETTERS[second]
+                if not given:
+                    raise block.fault(
+                        "an arc has neither R nor a centre", "G" + name[1:] + "0", name, f"Write {letters} or R"
+                    )
+                if state.arc_absolute and len(given) < 2:
+                    raise block.fault("under G90.1 an arc needs both words of its centre", "", name, f"Write {letters}")
+                base = state.origin if state.arc_absolute else start
+                centre = (
+                    base[first] + given.get(first, 0.0) * unit,
+                    base[second] + given.get(second, 0.0) * unit,
+                )
+                arc = by_centre(a, b, centre, clockwise, turns, unit)
+        except ArcFault as fault:
+            letter = fault.letter or next(_CENTRE_LETTERS[axis] for axis in given)
+            raise block.fault(fault.what, letter, fault.value) from fault
+        self._append_arc(block, arc, target)
+
+    def _append_arc(self, block: BlockWords, arc: Arc, target: Six) -> None:
+        state = self._state
+        first, second, third = PLANE_AXES[state.plane]
+        start = state.position
+        centre = [0.0, 0.0, 0.0]
+        centre[first], centre[second], centre[third] = arc.first, arc.second, start[third]
+        length = math.hypot(arc.radius_m * arc.turn_rad, target[third] - start[third])
+        feed, _ = self._feed(block, length, 0.0)
+        self._append("arc", target, feed, arc=(point(tuple(centre)), _NORMALS[state.plane], arc.turn_rad))
+
+    def home(self, block: BlockWords, code: int) -> None:
+        """Execute G28 or G30: through the point of the axis words, then those axes to the stored position.
+
+        Where the stored position is not known, the way ends at the point of the axis words: :attr:`away`.
+        """
+        axes = block.take_axes()
+        here = self._state.position
+        goal: list[float] | None = list(here)
+        for axis in axes or range(6):
+            stored = self._parameters.stored_position(code, axis)
+            if stored is not None and goal is not None:
+                goal[axis] = (stored * MM if axis < 3 else stored) - self._state.tool_length[axis]
+            elif axes or axis < 3:
+                goal = None
+        if axes and (goal is not None or self.target(axes, machine=False) != here):
+            self.straight(block, self.target(axes, machine=False), rapid=True)
+        if goal is None:
+            self._leave(code_name("G", code))
+        else:
+            self.straight(block, (goal[0], goal[1], goal[2], goal[3], goal[4], goal[5]), rapid=True)
+
+    def cycle(self, block: BlockWords, code: int) -> None:
+        """Execute a canned cycle; its words stay in force while the same cycle is repeated."""
+        state = self._state
+        third = PLANE_AXES[state.plane][2]
+        name = code_name("G", code)
+        if state.feed_mode == 93:
+            raise block.fault("canned cycles do not work in inverse time (G93)", f"G{code}", name)
+        axes = block.take_axes()
+        rotary = [axis for axis in axes if axis > 2]
+        if rotary:
+            raise block.fault("a canned cycle cannot turn a rotary axis", "XYZABC"[rotary[0]])
+        sticky = state.cycle
+        if third in axes:
+            sticky["Z"] = axes.pop(third)
+        needed = "ZR" + {730: "Q", 830: "Q", 820: "P", 860: "P", 890: "P"}.get(code, "")
+        for letter in needed[1:]:
+            value = block.take(letter)
+            if value is not None:
+                sticky[letter] = value
+        count = block.whole("L", 1, 10_000) or 1
+        for letter in needed:
+            if letter not in sticky:
+                shown = "XYZ"[third] if letter == "Z" else letter
+                raise block.fault(f"{name} needs the word {shown}", f"G{code}", name)
+        peck, dwell_s = sticky.get("Q", 0.0) * state.unit_m, sticky.get("P", 0.0)
+        if code == 860 and state.spindle_rpm == 0.0:
+            raise block.fault("G86 with the spindle stopped", f"G{code}", "0 rpm", "Start it with M3 or M4")
+        if "Q" in needed and peck <= 0.0:
+            raise block.fault(f"the peck Q of {name} is not positive", "Q", f"Q{sticky['Q']:g}")
+        if "P" in needed and not 0.0 <= dwell_s <= _LONGEST_DWELL_S:
+            raise block.fault(f"the dwell P of {name} is out of range", "P", f"P{dwell_s:g}")
+        here = state.position[third]
+        if state.cycle_initial is None:
+            state.cycle_initial = here
+        old = state.cycle_initial
+        base = state.origin[third] if state.absolute else old
+        r = base + sticky["R"] * state.unit_m
+        bottom = (base if state.absolute else r) + sticky["Z"] * state.unit_m
+        if bottom > r:
+            heights = [(height - state.origin[third]) / state.unit_m for height in (r, bottom)]
+            raise block.fault(
+                f"the R height of {name} is below the bottom of the hole",
+                "R",
+                f"R at {heights[0]:.6g}, bottom at {heights[1]:.6g}",
+            )
+        if "Q" in needed and (r - bottom) / peck > MOST_PECKS:
+            raise block.fault(f"the peck Q of {name} makes too many pecks", "Q", f"Q{sticky['Q']:g}")
+        if old < r and here != r:
+            self._along(block, third, r, rapid=True)
+        clear = max(r, old) if state.retract_initial else r
+        for _ in range(count):
+            target = list(self.target(axes, machine=False))
+            target[third] = max(state.position[third], clear)  # clear is never below R
+            self.straight(block, (target[0], target[1], target[2], target[3], target[4], target[5]), rapid=True)
+            if state.position[third] != r:
+                self._along(block, third, r, rapid=True)
+            for step in hole(code, r, bottom, clear, peck, dwell_s):
+                self._step(block, third, step)
+
+    def _along(self, block: BlockWords, axis: int, height: float, rapid: bool) -> None:
+        target = list(self._state.position)
+        target[axis] = height
+        self.straight(block, (target[0], target[1], target[2], target[3], target[4], target[5]), rapid)
+
+    def _step(self, block: BlockWords, axis: int, step: Step) -> None:
+        if step.kind == "dwell":
+            self.dwell(block, step.dwell_s, step.spindle)
+            return
+        running = self._state.spindle
+        if not step.spindle:
+            self._state.spindle = 0
+        self._along(block, axis, step.height, rapid=step.kind == "rapid")
+        self._state.spindle = running
+
+    def machine_position(self) -> Six:
+        """Where the machine stands: tip and tool length offset together."""
+        return minus(self._state.position, minus((0.0,) * 6, self._state.tool_length))
+
+
+def radians(position: Six) -> tuple[float, float, float]:
+    """Return the rotary axes in rad."""
+    return (position[3] * DEG, position[4] * DEG, position[5] * DEG)

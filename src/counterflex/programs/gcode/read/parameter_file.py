@@ -1,0 +1,111 @@
+"""LinuxCNC's parameter file: stored positions and work offsets of a machine, as numbers and values in lines."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from counterflex.core.errors import FileFormatError
+from counterflex.core.similar import missing_file
+from counterflex.core.units import MM
+from counterflex.programs.gcode.read.parameters import HOME_POSITION, LAST
+from counterflex.programs.gcode.read.state import WORK_OFFSETS
+
+_OFFSETS: Final = {name: 5221 + 20 * i for i, name in enumerate(WORK_OFFSETS)}
+_STORED: Final = frozenset(start + axis for start in HOME_POSITION.values() for axis in range(6))
+_LAST_FREE: Final = 5060
+"""Last parameter that programs may write."""
+_G92_IN_FORCE, _ACTIVE = 5210, 5220
+_ROTATION: Final = 9
+"""Behind the first number of a work offset: its rotation about z, deg."""
+
+
+@dataclass(frozen=True)
+class MachineParameters:
+    """What a reader of G-code takes from a machine.
+
+    Attributes:
+        parameters: By number; among them the stored positions of G28 (5161 to 5166) and G30 (5181 to 5186), mm and deg.
+        work_offsets: x, y, z in m and a, b, c in deg of every offset, by name; 0 where the file has none.
+    """
+
+    parameters: dict[str | int, float]
+    work_offsets: dict[str, tuple[float, ...]]
+
+
+def read_parameter_file(path: str | os.PathLike[str]) -> MachineParameters:
+    """Read a parameter file of LinuxCNC (``.var``).
+
+    Each line holds a number and a value; lengths are in mm, because the file does not say its unit.
+
+    Args:
+        path: The file.
+
+    Returns:
+        What it holds, in coordinates of the machine.
+
+    Raises:
+        FileFormatError: It cannot be read, a line is no number and value, a number comes twice, or it holds what is not
+            understood: a rotated offset, or G92 in force.
+
+    Source: LinuxCNC, "Parameters" and "RS274NGC_PARAMETER_FILE".
+    """
+    file = Path(path)
+    found: dict[int, float] = {}
+    for number, text in enumerate(_text(file).splitlines(), start=1):
+        words = text.split()
+        if not words:
+            continue
+        where = f"{file}:{number}"
+        try:
+            index, value = (int(words[0]), float(words[1])) if len(words) == 2 else (0, math.nan)
+        except ValueError:
+            index, value = 0, math.nan
+        if not 1 <= index <= LAST or not math.isfinite(value):
+            raise FileFormatError(
+                "no line of a parameter file", where=where, value=repr(text.strip()[:40]),
+                limit=f"a number from 1 to {LAST} and a value", hint="LinuxCNC keeps it beside its INI file, as .var",
+            )  # fmt: skip
+        if index in found:
+            raise FileFormatError("a parameter comes twice", where=where, value=f"#{index}")
+        found[index] = value
+    _understood(found, file)
+    parameters: dict[str | int, float] = {
+        index: value for index, value in found.items() if index <= _LAST_FREE or index in _STORED
+    }
+    offsets = {
+        name: tuple(found.get(start + axis, 0.0) * (MM if axis < 3 else 1.0) for axis in range(6))
+        for name, start in _OFFSETS.items()
+    }
+    return MachineParameters(parameters, offsets)
+
+
+def _understood(found: dict[int, float], file: Path) -> None:
+    def refuse(what: str, index: int, limit: str, hint: str) -> FileFormatError:
+        return FileFormatError(what, where=f"{file}: #{index}", value=f"{found[index]:g}", limit=limit, hint=hint)
+
+    for name, start in _OFFSETS.items():
+        if found.get(start + _ROTATION, 0.0) != 0.0:
+            turn = "Turn the part frame of the cell file instead"
+            raise refuse(f"the work offset {name} is rotated", start + _ROTATION, "0 deg", turn)
+    if found.get(_G92_IN_FORCE, 0.0) != 0.0:
+        raise refuse("an offset by G92 is in force", _G92_IN_FORCE, "0", "Clear it on the machine with G92.1")
+    if found.get(_ACTIVE, 1.0) != 1.0:
+        what = "the machine stands in another work offset than G54"
+        raise refuse(what, _ACTIVE, "1 (G54)", "Select G54 on the machine, or set it in the file")
+
+
+def _text(file: Path) -> str:
+    try:
+        data = file.read_bytes()
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
+    try:
+        return data.decode("ascii")
+    except UnicodeDecodeError as fault:
+        raise FileFormatError("not a parameter file: it holds more than plain text", where=str(file)) from fault

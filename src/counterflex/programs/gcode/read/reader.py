@@ -1,0 +1,220 @@
+"""Read RS274/NGC programs as LinuxCNC does, strictly."""
+
+from __future__ import annotations
+
+import codecs
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from counterflex.core.errors import InputError, ProgramError
+from counterflex.core.similar import missing_file
+from counterflex.programs.foreign_language import foreign_language
+from counterflex.programs.gcode.read.flow import Source, split_lines
+from counterflex.programs.gcode.read.interpreter import Interpreter
+from counterflex.programs.gcode.read.parameter_file import MachineParameters
+from counterflex.programs.gcode.read.state import State, work_offset_table
+from counterflex.programs.program import Block, Motion, Program
+
+DIALECTS: Final = ("linuxcnc",)
+Point = tuple[float, float, float]
+_HERE: Final[Point] = (0.0, 0.0, 0.0)
+_LARGEST_FILE: Final = 500_000_000
+
+
+def read_gcode(
+    text: str,
+    *,
+    name: str = "program",
+    dialect: str = "linuxcnc",
+    tool_lengths: Mapping[int, float] | None = None,
+    work_offsets: Mapping[str, Sequence[float]] | None = None,
+    parameters: Mapping[str | int, float] | None = None,
+    step_limit: int = 2_000_000,
+    includes: Callable[[str], str | None] | None = None,
+    block_delete: bool = False,
+    complete: bool = False,
+    machine_known: bool = True,
+    part_at_g54: bool = False,
+    plain_lines: bool = True,
+) -> Program:
+    """Execute a program's text and return the blocks passed and the motions made.
+
+    Positions are of the tool tip in the part frame: ``p_part = work_offset + g92 + value``, with the tool length offset
+    taken out. With the default offsets of zero the zero of G54 is the zero of the part.
+
+    Args:
+        text: The program.
+        name: Its name, for errors.
+        dialect: ``linuxcnc``.
+        tool_lengths: Length by tool number for G43, m, positive away from the spindle. None: lengths are compensated
+            by the machine and G43 changes nothing here.
+        work_offsets: Offsets by name ``G54`` ... ``G59.3``: x, y, z in m and, optionally, a, b, c in degrees.
+        parameters: Parameters known beforehand, by number or by global name, in program units; the positions stored
+            for G28 (5161-5166) and G30 (5181-5186) in mm and degrees of the machine.
+        step_limit: Largest number of lines executed.
+        includes: Given the name of a subroutine that the text does not define, returns the text of its file or None.
+        block_delete: Skip lines that begin with a slash, as with the operator's switch on.
+        complete: Refuse a text that stops without M2, M30 or a closing ``%``, as LinuxCNC does: it may have been
+            cut off.
+        machine_known: G53 leads to machine coordinates, which are those of the part where no work offset is given.
+            False: where the part lies in the machine is not known, G53 leads nowhere that anything may follow.
+        part_at_g54: The zero of the part is that of G54 as ``work_offsets`` has it, and not that of the machine.
+        plain_lines: Read plain lines the short way; False gives the same program more slowly.
+
+    Returns:
+        The program as executed.
+
+    Raises:
+        ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory, unsafe or endless.
+        InputError: An argument is out of range.
+
+    Source: LinuxCNC, G-code overview, G-codes, M-codes, O-codes.
+    """
+    if dialect not in DIALECTS:
+        raise InputError("an unknown dialect of G-code", value=dialect, limit=" ".join(DIALECTS))
+    if step_limit < 1:
+        raise InputError("the step limit is out of range", value=step_limit, limit=">= 1")
+    for tool, length in (tool_lengths or {}).items():
+        if not -10.0 <= length <= 10.0:
+            raise InputError(f"the length of tool {tool} is out of range", value=length, limit="-10 to 10 m")
+    newline = "\r\n" if "\r\n" in text else "\n"
+    lines = split_lines(text)
+    if not any(line.strip() for line in lines):
+        raise ProgramError(
+            "the program is empty",
+            where=f"{name}:1:1",
+            hint="Give a file with G-code; post it again where the CAM system wrote nothing",
+        )
+    state = State(work_offsets=work_offset_table(work_offsets))
+    if part_at_g54:
+        state.position = state.work_offsets["G54"]
+    zero = state.position[:3]
+    try:
+        source = Source(name, lines)
+        interpreter = Interpreter(
+            source, state, parameters, tool_lengths, includes, step_limit, block_delete, complete, plain_lines,
+            machine_known,
+        )  # fmt: skip
+        straight = interpreter.run()
+    except ProgramError as fault:
+        raise _named(fault, name, lines) from fault
+    return Program(
+        name=name,
+        dialect=dialect,
+        lines=(*source.lines, "") if text.endswith("\n") else source.lines,
+        newline=newline,
+        blocks=tuple(_moved_block(block, zero) for block in interpreter.blocks),
+        motions=tuple(_moved(motion, zero) for motion in interpreter.motions),
+        straight=straight,
+    )
+
+
+def _named(fault: ProgramError, name: str, lines: Sequence[str]) -> ProgramError:
+    """The fault that is told: which language it is, where the text is no G-code at all."""
+    found = foreign_language(lines)
+    if found is None:
+        return fault
+    own = any("made by counterflex" in line for line in lines[:20])
+    hint = "This is what counterflex wrote: give the original program" if own else found.hint
+    return ProgramError(
+        f"this is {found.name}; G-code as LinuxCNC reads it is wanted",
+        where=f"{name}:{found.line}",
+        value=found.text,
+        hint=hint,
+        language=found.name,
+    )
+
+
+def _moved_block(block: Block, zero: Point) -> Block:
+    if zero == _HERE:
+        return block
+    x, y, z = block.modal.p_part_origin
+    origin = (x - zero[0], y - zero[1], z - zero[2])
+    return replace(block, modal=replace(block.modal, p_part_origin=origin))
+
+
+def _moved(motion: Motion, zero: Point) -> Motion:
+    if zero == _HERE:
+        return motion
+    centre = None if motion.p_centre is None else motion.p_centre - zero
+    return replace(motion, p_start=motion.p_start - zero, p_end=motion.p_end - zero, p_centre=centre)
+
+
+def read_gcode_file(
+    path: str | os.PathLike[str],
+    *,
+    dialect: str = "linuxcnc",
+    tool_lengths: Mapping[int, float] | None = None,
+    work_offsets: Mapping[str, Sequence[float]] | None = None,
+    parameters: Mapping[str | int, float] | None = None,
+    step_limit: int = 2_000_000,
+    block_delete: bool = False,
+    complete: bool = True,
+    machine: MachineParameters | None = None,
+    machine_known: bool = True,
+) -> Program:
+    """Read a program from a file; subroutines it does not define are looked for beside it as ``name.ngc``.
+
+    Args:
+        path: The file, UTF-8 or Latin-1 (comments only may hold more than ASCII).
+        dialect: As for :func:`read_gcode`, and so are the others.
+        tool_lengths: m by tool number.
+        work_offsets: By name.
+        parameters: By number or name.
+        step_limit: Largest number of lines executed.
+        block_delete: Skip lines that begin with a slash.
+        complete: Refuse a file that stops without M2, M30 or a closing ``%``.
+        machine: Of the machine it was written for: stored positions and work offsets, with the part's zero at G54.
+        machine_known: As for :func:`read_gcode`.
+
+    Returns:
+        The program as executed.
+
+    Raises:
+        ProgramError: The file cannot be read, is no text, or is no program that can be executed exactly.
+    """
+    file = Path(path)
+    folder = file.parent
+
+    def include(label: str) -> str | None:
+        beside = folder / f"{label}.ngc"
+        return _text(beside)[0] if beside.parent == folder and beside.is_file() else None
+
+    text, encoding = _text(file)
+    program = read_gcode(
+        text,
+        name=file.name,
+        dialect=dialect,
+        tool_lengths=tool_lengths,
+        work_offsets=work_offsets if machine is None else machine.work_offsets,
+        parameters=parameters if machine is None else machine.parameters,
+        step_limit=step_limit,
+        includes=include,
+        block_delete=block_delete,
+        complete=complete,
+        machine_known=machine_known or machine is not None,
+        part_at_g54=machine is not None,
+    )
+    return replace(program, encoding=encoding)
+
+
+def _text(file: Path) -> tuple[str, str]:
+    """Text of a file and its encoding."""
+    try:
+        if file.is_file() and file.stat().st_size > _LARGEST_FILE:
+            raise ProgramError("the file is too large", where=str(file), value=file.stat().st_size, limit=_LARGEST_FILE)
+        data = file.read_bytes()
+    except FileNotFoundError as fault:
+        raise ProgramError("cannot read the program: no such file", where=str(file), hint=missing_file(file)) from fault
+    except OSError as fault:
+        raise ProgramError(f"cannot read the program: {fault.strerror or fault}", where=str(file)) from fault
+    if b"\0" in data:
+        raise ProgramError("the file is no text", where=str(file), hint="G-code is plain text")
+    encoding = "utf-8-sig" if data.startswith(codecs.BOM_UTF8) else "utf-8"
+    try:
+        return data.decode(encoding), encoding
+    except UnicodeDecodeError:
+        return data.decode("latin-1"), "latin-1"

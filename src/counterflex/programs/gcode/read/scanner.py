@@ -1,0 +1,216 @@
+"""One line of RS274/NGC text into words, assignments, flow words and comments.
+
+Blanks count for nothing outside comments, even inside numbers; letters count in either case. A plain line (letters
+and numbers only) is read by one regular expression; every other line by the full scanner. Both give the same.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+from counterflex.core.errors import ProgramError
+from counterflex.programs.gcode.read.expression import (
+    Cursor,
+    Expression,
+    NamedParameter,
+    Number,
+    NumberedParameter,
+)
+from counterflex.programs.limits import LINUXCNC
+from counterflex.programs.program import Word
+
+_NUMBER: Final = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
+_PLAIN_LINE: Final = re.compile(rf"[ \t]*(?:[A-NP-Za-np-z][ \t]*{_NUMBER}[ \t]*)+")
+_PLAIN_WORD: Final = re.compile(rf"([A-Za-z])[ \t]*({_NUMBER})")
+_BLANK: Final = " \t\r"
+_LONGEST_LINE: Final = LINUXCNC.line_characters  # it also bounds how deep an expression can become
+FLOW_KEYWORDS: Final = (
+    "endsub", "endwhile", "endif", "endrepeat", "elseif", "else", "sub", "call", "return", "while", "do", "if",
+    "repeat", "break", "continue",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ScannedWord:
+    """A letter and what follows it; ``value`` is None where ``expression`` must be evaluated first."""
+
+    letter: str
+    value: float | None
+    expression: Expression | None
+    start: int
+    end: int
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """``#target = value``; takes effect when the whole line has been read."""
+
+    target: NumberedParameter | NamedParameter
+    value: Expression
+    column: int
+
+
+@dataclass(frozen=True)
+class FlowWord:
+    """``O label keyword [arguments]``; ``keyword`` is empty for a bare ``O100`` that opens an M98 subprogram."""
+
+    label: str | Expression
+    keyword: str
+    arguments: tuple[Expression, ...]
+    column: int
+
+
+@dataclass(frozen=True)
+class ScannedLine:
+    """What a line says, before anything is evaluated."""
+
+    words: tuple[ScannedWord, ...] = ()
+    assignments: tuple[Assignment, ...] = ()
+    flow: FlowWord | None = None
+    comments: tuple[str, ...] = ()
+    block_delete: bool = False
+    percent: bool = False
+
+
+def error_at(
+    name: str, line: int, what: str, column: int, value: object = None, hint: str | None = None
+) -> ProgramError:
+    """Make an error at ``name:line:column``; ``column`` is 0-based and printed 1-based."""
+    return ProgramError(what, where=f"{name}:{line}:{column + 1}", value=value, hint=hint)
+
+
+def scan_plain(text: str) -> tuple[Word, ...] | None:
+    """Read a line that holds nothing but letters and literal numbers.
+
+    Args:
+        text: The line without its end.
+
+    Returns:
+        Its words; None where the line needs the full scanner.
+    """
+    if _PLAIN_LINE.fullmatch(text) is None or len(text) > _LONGEST_LINE:
+        return None
+    return tuple(
+        [Word(match[1].upper(), float(match[2]), match.start(), match.end()) for match in _PLAIN_WORD.finditer(text)]
+    )
+
+
+def strip_comments(text: str, name: str, line: int) -> tuple[str, list[int], list[str]]:
+    """Return the line in lower case without comments and blanks, the column of each character, and the comments.
+
+    Raises:
+        ProgramError: A comment is not closed, or holds another opening bracket.
+    """
+    kept: list[str] = []
+    columns: list[int] = []
+    comments: list[str] = []
+    place, end = 0, len(text)
+    while place < end:
+        character = text[place]
+        if character == ";":
+            comments.append(text[place + 1 :].strip())
+            break
+        if character == "(":
+            close = text.find(")", place)
+            inner = text.find("(", place + 1)
+            if close < 0:
+                raise error_at(name, line, "the comment is not closed", place, repr(text[place : place + 20]))
+            if 0 <= inner < close:
+                raise error_at(
+                    name, line, "a comment opens inside a comment", inner, repr(text[place : close + 1][:40]),
+                    "Use other brackets inside comments",
+                )  # fmt: skip
+            comments.append(text[place + 1 : close])
+            place = close + 1
+            continue
+        if character not in _BLANK:
+            if not " " < character < "\x7f":
+                raise error_at(name, line, "a character that G-code does not know", place, repr(character))
+            kept.append(character.lower())
+            columns.append(place)
+        place += 1
+    columns.append(place)
+    return "".join(kept), columns, comments
+
+
+def scan_line(text: str, name: str, line: int) -> ScannedLine:
+    """Read any line with the full scanner.
+
+    Args:
+        text: The line without its end.
+        name: Name of the program, for errors.
+        line: 1-based number of the line, for errors.
+
+    Returns:
+        What it says.
+
+    Raises:
+        ProgramError: With file, line and column of the first thing that is not RS274/NGC.
+    """
+    clean, columns, comments = strip_comments(text, name, line)
+    if len(clean) > _LONGEST_LINE:
+        raise error_at(name, line, "the line is too long", columns[_LONGEST_LINE], f"{len(clean)} characters")
+    cursor = Cursor(clean, columns, lambda what, column, value, hint: error_at(name, line, what, column, value, hint))
+    block_delete = cursor.take("/")
+    if clean == "%":
+        return ScannedLine(comments=tuple(comments), percent=True)
+    words: list[ScannedWord] = []
+    assignments: list[Assignment] = []
+    flow: FlowWord | None = None
+    while cursor.place < len(clean):
+        character = cursor.peek()
+        if character == "#":
+            column = cursor.column
+            target = cursor.parameter()
+            if not cursor.take("="):
+                raise cursor.error("= is expected after a parameter", repr(cursor.peek(8) or "end of line"))
+            assignments.append(Assignment(target, cursor.value(), column))
+        elif character == "o":
+            if flow is not None or assignments or any(word.letter != "N" for word in words):
+                raise cursor.error("an O word must come first on its line", repr(text.strip()[:30]))
+            flow = _flow(cursor)
+        elif "a" <= character <= "z":
+            if flow is not None:
+                raise cursor.error("nothing may follow an O word's own arguments", repr(cursor.peek(12)))
+            start = cursor.column
+            cursor.place += 1
+            value = cursor.value()
+            end = columns[cursor.place - 1] + 1
+            number = value.value if isinstance(value, Number) else None
+            words.append(ScannedWord(character.upper(), number, None if number is not None else value, start, end))
+        else:
+            raise cursor.error("a letter is expected", repr(character))
+    return ScannedLine(tuple(words), tuple(assignments), flow, tuple(comments), block_delete)
+
+
+def _flow(cursor: Cursor) -> FlowWord:
+    """Read an O word; the cursor stands on the letter."""
+    column = cursor.column
+    cursor.place += 1
+    label: str | Expression
+    if cursor.peek() == "<":
+        label = cursor.name()
+    else:
+        number = cursor.value()
+        label = f"{number.value:g}" if isinstance(number, Number) and number.value == int(number.value) else number
+        if isinstance(number, Number) and number.value < 0.0:
+            raise cursor.fault("an O word's number is negative", column, f"{number.value:g}", None)
+    for keyword in FLOW_KEYWORDS:
+        if cursor.take(keyword):
+            break
+    else:
+        if cursor.peek():
+            raise cursor.error("an unknown O word", repr(cursor.peek(12)), "One of: " + " ".join(sorted(FLOW_KEYWORDS)))
+        keyword = ""
+    arguments: list[Expression] = []
+    while cursor.peek() == "[":
+        arguments.append(cursor.value())
+    most = {"call": 30, "while": 1, "if": 1, "elseif": 1, "repeat": 1, "return": 1, "endsub": 1}.get(keyword, 0)
+    least = 1 if keyword in ("if", "elseif", "repeat", "while") else 0
+    if not least <= len(arguments) <= most:
+        raise cursor.fault(
+            f"O... {keyword} has the wrong number of values", column, len(arguments), f"Write {least} to {most}"
+        )
+    return FlowWord(label, keyword, tuple(arguments), column)

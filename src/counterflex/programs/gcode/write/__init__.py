@@ -1,0 +1,1 @@
+"""Writes the same G-code back with only the targets changed."""

@@ -1,0 +1,174 @@
+"""Writes one arc: as an arc where the commanded points lie on one, else in pieces."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.programs.gcode.write.arc_fit import PLANE_AXES, arc_error, radii_agree, radius_centre, written_turn
+from counterflex.programs.gcode.write.arc_pieces import ArcPiece, arc_pieces, nominal_share, straight_pieces
+from counterflex.programs.gcode.write.machine import WrittenMachine
+from counterflex.programs.gcode.write.written_line import WrittenLine, number
+from counterflex.programs.program import Block, Motion
+
+_ROUNDINGS = 3.0
+"""Last decimals that start, end and centre together may shift a written arc by."""
+
+
+@dataclass(frozen=True)
+class _Commanded:
+    """Commanded points of an arc: (n, 3) m in part axes and in plane axes (u, v, w), and their share of the turn."""
+
+    p_part: Float
+    plane: Float
+    share: Float
+
+    def whole(self, piece: ArcPiece) -> bool:
+        """Whether a piece covers the arc from start to end."""
+        return piece.first == 0 and piece.last == len(self.share) - 1
+
+
+def emit_arc(machine: WrittenMachine, block: Block, line: WrittenLine, index: int, motion: Motion) -> None:
+    """Write a block that moves on an arc.
+
+    Args:
+        machine: Position and lines so far.
+        block: The block.
+        line: Its line, edited here.
+        index: Of the motion in the program.
+        motion: The arc.
+
+    Raises:
+        ProgramError: The block must be changed but its words do not lead to its target.
+    """
+    modal, rows = block.modal, machine.rows
+    corrected, inherits = bool(rows.moved[index]), machine.inherits(modal)
+    if not corrected and not inherits:
+        machine.completed_blocks += machine.state_motion(block, line, modal.motion)
+        machine.keep(line, modal)
+        machine.lines.append(line.render())
+        machine.arrive(index, motion)
+        return
+    machine.check_words(block, motion)
+    axes = list(PLANE_AXES[modal.plane])
+    first, last = int(rows.first[index]), int(rows.last[index])
+    turn = math.copysign(motion.turn_rad, -1.0 if modal.motion == "G2" else 1.0)
+    centre = np.asarray(motion.p_start if motion.p_centre is None else motion.p_centre)[axes]
+    nominal = np.vstack([motion.p_start, rows.nominal[first : last + 1]])[:, axes]
+    p_part = np.vstack([machine.here(), rows.command[first : last + 1]])
+    points = _Commanded(p_part, np.ascontiguousarray(p_part[:, axes]), nominal_share(nominal, centre, turn))
+    machine.completed_blocks += not corrected
+    _emit_pieces(machine, block, line, points, turn, first)
+    machine.off = [machine.current(axis) - float(motion.p_end[axis]) for axis in range(3)]
+    machine.arrive(index, motion)
+
+
+def _emit_pieces(
+    machine: WrittenMachine, block: Block, line: WrittenLine, points: _Commanded, turn_rad: float, first: int
+) -> None:
+    """Write the pieces of an arc: the first on the source's own line, the others on added lines."""
+    modal, share = block.modal, points.share
+    waiting = arc_pieces(points.plane, share, turn_rad, machine.tolerance_m)[::-1]
+    feed = line.find("F") if modal.feed_mode == 93 else None
+    stop: str | None = None
+    arcs = lines = 0
+    while waiting:
+        piece = waiting.pop()
+        own = piece.first == 0
+        words = _arc_words(machine, block, line, piece, points) if piece.centre is not None else {}
+        if piece.centre is not None and not words:
+            waiting += straight_pieces(points.plane, share, piece.first, piece.last, machine.tolerance_m)[::-1]
+            continue
+        code = modal.motion if words else "G1"
+        time = ""
+        if feed is not None and not points.whole(piece):
+            time = "F" + number(feed.value / max(float(share[piece.last] - share[piece.first]), 1e-6), 4)
+        target = points.p_part[piece.last]
+        if own:
+            machine.state_motion(block, line, code)
+            if not points.whole(piece):
+                stop = machine.stop_word(line)
+            _edit_words(line, code, words, keep_turns=points.whole(piece))
+            if feed is not None and time:
+                line.replace(feed, time)
+            machine.go(line, modal, target)
+            machine.lines.append(line.render())
+        else:
+            centre = "".join(f" {letter}{text}" for letter, text in words.items())
+            machine.lines.append(f"{code}{machine.added(modal, target)}{centre} {time}".rstrip())
+        machine.written_motion = code if code != modal.motion else None
+        row = first - 1 + piece.last
+        machine.written[row] = machine.here()
+        if words:
+            arcs += 1
+        else:
+            lines += 1
+            machine.checked[first + piece.first : row + 1] = True
+    if stop:
+        machine.lines.append(stop)
+    machine.arcs_kept += arcs == 1 and lines == 0
+    machine.arcs_split += arcs + lines > 1 and arcs > 0
+    machine.arcs_as_lines += arcs == 0
+    machine.split_motions += arcs + lines > 1
+    machine.vertices_added += arcs + lines - 1
+
+
+def _edit_words(line: WrittenLine, code: str, words: dict[str, str], keep_turns: bool) -> None:
+    """Put centre or radius words on the source's line, or turn it into a straight move."""
+    for word in line.words:
+        stale = word.letter in "IJKR" and word.letter not in words
+        if stale or (word.letter == "P" and not (keep_turns and words)):
+            line.remove(word)
+        elif word.letter == "G" and word.value in (2.0, 3.0) and not words:
+            line.replace(word, code)
+    for letter, text in words.items():
+        line.set(letter, text)
+
+
+def _arc_words(
+    machine: WrittenMachine, block: Block, line: WrittenLine, piece: ArcPiece, points: _Commanded
+) -> dict[str, str]:
+    """Words for the centre (or radius) of a piece after rounding; none where rounding breaks the arc."""
+    if piece.centre is None:
+        return {}
+    modal = block.modal
+    axes = PLANE_AXES[modal.plane]
+    digits, unit = machine.digits(modal), modal.unit_m
+    own = line if piece.first == 0 else None
+    here = machine.here()
+    end = np.array([machine.reach(own, modal, axis, float(points.p_part[piece.last, axis])) for axis in range(3)])
+    sense = math.copysign(1.0, piece.turn_rad)
+    turns = line.find("P") if points.whole(piece) else None
+    part = points.plane[piece.first : piece.last + 1].copy()
+    part[0], part[-1] = here[list(axes)], end[list(axes)]
+    share = points.share[piece.first : piece.last + 1]
+    share = (share - share[0]) / (share[-1] - share[0])
+    bound = machine.tolerance_m + _ROUNDINGS * unit * 10.0**-digits
+
+    def holds(centre: tuple[float, float]) -> bool:
+        turned = written_turn(part[0], part[-1], centre, sense, int(turns.value) if turns else 1)
+        if abs(turned - piece.turn_rad) > 0.25 * abs(piece.turn_rad) or not radii_agree(part[0], part[-1], centre):
+            return False
+        error = arc_error(part, share, centre, turned)
+        if error <= bound:
+            machine.arc_error_m = max(machine.arc_error_m, error)
+        return error <= bound
+
+    if line.find("R") is not None:
+        size = math.hypot(part[0, 0] - piece.centre[0], part[0, 1] - piece.centre[1])
+        value = round(math.copysign(size, math.pi - abs(piece.turn_rad)) / unit, digits)
+        by_radius = radius_centre(part[0], part[-1], value * unit, sense)
+        if by_radius is not None and holds(by_radius):
+            return {"R": number(value, digits)}
+        machine.radius_replaced += 1
+    words: dict[str, str] = {}
+    rounded: list[float] = []
+    for axis, wanted in zip(axes[:2], piece.centre, strict=True):
+        base = modal.p_part_origin[axis] if modal.arc_absolute else float(here[axis])
+        value = round((wanted - base) / unit, digits)
+        words["IJK"[axis]] = number(value, digits)
+        rounded.append(base + value * unit)
+    return words if holds((rounded[0], rounded[1])) else {}

@@ -1,0 +1,255 @@
+"""Walks through the blocks of a program and writes each one with the commanded targets."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.programs.feed_hold import feed_factor
+from counterflex.programs.gcode.write.arcs import emit_arc
+from counterflex.programs.gcode.write.machine import MOTION_CODES, WrittenMachine
+from counterflex.programs.gcode.write.written_line import AXES, WrittenLine, evaluated, flatten, number
+from counterflex.programs.motion_rows import MotionRows
+from counterflex.programs.program import Block, Modal, Motion, Program
+
+_NO_TARGET: Final = frozenset((4.0, 10.0, 28.0, 30.0, 43.1, 52.0, 53.0, 92.0, 92.1, 92.2, 92.3))
+_POSITION_PARAMETER: Final = re.compile(r"#\s*(5[0-4]\d\d|<\s*_(abs_)?[xyz]\s*>)", re.IGNORECASE)
+
+
+class Emitter(WrittenMachine):
+    """Writes a program block by block.
+
+    Args:
+        program: As read.
+        rows: The compensated path by motion.
+        tolerance_m: Bound for straight pieces and arcs.
+        decimals: Of written words in mm programs.
+    """
+
+    def __init__(self, program: Program, rows: MotionRows, tolerance_m: float, decimals: int) -> None:
+        super().__init__(program, rows, tolerance_m, decimals)
+        self._expanding = False
+        self._freeze = any(_POSITION_PARAMETER.search(line) for line in program.lines)
+
+    def run(self) -> list[str]:
+        """All lines of the written program."""
+        source = self.program.lines
+        at = 0
+        if len(self.written):
+            self.written[0] = self.rows.nominal[0]
+        for block in self.program.blocks:
+            if self.program.straight:
+                self.lines.extend(source[at : block.line - 1])
+                at = block.line
+                text, words = evaluated(block, self.digits(block.modal)) if self._freeze else (block.text, block.words)
+                self._block(block, WrittenLine(text, words))
+            else:
+                text, words = flatten(block, self.digits(block.modal))
+                if text or not block.text.strip():
+                    self._block(block, WrittenLine(text, words))
+        if self.program.straight:
+            self.lines.extend(source[at:])
+        return self.lines
+
+    def _block(self, block: Block, line: WrittenLine) -> None:
+        if block.motion_count == 0:
+            self.hold_feed(line, block.modal, 0.0, 1.0)
+            self._still(block, line)
+            return
+        motion = self.program.motions[block.first_motion]
+        self.begin(block.first_motion, motion)
+        if block.cycle or block.motion_count > 1:
+            self._cycle(block, line)
+        else:
+            self._expanding = False
+            if motion.kind == "dwell":
+                self.hold_feed(line, block.modal, 0.0, 1.0)
+                self._relieve(block.modal, block.first_motion, motion)
+                self.lines.append(line.render())
+                self.arrive(block.first_motion, motion)
+            elif motion.kind == "arc":
+                index = block.first_motion
+                share = self.rows.share_of(int(self.rows.first[index]), int(self.rows.last[index]))
+                self.hold_feed(line, block.modal, motion.feed_m_s, share)
+                emit_arc(self, block, line, block.first_motion, motion)
+            else:
+                self._straight(block, line, block.first_motion, motion)
+
+    # ---- kinds of blocks -------------------------------------------------------------------------------------
+
+    def _still(self, block: Block, line: WrittenLine) -> None:
+        """A block without motion; origin settings and targets that say where the tool stands follow the offset."""
+        codes = {w.value for w in line.words if w.letter == "G"}
+        axes = [w for w in line.words if w.letter in AXES]
+        level = line.find("L")
+        at_tool = 92.0 in codes or (10.0 in codes and level is not None and level.value == 20.0)
+        moved = self.inherits(block.modal)
+        if axes and moved and at_tool:
+            for word in axes:
+                value = word.value + self.off[AXES.index(word.letter)] / block.modal.unit_m
+                line.replace(word, word.letter + number(value, self.digits(block.modal) + 2))
+            self.completed_blocks += 1
+        elif axes and not codes & _NO_TARGET and block.modal.motion in ("G0", "G1", "G2", "G3"):
+            stated = self.state_motion(block, line, block.modal.motion)
+            if moved and block.modal.absolute:
+                for word in axes:
+                    text, _ = self.target(block.modal, AXES.index(word.letter), self.current(AXES.index(word.letter)))
+                    line.replace(word, word.letter + text)
+            self.completed_blocks += stated or (moved and block.modal.absolute)
+        elif 53.0 in codes:
+            self.completed_blocks += self.state_motion(block, line, block.modal.motion)
+        if self.motion_word(line) is not None:
+            self.written_motion = None
+            self._expanding = False
+        self.lines.append(line.render())
+
+    def _straight(self, block: Block, line: WrittenLine, index: int, motion: Motion) -> None:
+        modal, rows = block.modal, self.rows
+        corrected, inherits = bool(rows.moved[index]), self.inherits(modal)
+        completed = self.state_motion(block, line, block.modal.motion)
+        first, last = int(rows.first[index]), int(rows.last[index])
+        if not corrected and not inherits:
+            self.keep(line, modal)
+            self.hold_feed(line, modal, motion.feed_m_s, 1.0)
+        else:
+            self.check_words(block, motion)
+            shift = rows.shift[last] if last >= 0 else np.array(self.off)
+            inner = np.flatnonzero(rows.vertex[first:last]) + first if motion.kind == "feed" and last > first else ()
+            if len(inner):
+                self._split(block, line, index, motion, [int(row) for row in inner])
+                return
+            start = self.here()
+            self.set_end(line, block, motion, shift)
+            self.hold_feed(line, modal, motion.feed_m_s, self._whole_factor(first, last, start) if corrected else 1.0)
+            completed = not corrected and line.changed
+        self.completed_blocks += completed
+        self.lines.append(line.render())
+        self.arrive(index, motion)
+        if motion.kind == "feed":
+            self.checked[first : last + 1] = True
+
+    def _whole_factor(self, first: int, last: int, start: Float) -> float:
+        """Feed factor of a corrected motion that stays one block."""
+        if last < 0:
+            return 1.0
+        nominal = float(self.rows.way[last] - self.rows.way[first - 1])
+        factor = float(feed_factor(np.array([nominal]), np.array([np.linalg.norm(self.here() - start)]))[0])
+        return factor * self.rows.share_of(first, last)
+
+    def _split(self, block: Block, line: WrittenLine, index: int, motion: Motion, inner: list[int]) -> None:
+        """One straight motion as several blocks; the first is the source's own line."""
+        modal, rows = block.modal, self.rows
+        first, last = int(rows.first[index]), int(rows.last[index])
+        stop = self.stop_word(line)
+        steps = [*inner, last]
+        travel = np.linalg.norm(np.diff(rows.command[[first - 1, *steps]], axis=0), axis=1)
+        factors = feed_factor(np.diff(rows.way[[first - 1, *steps]]), travel)
+        factors = factors * [rows.share_of(a + 1, b) for a, b in itertools.pairwise([first - 1, *steps])]
+        feeds = self.feeds(line, modal, self._shares(float(rows.way[first - 1]), rows.way[steps], travel))
+        prefix = "G53 G1" if any(w.letter == "G" and w.value == 53.0 for w in line.words) else "G1"
+        for step, row in enumerate(steps):
+            if step == 0:
+                self.go(line, modal, rows.command[row])
+                self.hold_feed(line, modal, motion.feed_m_s, float(factors[0]))
+                self.lines.append(line.render())
+            else:
+                held = self.hold_feed(None, modal, motion.feed_m_s, float(factors[step]))
+                self.lines.append(prefix + self.added(modal, rows.command[row]) + feeds[step] + held)
+            self.written[row] = self.here()
+        self.off = [self.current(axis) - float(motion.p_end[axis]) for axis in range(3)]
+        self.arrive(index, motion)
+        self.checked[first : last + 1] = True
+        if stop:
+            self.lines.append(stop)
+        self.split_motions += 1
+        self.vertices_added += len(inner)
+
+    def _relieve(self, modal: Modal, index: int, motion: Motion) -> None:
+        """Before a dwell, go to where it is planned; that lies along the tool axis, see :class:`MotionRows`."""
+        last = int(self.rows.last[index])
+        if last < 1 or modal.feed_mode == 93:
+            return
+        planned = self.rows.command[last]
+        if float(np.linalg.norm(planned - self.rows.command[int(self.rows.first[index]) - 1])) == 0.0:
+            return
+        words = self.added(modal, planned)
+        if words:
+            self.lines.append("G1" + words)
+            self.written_motion = "G1"
+            self.vertices_added += 1
+        self.off = [self.current(axis) - float(motion.p_end[axis]) for axis in range(3)]
+
+    # ---- canned cycles ---------------------------------------------------------------------------------------
+
+    def _cycle(self, block: Block, line: WrittenLine) -> None:
+        """A canned cycle or homing block: as it is when nothing of it is corrected, else as single moves.
+
+        Once one is written out, the rest of the run is too: words and the level to return to (G98) are those of the
+        first cycle of a run.
+        """
+        indices = range(block.first_motion, block.first_motion + block.motion_count)
+        modal, motions = block.modal, self.program.motions
+        fastest = max(indices, key=lambda i: motions[i].feed_m_s)
+        share = self.rows.share_of(int(self.rows.first[fastest]), int(self.rows.last[fastest]))
+        self.hold_feed(line, modal, motions[fastest].feed_m_s, share)
+        homing = any(w.letter == "G" and w.value in (28.0, 30.0) for w in line.words)
+        moved = any(bool(self.rows.moved[i]) for i in indices)
+        if homing and not moved:
+            self.off = [0.0, 0.0, 0.0]
+        elif moved or self.inherits(modal) or (self._expanding and not homing):
+            self._expand(block, line, indices)
+            return
+        self.completed_blocks += self.state_motion(block, line, block.modal.motion)
+        self._expanding = False
+        self.lines.append(line.render())
+        for i in indices:
+            self.arrive(i, motions[i])
+
+    def _expand(self, block: Block, line: WrittenLine, indices: range) -> None:
+        for word in line.words:
+            if word.letter in "XYZRLPQIJK" or (word.letter == "G" and (word.value in MOTION_CODES | {28.0, 30.0})):
+                line.remove(word)
+        stop = self.stop_word(line)
+        rest = line.render().strip()
+        if rest:
+            self.lines.append(rest)
+        self.lines.append(f"({block.modal.motion} written out)")
+        turning = block.modal.spindle_rpm != 0.0
+        for i in indices:
+            motion = self.program.motions[i]
+            self.begin(i, motion)
+            turning = self._spindle(block, turning, motion.spindle_rad_s != 0.0)
+            first, last = int(self.rows.first[i]), int(self.rows.last[i])
+            if motion.kind == "dwell":
+                self._relieve(block.modal, i, motion)
+                self.lines.append(f"G4 P{number(motion.duration_s, 3)}")
+            else:
+                code = "G0" if motion.kind == "rapid" else "G1"
+                inner = np.flatnonzero(self.rows.vertex[first:last]) + first if motion.kind == "feed" else ()
+                for row in inner:
+                    self.lines.append(code + self.added(block.modal, self.rows.command[row]))
+                    self.written[row] = self.here()
+                shift = self.rows.shift[last] if last >= 0 else np.array(self.off)
+                words = self.added(block.modal, np.asarray(motion.p_end) + shift)
+                if words:
+                    self.lines.append(code + words)
+                    self.written_motion = code
+                if motion.kind == "feed":
+                    self.checked[first : last + 1] = True
+            self.off = [self.current(axis) - float(motion.p_end[axis]) for axis in range(3)]
+            self.arrive(i, motion)
+        self._spindle(block, turning, block.modal.spindle_rpm != 0.0)
+        if stop:
+            self.lines.append(stop)
+        self._expanding = True
+        self.cycles_expanded += 1
+
+    def _spindle(self, block: Block, turning: bool, wanted: bool) -> bool:
+        """Stop or restart the spindle inside a cycle (G86)."""
+        if turning != wanted:
+            self.lines.append("M5" if not wanted else "M4" if block.modal.spindle_rpm < 0.0 else "M3")
+        return wanted

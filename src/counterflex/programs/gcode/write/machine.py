@@ -1,0 +1,256 @@
+"""Where the machine stands while a written program runs, and the words that take it elsewhere."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float
+from counterflex.core.errors import ProgramError
+from counterflex.core.units import INCH
+from counterflex.programs.gcode.write.written_line import AXES, WrittenLine, number
+from counterflex.programs.motion_rows import MotionRows
+from counterflex.programs.program import Block, Modal, Motion, Program, Word
+
+MOTION_CODES: Final = frozenset(
+    (0.0, 1.0, 2.0, 3.0, 33.0, 38.2, 38.3, 38.4, 38.5, 73.0, 76.0, 80.0, 81.0, 82.0, 83.0, 84.0, 85.0, 86.0, 87.0, 88.0)
+) | {89.0}
+LEAST_FEED_CHANGE: Final = 0.01
+"""Change of feed that is worth a word."""
+_STOPS: Final = frozenset((0.0, 1.0, 2.0, 30.0, 60.0))
+
+
+class WrittenMachine:
+    """Position and modal motion of the machine at each block of the written program, and the counts of the result.
+
+    The offset ``off`` is the written minus the nominal position of the source at the same block, in m; an axis that
+    was never moved has exactly zero. It is what later blocks inherit where they leave out a word, count from the
+    current position (G91) or set the origin there (G92).
+
+    Args:
+        program: As read.
+        rows: The compensated path by motion.
+        tolerance_m: Bound for straight pieces and arcs.
+        decimals: Of written words in mm programs.
+    """
+
+    def __init__(self, program: Program, rows: MotionRows, tolerance_m: float, decimals: int) -> None:
+        self.program = program
+        self.rows = rows
+        self.tolerance_m = tolerance_m
+        self._decimals = decimals
+        self.lines: list[str] = []
+        self.off = [0.0, 0.0, 0.0]
+        self.nominal: list[float] = list(map(float, program.motions[0].p_start)) if program.motions else [0.0] * 3
+        self.written_motion: str | None = None
+        self.written: Float = np.full((len(rows.way), 3), np.nan)
+        self.checked: Bool = np.zeros(len(rows.way), dtype=np.bool_)
+        self.arc_error_m = 0.0
+        self.split_motions = self.vertices_added = 0
+        self.arcs_kept = self.arcs_split = self.arcs_as_lines = self.radius_replaced = 0
+        self.completed_blocks = self.cycles_expanded = 0
+        self.feed_written = 1.0
+
+    # ---- positions and numbers -------------------------------------------------------------------------------
+
+    def digits(self, modal: Modal) -> int:
+        """Decimals of a written word in the units of a block."""
+        return self._decimals + (modal.unit_m == INCH)
+
+    def stand(self, p: Float) -> None:
+        """Set the nominal position; the offset stays."""
+        self.nominal = p.tolist()
+
+    def begin(self, index: int, motion: Motion) -> None:
+        """A motion starts; where the source jumps to its start (another tool length), the offset goes along."""
+        self.stand(motion.p_start)
+        start = int(self.rows.first[index]) - 1
+        if self.rows.last[index] >= 0 and math.isnan(self.written[start, 0]):
+            self.written[start] = self.here()
+
+    def current(self, axis: int) -> float:
+        """Written position on one axis, m."""
+        return self.nominal[axis] + self.off[axis]
+
+    def here(self) -> Float:
+        """Written position, (3,) m."""
+        return np.array([self.current(0), self.current(1), self.current(2)])
+
+    def inherits(self, modal: Modal) -> bool:
+        """Whether the written position differs from the source's by more than rounding."""
+        x, y, z = self.off
+        if x == 0.0 and y == 0.0 and z == 0.0:
+            return False
+        half = 0.5 * modal.unit_m * 10.0 ** -self.digits(modal)
+        return abs(x) > half or abs(y) > half or abs(z) > half
+
+    def arrive(self, index: int, motion: Motion) -> None:
+        """The motion's end is reached; ``off`` is already that at the end."""
+        self.stand(motion.p_end)
+        last = self.rows.last[index]
+        if last >= 0:
+            self.written[last] = self.here()
+            self.checked[last] = True
+
+    def target(self, modal: Modal, axis: int, target: float) -> tuple[str, float]:
+        """Word value for a target on one axis, and the position it leads to."""
+        digits = self.digits(modal)
+        base = modal.p_part_origin[axis] if modal.absolute else self.current(axis)
+        value = round((target - base) / modal.unit_m, digits)
+        return number(value, digits), base + value * modal.unit_m
+
+    def changes(self, modal: Modal, axis: int, target: float) -> bool:
+        """Whether a target differs from the written position by more than rounding."""
+        return abs(target - self.current(axis)) > 0.5 * modal.unit_m * 10.0 ** -self.digits(modal)
+
+    def check_words(self, block: Block, motion: Motion) -> None:
+        """Corrected blocks must lead to their target by their own words, else an edit would go elsewhere."""
+        modal = block.modal
+        ends = motion.p_end.tolist()
+        bases = modal.p_part_origin if modal.absolute else motion.p_start.tolist()
+        for word in block.words:
+            axis = AXES.find(word.letter)
+            if axis >= 0 and abs(bases[axis] + word.value * modal.unit_m - ends[axis]) > 1e-7:
+                raise ProgramError(
+                    "a corrected block does not lead to its target by its own words",
+                    where=f"{self.program.name}:{block.line}:{word.start + 1}",
+                    value=block.text.strip(),
+                    hint="Write the motion in the work coordinate system (no machine coordinates, no polar words)",
+                )
+        if motion.abc_start != motion.abc_end:
+            raise ProgramError(
+                "a motion that turns a rotary axis cannot be corrected",
+                where=f"{self.program.name}:{block.line}:1",
+                value=block.text.strip(),
+            )
+
+    def keep(self, line: WrittenLine, modal: Modal) -> None:
+        """A line that stays as it is: absolute words lead to the nominal position, everything else keeps its offset."""
+        if modal.absolute:
+            for axis in range(3):
+                if self.off[axis] != 0.0 and line.find(AXES[axis]) is not None:
+                    self.off[axis] = 0.0
+
+    def set_end(self, line: WrittenLine, block: Block, motion: Motion, shift: Float) -> None:
+        """Edit the axis words of a line so that it leads to the end of a motion plus ``shift``."""
+        modal = block.modal
+        ends, moves = motion.p_end.tolist(), shift.tolist()
+        for axis in range(3):
+            word = line.find(AXES[axis])
+            end, move = ends[axis], moves[axis]
+            if word is not None and move == 0.0 and (modal.absolute or self.off[axis] == 0.0):
+                reached = end
+            elif word is None and not self.changes(modal, axis, end + move):
+                reached = self.current(axis)
+            else:
+                text, reached = self.target(modal, axis, end + move)
+                line.set(AXES[axis], text)
+            self.off[axis] = reached - end
+        self.stand(motion.p_end)
+
+    def added(self, modal: Modal, p: Float) -> str:
+        """Words of an added block to ``p``; only axes that move. The position is there afterwards."""
+        words = []
+        for axis in range(3):
+            if self.changes(modal, axis, float(p[axis])):
+                text, reached = self.target(modal, axis, float(p[axis]))
+                words.append(" " + AXES[axis] + text)
+                self.off[axis] += reached - self.current(axis)
+        return "".join(words)
+
+    def go(self, line: WrittenLine, modal: Modal, p: Float) -> None:
+        """Edit the axis words of a line so that it leads to ``p``. The position is there afterwards."""
+        for axis in range(3):
+            if line.find(AXES[axis]) is not None or self.changes(modal, axis, float(p[axis])):
+                text, reached = self.target(modal, axis, float(p[axis]))
+                line.set(AXES[axis], text)
+                self.off[axis] += reached - self.current(axis)
+
+    # ---- modal motion ----------------------------------------------------------------------------------------
+
+    @staticmethod
+    def motion_word(line: WrittenLine) -> Word | None:
+        """The motion word of a line, or None."""
+        for word in line.words:
+            if word.letter == "G" and word.value in MOTION_CODES:
+                return word
+        return None
+
+    def state_motion(self, block: Block, line: WrittenLine, code: str) -> bool:
+        """Write the motion word where the line has none and another one than ``code`` is active."""
+        active = self.written_motion or block.modal.motion
+        missing = active != code and self.motion_word(line) is None
+        if missing:
+            line.lead(code)
+        self.written_motion = None
+        return missing
+
+    def stop_word(self, line: WrittenLine) -> str | None:
+        """Take a program stop out of a line that gets followers; it acts behind the motion."""
+        for word in line.words:
+            if word.letter == "M" and word.value in _STOPS:
+                line.remove(word)
+                return f"M{int(word.value)}"
+        return None
+
+    def feeds(self, line: WrittenLine, modal: Modal, shares: list[float]) -> list[str]:
+        """Feed words of the pieces of a block: none, except in inverse time, where each has its share of the time."""
+        feed = line.find("F")
+        if modal.feed_mode != 93 or feed is None:
+            return [""] * len(shares)
+        words = [" F" + number(feed.value / share, 4) for share in shares]
+        line.replace(feed, words[0].strip())
+        return words
+
+    def hold_feed(self, line: WrittenLine | None, modal: Modal, feed_m_s: float, factor: float) -> str:
+        """Keep the programmed feed of the tool relative to the part; in units per minute (G94) only.
+
+        A corrected piece is longer or shorter than what the loaded tool covers in the part. At the programmed feed the
+        chips would get thinner there and the force another one than planned, so F is multiplied by commanded over
+        nominal length. A following piece without that factor gets the programmed feed back.
+
+        Args:
+            line: Line that gets the word where it is needed; or None for an added line.
+            modal: Its modes.
+            feed_m_s: Programmed feed; 0 where the block has no feed motion.
+            factor: See :func:`feed_factor`.
+
+        Returns:
+            The word with a blank before it, for an added line, perhaps empty.
+        """
+        if modal.feed_mode != 94:
+            return ""
+        if line is not None and line.find("F") is not None:
+            self.feed_written = 1.0
+        if feed_m_s <= 0.0 or abs(factor / self.feed_written - 1.0) <= LEAST_FEED_CHANGE:
+            return ""
+        self.feed_written = factor
+        text = number(feed_m_s * 60.0 / modal.unit_m * factor, 4 if factor == 1.0 else 1)
+        if line is not None:
+            line.set("F", text)
+        return " F" + text
+
+    @staticmethod
+    def _shares(start: float, ways: Float, steps: Float) -> list[float]:
+        """Share of the motion's time for each piece, at the speed of the whole; even where the motion has no length.
+
+        A piece without nominal length (the correction is taken back) gets what its commanded length takes, in addition.
+
+        Args:
+            start: Nominal length at the start of the motion.
+            ways: (k,) nominal length at the end of each piece.
+            steps: (k,) commanded length of each piece.
+        """
+        total = float(ways[-1]) - start
+        if total <= 0.0:
+            return [1.0 / len(ways)] * len(ways)
+        pieces = np.diff(np.concatenate([[start], ways]))
+        return [max(float(d if d > 0.0 else step) / total, 1e-6) for d, step in zip(pieces, steps, strict=True)]
+
+    def reach(self, line: WrittenLine | None, modal: Modal, axis: int, target: float) -> float:
+        """Position that :meth:`go` (with its line) or :meth:`added` (None) leads to on one axis."""
+        if self.changes(modal, axis, target) or (line is not None and line.find(AXES[axis]) is not None):
+            return self.target(modal, axis, target)[1]
+        return self.current(axis)

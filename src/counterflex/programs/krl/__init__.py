@@ -1,0 +1,1 @@
+"""KUKA KRL: compensated programs, and programs whose path RSI corrects."""

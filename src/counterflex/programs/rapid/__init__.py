@@ -1,0 +1,1 @@
+"""ABB RAPID: compensated programs, and programs whose path EGM corrects or streams."""

@@ -1,0 +1,1 @@
+"""Beckhoff ADS over TCP: frames, and the client of a TwinCAT."""

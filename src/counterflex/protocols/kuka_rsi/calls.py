@@ -1,0 +1,172 @@
+"""What a KRL program does with RSI: the calls in order, the motions between them, what it writes for the sensor."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+from counterflex.core.errors import FileFormatError
+from counterflex.core.similar import missing_file
+from counterflex.protocols.kuka_rsi.context import decimal
+
+Mode = Literal["absolute", "relative"]
+_MOTION: Final = re.compile(r"(PTP_REL|PTP|LIN_REL|LIN|CIRC_REL|CIRC|SPTP|SLIN|SCIRC|SPL|SPLINE)\b", re.IGNORECASE)
+_CALL: Final = re.compile(r"\b(RSI_[A-Z0-9_]+)\s*\(([^()]*)\)", re.IGNORECASE)
+_WRITTEN: Final = re.compile(r"(\$(?:SEN_PREA|SEN_PINT|OUT|FLAG)\[\s*\d+\s*\])\s*=(?!=)\s*(.*)", re.IGNORECASE)
+_ROUTINE: Final = re.compile(r"(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+(\w+)\s*\(", re.IGNORECASE)
+_OPENS: Final = re.compile(r"(IF\b.*\bTHEN\b|CASE\b|DEFAULT\b)", re.IGNORECASE)
+_CLOSES: Final = re.compile(r"(ENDIF|ENDSWITCH)\b", re.IGNORECASE)
+_INTERRUPT: Final = re.compile(r"(?:GLOBAL\s+)?INTERRUPT\s+DECL\b", re.IGNORECASE)
+_NAMED: Final = re.compile(r"(\w+)\s*\(([^()]*)\)\s*$")
+
+
+@dataclass(frozen=True)
+class Statement:
+    """Something that matters to RSI.
+
+    Attributes:
+        line: Number in the file, from 1.
+        what: ``RSI_ON``, ``LIN``, ``HALT``, ``WAIT``, ``WHILE`` (also REPEAT: a loop on a condition), ``INTERRUPT``,
+            ``CALL``, ``WRITE``, ``RSIOK``.
+        arguments: Of a call; name and arguments of a called routine; variable that is written, and what with; the
+            line of a condition, in capitals and without blanks.
+        guarded: It stands inside IF or CASE.
+        result: Variable that takes the result of a call, or empty.
+    """
+
+    line: int
+    what: str
+    arguments: tuple[str, ...] = ()
+    guarded: bool = False
+    result: str = ""
+
+
+@dataclass(frozen=True)
+class RsiCalls:
+    """The main routine of a KRL program, as RSI sees it.
+
+    Attributes:
+        statements: In the order of the file.
+        where: Path, for messages.
+    """
+
+    statements: tuple[Statement, ...]
+    where: str = ""
+
+    def first(self, what: str) -> Statement | None:
+        """First statement of a kind, or None."""
+        return next((item for item in self.statements if item.what == what), None)
+
+    @property
+    def mode(self) -> Mode | None:
+        """What RSI_ON asks for; None without RSI_ON. Where it does not say, the controller takes ABSOLUTE."""
+        on = self.first("RSI_ON")
+        if on is None:
+            return None
+        return "relative" if any(word.upper() == "#RELATIVE" for word in on.arguments) else "absolute"
+
+    @property
+    def cycle_ms(self) -> int:
+        """12 for #IPO, else 4."""
+        on = self.first("RSI_ON")
+        return 12 if on is not None and any(word.upper() == "#IPO" for word in on.arguments) else 4
+
+    def between(self, begin: str, end: str) -> tuple[Statement, ...]:
+        """Statements after the first ``begin`` and before the next ``end`` (or up to the end of the routine)."""
+        found: list[Statement] = []
+        inside = False
+        for item in self.statements:
+            if inside and item.what == end:
+                break
+            if inside:
+                found.append(item)
+            inside = inside or item.what == begin
+        return tuple(found)
+
+    def public_parameters(self) -> dict[tuple[str, str], tuple[float | None, int]]:
+        """What RSI_SETPUBLICPAR sets: value (None where it is computed) and line by object and parameter."""
+        found: dict[tuple[str, str], tuple[float | None, int]] = {}
+        for item in self.statements:
+            if item.what == "RSI_SETPUBLICPAR" and len(item.arguments) == 4:
+                name, parameter = (text.strip('"') for text in item.arguments[1:3])
+                found[name, parameter] = (decimal(item.arguments[3]), item.line)
+        return found
+
+
+def read_calls(path: str | Path) -> RsiCalls:
+    """Read a KRL program (``.src``).
+
+    Raises:
+        FileFormatError: Missing, or no KRL program.
+    """
+    file = Path(path)
+    try:
+        text = file.read_bytes().decode("latin-1")
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
+    return parse_calls(text, str(file))
+
+
+def parse_calls(text: str, where: str) -> RsiCalls:
+    """Read the first routine of a KRL text. Raises as :func:`read_calls`."""
+    found: list[Statement] = []
+    inside, depth = False, 0
+    for number, raw in enumerate(text.splitlines(), start=1):
+        line = raw.split(";")[0].strip()
+        if not inside:
+            inside = bool(_ROUTINE.match(line))
+            continue
+        if line.upper() in ("END", "ENDFCT"):
+            break
+        if _CLOSES.match(line):
+            depth = max(0, depth - 1)
+            continue
+        if "RSIOK" in line.upper():
+            found.append(Statement(number, "RSIOK"))
+        if re.match(r"SWITCH\b", line, re.IGNORECASE) or (_OPENS.match(line) and line.upper().startswith("IF")):
+            depth += 1
+        found += _statements(line, number, depth > 0)
+    if not inside:
+        raise FileFormatError("not a KRL program: no DEF NAME( )", where=where)
+    return RsiCalls(tuple(found), where)
+
+
+def _statements(line: str, number: int, guarded: bool) -> list[Statement]:
+    found = []
+    for call in _CALL.finditer(line):
+        arguments = tuple(word.strip() for word in call[2].split(",")) if call[2].strip() else ()
+        found.append(Statement(number, call[1].upper(), arguments, guarded, _result(line)))
+    if found:
+        return found
+    motion = _MOTION.match(line)
+    if motion:
+        return [Statement(number, motion[1].upper(), (), guarded)]
+    if line.upper() == "HALT":
+        return [Statement(number, "HALT", (), guarded)]
+    if re.match(r"WAIT\s+FOR\b", line, re.IGNORECASE):
+        return [Statement(number, "WAIT", (_condition(line),), guarded)]
+    if re.match(r"(WHILE|REPEAT)\b", line, re.IGNORECASE):
+        return [Statement(number, "WHILE", (_condition(line),), guarded)]
+    if _INTERRUPT.match(line):
+        return [Statement(number, "INTERRUPT", (_condition(line),), guarded)]
+    written = _WRITTEN.match(line)
+    if written:
+        return [Statement(number, "WRITE", (re.sub(r"\s", "", written[1]).upper(), written[2].strip()), guarded)]
+    called = _NAMED.match(line)
+    if called is None:
+        return []
+    given = tuple(word.strip() for word in called[2].split(",")) if called[2].strip() else ()
+    return [Statement(number, "CALL", (called[1], *given), guarded)]
+
+
+def _condition(line: str) -> str:
+    return re.sub(r"\s", "", line).upper()
+
+
+def _result(line: str) -> str:
+    found = re.match(r"(\w+)\s*=", line)
+    return found[1] if found else ""

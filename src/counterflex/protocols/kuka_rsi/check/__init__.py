@@ -1,0 +1,1 @@
+"""Rules on an RSI set-up: ETHERNET file, context, wiring, program."""

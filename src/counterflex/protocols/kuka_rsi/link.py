@@ -1,0 +1,296 @@
+"""The sensor program's side of KUKA RSI: waits for telegrams, keeps the newest, answers it."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from counterflex.core.array_table import ArrayTable
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.protocols.kuka_rsi.answer_kernel import answer
+from counterflex.protocols.kuka_rsi.config import RsiConfig
+from counterflex.protocols.kuka_rsi.kernel import MISSING, OK
+from counterflex.protocols.kuka_rsi.pose_kernel import read_pose, read_stand
+from counterflex.protocols.kuka_rsi.telegram import LARGEST_DATAGRAM, answer_writer, robot_reader
+from counterflex.protocols.robot.port import Counters, RobotPort, Verdict
+from counterflex.protocols.robot.session_counter import SessionCounter
+from counterflex.runtime.plausibility.axis_check import ABOUT, ABSENT, EXACT
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import State
+
+_CURRENTS = tuple(f"MACur.A{i}" for i in range(1, 7))
+_COUNTER = re.compile(rb"<IPOC>\s*(\d{1,15})\s*</IPOC>")
+_MALFORMED, _NEW = Verdict.MALFORMED, Verdict.NEW
+
+
+class RsiLink:
+    """One RSI session from the sensor program's side.
+
+    Args:
+        config: The controller's ETHERNET configuration.
+        host: Address to listen on; loopback unless told otherwise.
+        port: None takes the one of the configuration; 0 a free one.
+        peer: Address and port of the controller, see :class:`RobotPort`.
+        period_s: Cycle of the controller.
+
+    Attributes:
+        counters: See :class:`Counters`.
+        elapsed: Cycles from the telegram before to the newest one, by its counter; 0 when none came.
+        restarted: The newest telegram belongs to another session than the one before.
+        enable: Free tag ``Enable`` of the robot program; True where the configuration has none.
+        clamped: The controller says that it limits the correction (free tag ``....Stat`` above 1).
+        holds_feed: The configuration has the tag ``FeedHold``.
+        job: Number of the job that the program says it is of: ``Enable`` above 1; 0: it says none.
+        commanded_is: Whether set angles come with a set pose or measured with measured ones (EXACT), or not (ABOUT).
+        measured_is: Likewise the measured pose; ABSENT without RIst.
+
+    Raises:
+        InputError: The configuration lacks what a correction needs.
+        OutputError: The port cannot be bound.
+    """
+
+    def __init__(
+        self,
+        config: RsiConfig,
+        *,
+        host: str = "127.0.0.1",
+        port: int | None = None,
+        peer: tuple[str, int] | None = None,
+        period_s: float = 4e-3,
+    ) -> None:
+        self.config = config
+        self._reader, self._writer = robot_reader(config), answer_writer(config, texts={"EStr": "counterflex"})
+        names = self._reader.names
+        pose = next((word for word in ("RSol", "RIst") if f"{word}.X" in names), None)
+        if pose is None:
+            raise InputError(
+                "the RSI configuration sends no pose", where=config.where, hint="Add DEF_RSol and DEF_RIst to SEND"
+            )
+        axes = next((word for word in ("ASPos", "AIPos") if f"{word}.A1" in names), None)
+        if axes is None:
+            raise InputError(
+                "the RSI configuration sends no axis angles", where=config.where, hint="Add DEF_ASPos to SEND"
+            )
+        self._nominal = self._reader.place(*(f"{pose}.{a}" for a in "XYZABC"))
+        self._axes = self._reader.place(*(f"{axes}.A{i}" for i in range(1, 7)))
+        self._actual = self._reader.place(*(f"RIst.{a}" for a in "XYZABC")) if "RIst.X" in names else None
+        set_angles = axes == "ASPos"
+        self.commanded_is = EXACT if set_angles == (pose == "RSol") else ABOUT
+        self.measured_is = ABSENT if self._actual is None else ABOUT if set_angles else EXACT
+        self._currents = self._reader.place(*_CURRENTS) if set(_CURRENTS) <= set(names) else None
+        self._delay = self._reader.place("Delay.D")[0] if "Delay.D" in names else -1
+        self._enable = self._reader.place("Enable")[0] if "Enable" in names else -1
+        self._stat = next((i for i, name in enumerate(names) if name.endswith(".Stat")), -1)
+        answers = self._writer.names
+        self._pose_out = (
+            self._writer.place(*(f"RKorr.{a}" for a in "XYZABC"))
+            if "RKorr.X" in answers and "RKorr.C" in answers
+            else None
+        )
+        word = next((w for w in ("AKorr", "AK") if f"{w}.A1" in answers), None)
+        self._axes_out = None if word is None else self._writer.place(*(f"{word}.A{i}" for i in range(1, 7)))
+        if self._pose_out is None and self._axes_out is None:
+            raise InputError(
+                "the RSI configuration takes in no correction",
+                where=config.where,
+                hint="Add RKorr.X to RKorr.C (wired to POSCORR) or AKorr.A1 to AKorr.A6 (AXISCORR) to RECEIVE",
+            )
+        self._override = self._place_of("Override")
+        self._line = SessionCounter(round(period_s * 1e3))
+        self._port = RobotPort(host, config.port if port is None else port, LARGEST_DATAGRAM, peer)
+        self.counters: Counters = self._port.counters
+        self.elapsed = 0
+        self.restarted = False
+        self.enable = False
+        self.clamped = False
+        self.job = 0
+        self._held: Float = np.zeros(len(names))
+        self._told = self._held.data  # the same, read faster
+        self.holds_feed = self._place_of("FeedHold") >= 0
+        places = [self._place_of("Stop"), self._place_of("FeedHold"), self._override, self._place_of("State")]
+        nowhere = np.zeros(0, dtype=np.int64)
+        self._table = ArrayTable(
+            (
+                self._writer.values,
+                nowhere if self._pose_out is None else self._pose_out,
+                nowhere if self._axes_out is None else self._axes_out,
+                np.array(places, dtype=np.int64),
+                *(self._writer.buffer, *self._writer.fixed, self._port.name),
+            )
+        )
+        self._empty = False
+        self._again: tuple[bool, bool, float, State] | None = None
+        self._kept: Float = np.zeros(6)
+        self._kept_axes = False
+        self._said = -1
+
+    def _place_of(self, name: str) -> int:
+        return self._writer.names.index(name) if name in self._writer.names else -1
+
+    @property
+    def cartesian(self) -> bool:
+        """Whether Cartesian corrections can be sent."""
+        return self._pose_out is not None
+
+    @property
+    def axis_specific(self) -> bool:
+        """Whether axis corrections can be sent."""
+        return self._axes_out is not None
+
+    @property
+    def tells_currents(self) -> bool:
+        """Whether motor currents come."""
+        return self._currents is not None
+
+    @property
+    def overriding(self) -> bool:
+        """Whether the speed of the program can be changed."""
+        return self._override >= 0
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for a telegram, then take all that are there and keep the newest good one.
+
+        Args:
+            timeout_s: Longest wait.
+
+        Returns:
+            Whether there is a telegram to be answered. :attr:`elapsed` says how many cycles passed.
+        """
+        self.elapsed, self.restarted = 0, False
+        found = self._port.wait(timeout_s, self._read)
+        if found:
+            self._count()
+        return found
+
+    def _read(self, length: int) -> Verdict:
+        status = self._reader.read(self._port.data, length)
+        if status not in (OK, MISSING) or (status == MISSING and self._reader.seen.any()):
+            self._say_again(length)
+            return _MALFORMED
+        verdict = self._line.judge(self._reader.counter)
+        if verdict is _NEW:
+            self._empty = status == MISSING
+            self._held[:] = self._reader.values
+        return verdict
+
+    def _say_again(self, length: int) -> None:
+        """Answer a telegram whose numbers cannot be read, but whose counter can: with what :meth:`repeat` was told.
+
+        It is no telegram for the loop. But a robot whose telegrams are unreadable without end must be told to stop.
+        """
+        if self._again is None:
+            return
+        found = _COUNTER.search(self._port.data[:length].tobytes())
+        counter = int(found.group(1)) if found is not None else -1
+        if not self._line.follows(counter) or counter == self._said:
+            return
+        self._said = counter
+        self.counters.repeated += 1
+        stop, feed_hold, override, state = self._again
+        kept, as_axes = self._kept, self._kept_axes
+        answer(self._table.rows, self._port.target, counter, kept, as_axes, stop, feed_hold, override, int(state))
+
+    def repeat(self, *, stop: bool, feed_hold: bool, override: float, state: State, silent: bool) -> None:
+        """What is said beside the correction that was sent last to telegrams that can only be answered, not read.
+
+        Args:
+            stop: Tell the controller to stop.
+            feed_hold: Ask for the feed to be held.
+            override: Speed of the program, 0..1.
+            state: What the loop is doing.
+            silent: Say nothing.
+        """
+        self._again = None if silent else (stop, feed_hold, override, state)
+
+    def _count(self) -> None:
+        counters = self.counters
+        self.elapsed, self.restarted = self._line.advance()
+        counters.lost += self.elapsed - 1
+        counters.telegrams += 1
+        if self._delay >= 0:
+            counters.late_at_robot = int(self._told[self._delay])
+        enable = 1.0 if self._enable < 0 else self._told[self._enable]
+        self.enable = enable > 0.5
+        self.job = int(enable + 0.5) if 1.5 < enable < 2**31 else 0
+        self.clamped = self._stat >= 0 and self._told[self._stat] > 1.5
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Where telegrams are expected."""
+        return self._port.address
+
+    @property
+    def counter(self) -> int:
+        """IPOC of the newest telegram, ms."""
+        return self._line.newest
+
+    @property
+    def empty(self) -> bool:
+        """The newest telegram holds nothing but its counter (a KR C2's first): answer it, do not use it."""
+        return self._empty
+
+    def fill(self, given: Float) -> None:
+        """Write commanded pose and axis angles of the newest telegram into the inputs of the step."""
+        read_stand(self._held, self._nominal, self._axes, given, at.G_NOMINAL, at.G_Q)
+
+    def fill_actual(self, given: Float) -> bool:
+        """Write the pose that the controller reports (encoders, nominal geometry) as measured; False without RIst."""
+        if self._actual is None:
+            return False
+        read_pose(self._held, self._actual, given, at.G_ACTUAL)
+        return True
+
+    def fill_reported(self, given: Float) -> bool:
+        """Write the pose that the controller itself reports (RIst: encoders, nominal geometry); False without one."""
+        if self._actual is None:
+            return False
+        read_pose(self._held, self._actual, given, at.G_REPORTED)
+        return True
+
+    def fill_currents(self, current: Float) -> bool:
+        """Write the motor currents (6,) MACur as they are sent: A, or % of the largest; False without them."""
+        if self._currents is None:
+            return False
+        np.take(self._held, self._currents, out=current)
+        return True
+
+    def answer(
+        self,
+        correction: Float,
+        axes: Float | None = None,
+        *,
+        stop: bool = False,
+        feed_hold: bool = False,
+        override: float = 1.0,
+        state: State = State.IDLE,
+    ) -> bool:
+        """Answer the newest telegram.
+
+        Args:
+            correction: (6,) m and rotation vector; ignored where ``axes`` are given.
+            axes: (6,) rad, axis corrections instead.
+            stop: Tell the controller to stop.
+            feed_hold: Ask the robot program to hold the feed, where the configuration has the tag.
+            override: Speed of the program, 0..1, where the configuration has the tag.
+            state: What the loop is doing, where the configuration has a tag ``State``.
+
+        Returns:
+            Whether an answer was sent: not, where a number cannot be written or nobody has asked yet.
+        """
+        fd = self._port.target
+        as_axes = axes is not None and self._axes_out is not None
+        sent: Float = axes if as_axes and axes is not None else correction
+        self._kept[:], self._kept_axes = sent, as_axes
+        self._again = stop, feed_hold, override, state
+        length = answer(self._table.rows, fd, self._line.newest, sent, as_axes, stop, feed_hold, override, int(state))
+        return length > 0 and (fd >= 0 or self._port.send(self._writer.buffer.data[:length]))
+
+    def forget(self) -> None:
+        """Another session may come from another port of the controller."""
+        self._port.forget()
+
+    def close(self) -> None:
+        """Free the port."""
+        self._port.close()

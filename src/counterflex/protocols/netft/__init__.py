@@ -1,0 +1,1 @@
+"""ATI Net F/T: records, scaling document, and the client."""

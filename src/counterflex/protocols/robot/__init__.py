@@ -1,0 +1,1 @@
+"""What the links of all robot controllers share: the UDP port, the session counter, the interface."""

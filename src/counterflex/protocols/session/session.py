@@ -1,0 +1,453 @@
+"""One online session: telegram in, sensors drained, step, answer out, record handed over. One cycle is one call.
+
+Order, fixed: drain to the newest, validate, sensors, step, answer, record. What is slow or can fail (files, logging,
+printing) is done by other processes.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.units import MS, NS
+from counterflex.geometry import pose
+from counterflex.protocols.processes.control_array import CONTROL, REQUESTS, Kept, Life, Request
+from counterflex.protocols.robot.link import RobotLink
+from counterflex.protocols.session.force_source import ForceSource
+from counterflex.protocols.session.record import write_record
+from counterflex.protocols.session.shared_status import Teller
+from counterflex.protocols.session.tare import Tare
+from counterflex.protocols.session.telegram_watch import TelegramWatch, WatchSettings
+from counterflex.protocols.tracker.kernel import tool_pose
+from counterflex.protocols.tracker.link import TrackerLink
+from counterflex.runtime import record_ring as record
+from counterflex.runtime.estimator.fusion import Source
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.plausibility.axis_check import ABSENT, AxisCheck
+from counterflex.runtime.record_ring import RecordRing
+from counterflex.runtime.sensing.motor_torque import MotorTorque
+from counterflex.runtime.sensing.sensor_wrench import SensorWrench
+from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
+from counterflex.runtime.settings import ForceMode, Output, TrackerMode
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.signals.arrival import ArrivalClock
+
+_FORGET_CYCLES = 10_000
+_FORGET_PEER_CYCLES = 250
+_IDLE, _READY, _ARMED = int(State.IDLE), int(State.READY), int(State.ARMED)
+_STATES = tuple(State)
+_RESTARTED, _CLAMPED = int(Cause.SESSION_RESTARTED), int(Cause.CLAMPED_BY_ROBOT)
+_SATURATED, _OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OFFSET)
+_INTERNAL, _LOG_LOST, _WRONG_JOB = int(Cause.INTERNAL), int(Cause.LOG_LOST), int(Cause.WRONG_JOB)
+_TRACKER_LOST, _FORCE_STALE = int(Cause.TRACKER_LOST), int(Cause.FORCE_STALE)
+_SCATTERED = int(Cause.TELEGRAMS_SCATTERED)
+_RUN_LOST = int(Cause.RUN_LOST)
+_LOG_LATE_ROWS = 125
+"""Records that may wait before the loop is armed: half a second."""
+_ARM, _STOP, _RESET = int(Request.ARM), int(Request.STOP), int(Request.RESET)
+_TAKEN, _TROUBLE = int(Kept.TAKEN), int(Kept.TROUBLE)
+_RUN, _GONE = int(Life.RUN_NS), int(Life.GONE)
+
+
+@dataclass(frozen=True)
+class SessionChecks:
+    """What must hold before the correction may be armed.
+
+    Attributes:
+        settle_cycles: Good telegrams in a row.
+        force_n: Largest force that the sensor may show after its weight is taken off, without a cut (R17).
+        moment_nm: Largest moment.
+        tare: Take what then remains as zero, over 0.2 s; what is too much is tried again until it is not.
+        hold_without_log: A log that is lost while the correction acts is a hold; else it is told, and goes on. It is
+            never armed without one.
+        job: Number of the job that the robot program must say it is of, where it says one
+            (:func:`counterflex.programs.job_mark.job_number`); 0: none, the program is not a compensated one.
+            None: not tested.
+        run_silent_s: The process that started the loop says many times a second that it lives; silent for so long it
+            counts as lost. Not tested where nobody has ever said so, and None: never, a robot that waits for every
+            answer has time. A process that has died is seen by the operating system, see
+            :class:`counterflex.protocols.processes.living.Living`.
+    """
+
+    settle_cycles: int = 60
+    force_n: float = 15.0
+    moment_nm: float = 5.0
+    tare: bool = True
+    hold_without_log: bool = False
+    job: int | None = None
+    run_silent_s: float | None = 0.08
+
+
+class OnlineSession:
+    """Ties links, sensors and loop together.
+
+    Args:
+        link: The robot.
+        loop: The step.
+        force: Force sensor, or None.
+        wrench: Its reading as process wrench; needed with ``force``.
+        inertia: Takes the inertia of the spindle out of it, or None.
+        currents: Torque of the motor currents that the robot sends, for the estimator; None leaves them.
+        angles: Holds the axis angles of each telegram against its poses; None: they are believed.
+        tracker: Tracker, or None.
+        T_part_tracker: (4, 4) tracker in the part frame; needed with ``tracker``.
+        T_target_tcp: (4, 4) tool tip in the tracker's target; needed with ``tracker``.
+        ring: Where records go, or None.
+        control: Of :class:`Request`, written by the operator's side, and where it is long enough (:data:`CONTROL`) of
+            all that :mod:`counterflex.protocols.processes.control_array` says; or None.
+        checks: See :class:`SessionChecks`.
+        watch: When telegrams are no longer good enough.
+        clock_ns: Monotonic clock; time of day is never used.
+
+    Attributes:
+        watch: See :class:`TelegramWatch`.
+        cycles: Telegrams answered or passed over in silence.
+        compute_ns: Time of the last cycle from the return of the receive call to the return of the send call.
+        trouble: What failed in the loop's own program, or empty; it is a fault until it is reset.
+    """
+
+    def __init__(
+        self,
+        link: RobotLink,
+        loop: Loop,
+        *,
+        force: ForceSource | None = None,
+        wrench: SensorWrench | None = None,
+        inertia: SpindleInertia | None = None,
+        currents: MotorTorque | None = None,
+        angles: AxisCheck | None = None,
+        tracker: TrackerLink | None = None,
+        T_part_tracker: Float | None = None,
+        T_target_tcp: Float | None = None,
+        ring: RecordRing | None = None,
+        control: Int | None = None,
+        checks: SessionChecks | None = None,
+        watch: WatchSettings | None = None,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.link, self.loop, self.force, self.tracker, self.ring = link, loop, force, tracker, ring
+        self._wrench, self._inertia, self._motors = wrench, inertia, currents
+        self._angles = angles
+        self._current_age = _FORGET_CYCLES
+        self._torque: Float = loop.given[at.G_TORQUE : at.G_TORQUE + 6]
+        self._q: Float = loop.given[at.G_Q : at.G_Q + 6]
+        self._w: Float = loop.given[at.G_W : at.G_W + 6]
+        self._flags, self._outcome = loop.flags.data, loop.outcome.data  # read faster than arrays
+        self._stand: Float = np.zeros(at.GIVEN)
+        self._commanded: Float = loop.given[at.G_NOMINAL : at.G_NOMINAL + 12]
+        self._reached: Float = self._stand[at.G_ACTUAL : at.G_ACTUAL + 12]
+        self._since = 0
+        self._T_part_tracker = np.eye(4) if T_part_tracker is None else np.ascontiguousarray(T_part_tracker)
+        self._T_target_tcp = np.eye(4) if T_target_tcp is None else np.ascontiguousarray(T_target_tcp)
+        self.control: Int = np.zeros(REQUESTS, dtype=np.int64) if control is None else control
+        self._checks = checks if checks is not None else SessionChecks()
+        self._axes = loop.settings.output == Output.AXES
+        self._fused = loop.settings.force == ForceMode.FUSED
+        self._needs_force = loop.settings.force in (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.SCALE)
+        self._needs_force |= self._fused and force is not None
+        self._needs_tracker = loop.settings.tracker != TrackerMode.NONE or (self._fused and tracker is not None)
+        self._sources = int(Source.FORCE) * (force is not None) | int(Source.TRACKER) * (tracker is not None)
+        self._sources |= int(Source.CURRENTS) * (currents is not None)
+        self._arrival = ArrivalClock(loop.settings.delays.tracker_s)
+        stale_s = loop.settings.fusion.tracker_stale_s if self._fused else 0.0
+        self._tracker_stale = max(loop.settings.stale_cycles, round(stale_s / loop.settings.period_s))
+        self._force_age = self._tracker_age = _FORGET_CYCLES
+        self.watch = TelegramWatch(loop.settings.period_s, watch)
+        self._clock_ns = clock_ns
+        self._tare = Tare(self._checks.force_n, self._checks.moment_nm, keep=self._checks.tare)
+        self._job = self._checks.job
+        silent_s = self._checks.run_silent_s
+        self._run_silent_ns = None if silent_s is None else round(silent_s * 1e9)
+        self._teller: Teller | None = None
+        if len(self.control) >= CONTROL:
+            self._teller = Teller(
+                self.control, loop, link.counters, self._tare, force=force is not None, tracker=tracker is not None
+            )
+        self.trouble = ""
+        self._time_zero_ns = clock_ns()
+        self._silent_cycles = self._repeated = 0
+        self._another, self._answered = False, True
+        self._repeat = getattr(link, "repeat", None)  # a link that cannot do it leaves it out
+        self.cycles = 0
+        self.compute_ns = 0
+
+    @property
+    def set_back(self) -> int:
+        """How often the tracker's clock was set back."""
+        return self._arrival.set_back
+
+    @property
+    def patience_s(self) -> float:
+        """How long to wait for the next telegram: until half a cycle after it is due, then a cycle each."""
+        period = self.loop.settings.period_s
+        return period if self._silent_cycles else 1.5 * period
+
+    def cycle(self, timeout_s: float) -> bool:
+        """Wait for a telegram and deal with it.
+
+        Args:
+            timeout_s: Longest wait.
+
+        Returns:
+            False where none came: the loop has then done a cycle without one, and nothing was sent.
+        """
+        return self.deal(self.link.wait(timeout_s))
+
+    def deal(self, came: bool) -> bool:
+        """Deal with the telegram that :attr:`link` took, or with a cycle in which none came.
+
+        Args:
+            came: There is a telegram.
+
+        Returns:
+            The same.
+        """
+        link, loop = self.link, self.loop
+        received = self._clock_ns()
+        given, flags, outcome = loop.given, self._flags, self._outcome
+        soft, hard = 0, 0
+        self._another = self._another or (came and link.restarted)
+        asked = came
+        if came and link.empty:  # says nothing of the robot
+            if outcome[at.O_STATE] <= _READY:
+                link.answer(loop.correction, loop.axes if self._axes else None)
+                return True
+            came = False  # once something is in force it stays in force, and is no telegram
+        flags[at.F_REPORTED] = 0
+        if came and self._another:
+            hard, self._another = _RESTARTED, False
+        if came:
+            link.fill(given)
+            flags[at.F_REPORTED] = int(link.fill_reported(given))
+        soft, hard = self._watch_telegrams(came, received, hard)
+        if came and self._angles is not None:
+            soft = self._watch_angles(self._angles) or soft
+        self._since += link.elapsed if came else 0
+        new = 0
+        try:
+            soft, hard = self._read_force(soft, hard)
+            new = self._read_tracker(given)
+            self._read_currents(came)
+        except Exception as fault:  # whatever it is: the robot is told to stop, not left with what stood last
+            self._failed(fault)
+        if link.clamped and soft == 0:
+            soft = _CLAMPED
+        soft, hard = self._watch_program(soft, hard, received)
+        if soft == 0 and outcome[at.O_STATE] <= _READY:
+            soft = self._lacking()
+        control = self.control
+        flags[at.F_ELAPSED] = link.elapsed if came else 0
+        flags[at.F_FORCE_AGE] = self._force_age if self._needs_force or self.force is None else 0
+        flags[at.F_TRACKER_NEW], flags[at.F_TRACKER_AGE] = new, self._tracker_age
+        flags[at.F_HEALTHY] = self._healthy()
+        flags[at.F_ARM], flags[at.F_STOP] = control[_ARM], control[_STOP]
+        flags[at.F_RESET] = control[_RESET]
+        flags[at.F_ENABLE] = int(link.enable) if came else flags[at.F_ENABLE]
+        flags[at.F_SOFT], flags[at.F_HARD] = soft, hard
+        flags[at.F_SOURCES], flags[at.F_CURRENT_AGE] = self._sources, self._current_age
+        loop.run()
+        if outcome[at.O_STATE] >= _ARMED:  # served, or overtaken by what happened: it must not arm later by itself
+            control[_ARM] = 0
+        if control[_RESET]:
+            self._reset()
+        self._let_go(bool(control[_RESET]))
+        control[_RESET] = 0
+        if came:
+            self._answered = not outcome[at.O_SILENT]
+        if asked and not outcome[at.O_SILENT]:
+            try:
+                link.answer(
+                    loop.correction,
+                    loop.axes if self._axes else None,
+                    stop=bool(outcome[at.O_STOP]),
+                    feed_hold=bool(outcome[at.O_FEED_HOLD]),
+                    state=_STATES[outcome[at.O_STATE]],
+                    override=loop.monitor.speed,
+                )
+            except Exception as fault:  # a fault in the next cycle; the controller keeps what it has
+                self._failed(fault)
+        elif self._repeat is not None:
+            self._repeat(
+                stop=bool(outcome[at.O_STOP]),
+                feed_hold=bool(outcome[at.O_FEED_HOLD]),
+                override=loop.monitor.speed,
+                state=_STATES[outcome[at.O_STATE]],
+                silent=bool(outcome[at.O_SILENT]),
+            )
+        sent = self._clock_ns()
+        self.compute_ns = sent - received
+        self.cycles += int(came)
+        if self.ring is not None:
+            write_record(self.ring, link, loop, self.force, received, sent)
+        if self._teller is not None:
+            self._teller.tell(
+                sent,
+                came=came,
+                cycles=self.cycles,
+                clock_jumps=self.watch.clock_jumps,
+                set_back=self.set_back,
+                force_age=self._force_age,
+                tracker_age=self._tracker_age,
+            )
+        return came
+
+    def _watch_telegrams(self, came: bool, received: int, hard: int) -> tuple[int, int]:
+        link, watch = self.link, self.watch
+        counters = link.counters
+        self._silent_cycles = 0 if came else self._silent_cycles + 1
+        if not came:
+            return watch.silent(counters.malformed_in_a_row)
+        if hard == _RESTARTED:
+            watch.restart()
+        soft, found = watch.came(
+            link.elapsed,
+            link.counter,
+            received,
+            counters.late_at_robot,
+            counters.malformed_in_a_row,
+            answered=self._answered,
+            repeated=counters.repeated - self._repeated,
+        )
+        self._repeated = counters.repeated
+        return soft, hard or found
+
+    def _watch_angles(self, angles: AxisCheck) -> int:
+        """Cause of a hold where angles and poses of the telegram disagree: before a sensor is read by the angles."""
+        link = self.link
+        told = link.measured_is != ABSENT and link.fill_actual(self._stand)
+        return angles(
+            self._q,
+            self._commanded,
+            self.loop.correction,
+            learn=self._outcome[at.O_STATE] <= _READY,
+            commanded_is=link.commanded_is,
+            measured=self._reached if told else None,
+            measured_is=link.measured_is,
+        )
+
+    def _watch_program(self, soft: int, hard: int, now_ns: int) -> tuple[int, int]:
+        """What is wrong on this side: the loop's own program, the job, the log, the other processes of the run."""
+        if self.trouble and hard == 0 and not self.control[_RESET]:
+            hard = _INTERNAL
+        armed = self._outcome[at.O_STATE] > _ARMED
+        if self._job is not None and self.link.job not in (0, self._job):
+            if armed:
+                hard = hard or _WRONG_JOB
+            else:
+                soft = soft or _WRONG_JOB
+        if soft == 0 and self.ring is not None and len(self.control) >= CONTROL and self._log_lost(armed):
+            soft = _LOG_LOST
+        if self._teller is not None and self._run_lost(now_ns):
+            soft = _RUN_LOST  # before all else: nobody may be there to see what else is wrong
+        return soft, hard
+
+    def _run_lost(self, now_ns: int) -> bool:
+        control, longest = self.control, self._run_silent_ns
+        said = int(control[_RUN])
+        return bool(control[_GONE]) or (longest is not None and said != 0 and now_ns - said > longest)
+
+    def _log_lost(self, armed: bool) -> bool:
+        control, ring = self.control, self.ring
+        if ring is None or (armed and not self._checks.hold_without_log):
+            return False
+        return bool(control[_TROUBLE]) or ring.count - int(control[_TAKEN]) > (record.MOST if armed else _LOG_LATE_ROWS)
+
+    def _failed(self, fault: Exception) -> None:
+        self.trouble = self.trouble or f"{type(fault).__name__}: {fault}"
+
+    def _reset(self) -> None:
+        """A person's: out of what was latched here; the sensor's zero is taken again where nothing is corrected."""
+        state = self.loop.outcome[at.O_STATE]
+        if state <= _READY:
+            self.trouble = ""
+            self._tare.again()
+
+    def _let_go(self, reset: bool) -> None:
+        """Another session may come from another port: after a person's reset, or when nothing is going on at all."""
+        idle = self._outcome[at.O_STATE] == _IDLE
+        if idle and (reset or self._silent_cycles >= _FORGET_PEER_CYCLES):
+            self.link.forget()
+
+    def _read_force(self, soft: int, hard: int) -> tuple[int, int]:
+        if self.force is None or self._wrench is None:
+            return soft, hard
+        force = self.force
+        good = force.drain()
+        if force.first >= 0:
+            self.loop.take(force.samples, force.good, force.first)
+        if force.saturated:
+            self._force_age += 1
+            return (soft or _SATURATED), hard
+        if good == 0 or force.frozen:
+            self._force_age += 1
+            return soft, hard  # it ages: the step goes on by the plan for a while where there is one, then holds
+        self._force_age = 0
+        age = (self._clock_ns() - self._time_zero_ns) * 1e-9
+        w = self._wrench(self._q, force.w_sensor, age)
+        tare = self._tare
+        idle = self._outcome[at.O_STATE] <= _READY
+        if not tare.accepted and idle and self.watch.good > self._checks.settle_cycles // 2:
+            tare.take(w)
+        if self._needs_force and tare.refusals and soft == 0:
+            soft = _OFFSET
+        w -= tare.zero
+        if self._inertia is None:
+            self._w[:] = w
+        elif self._since > 0:
+            self._w[:] = self._without_inertia(self._inertia, w)
+        return soft, hard
+
+    def _without_inertia(self, inertia: SpindleInertia, w: Float) -> Float:
+        """From where the motors stand: as the controller says, else as it should answer what was sent."""
+        if not self.link.fill_actual(self._stand):
+            nominal = self.loop.given[at.G_NOMINAL : at.G_NOMINAL + 12]
+            self._stand[at.G_ACTUAL : at.G_ACTUAL + 12] = nominal
+            self._stand[at.G_ACTUAL + 9 : at.G_ACTUAL + 12] += self.loop.in_effect[:3]
+        since, self._since = self._since, 0
+        return inertia(self._stand, w, self.loop.compliance, since, at_t=at.G_ACTUAL)
+
+    def _read_tracker(self, given: Float) -> int:
+        self._tracker_age += 1
+        if self.tracker is None or not self.tracker.drain():
+            return 0
+        self._tracker_age = 0
+        tool_pose(self._T_part_tracker, self.tracker.T_tracker_target, self._T_target_tcp, given, at.G_ACTUAL)
+        given[at.G_TRACKER_LATE] = self._arrival.age(self.link.counter * MS, self.tracker.time_ns * NS)
+        given[at.G_TRACKER_SIGMA] = self.tracker.sigma_m
+        return 1
+
+    def _read_currents(self, came: bool) -> None:
+        self._current_age += 1
+        if came and self._motors is not None and self.link.fill_currents(self._motors.current):
+            self._motors(self._q, self._torque)
+            self._current_age = 0
+
+    def _lacking(self) -> int:
+        """Why it cannot be armed, where a sensor that is needed says nothing or the telegrams do not come steadily."""
+        if self._needs_tracker and self._tracker_age >= self._tracker_stale:
+            return _TRACKER_LOST
+        if self._needs_force and self._force_age >= self.loop.settings.stale_cycles:
+            return _FORCE_STALE
+        settle = self._checks.settle_cycles
+        return _SCATTERED if self.watch.good < settle < self.cycles - 2 * settle else 0
+
+    def _healthy(self) -> int:
+        force = not self._needs_force or (self._tare.accepted and self._force_age == 0)
+        tracker = not self._needs_tracker or self._tracker_age < self._tracker_stale
+        return int(self.watch.good >= self._checks.settle_cycles and force and tracker)
+
+    @property
+    def idle_force(self) -> Float:
+        """(6,) N, N m: mean reading before the cut that the checks were made on, part axes; zero before it is known."""
+        return self._tare.mean
+
+
+def tracker_frames(T_base_part: Float, T_base_tracker: Float, T_tcp_target: Float) -> tuple[Float, Float]:
+    """``T_part_tracker`` and ``T_target_tcp`` of identified frames."""
+    T_part_tracker: Float = pose.inverse(T_base_part) @ T_base_tracker
+    return T_part_tracker, pose.inverse(T_tcp_target)

@@ -1,0 +1,123 @@
+"""What a session tells of itself in every cycle, in shared numbers: tallies, state, ages, place, force."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from counterflex.core.arrays import Int
+from counterflex.core.units import DEG
+from counterflex.protocols.processes.control_array import REQUESTS, Life, Shown, Tally
+from counterflex.protocols.robot.port import Counters
+from counterflex.protocols.session.tare import Tare
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.plausibility.kernel import K_FRAME, M_SEEN, M_TURN
+from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.states import State
+
+_TALLIES: Final = slice(REQUESTS, REQUESTS + len(Tally))
+_SHOWN: Final = slice(min(Shown), max(Shown) + 1)
+_LOOP: Final = int(Life.LOOP_NS)
+_NOTHING: Final = -1
+
+
+class Teller:
+    """Writes into the shared array.
+
+    Args:
+        control: See :mod:`counterflex.protocols.processes.control_array`.
+        loop: As the cycle left it.
+        counters: Of the robot's link.
+        tare: Zero of the force sensor.
+        force: There is a force sensor.
+        tracker: There is a tracker.
+    """
+
+    def __init__(self, control: Int, loop: Loop, counters: Counters, tare: Tare, *, force: bool, tracker: bool) -> None:
+        self._control, self._counters, self._tare, self._loop = control, counters, tare, loop
+        self._results, self._outcome = loop.results.data, loop.outcome.data  # read faster than arrays
+        self._planned = loop.planned_force.data
+        self._rows = loop.plan_rows - 1 if loop.planned else 0
+        self._force_ns, self._tracker_ns = (0 if force else _NOTHING), (0 if tracker else _NOTHING)
+        self._robot_ns = 0
+        self._doubts, self._seen = loop.plausibility.counts.data, loop.plausibility.memory.data
+        limits = loop.settings.plausibility
+        self._frame_nm, self._frame_udeg = round(1e9 * limits.frame_m), round(1e6 * limits.frame_rad / DEG)
+        control[Shown.TRACKER_OFF_NM] = control[Shown.TRACKER_TURN_UDEG] = _NOTHING
+        control[Shown.FORCE_NS], control[Shown.TRACKER_NS] = self._force_ns, self._tracker_ns
+        control[Shown.PLACE_PPM] = _NOTHING
+        control[Shown.FORCE_MN], control[Shown.PLANNED_MN] = self._force_ns, 0 if self._rows else _NOTHING
+
+    def tell(
+        self,
+        now_ns: int,
+        *,
+        came: bool,
+        cycles: int,
+        clock_jumps: int,
+        set_back: int,
+        force_age: int,
+        tracker_age: int,
+    ) -> None:
+        """Tell of a cycle.
+
+        Args:
+            now_ns: Monotonic.
+            came: There was a telegram.
+            cycles: Telegrams so far.
+            clock_jumps: How often the clocks parted.
+            set_back: How often the tracker's clock was set back.
+            force_age: Cycles since the last good force.
+            tracker_age: Cycles since the last good pose.
+        """
+        counters, tare, control = self._counters, self._tare, self._control
+        control[_TALLIES] = (
+            counters.foreign,
+            counters.malformed,
+            counters.old + counters.astray,
+            counters.drained,
+            counters.lost,
+            counters.late_at_robot,
+            clock_jumps,
+            set_back,
+            tare.refusals,
+            round(1e3 * math.hypot(*tare.mean[:3])),
+            round(1e3 * math.hypot(*tare.mean[3:])),
+        )
+        if came:
+            self._robot_ns = now_ns
+        if force_age == 0 and self._force_ns != _NOTHING:
+            self._force_ns = now_ns
+        if tracker_age == 0 and self._tracker_ns != _NOTHING:
+            self._tracker_ns = now_ns
+        results, outcome, planned = self._results, self._outcome, self._planned
+        place = self._loop.place
+        control[_SHOWN] = (
+            outcome[at.O_STATE],
+            outcome[at.O_CAUSE] or outcome[at.O_SOFT],
+            outcome[at.O_HARD],
+            outcome[at.O_FEED_HOLD],
+            _whole(1e9, *results[at.R_CORRECTION : at.R_CORRECTION + 3]),
+            cycles,
+            self._robot_ns,
+            self._force_ns,
+            self._tracker_ns,
+            round(1e6 * place / self._rows) if self._rows and place >= 0.0 else _NOTHING,
+            _NOTHING if self._force_ns == _NOTHING else _whole(1e3, *results[at.R_MEASURED : at.R_MEASURED + 3]),
+            _whole(1e3, *planned[:3]) if self._rows else _NOTHING,
+            *self._tracker_off(),
+        )
+        control[_LOOP] = now_ns
+
+    def _tracker_off(self) -> tuple[int, int, int, int]:
+        """Distance, its limit, angle, its limit; -1 for what was found where that does not keep the loop idle."""
+        if self._doubts[K_FRAME] != 1 or self._outcome[at.O_STATE] >= State.ARMED:
+            return _NOTHING, self._frame_nm, _NOTHING, self._frame_udeg
+        seen = self._seen
+        distance = _whole(1e9, *seen[M_SEEN : M_SEEN + 3])
+        return distance, self._frame_nm, _whole(1e6 / DEG, *seen[M_TURN : M_TURN + 3]), self._frame_udeg
+
+
+def _whole(units: float, x: float, y: float, z: float) -> int:
+    size = units * math.hypot(x, y, z)
+    return round(size) if math.isfinite(size) else _NOTHING

@@ -1,0 +1,81 @@
+"""All datagrams that wait at a socket, with one system call where there is one, into memory that is allocated once."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Int
+from counterflex.protocols.decimal_kernel import ByteRows
+from counterflex.protocols.system import system_calls
+
+ROWS: Final = 64
+SIZE: Final = 2048
+"""Bytes that are kept of a datagram; none of the protocols has longer ones."""
+
+
+class Datagrams:
+    """What came to a UDP socket of IPv4.
+
+    Args:
+        own: The socket; made non-blocking.
+
+    Attributes:
+        data: (ROWS, SIZE) bytes, one datagram in a row; what lies behind its end means nothing.
+        lengths: (ROWS,) of each, at most SIZE.
+        hosts: (ROWS,) sender's IPv4 address as a number, see :func:`host_number`.
+        many: They are taken with one system call, in a compiled kernel over :meth:`arrays`.
+    """
+
+    def __init__(self, own: socket.socket) -> None:
+        own.setblocking(False)
+        self._socket = own
+        self.data: ByteRows = np.zeros((ROWS, SIZE), dtype=np.uint8)
+        self.lengths: Int = np.zeros(ROWS, dtype=np.int64)
+        self.hosts: Int = np.zeros(ROWS, dtype=np.int64)
+        self._views: list[memoryview] = [row.data for row in self.data]
+        self.many = system_calls.THERE
+        self._names: ByteRows = np.zeros((ROWS, system_calls.NAME), dtype=np.uint8)
+        self._pieces, self._heads = system_calls.heads(self.data, self._names)
+
+    @property
+    def fd(self) -> int:
+        """Of the socket; -1 where it is closed."""
+        return self._socket.fileno()
+
+    def arrays(self) -> tuple[np.ndarray[Any, Any], ...]:
+        """Heads, names, lengths, hosts and data, as a kernel that calls the system itself takes them."""
+        return self._heads, self._names, self.lengths, self.hosts, self.data
+
+    def take(self) -> int:
+        """Take what is there, at most ROWS; never waits, never raises. Call again where it returns ROWS.
+
+        Returns:
+            Datagrams taken.
+        """
+        if self.many:
+            return system_calls.receive(self.fd, self._heads, self._names, self.lengths, self.hosts)
+        return self._one_by_one()
+
+    def _one_by_one(self) -> int:
+        count = 0
+        while count < ROWS:
+            try:
+                length, peer = self._socket.recvfrom_into(self._views[count])
+            except ConnectionError:
+                continue
+            except OSError:
+                break
+            self.lengths[count], self.hosts[count] = length, host_number(peer[0])
+            count += 1
+        return count
+
+
+def host_number(host: str) -> int:
+    """IPv4 address or name of a computer as a number; -1 where it cannot be found."""
+    with contextlib.suppress(OSError):
+        return int.from_bytes(socket.inet_aton(socket.gethostbyname(host)), "big")
+    return -1

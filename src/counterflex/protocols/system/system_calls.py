@@ -1,0 +1,181 @@
+"""System calls of 64-bit Linux as compiled kernels call them, without a way back through Python.
+
+Where there are none (another system, kernels stepped through in Python) :data:`THERE` is False and what they stand for
+is done with the sockets of Python.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import socket
+import sys
+from typing import Any, Final
+
+import numba
+import numpy as np
+from numba import carray, types
+
+from counterflex.core.arrays import Int
+from counterflex.core.jit import kernel
+from counterflex.protocols.decimal_kernel import ByteRows, Bytes
+
+THERE: Final = (
+    sys.platform.startswith("linux")
+    and ctypes.sizeof(ctypes.c_void_p) == 8
+    and sys.byteorder == "little"
+    and not numba.config.DISABLE_JIT
+    and hasattr(ctypes.CDLL(None), "recvmmsg")
+    and hasattr(ctypes.CDLL(None), "__errno_location")
+)
+"""Whether the calls of this module can be made."""
+_REFUSED: Final = errno.ECONNREFUSED
+_INTERRUPTED: Final = errno.EINTR
+_AT_ONCE: Final = getattr(socket, "MSG_DONTWAIT", 0x40)
+_READABLE: Final = 1  # POLLIN
+
+# struct mmsghdr in numbers of eight bytes (recvmmsg(2)).
+H_NAME: Final = 0
+H_NAME_LENGTH: Final = 1
+H_PIECES: Final = 2
+H_PIECE_COUNT: Final = 3
+H_LENGTH: Final = 7
+HEAD: Final = 8
+NAME: Final = 16
+"""Bytes of ``struct sockaddr_in``."""
+
+if THERE:
+    _recvmmsg: Any = types.ExternalFunction(
+        "recvmmsg", types.int32(types.int32, types.intp, types.uint32, types.int32, types.intp)
+    )
+    _ppoll: Any = types.ExternalFunction("ppoll", types.int32(types.intp, types.uintp, types.intp, types.intp))
+    _sendto: Any = types.ExternalFunction(
+        "sendto", types.intp(types.int32, types.intp, types.uintp, types.int32, types.intp, types.uint32)
+    )
+    _errno_location: Any = types.ExternalFunction("__errno_location", types.CPointer(types.int32)())
+
+    @kernel("int64()")
+    def _why() -> int:
+        """Why the last call failed: errno."""
+        return int(carray(_errno_location(), (1,))[0])
+
+else:
+
+    @kernel("int64(int64, int64, int64, int64, int64)")
+    def _recvmmsg(_fd: int, _heads: int, _rows: int, _flags: int, _timeout: int) -> int:
+        return -1
+
+    @kernel("int64(int64, int64, int64, int64)")
+    def _ppoll(_polled: int, _count: int, _timeout: int, _mask: int) -> int:
+        return 0
+
+    @kernel("int64(int64, int64, int64, int64, int64, int64)")
+    def _sendto(_fd: int, _data: int, _length: int, _flags: int, _name: int, _size: int) -> int:
+        return -1
+
+    @kernel("int64()")
+    def _why() -> int:
+        """No call has failed."""
+        return 0
+
+
+WAITING: Final = 3
+"""Numbers of eight bytes that a wait needs: ``struct pollfd``, ``struct timespec``."""
+
+
+def heads(inbox: ByteRows, names: ByteRows) -> tuple[Int, Int]:
+    """What tells the system where datagrams and their senders go.
+
+    Args:
+        inbox: (n, size) one datagram in a row.
+        names: (n, NAME) one sender in a row.
+
+    Returns:
+        (n, 2) pieces and (n, HEAD) heads; both must live as long as they are used.
+    """
+    rows, size = inbox.shape
+    pieces: Int = np.zeros((rows, 2), dtype=np.int64)
+    pieces[:, 0] = inbox.ctypes.data + size * np.arange(rows)
+    pieces[:, 1] = size
+    out: Int = np.zeros((rows, HEAD), dtype=np.int64)
+    out[:, H_NAME] = names.ctypes.data + NAME * np.arange(rows)
+    out[:, H_NAME_LENGTH] = NAME
+    out[:, H_PIECES] = pieces.ctypes.data + pieces.strides[0] * np.arange(rows)
+    out[:, H_PIECE_COUNT] = 1
+    return pieces, out
+
+
+@kernel("int64(int64, int64[:, ::1], uint8[:, ::1], int64[::1], int64[::1])")
+def receive(fd: int, heads: Int, names: ByteRows, lengths: Int, hosts: Int) -> int:
+    """Take all datagrams that wait at a socket of IPv4, with one call; never waits.
+
+    Args:
+        fd: Of the socket.
+        heads: (n, HEAD) of :func:`heads`.
+        names: (n, NAME) that they point to.
+        lengths: (n,) bytes of each datagram; written.
+        hosts: (n,) sender's IPv4 address as a number; written.
+
+    Returns:
+        Datagrams taken; 0: none was there, or the socket is closed.
+    """
+    while True:
+        count = _recvmmsg(fd, heads.ctypes.data, heads.shape[0], _AT_ONCE, 0)
+        if count > 0:
+            for k in range(count):
+                lengths[k] = heads[k, H_LENGTH] & 0xFFFFFFFF
+                hosts[k] = (
+                    (int(names[k, 4]) << 24) | (int(names[k, 5]) << 16) | (int(names[k, 6]) << 8) | int(names[k, 7])
+                )
+            return int(count)
+        if _why() not in (_REFUSED, _INTERRUPTED):
+            return 0
+
+
+@kernel("int64(int64, int64[:, ::1], uint8[:, ::1], int64[::1], int64[::1], int64, int64[::1])", waits=True)
+def await_datagrams(
+    fd: int, heads: Int, names: ByteRows, lengths: Int, senders: Int, timeout_ns: int, waiting: Int
+) -> int:
+    """As :func:`receive`, but waits for the first datagram, and tells address and port of each sender.
+
+    Args:
+        fd: Of the socket.
+        heads: As for :func:`receive`.
+        names: Likewise.
+        lengths: Likewise.
+        senders: (n,) ``address << 16 | port``; written.
+        timeout_ns: Longest wait; 0 or less: none.
+        waiting: (WAITING,) work space.
+
+    Returns:
+        Datagrams taken; 0 also where a signal ended the wait.
+    """
+    if timeout_ns > 0:
+        waiting[0] = fd | (_READABLE << 32)
+        waiting[1], waiting[2] = timeout_ns // 1_000_000_000, timeout_ns % 1_000_000_000
+        if _ppoll(waiting.ctypes.data, 1, waiting[1:].ctypes.data, 0) <= 0:
+            return 0
+    count = receive(fd, heads, names, lengths, senders)
+    for k in range(count):
+        senders[k] = (senders[k] << 16) | (int(names[k, 2]) << 8) | int(names[k, 3])
+    return count
+
+
+@kernel("boolean(int64, uint8[::1], int64, uint8[::1])")
+def send_to(fd: int, data: Bytes, length: int, name: Bytes) -> bool:
+    """Send a datagram; never waits.
+
+    Args:
+        fd: Of the socket.
+        data: (n,) buffer.
+        length: Bytes of it.
+        name: (NAME,) to whom, as :func:`receive` had it from the system.
+
+    Returns:
+        Whether the system took it.
+    """
+    while True:
+        if _sendto(fd, data.ctypes.data, length, _AT_ONCE, name.ctypes.data, NAME) == length:
+            return True
+        if _why() != _INTERRUPTED:
+            return False

@@ -1,0 +1,1 @@
+"""The neutral pose datagram of trackers: bytes, receiver, sender of a bridge."""

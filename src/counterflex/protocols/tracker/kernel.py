@@ -1,0 +1,225 @@
+"""Tracker datagrams read and taken in one after the other, compiled; the rules are those of the module tracker_pose."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.jit import kernel
+from counterflex.protocols.decimal_kernel import ByteRows
+
+OK: Final = 0
+NO_DATAGRAM: Final = 1
+UNKNOWN_STATUS: Final = 2
+NOT_FINITE: Final = 3
+OUT_OF_RANGE: Final = 4
+NOT_UNIT: Final = 5
+
+SIZE: Final = 88
+_MAGIC: Final = 0x31504643  # CFP1, little-endian
+_BROKEN, _NO_ORIENTATION, _INACCURATE = 1, 2, 4
+UNUSABLE: Final = _BROKEN | _INACCURATE
+"""Bits of the status with which a pose is not used."""
+FARTHEST_MM: Final = 200_000.0
+UNIT: Final = 1e-6
+
+N_SEQUENCE: Final = 0  # of the last datagram taken; -1 before the first
+N_STATUS: Final = 1
+N_TIME: Final = 2  # ns, clock of the source, of the pose
+N_LOST: Final = 3  # in all, as the next two
+N_MALFORMED: Final = 4
+N_FOREIGN: Final = 5
+N_HOST: Final = 6  # who is listened to; -1: whoever comes first
+NUMBERS: Final = 7
+
+SUM: Final = 5  # row of the work space from which the sum of good poses is kept, four rows
+COUNT: Final = 9  # its row behind that: number of poses, sum of their times after the first, time of the first, ns
+SPARE: Final = 10  # rows of the work space
+
+
+@kernel("int64(uint8[:, ::1], int64, int64, int64)")
+def _number(data: ByteRows, row: int, at: int, size: int) -> int:
+    value = np.int64(0)
+    for k in range(size):
+        value |= np.int64(data[row, at + k]) << (8 * k)
+    return int(value)
+
+
+@kernel("int64(uint8[:, ::1], int64, int64, float64[:, ::1], float64[::1])")
+def read_datagram(data: ByteRows, row: int, length: int, T: Float, values: Float) -> int:
+    """Read one datagram.
+
+    Args:
+        data: (n, size) one datagram in a row.
+        row: Which.
+        length: Its bytes.
+        T: (4, >= 4) written where the result is OK: pose in m; its rotation is the identity where there is none.
+        values: (8,) written: position mm, quaternion, standard deviation mm.
+
+    Returns:
+        OK, or what is wrong; the constants of this module.
+    """
+    if length != SIZE or _number(data, row, 0, 4) != _MAGIC:
+        return NO_DATAGRAM
+    status = _number(data, row, 16, 4)
+    if status & ~(_BROKEN | _NO_ORIENTATION | _INACCURATE):
+        return UNKNOWN_STATUS
+    numbers = data[row, 24:SIZE].view(np.float64)
+    for k in range(8):
+        values[k] = numbers[k]
+        if not math.isfinite(values[k]):
+            return NOT_FINITE
+    if max(abs(values[0]), abs(values[1]), abs(values[2])) > FARTHEST_MM or values[7] < 0.0:
+        return OUT_OF_RANGE
+    w, x, y, z = values[3], values[4], values[5], values[6]
+    if status & _NO_ORIENTATION:
+        w, x, y, z = 1.0, 0.0, 0.0, 0.0
+    else:
+        size = math.sqrt(w * w + x * x + y * y + z * z)
+        if not abs(size - 1.0) <= UNIT:
+            return NOT_UNIT
+        w, x, y, z = w / size, x / size, y / size, z / size
+    T[0, 0], T[0, 1], T[0, 2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
+    T[1, 0], T[1, 1], T[1, 2] = 2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
+    T[2, 0], T[2, 1], T[2, 2] = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+    for k in range(3):
+        T[k, 3] = values[k] * 1e-3
+        T[3, k] = 0.0
+    T[3, 3] = 1.0
+    return OK
+
+
+@kernel(
+    "boolean(uint8[:, ::1], int64[::1], int64[::1], int64, int64[::1], int64[::1], float64[:, ::1], float64[:, ::1],"
+    " float64[::1])"
+)
+def take_poses(
+    data: ByteRows,
+    lengths: Int,
+    hosts: Int,
+    count: int,
+    allowed: Int,
+    numbers: Int,
+    T: Float,
+    spare: Float,
+    values: Float,
+) -> bool:
+    """Take datagrams in their order.
+
+    Args:
+        data: (n, size) one datagram in a row.
+        lengths: (n,) bytes of each.
+        hosts: (n,) who sent each.
+        count: How many there are.
+        allowed: (m,) senders that are listened to; empty: the first that comes.
+        numbers: (NUMBERS,) of this module; changed.
+        T: (4, 4) newest good pose, m; changed.
+        spare: (SPARE, 8) work space; sum and count of the good poses are added to, see :func:`mean_pose`.
+        values: (8,) as :func:`read_datagram` writes them, of the newest good one; changed.
+
+    Returns:
+        Whether :data:`T` is new.
+    """
+    fresh = False
+    work, read = spare[4], spare[:4]
+    for row in range(count):
+        known = len(allowed) == 0 and (numbers[N_HOST] < 0 or numbers[N_HOST] == hosts[row])
+        for host in allowed:
+            known |= host == hosts[row]
+        if not known:
+            numbers[N_FOREIGN] += 1
+            continue
+        if read_datagram(data, row, lengths[row], read, work) != OK:
+            numbers[N_MALFORMED] += 1
+            continue
+        if len(allowed) == 0:
+            numbers[N_HOST] = hosts[row]
+        sequence = _number(data, row, 4, 4)
+        step = (sequence - numbers[N_SEQUENCE]) & 0xFFFFFFFF if numbers[N_SEQUENCE] >= 0 else 1
+        if step == 0 or step > 0x80000000:
+            continue
+        numbers[N_LOST] += step - 1
+        numbers[N_SEQUENCE] = sequence
+        numbers[N_STATUS] = _number(data, row, 16, 4)
+        if numbers[N_STATUS] & UNUSABLE:
+            continue
+        numbers[N_TIME] = _number(data, row, 8, 8)
+        for i in range(4):
+            for j in range(4):
+                T[i, j] = read[i, j]
+                spare[SUM + i, j] += read[i, j]
+        for k in range(8):
+            values[k] = work[k]
+        total = spare[COUNT]
+        if total[0] == 0.0:
+            total[2] = float(numbers[N_TIME])
+        total[0] += 1.0
+        total[1] += float(numbers[N_TIME]) - total[2]
+        fresh = True
+    return fresh
+
+
+@kernel("void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], int64)")
+def tool_pose(T_part_tracker: Float, T_tracker_target: Float, T_target_tcp: Float, out: Float, at: int) -> None:
+    """Pose of the tool in the part frame, ``T_part_tracker T_tracker_target T_target_tcp``.
+
+    Args:
+        T_part_tracker: (4, 4) tracker in the part frame.
+        T_tracker_target: (4, 4) what was measured.
+        T_target_tcp: (4, 4) tool tip in the target.
+        out: Written from ``at`` on: nine numbers of the rotation by rows, three of the position, m.
+        at: See above.
+    """
+    A, B, C = T_part_tracker, T_tracker_target, T_target_tcp
+    for i in range(3):
+        a0, a1, a2 = A[i, 0], A[i, 1], A[i, 2]
+        r0 = a0 * B[0, 0] + a1 * B[1, 0] + a2 * B[2, 0]
+        r1 = a0 * B[0, 1] + a1 * B[1, 1] + a2 * B[2, 1]
+        r2 = a0 * B[0, 2] + a1 * B[1, 2] + a2 * B[2, 2]
+        p = a0 * B[0, 3] + a1 * B[1, 3] + a2 * B[2, 3] + A[i, 3]
+        for j in range(3):
+            out[at + 3 * i + j] = r0 * C[0, j] + r1 * C[1, j] + r2 * C[2, j]
+        out[at + 9 + i] = r0 * C[0, 3] + r1 * C[1, 3] + r2 * C[2, 3] + p
+
+
+@kernel("float64(float64[:, ::1], float64, float64[:, ::1])")
+def mean_pose(spare: Float, most: float, T: Float) -> float:
+    """Mean of the poses that :func:`take_poses` has summed up since its sums were set to zero.
+
+    The mean of rotations a few degrees apart: columns of the mean matrix, made square to each other again.
+
+    Args:
+        spare: Work space of :func:`take_poses`.
+        most: With more poses than these, or one, ``T`` is left as it is: they have piled up, and the newest counts.
+        T: (4, 4) newest good pose; written.
+
+    Returns:
+        Mean time of the poses after the first of them, ns; below 0 where ``T`` was left.
+    """
+    count = spare[COUNT, 0]
+    if count < 2.0 or count > most:
+        return -1.0
+    for k in range(3):
+        T[k, 3] = spare[SUM + k, 3] / count
+    size = 0.0
+    for k in range(3):
+        size += spare[SUM + k, 0] ** 2
+    size = math.sqrt(size)
+    along = 0.0
+    for k in range(3):
+        T[k, 0] = spare[SUM + k, 0] / size
+        along += T[k, 0] * spare[SUM + k, 1]
+    size = 0.0
+    for k in range(3):
+        T[k, 1] = spare[SUM + k, 1] - along * T[k, 0]
+        size += T[k, 1] ** 2
+    size = math.sqrt(size)
+    for k in range(3):
+        T[k, 1] /= size
+    T[0, 2] = T[1, 0] * T[2, 1] - T[2, 0] * T[1, 1]
+    T[1, 2] = T[2, 0] * T[0, 1] - T[0, 0] * T[2, 1]
+    T[2, 2] = T[0, 0] * T[1, 1] - T[1, 0] * T[0, 1]
+    return float(spare[COUNT, 1] / count)

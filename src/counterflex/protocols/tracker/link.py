@@ -1,0 +1,126 @@
+"""Receiver of the neutral tracker datagrams: drains to the newest good pose, or to the mean of a cycle's poses."""
+
+from __future__ import annotations
+
+import socket
+
+import numpy as np
+
+from counterflex.core.array_table import ArrayTable
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError, OutputError
+from counterflex.core.units import MM
+from counterflex.protocols.system.datagrams import ROWS, Datagrams, host_number
+from counterflex.protocols.tracker import kernel as reading
+from counterflex.protocols.tracker.drain_kernel import drain_poses
+from counterflex.protocols.tracker.telegram import BEAM_BROKEN
+
+
+class TrackerLink:
+    """Poses of a tracker's target.
+
+    Args:
+        host: Address to listen on; loopback unless told otherwise.
+        port: UDP port; 0 takes a free one.
+        peers: Addresses that are listened to; None takes the first that sends a good datagram.
+        mean_of: Largest number of good poses of one :meth:`drain` of which the mean is taken, time stamp included: a
+            tracker of 1 kHz then has half the noise at 4 ms. Where more have piled up, or with 1, the newest counts.
+
+    Attributes:
+        address: Where datagrams are expected.
+        T_tracker_target: (4, 4) newest good pose, or mean.
+
+    Raises:
+        InputError: ``mean_of`` is below 1.
+        OutputError: The port cannot be opened.
+    """
+
+    def __init__(
+        self, host: str = "127.0.0.1", port: int = 0, peers: tuple[str, ...] | None = None, *, mean_of: int = 1
+    ) -> None:
+        if mean_of < 1:
+            raise InputError("number of poses of which the mean is taken", value=mean_of, limit=">= 1")
+        self._most = float(mean_of)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind((host, port))
+        except OSError as fault:
+            self._socket.close()
+            raise OutputError(
+                f"the port cannot be opened: {fault.strerror or fault}",
+                where=f"{host}:{port}",
+                hint="Is another program listening there?",
+            ) from fault
+        self.address: tuple[str, int] = self._socket.getsockname()
+        self._inbox = Datagrams(self._socket)
+        self._allowed: Int = np.array([host_number(peer) for peer in peers or ()], dtype=np.int64)
+        self._numbers: Int = np.zeros(reading.NUMBERS, dtype=np.int64)
+        self._numbers[[reading.N_SEQUENCE, reading.N_HOST]] = -1
+        self._numbers[reading.N_STATUS] = BEAM_BROKEN
+        self._values: Float = np.zeros(8)
+        self._spare: Float = np.zeros((reading.SPARE, 8))
+        self._mean_ns = -1
+        self.T_tracker_target: Float = np.eye(4)
+        self._table = ArrayTable(
+            (
+                *self._inbox.arrays(),
+                *(self._allowed, self._numbers, self.T_tracker_target, self._spare, self._values),
+            )
+        )
+
+    def drain(self) -> bool:
+        """Take every datagram that is there; returns whether a new good pose is among them."""
+        inbox = self._inbox
+        if self._most > 1.0:
+            self._spare[reading.SUM :] = 0.0
+        fresh = drain_poses(inbox.fd, self._table.rows) if inbox.many else self._drain_singly()
+        if fresh and self._most > 1.0:
+            after = reading.mean_pose(self._spare, self._most, self.T_tracker_target)
+            self._mean_ns = -1 if after < 0.0 else int(self._spare[reading.COUNT, 2] + after)
+        return fresh
+
+    def _drain_singly(self) -> bool:
+        inbox, fresh = self._inbox, False
+        while True:
+            count = inbox.take()
+            if count:
+                fresh |= reading.take_poses(
+                    inbox.data, inbox.lengths, inbox.hosts, count, self._allowed, self._numbers,
+                    self.T_tracker_target, self._spare, self._values,
+                )  # fmt: skip
+            if count < ROWS:
+                return bool(fresh and not self.status & reading.UNUSABLE)
+
+    @property
+    def time_ns(self) -> int:
+        """When the newest good pose was measured, or the mean on average, clock of the source."""
+        return int(self._numbers[reading.N_TIME]) if self._mean_ns < 0 else self._mean_ns
+
+    @property
+    def sigma_m(self) -> float:
+        """Standard deviation that the source states for it; 0 where it does not."""
+        return float(self._values[7]) * MM
+
+    @property
+    def status(self) -> int:
+        """Its status bits, or those of a broken beam that came after it."""
+        return int(self._numbers[reading.N_STATUS])
+
+    @property
+    def lost(self) -> int:
+        """Datagrams lost, in all."""
+        return int(self._numbers[reading.N_LOST])
+
+    @property
+    def malformed(self) -> int:
+        """Datagrams that are none, in all."""
+        return int(self._numbers[reading.N_MALFORMED])
+
+    @property
+    def foreign(self) -> int:
+        """Datagrams from another address."""
+        return int(self._numbers[reading.N_FOREIGN])
+
+    def close(self) -> None:
+        """Free the port."""
+        self._socket.close()

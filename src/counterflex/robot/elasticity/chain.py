@@ -1,0 +1,378 @@
+"""The elastic chain: robot and end effector packed into arrays, with rigid kinematics.
+
+All positions are in m, angles in rad, poses 4x4. ``q`` are the six angles the robot controller shows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int, as_float, frozen
+from counterflex.core.errors import InputError, ModelError
+from counterflex.core.units import STANDARD_GRAVITY
+from counterflex.robot.elasticity.chain_checks import (
+    JOINTS,
+    check_counterbalance,
+    check_play,
+    check_servo,
+    fixed_pose,
+    gravity_field,
+    joint_limits,
+    joint_speeds,
+    rigid_motion,
+)
+from counterflex.robot.elasticity.compact import Compact, compact
+from counterflex.robot.elasticity.kernels.batch import (
+    CHUNK,
+    ON_RIGID,
+    RIGID,
+    SETTLED,
+    jacobian_range,
+    pose_range,
+    pose_threads,
+)
+from counterflex.robot.model.description import Counterbalance, ElasticRegion, EndEffector, Opw, Play, Robot, Servo
+from counterflex.robot.model.elastic_region import check_regions, growth
+
+SAME_AXIS_M = 0.1
+"""Distance from an axis within which an undriven elastic segment can be its bearing."""
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticChain:
+    """Robot and end effector as one serial chain of n segments, packed for computing.
+
+    ``T_base_tcp = prod_i (fixed_i Rz(sign_i q_joint_i + offset_i) E_i) T_last_tcp`` with the elastic displacement ``E``
+    of :mod:`counterflex.robot.model.description`. Build it with :meth:`build`, which checks everything.
+
+    Attributes:
+        name: Name of the robot.
+        names: n names of the segments.
+        fixed: (n, 4, 4) pose of each segment's frame before its drive in the previous segment.
+        joint: (n,) driven axis 0..5, or -1.
+        sign: (n,) +1 or -1.
+        offset: (n,) rad.
+        compliance: (n, 6) ``tx ty tz rx ry rz`` in m/N and rad/(N m), in the segment's frame; 0 is rigid.
+        mass: (n,) kg.
+        com: (n, 3) m, centre of gravity of each body in its segment's frame.
+        T_last_tcp: (4, 4) tool centre point in the last segment.
+        flange_segment: Index of the segment that carries the flange (-1: the base).
+        T_segment_flange: (4, 4) flange in that segment.
+        T_flange_tcp: (4, 4) rigid pose of the TCP in the flange.
+        joint_limits_rad: (6, 2) lower, upper.
+        joint_speeds_rad_s: (6,) or None.
+        opw: Closed-form geometry or None.
+        counterbalance: Or None.
+        gravity: (3,) m/s2 in base axes.
+        play: Play and friction of the six driven axes, None for an axis without; or None.
+        servo: Loop gains of the six driven axes, None for an axis that never gives way; or None.
+        regions: Compliances that differ by region of the joint space; ``compliance`` is what their factors act on.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    fixed: Float
+    joint: Int
+    sign: Float
+    offset: Float
+    compliance: Float
+    mass: Float
+    com: Float
+    T_last_tcp: Float
+    flange_segment: int
+    T_segment_flange: Float
+    T_flange_tcp: Float
+    joint_limits_rad: Float
+    joint_speeds_rad_s: Float | None
+    opw: Opw | None
+    counterbalance: Counterbalance | None
+    gravity: Float
+    play: tuple[Play | None, ...] | None = None
+    servo: tuple[Servo | None, ...] | None = None
+    regions: tuple[ElasticRegion, ...] = ()
+
+    @property
+    def n(self) -> int:
+        """Number of segments."""
+        return len(self.names)
+
+    @cached_property
+    def torsion(self) -> Int:
+        """(6,) index of the segment whose rotation about z is the torsion of each axis.
+
+        The driven segment itself; where that is rigid about z, the next undriven segment of the robot that turns about
+        the same axis within :data:`SAME_AXIS_M` (a bearing beside the drive's frame).
+        """
+        out = np.flatnonzero(self.joint >= 0)
+        ends = [*out[1:], self.flange_segment + 1]
+        for axis, end in enumerate(ends):
+            T = np.eye(4)
+            for i in range(int(out[axis]), int(end)):
+                if i > out[axis]:
+                    T = T @ self.fixed[i]
+                if T[2, 2] < 1.0 - 1e-6 or np.hypot(T[0, 3], T[1, 3]) > SAME_AXIS_M:
+                    break
+                if self.compliance[i, 5] > 0.0:
+                    out[axis] = i
+                    break
+        return _frozen_int(out.tolist())
+
+    @cached_property
+    def compact(self) -> Compact:
+        """The chain as the kernels read it, rigid segments merged; made once."""
+        return compact(self)
+
+    def compliance_at(self, q: Float) -> Float:
+        """Compliances in some postures, regions included.
+
+        Args:
+            q: (..., 6) rad.
+
+        Returns:
+            (..., n, 6) m/N, rad/(N m).
+        """
+        out: Float = self.compliance * growth(self.regions, self.names, q)
+        return out
+
+    @classmethod
+    def build(
+        cls,
+        robot: Robot,
+        end_effector: EndEffector | None = None,
+        gravity_base: tuple[float, float, float] | Float = (0.0, 0.0, -STANDARD_GRAVITY),
+    ) -> ElasticChain:
+        """Pack a robot and its end effector, after checking them.
+
+        Args:
+            robot: The robot.
+            end_effector: What hangs on the flange; None makes the flange the TCP.
+            gravity_base: (3,) m/s2, the field in base axes; the default is a robot standing on the floor.
+
+        Raises:
+            ModelError: A joint 0..5 is missing, doubled or out of order; a pose is no rigid motion; a compliance or
+                mass is negative, not finite or far outside what robots are made of (mostly a unit mistake).
+        """
+        tool = end_effector if end_effector is not None else EndEffector((), np.eye(4))
+        segments = (*robot.segments, *tool.segments)
+        T_segment_flange = rigid_motion(robot.T_last_flange, f"{robot.name}: T_last_flange")
+        T_last_tcp = rigid_motion(tool.T_last_tcp, "end effector: T_last_tcp")
+        n, n_robot = len(segments), len(robot.segments)
+        fixed = np.empty((n, 4, 4))
+        T_flange_tcp = np.eye(4)
+        for i, segment in enumerate(segments):
+            fixed[i] = fixed_pose(segment, f"{robot.name}: segment {segment.name!r}")
+            if i >= n_robot:
+                if segment.joint is not None:
+                    raise ModelError("a segment of the end effector cannot be driven", where=segment.name)
+                T_flange_tcp = T_flange_tcp @ fixed[i]
+        T_flange_tcp = T_flange_tcp @ T_last_tcp
+        if n > n_robot:
+            fixed[n_robot] = T_segment_flange @ fixed[n_robot]
+        else:
+            T_last_tcp = T_segment_flange @ T_last_tcp
+        driven = [s.joint for s in segments if s.joint is not None]
+        if driven != list(range(JOINTS)):
+            raise ModelError(
+                "every driven axis must appear once, from the base outward",
+                where=robot.name,
+                value=driven,
+                limit=list(range(JOINTS)),
+            )
+        balance = robot.counterbalance
+        if balance is not None:
+            check_counterbalance(balance, robot.name)
+        if robot.play is not None:
+            check_play(robot.play, robot.name)
+        if robot.servo is not None:
+            check_servo(robot.servo, robot.name)
+        compliance = np.array([s.compliance for s in segments], dtype=np.float64).reshape(n, 6)
+        check_regions(robot.regions, [s.name for s in segments], compliance)
+        return cls(
+            name=robot.name,
+            names=tuple(s.name for s in segments),
+            fixed=frozen(fixed),
+            joint=_frozen_int([-1 if s.joint is None else s.joint for s in segments]),
+            sign=frozen(np.array([s.sign for s in segments], dtype=np.float64)),
+            offset=frozen(np.array([s.offset_rad for s in segments], dtype=np.float64)),
+            compliance=frozen(compliance),
+            mass=frozen(np.array([s.mass_kg for s in segments], dtype=np.float64)),
+            com=frozen(np.array([s.p_seg_com for s in segments], dtype=np.float64).reshape(n, 3)),
+            T_last_tcp=frozen(T_last_tcp),
+            flange_segment=n_robot - 1,
+            T_segment_flange=frozen(T_segment_flange),
+            T_flange_tcp=frozen(T_flange_tcp),
+            joint_limits_rad=frozen(joint_limits(robot)),
+            joint_speeds_rad_s=None if robot.joint_speeds_rad_s is None else frozen(joint_speeds(robot)),
+            opw=robot.opw,
+            counterbalance=balance,
+            gravity=frozen(gravity_field(gravity_base)),
+            play=robot.play,
+            servo=robot.servo,
+            regions=robot.regions,
+        )
+
+
+def joint_angles(q: Float) -> Float:
+    """Return ``q`` as a checked (..., 6) float64 array.
+
+    Raises:
+        InputError: Wrong shape or not finite.
+    """
+    return _six("q", q)
+
+
+def points(q: Float, w_tcp_base: Float | None) -> tuple[Float, Float, tuple[int, ...]]:
+    """Broadcast angles and wrenches against each other and flatten them for the kernels.
+
+    Args:
+        q: (..., 6) rad.
+        w_tcp_base: (..., 6) N, N m; None is no load.
+
+    Returns:
+        q (n, 6), w (n, 6), and the common leading shape.
+
+    Raises:
+        InputError: Wrong shape or not finite.
+    """
+    q = joint_angles(q)
+    w = np.zeros(JOINTS) if w_tcp_base is None else _six("w_tcp_base", w_tcp_base)
+    try:
+        lead = np.broadcast_shapes(q.shape[:-1], w.shape[:-1])
+    except ValueError as fault:
+        raise InputError("angles and wrenches do not match", value=(q.shape, w.shape)) from fault
+    return _rows(q, lead), _rows(w, lead), lead
+
+
+def _six(name: str, value: Float) -> Float:
+    array = as_float(name, value)
+    if array.ndim < 1 or array.shape[-1] != JOINTS or np.ndim(value) < 1:
+        raise InputError(f"{name} has the wrong shape", value=np.shape(value), limit="(..., 6)")
+    return array
+
+
+def _rows(array: Float, lead: tuple[int, ...]) -> Float:
+    """(n, 6), C-ordered and writable, as the kernels want it."""
+    rows: Float = np.require(np.broadcast_to(array, (*lead, JOINTS)).reshape(-1, JOINTS), requirements=["C", "W"])
+    return rows
+
+
+def frames(chain: ElasticChain, q: Float) -> Float:
+    """Rigid poses of all segment frames, after their drives.
+
+    Args:
+        chain: The chain.
+        q: (..., 6) rad controller angles.
+
+    Returns:
+        (..., n, 4, 4) T_base_segment.
+    """
+    q = joint_angles(q)
+    local = np.broadcast_to(chain.fixed, (*q.shape[:-1], chain.n, 4, 4)).copy()
+    driven = np.flatnonzero(chain.joint >= 0)
+    theta = chain.sign[driven] * q[..., chain.joint[driven]] + chain.offset[driven]
+    c, s = np.cos(theta)[..., None], np.sin(theta)[..., None]
+    turned = local[..., driven, :, :]
+    x, y = turned[..., 0].copy(), turned[..., 1].copy()
+    turned[..., 0] = c * x + s * y
+    turned[..., 1] = c * y - s * x
+    local[..., driven, :, :] = turned
+    for i in range(1, chain.n):
+        local[..., i, :, :] = local[..., i - 1, :, :] @ local[..., i, :, :]
+    return local
+
+
+def forward(chain: ElasticChain, q: Float) -> Float:
+    """Rigid pose of the TCP, without load and weight.
+
+    Args:
+        chain: The chain.
+        q: (..., 6) rad controller angles.
+
+    Returns:
+        (..., 4, 4) T_base_tcp.
+    """
+    return _poses(chain, q, None, RIGID, gravity=False)
+
+
+def flange(chain: ElasticChain, q: Float) -> Float:
+    """Rigid pose of the flange. ``q`` (..., 6) rad -> (..., 4, 4) T_base_flange."""
+    out: Float = frames(chain, q)[..., chain.flange_segment, :, :] @ chain.T_segment_flange
+    return out
+
+
+def jacobian(chain: ElasticChain, q: Float) -> Float:
+    """Geometric Jacobian of the rigid chain at the TCP.
+
+    Column j is ``[z x (p_base_tcp - p_base_joint), z]`` with z the positive direction of axis j, so that
+    ``[v, omega] = J dq/dt`` in base axes with q the controller angles.
+
+    Args:
+        chain: The chain.
+        q: (..., 6) rad controller angles.
+
+    Returns:
+        (..., 6, 6): rows m/rad (linear), then rad/rad.
+    """
+    rows, _, lead = points(q, None)
+    out = np.empty((len(rows), JOINTS * JOINTS))
+    jacobian_range(chain.compact.real, chain.compact.kind, rows, out, 0, len(rows))
+    return out.reshape(*lead, JOINTS, JOINTS)
+
+
+def forward_elastic(
+    chain: ElasticChain,
+    q: Float,
+    w_tcp_base: Float | None = None,
+    *,
+    gravity: bool = False,
+    equilibrium: bool = False,
+) -> Float:
+    """Pose of the TCP with every elastic element displaced by compliance times load, composed as finite z-y'-x''.
+
+    Args:
+        chain: The chain.
+        q: (..., 6) rad controller angles.
+        w_tcp_base: (..., 6) N, N m, about the TCP in base axes; None is no load.
+        gravity: Add own weight and payload, relieved by the counterbalance.
+        equilibrium: Take the loads on the deflected geometry instead of the rigid one; see
+            :func:`counterflex.robot.elasticity.compliance.deflection`.
+
+    Returns:
+        (..., 4, 4) T_base_tcp.
+
+    Raises:
+        ModelError: With ``equilibrium``, a point without a stable equilibrium nearby.
+
+    Source: Haehn2020 eq. 2-9.
+    """
+    return _poses(chain, q, w_tcp_base, SETTLED if equilibrium else ON_RIGID, gravity=gravity)
+
+
+def _poses(chain: ElasticChain, q: Float, w: Float | None, how: int, *, gravity: bool) -> Float:
+    q, w, lead = points(q, w)
+    out = np.empty((len(q), 4, 4))
+    real, kind = chain.compact.real, chain.compact.kind
+    if len(q) <= CHUNK:
+        failed = pose_range(real, kind, q, w, how, int(gravity), out, 0, len(q))
+    else:
+        failed = pose_threads(real, kind, q, w, how, int(gravity), out)
+    require_settled(failed)
+    return out.reshape(*lead, 4, 4)
+
+
+def require_settled(failed: int) -> None:
+    """Raise a ModelError where an equilibrium was not found for ``failed`` points."""
+    if failed:
+        raise ModelError(
+            f"no elastic equilibrium found at {failed} point(s): the load is far beyond what the chain can carry",
+            hint="Check the units of load and compliance",
+        )
+
+
+def _frozen_int(values: list[int]) -> Int:
+    array = np.array(values, dtype=np.int64)
+    array.flags.writeable = False
+    return array

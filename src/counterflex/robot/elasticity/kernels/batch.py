@@ -1,0 +1,170 @@
+"""Batches of the scalar kernels: a serial loop over a range of points, and the same threaded.
+
+Inputs are (n, 6) C-ordered and writable; ``out`` arrays are filled in place. The threaded forms must not be called from
+the online process, nor from two threads at once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.jit import kernel, prange
+from counterflex.robot.elasticity.kernels.equilibrium import settle
+from counterflex.robot.elasticity.kernels.scalar import (
+    chain_pass,
+    joint_trig,
+    loads,
+    pose_difference,
+    rigid_jacobian,
+    tcp_compliance,
+)
+from counterflex.robot.elasticity.kernels.step import OUT_D, OUT_Q, OUT_RESIDUAL, OUT_SIGMA, OUT_SIZE, SCRATCH, step
+
+CHUNK = 256  # points that one thread takes at a time
+
+RIGID, ON_RIGID, SETTLED = 0, 1, 2  # loads: none at all, on the rigid geometry, on the deflected geometry
+
+
+@kernel()
+def load_pose(
+    real: Float, kind: Int, trig: Float, q: Float, w: Float, how: int, gravity: int, delta: Float, frame: Float
+) -> int:
+    """Leave the pose of the TCP under load in the last row of ``frame``; 1 where the equilibrium did not converge."""
+    m = kind.shape[0] - 1
+    if how == SETTLED:
+        return 0 if settle(real, kind, m, trig, q, w, gravity, delta, frame) >= 0 else 1
+    chain_pass(real, kind, m, trig, delta, 0, frame)
+    if how == ON_RIGID:
+        loads(real, kind, m, frame, q, w, gravity, delta)
+        chain_pass(real, kind, m, trig, delta, 1, frame)
+    return 0
+
+
+@kernel()
+def pose_range(
+    real: Float, kind: Int, q: Float, w: Float, how: int, gravity: int, out: Float, first: int, last: int
+) -> int:
+    """Poses (n, 4, 4) of the TCP under load for the points first..last-1; number that did not converge."""
+    m = kind.shape[0] - 1
+    frame, delta, trig = np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty(12)
+    failed = 0
+    for n in range(first, last):
+        joint_trig(q[n], trig)
+        failed += load_pose(real, kind, trig, q[n], w[n], how, gravity, delta, frame)
+        for r in range(3):
+            for c in range(3):
+                out[n, r, c] = frame[m, 3 * r + c]
+            out[n, r, 3] = frame[m, 9 + r]
+        out[n, 3, 0], out[n, 3, 1], out[n, 3, 2], out[n, 3, 3] = 0.0, 0.0, 0.0, 1.0
+    return failed
+
+
+@kernel()
+def deflection_range(
+    real: Float, kind: Int, q: Float, w: Float, how: int, gravity: int, out: Float, first: int, last: int
+) -> int:
+    """Deflections (n, 6), pose under load minus pose without, for the points first..last-1; number not converged."""
+    m = kind.shape[0] - 1
+    frame, delta, trig = np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty(12)
+    before, none = np.empty(12), np.zeros(6)
+    failed = 0
+    for n in range(first, last):
+        joint_trig(q[n], trig)
+        chain_pass(real, kind, m, trig, delta, 0, frame)
+        if gravity != 0:
+            failed += load_pose(real, kind, trig, q[n], none, how, gravity, delta, frame)
+        before[:] = frame[m]
+        failed += load_pose(real, kind, trig, q[n], w[n], how, gravity, delta, frame)
+        pose_difference(before, frame[m], out[n])
+    return failed
+
+
+@kernel()
+def sag_range(real: Float, kind: Int, q: Float, how: int, out: Float, first: int, last: int) -> int:
+    """Sag (n, 6), pose under own weight minus weightless pose, for the points first..last-1; number not converged."""
+    m = kind.shape[0] - 1
+    frame, delta, trig = np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty(12)
+    before, none = np.empty(12), np.zeros(6)
+    failed = 0
+    for n in range(first, last):
+        joint_trig(q[n], trig)
+        chain_pass(real, kind, m, trig, delta, 0, frame)
+        before[:] = frame[m]
+        failed += load_pose(real, kind, trig, q[n], none, how, 1, delta, frame)
+        pose_difference(before, frame[m], out[n])
+    return failed
+
+
+@kernel()
+def compliance_range(real: Float, kind: Int, q: Float, out: Float, first: int, last: int) -> None:
+    """Cartesian compliances (n, 36) for the points first..last-1."""
+    m = kind.shape[0] - 1
+    frame, delta, trig = np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty(12)
+    for n in range(first, last):
+        joint_trig(q[n], trig)
+        chain_pass(real, kind, m, trig, delta, 0, frame)
+        tcp_compliance(real, kind, m, frame, q[n], out[n])
+
+
+@kernel()
+def jacobian_range(real: Float, kind: Int, q: Float, out: Float, first: int, last: int) -> None:
+    """Rigid Jacobians (n, 36) for the points first..last-1."""
+    m = kind.shape[0] - 1
+    frame, delta, trig = np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty(12)
+    for n in range(first, last):
+        joint_trig(q[n], trig)
+        chain_pass(real, kind, m, trig, delta, 0, frame)
+        rigid_jacobian(real, kind, m, frame, out[n])
+
+
+@kernel()
+def step_range(
+    real: Float, kind: Int, q: Float, w: Float, gravity: int, out: Float, status: Int, first: int, last: int
+) -> None:
+    """Steps for the points first..last-1: ``out`` (n, 19) = deflection, q_c, residual, sigma."""
+    m = kind.shape[0] - 1
+    frame, delta, scratch = np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty((SCRATCH, 36))
+    given, full = np.empty(12), np.empty(OUT_SIZE)
+    for n in range(first, last):
+        for k in range(6):
+            given[k] = q[n, k]
+            given[6 + k] = w[n, k]
+        status[n] = step(real, kind, given, full, frame, delta, scratch, gravity)
+        for k in range(6):
+            out[n, k] = full[OUT_D + k]
+            out[n, 6 + k] = full[OUT_Q + k]
+            out[n, 12 + k] = full[OUT_RESIDUAL + k]
+        out[n, 18] = full[OUT_SIGMA]
+
+
+@kernel(parallel=True)
+def pose_threads(real: Float, kind: Int, q: Float, w: Float, how: int, gravity: int, out: Float) -> int:
+    """Threaded :func:`pose_range` over all points."""
+    failed = 0
+    for k in prange((len(q) + CHUNK - 1) // CHUNK):
+        failed += pose_range(real, kind, q, w, how, gravity, out, k * CHUNK, min(len(q), (k + 1) * CHUNK))
+    return failed
+
+
+@kernel(parallel=True)
+def deflection_threads(real: Float, kind: Int, q: Float, w: Float, how: int, gravity: int, out: Float) -> int:
+    """Threaded :func:`deflection_range` over all points."""
+    failed = 0
+    for k in prange((len(q) + CHUNK - 1) // CHUNK):
+        failed += deflection_range(real, kind, q, w, how, gravity, out, k * CHUNK, min(len(q), (k + 1) * CHUNK))
+    return failed
+
+
+@kernel(parallel=True)
+def compliance_threads(real: Float, kind: Int, q: Float, out: Float) -> None:
+    """Threaded :func:`compliance_range` over all points."""
+    for k in prange((len(q) + CHUNK - 1) // CHUNK):
+        compliance_range(real, kind, q, out, k * CHUNK, min(len(q), (k + 1) * CHUNK))
+
+
+@kernel(parallel=True)
+def step_threads(real: Float, kind: Int, q: Float, w: Float, gravity: int, out: Float, status: Int) -> None:
+    """Threaded :func:`step_range` over all points."""
+    for k in prange((len(q) + CHUNK - 1) // CHUNK):
+        step_range(real, kind, q, w, gravity, out, status, k * CHUNK, min(len(q), (k + 1) * CHUNK))

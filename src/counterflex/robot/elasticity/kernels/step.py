@@ -1,0 +1,274 @@
+"""The online step: deflection under the measured load and the joint angles that undo it; one call, no allocation."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError
+from counterflex.core.jit import kernel
+from counterflex.robot.elasticity.kernels.scalar import (
+    chain_pass,
+    joint_trig,
+    loads,
+    pose_difference,
+    rigid_jacobian,
+    small_cos,
+    small_sin,
+    tcp_compliance,
+)
+
+if TYPE_CHECKING:
+    from counterflex.robot.elasticity.chain import ElasticChain
+
+DAMPING_BELOW: Final = 1e-2  # sigma (1 m of lever per rad of rotation) below which the Newton step is damped
+DAMPING: Final = 5e-3  # largest damping factor, reached at sigma = 0
+REFUSE_BELOW: Final = 1e-3  # sigma below which no correction is given
+STEP_LIMIT: Final = 0.1  # rad, clamp of one Newton step
+DAMPED: Final = 1  # status bits
+CLAMPED: Final = 2
+REFUSED: Final = 4
+
+# Layout of the output vector.
+OUT_T0: Final = 0
+OUT_TE: Final = 16
+OUT_C: Final = 32
+OUT_D: Final = 68
+OUT_Q: Final = 74
+OUT_TC: Final = 80
+OUT_RESIDUAL: Final = 96
+OUT_SIGMA: Final = 102
+OUT_SIZE: Final = 103
+SCRATCH: Final = 9  # rows of 36
+
+
+@kernel()
+def cholesky_inverse(jac: Float, damping2: float, low: Float, inv: Float) -> float:
+    """Inverse of the Cholesky factor of ``J J^T + damping2 1``, packed by rows (21,).
+
+    Returns:
+        ``sigma = trace((J J^T + damping2 1)^-1)^(-1/2)``: never above the smallest singular value of J, at least
+        1/sqrt(6) of it, and equal to it in the limit of a singularity; 0 where the factor breaks down.
+    """
+    for i in range(6):
+        for k in range(i + 1):
+            s = damping2 if i == k else 0.0
+            for c in range(6):
+                s += jac[6 * i + c] * jac[6 * k + c]
+            for c in range(k):
+                s -= low[i * (i + 1) // 2 + c] * low[k * (k + 1) // 2 + c]
+            if i == k:
+                if s <= 1e-15:
+                    return 0.0
+                low[i * (i + 1) // 2 + i] = 1.0 / math.sqrt(s)
+            else:
+                low[i * (i + 1) // 2 + k] = s * low[k * (k + 1) // 2 + k]
+    total = 0.0
+    for i in range(6):
+        d = low[i * (i + 1) // 2 + i]
+        inv[i * (i + 1) // 2 + i] = d
+        total += d * d
+        for k in range(i):
+            s = 0.0
+            for c in range(k, i):
+                s -= low[i * (i + 1) // 2 + c] * inv[c * (c + 1) // 2 + k]
+            inv[i * (i + 1) // 2 + k] = s * d
+            total += s * s * d * d
+    return 1.0 / math.sqrt(total)
+
+
+@kernel()
+def newton_step(jac: Float, inv: Float, error: Float, half: Float, step: Float) -> int:
+    """Joint step ``-J^T (J J^T + damping2 1)^-1 error``, clamped; returns CLAMPED or 0."""
+    for i in range(6):
+        step[i] = 0.0
+        s = 0.0
+        for k in range(i + 1):
+            s += inv[i * (i + 1) // 2 + k] * error[k]
+        half[i] = s
+    for k in range(6):
+        s = 0.0
+        for i in range(k, 6):
+            s -= inv[i * (i + 1) // 2 + k] * half[i]
+        for j in range(6):
+            step[j] += jac[6 * k + j] * s
+    peak = 0.0
+    for j in range(6):
+        peak = max(peak, abs(step[j]))
+    if peak <= STEP_LIMIT:
+        return 0
+    for j in range(6):
+        step[j] *= STEP_LIMIT / peak
+    return CLAMPED
+
+
+@kernel()
+def advance_trig(trig: Float, step: Float) -> None:
+    """Turn cosines and sines by a clamped step of the joints, by the addition theorems."""
+    for j in range(6):
+        c, s, dc, ds = trig[j], trig[6 + j], small_cos(step[j]), small_sin(step[j])
+        trig[j] = c * dc - s * ds
+        trig[6 + j] = s * dc + c * ds
+
+
+@kernel()
+def write_pose(tip: Float, out: Float) -> None:
+    """Store a pose (12,) as a 4x4 matrix (16,)."""
+    for r in range(3):
+        out[4 * r], out[4 * r + 1], out[4 * r + 2] = tip[3 * r], tip[3 * r + 1], tip[3 * r + 2]
+        out[4 * r + 3] = tip[9 + r]
+    out[12], out[13], out[14], out[15] = 0.0, 0.0, 0.0, 1.0
+
+
+_SIGNATURE = (
+    "int64(float64[:, ::1], int64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1],"
+    " float64[:, ::1], int64)"
+)
+
+
+@kernel(_SIGNATURE)
+def deflect(
+    real: Float, kind: Int, given: Float, out: Float, frame: Float, delta: Float, scratch: Float, gravity: int
+) -> int:
+    """Deflection, compliance and rigid Jacobian for ``given = [q, w_tcp_base]`` (12,): the first half of :func:`step`.
+
+    ``OUT_T0 .. OUT_D`` and ``OUT_SIGMA`` are written, and ``scratch`` holds the Jacobian in its row 1 and the inverse
+    of the (where needed damped) Cholesky factor in its row 3. Returns DAMPED, REFUSED or 0.
+    """
+    m = kind.shape[0] - 1
+    trig, jac, low, inv, error = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
+    nominal, tip = scratch[7], frame[m]
+    joint_trig(given, trig)
+    chain_pass(real, kind, m, trig, delta, 0, frame)
+    loads(real, kind, m, frame, given, given[6:], gravity, delta)
+    tcp_compliance(real, kind, m, frame, given, out[OUT_C:])
+    rigid_jacobian(real, kind, m, frame, jac)
+    for k in range(12):
+        nominal[k] = tip[k]
+    write_pose(tip, out[OUT_T0:])
+    chain_pass(real, kind, m, trig, delta, 1, frame)
+    write_pose(tip, out[OUT_TE:])
+    pose_difference(nominal, tip, error)
+    for k in range(6):
+        out[OUT_D + k] = error[k]
+    sigma = cholesky_inverse(jac, 0.0, low, inv)
+    out[OUT_SIGMA] = sigma
+    if not sigma >= REFUSE_BELOW:
+        return REFUSED
+    if sigma >= DAMPING_BELOW:
+        return 0
+    cholesky_inverse(jac, DAMPING * DAMPING * (1.0 - (sigma / DAMPING_BELOW) ** 2), low, inv)
+    return DAMPED
+
+
+@kernel(_SIGNATURE)
+def step(
+    real: Float, kind: Int, given: Float, out: Float, frame: Float, delta: Float, scratch: Float, gravity: int
+) -> int:
+    """One online step for ``given = [q, w_tcp_base]`` (12,); see :class:`ElasticStep`. Returns the status bits."""
+    m = kind.shape[0] - 1
+    w = given[6:]
+    trig, jac, inv, error, half, move = scratch[0], scratch[1], scratch[3], scratch[4], scratch[5], scratch[6]
+    nominal, tip = scratch[7], frame[m]
+    status = deflect(real, kind, given, out, frame, delta, scratch, gravity)
+    q = out[OUT_Q:]
+    residual = out[OUT_RESIDUAL:]
+    for k in range(6):
+        residual[k] = error[k]
+        q[k] = given[k]
+    for k in range(16):
+        out[OUT_TC + k] = out[OUT_T0 + k]
+    if status & REFUSED:
+        return REFUSED
+    for _ in range(2):
+        status |= newton_step(jac, inv, error, half, move)
+        for j in range(6):
+            q[j] += move[j]
+        advance_trig(trig, move)
+        chain_pass(real, kind, m, trig, delta, 0, frame)
+        loads(real, kind, m, frame, q, w, gravity, delta)
+        write_pose(tip, out[OUT_TC:])
+        chain_pass(real, kind, m, trig, delta, 1, frame)
+        pose_difference(nominal, tip, error)
+    for k in range(6):
+        residual[k] = error[k]
+    return status
+
+
+class ElasticStep:
+    """The online step of one chain, with buffers that are allocated once.
+
+    Deflection of the TCP at commanded angles q under the wrench w, and the angles q_c whose *deflected* pose is the
+    undeflected pose of q: two Newton steps with the rigid Jacobian at q on ``fk_elastic(q_c, w) = fk_rigid(q)``. Loads
+    on the rigid geometry, nonlinear composition (Haehn2020 eq. 2-9). Near singularities (``sigma`` below DAMPING_BELOW)
+    the step is damped, each Newton step is clamped to STEP_LIMIT, and below REFUSE_BELOW no correction is given:
+    ``q_c = q``.
+
+    Call it with q and w, or write into ``q`` and ``w`` and call :meth:`run`. Results are views of one vector that the
+    next call overwrites; copy what must last. Not safe to share between threads.
+
+    Attributes:
+        q: (6,) rad, input: angles the controller shows.
+        w: (6,) N, N m, input: wrench about the TCP in base axes.
+        T0: (4, 4) rigid pose of the TCP at q.
+        Te: (4, 4) deflected pose at q.
+        C: (6, 6) Cartesian compliance at q, base axes at the TCP.
+        d: (6,) deflection ``Te - T0``: translation m, rotation vector rad, base axes.
+        q_c: (6,) rad, corrected angles.
+        Tc: (4, 4) rigid pose at q_c: what a Cartesian correction commands.
+        residual: (6,) what is left at q_c: deflected pose minus T0.
+        status: 0, or bits DAMPED, CLAMPED, REFUSED.
+    """
+
+    def __init__(self, chain: ElasticChain, *, gravity: bool = False) -> None:
+        """Allocate the buffers; ``gravity`` adds own weight and payload to the load, so that sag is undone too."""
+        compact = chain.compact
+        m = compact.stations
+        self.chain = chain
+        self.status = 0
+        self._real = compact.real
+        self._kind = compact.kind
+        self._given = np.zeros(12)
+        self._out = np.zeros(OUT_SIZE)
+        self._frame = np.zeros((m + 1, 12))
+        self._delta = np.zeros((m, 6))
+        self._scratch = np.zeros((SCRATCH, 36))
+        self._gravity = int(gravity)
+        self.q = self._given[:6]
+        self.w = self._given[6:]
+        self.T0 = self._out[OUT_T0:OUT_TE].reshape(4, 4)
+        self.Te = self._out[OUT_TE:OUT_C].reshape(4, 4)
+        self.C = self._out[OUT_C:OUT_D].reshape(6, 6)
+        self.d = self._out[OUT_D:OUT_Q]
+        self.q_c = self._out[OUT_Q:OUT_TC]
+        self.Tc = self._out[OUT_TC:OUT_RESIDUAL].reshape(4, 4)
+        self.residual = self._out[OUT_RESIDUAL:OUT_SIGMA]
+        self.run()
+
+    @property
+    def sigma(self) -> float:
+        """Distance from singularity: 1/sqrt(6) to 1 times the smallest singular value of J (1 m counts as 1 rad)."""
+        return float(self._out[OUT_SIGMA])
+
+    def run(self) -> int:
+        """Step for what stands in ``q`` and ``w``. Returns the status bits."""
+        self.status = step(
+            self._real, self._kind, self._given, self._out, self._frame, self._delta, self._scratch, self._gravity
+        )
+        return self.status
+
+    def __call__(self, q: Float, w_tcp_base: Float) -> int:
+        """Step for angles (6,) rad and wrench (6,) N, N m; anything NumPy can copy. Returns the status bits.
+
+        Raises:
+            InputError: Wrong shape. Values are not checked here: NaN in gives NaN out with status REFUSED.
+        """
+        try:
+            self.q[:] = q
+            self.w[:] = w_tcp_base
+        except ValueError as fault:
+            raise InputError(f"the step takes six angles and six wrench components: {fault}") from fault
+        return self.run()

@@ -1,0 +1,132 @@
+"""What to say when a pose or a path cannot be reached."""
+
+from __future__ import annotations
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ReachError
+from counterflex.core.units import DEG, MM
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.kinematics import inverse_kernel
+from counterflex.robot.kinematics.inverse_seeds import flange_of
+from counterflex.robot.model import opw
+
+_MOVE = "Move the part closer to the robot, or away from its foot"
+
+
+def beyond(chain: ElasticChain, T_base_tcp: Float) -> float | None:
+    """How far the wrist centre lies beyond the arm's reach on its better side (rigid OPW geometry).
+
+    Args:
+        chain: The chain.
+        T_base_tcp: (4, 4) m.
+
+    Returns:
+        m, positive; None where it is within reach or the chain has no OPW geometry.
+    """
+    if chain.opw is None:
+        return None
+    T_base_flange = flange_of(chain, T_base_tcp)
+    reserve = max(float(opw.extension(chain.opw, T_base_flange, back=back)) for back in (False, True))
+    return -reserve if reserve < 0.0 else None
+
+
+def unreached(chain: ElasticChain, T_base_tcp: Float, outside: tuple[str, int, float] | None) -> ReachError:
+    """Error of a pose without solution.
+
+    Args:
+        chain: The chain.
+        T_base_tcp: (4, 4) m.
+        outside: The solution that breaks its joint limits least: branch, axis 0..5, its angle in rad; or None.
+    """
+    if outside is not None:
+        branch, axis, angle = outside
+        low, high = chain.joint_limits_rad[axis] / DEG
+        return ReachError(
+            f"every branch breaks a joint limit; in the best ({branch}) axis {axis + 1} is out",
+            value=f"{angle / DEG:.3f} deg",
+            limit=f"{low:.3f}..{high:.3f} deg",
+            hint="Move the part or turn the tool about its axis",
+            axis=axis,
+        )
+    gap = beyond(chain, T_base_tcp)
+    if gap is not None:
+        return ReachError(
+            "the pose is out of reach", value=f"wrist centre {gap / MM:.1f} mm beyond the arm", hint=_MOVE
+        )
+    return ReachError("the pose is not reached by any branch", hint="Move the part or turn the tool about its axis")
+
+
+def at_point(fault: ReachError, point: int) -> ReachError:
+    """The same error, said of a point of a path."""
+    return ReachError(
+        fault.what,
+        where=f"path point {point}",
+        value=fault.value,
+        limit=fault.limit,
+        hint=fault.hint,
+        **(fault.data | {"point": point}),
+    )
+
+
+def near_singularity(wrist: float, sigma: float, floor: float) -> ReachError:
+    """Error of a pose whose scaled sigma_min is below the floor; ``wrist`` is ``|sin|`` between axes 4 and 6."""
+    which = "the wrist singularity (axis 5 near zero)" if wrist < 0.05 else "a singularity of the arm"
+    return ReachError(
+        f"the pose is too close to {which}",
+        value=f"sigma_min {sigma:.2g}",
+        limit=f">= {floor:g}",
+        hint="Tilt or shift the part, or turn the tool about its axis",
+    )
+
+
+def path_fault(
+    chain: ElasticChain, T_base_tcp: Float, point: int, code: int, axis: int, fault: Float, floor: float
+) -> ReachError:
+    """Error of the first path point that :func:`counterflex.robot.kinematics.inverse_kernel.follow` could not do.
+
+    Args:
+        chain: The chain.
+        T_base_tcp: (4, 4) pose of that point, m.
+        point: Its index.
+        code: How it ended.
+        axis: Axis 0..5 of a joint limit.
+        fault: (2,) as the kernel leaves it.
+        floor: Smallest sigma_min accepted.
+    """
+    where = f"path point {point}"
+    if code == inverse_kernel.OUTSIDE:
+        low, high = chain.joint_limits_rad[axis] / DEG
+        return ReachError(
+            f"axis {axis + 1} leaves its range",
+            where=where,
+            value=f"{fault[0] / DEG:.3f} deg",
+            limit=f"{low:.3f}..{high:.3f} deg",
+            hint="Choose another branch, or move the part",
+            point=point,
+            axis=axis,
+        )
+    gap = beyond(chain, T_base_tcp)
+    if gap is not None:
+        return ReachError(
+            "the pose is out of reach",
+            where=where,
+            value=f"wrist centre {gap / MM:.1f} mm beyond the arm",
+            hint=_MOVE,
+            point=point,
+        )
+    if code == inverse_kernel.SINGULAR:
+        return ReachError(
+            "the path runs too close to a singularity",
+            where=where,
+            value=f"sigma_min {fault[0]:.2g}",
+            limit=f">= {floor:g}",
+            hint="Axis 5 near zero or the arm stretched: tilt or move the part, or turn the tool about its axis",
+            point=point,
+        )
+    return ReachError(
+        "the pose is not reached on this branch",
+        where=where,
+        value=f"residual {fault[0]:.2g}, sigma_min {fault[1]:.2g}",
+        hint="Choose another branch, or move the part",
+        point=point,
+    )

@@ -1,0 +1,1 @@
+"""Descriptions of robots: segments, catalogue, DH, OPW, URDF, calibrated geometry."""

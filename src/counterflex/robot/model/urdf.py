@@ -1,0 +1,258 @@
+"""Read a robot from a URDF file: a serial chain of six revolute joints from a base link to a tip link.
+
+Every joint becomes a segment with z along its axis, so a URDF joint angle is the controller angle with sign +1 and
+offset 0. Many public URDFs have another zero pose or sense of rotation than the robot's controller: compare a pose
+with the controller's display before use. A URDF holds no compliance; everything is rigid until the cell file adds it.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import os
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.arrays import Float, frozen
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.geometry import pose, rotation
+from counterflex.robot.model.description import Robot, Segment
+from counterflex.robot.model.opw_fit import fit_opw
+
+_FIXED = "fixed"
+_TURNING = ("revolute", "continuous")
+_TIPS = ("tool0", "flange")
+CONTINUOUS_LIMIT_RAD = 2.0 * math.pi
+"""Limit given to a joint that the URDF calls continuous."""
+
+
+def load_urdf(path: str | os.PathLike[str], tip_link: str | None = None, base_link: str | None = None) -> Robot:
+    """Import a robot.
+
+    Fixed joints are merged; the mass of a fixed link goes to the link that carries it, and the mass of the base is left
+    out, since it does not move.
+
+    Args:
+        path: URDF file (no xacro).
+        tip_link: Link whose frame is the flange, z out of the flange. None takes ``tool0`` or ``flange`` where there is
+            one, else the only link without children.
+        base_link: Link whose frame is the robot's base, z up. None takes the root of the tree.
+
+    Returns:
+        The robot, named as in the file; limits in rad, speeds in rad/s (None where a joint states none). ``opw`` is set
+        where the geometry fits, see :func:`counterflex.robot.model.opw_fit.fit_opw`.
+
+    Raises:
+        InputError: The package yourdfpy is missing; a link name is unknown or ambiguous.
+        FileFormatError: Not a URDF, or not a serial chain of six revolute joints: prismatic, floating, planar or mimic
+            joints, branches that move, loops, other numbers of axes, impossible limits, axes or masses.
+    """
+    file = Path(path)
+    model = _parse(file)
+    where = str(file)
+    links = {link.name: link for link in model.links}
+    parent_of, children_of = _tree(model, where)
+    base = base_link or _root(links, parent_of, where)
+    tip = tip_link or _tip(links, children_of, where)
+    for name in (base, tip):
+        if name not in links:
+            raise InputError(f"{where}: no link {name!r}", limit="one of " + ", ".join(sorted(links)))
+    joints = _path(parent_of, base, tip, where)
+    _check_branches(children_of, base, joints, where)
+    segments: list[Segment] = []
+    limits, speeds = np.empty((6, 2)), np.full(6, np.nan)
+    T_seg_link = np.eye(4)  # the current link in the last segment's frame (base for the first)
+    for joint in joints:
+        T_seg_link = T_seg_link @ _origin(joint, where)
+        if joint.type == _FIXED:
+            continue
+        k = len(segments)
+        place = f"{where}: joint {joint.name!r}"
+        R_link_seg = _along(_axis(joint, place))
+        limits[k], speeds[k] = _limits(joint, place)
+        T_link_seg = pose.make(R_link_seg)
+        mass, com = _carried(joint.child, children_of, links, where)
+        segments.append(
+            Segment(
+                name=f"axis{k + 1}",
+                T_prev_seg=frozen(T_seg_link @ T_link_seg),
+                joint=k,
+                mass_kg=mass,
+                p_seg_com=frozen(R_link_seg.T @ com),
+            )
+        )
+        T_seg_link = pose.inverse(T_link_seg)
+    return Robot(
+        name=str(model.name or file.stem),
+        segments=tuple(segments),
+        T_last_flange=frozen(T_seg_link),
+        joint_limits_rad=frozen(limits),
+        joint_speeds_rad_s=frozen(speeds) if np.all(np.isfinite(speeds)) else None,
+        opw=fit_opw(segments, T_seg_link),
+    )
+
+
+def _parse(file: Path) -> Any:
+    try:
+        library = importlib.import_module("yourdfpy")
+    except ImportError as fault:
+        raise InputError(
+            "reading URDF files needs the package yourdfpy", hint='Run: pip install "counterflex[urdf]"'
+        ) from fault
+    try:
+        ElementTree.parse(file)  # the library repairs broken XML and carries on; a robot must not be guessed
+        return library.URDF.load(str(file), build_scene_graph=False, load_meshes=False).robot
+    except OSError as fault:
+        raise InputError(f"cannot read the URDF file: {fault.strerror}", where=str(file)) from fault
+    except ElementTree.ParseError as fault:
+        line, column = fault.position
+        raise FileFormatError("not well-formed XML", where=f"{file}:{line}:{column + 1}", value=str(fault)) from fault
+    except Exception as fault:
+        raise FileFormatError(
+            "not a URDF the library can read", where=str(file), value=f"{type(fault).__name__}: {fault}"
+        ) from fault
+
+
+def _tree(model: Any, where: str) -> tuple[dict[str, Any], dict[str, list[Any]]]:
+    parent_of: dict[str, Any] = {}
+    children_of: dict[str, list[Any]] = {}
+    names = {link.name for link in model.links}
+    for joint in model.joints:
+        if joint.child in parent_of:
+            raise FileFormatError(f"link {joint.child!r} has two parents: the chain is not serial", where=where)
+        for end in (joint.parent, joint.child):
+            if end not in names:
+                raise FileFormatError(f"joint {joint.name!r} names the link {end!r}, which is not there", where=where)
+        parent_of[joint.child] = joint
+        children_of.setdefault(joint.parent, []).append(joint)
+    return parent_of, children_of
+
+
+def _root(links: dict[str, Any], parent_of: dict[str, Any], where: str) -> str:
+    roots = [name for name in links if name not in parent_of]
+    if len(roots) != 1:
+        raise InputError(f"{where}: the base link is not clear", value=roots, limit="one root", hint="Name base_link")
+    return roots[0]
+
+
+def _tip(links: dict[str, Any], children_of: dict[str, list[Any]], where: str) -> str:
+    for name in _TIPS:
+        if name in links:
+            return name
+    ends = [name for name in links if name not in children_of]
+    if len(ends) != 1:
+        raise InputError(f"{where}: the flange link is not clear", value=ends, limit="one end", hint="Name tip_link")
+    return ends[0]
+
+
+def _path(parent_of: dict[str, Any], base: str, tip: str, where: str) -> list[Any]:
+    """Joints from base to tip."""
+    joints: list[Any] = []
+    link = tip
+    while link != base:
+        if link not in parent_of or len(joints) > len(parent_of):
+            raise InputError(f"{where}: link {tip!r} does not hang on link {base!r}")
+        joints.append(parent_of[link])
+        link = parent_of[link].parent
+    joints.reverse()
+    for joint in joints:
+        if joint.mimic is not None:
+            raise FileFormatError(
+                f"joint {joint.name!r} follows another one (mimic)", where=where, limit="six free axes"
+            )
+        if joint.type != _FIXED and joint.type not in _TURNING:
+            raise FileFormatError(
+                f"joint {joint.name!r} of the chain does not turn", where=where, value=joint.type, limit="revolute"
+            )
+    count = sum(joint.type != _FIXED for joint in joints)
+    if count != 6:
+        raise FileFormatError(
+            f"the chain from {base!r} to {tip!r} is not a six-axis robot", where=where, value=count, limit="6 revolute"
+        )
+    return joints
+
+
+def _check_branches(children_of: dict[str, list[Any]], base: str, joints: list[Any], where: str) -> None:
+    """Nothing may move beside the chain."""
+    chain = {joint.name for joint in joints}
+    waiting = [base]
+    while waiting:
+        for joint in children_of.get(waiting.pop(), []):
+            waiting.append(joint.child)
+            if joint.name not in chain and joint.type != _FIXED:
+                raise FileFormatError(
+                    f"joint {joint.name!r} moves beside the chain, so the robot is not serial",
+                    where=where,
+                    hint="Remove it or make it fixed",
+                )
+
+
+def _origin(joint: Any, where: str) -> Float:
+    T: Float = np.eye(4) if joint.origin is None else np.array(joint.origin, dtype=np.float64)
+    if T.shape != (4, 4) or not np.all(np.isfinite(T)):
+        raise FileFormatError(f"joint {joint.name!r} has an impossible origin", where=where)
+    return T
+
+
+def _axis(joint: Any, place: str) -> Float:
+    axis = np.array([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, dtype=np.float64)
+    norm = float(np.linalg.norm(axis)) if axis.shape == (3,) and np.all(np.isfinite(axis)) else 0.0
+    if norm < 1e-9:
+        raise FileFormatError("the axis is no direction", where=place, value=axis.tolist())
+    return axis / norm
+
+
+def _along(axis: Float) -> Float:
+    """Rotation whose z is the axis, by the shortest way from z."""
+    z = np.array([0.0, 0.0, 1.0])
+    across = np.cross(z, axis)
+    s, c = float(np.linalg.norm(across)), float(axis[2])
+    if s < 1e-12:
+        return np.eye(3) if c > 0.0 else np.diag([1.0, -1.0, -1.0])
+    R = rotation.exp(across / s * math.atan2(s, c))
+    R[np.abs(R) < 1e-15] = 0.0
+    return R
+
+
+def _limits(joint: Any, place: str) -> tuple[tuple[float, float], float]:
+    speed = math.nan
+    if joint.limit is not None and joint.limit.velocity:
+        speed = float(joint.limit.velocity)
+        if not speed > 0.0:
+            raise FileFormatError("the speed limit is not positive", where=place, value=speed, limit="> 0 rad/s")
+    if joint.type == "continuous":
+        return (-CONTINUOUS_LIMIT_RAD, CONTINUOUS_LIMIT_RAD), speed
+    if joint.limit is None:
+        raise FileFormatError("a revolute joint without limits", where=place)
+    low = 0.0 if joint.limit.lower is None else float(joint.limit.lower)
+    high = 0.0 if joint.limit.upper is None else float(joint.limit.upper)
+    if not low < high or not math.isfinite(high - low):
+        raise FileFormatError("the lower limit is not below the upper one", where=place, value=(low, high))
+    if high - low > 30.0:
+        raise FileFormatError(
+            "the limits are implausibly wide", where=place, value=(low, high), hint="URDF limits are in rad"
+        )
+    return (low, high), speed
+
+
+def _carried(link: str, children_of: dict[str, list[Any]], links: dict[str, Any], where: str) -> tuple[float, Float]:
+    """Mass of a link and all that is fixed to it, and its centre of gravity in the link's frame."""
+    mass, moment = 0.0, np.zeros(3)
+    waiting = [(link, np.eye(4))]
+    while waiting:
+        name, T = waiting.pop()
+        inertial = links[name].inertial
+        if inertial is not None and inertial.mass is not None:
+            own = float(inertial.mass)
+            com = np.zeros(3) if inertial.origin is None else np.array(inertial.origin, dtype=np.float64)[:3, 3]
+            if not math.isfinite(own) or own < 0.0 or not np.all(np.isfinite(com)):
+                raise FileFormatError(f"link {name!r} has an impossible mass", where=where, value=own, limit=">= 0 kg")
+            mass += own
+            moment += own * pose.transform(T, com)
+        waiting.extend(
+            (joint.child, T @ _origin(joint, where)) for joint in children_of.get(name, []) if joint.type == _FIXED
+        )
+    return mass, moment / mass if mass > 0.0 else moment

@@ -1,0 +1,1 @@
+"""Gains and filters of the loop, worked out before it runs."""

@@ -1,0 +1,101 @@
+"""Fusion of plan, force, tracker and motor currents: which sources there are, and how much each is trusted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_positive
+from counterflex.core.units import DEG, MM, UM
+from counterflex.runtime.estimator import fusion_kernel as fk
+
+
+class Source(IntFlag):
+    """What the estimate of a cycle rests on."""
+
+    NOTHING = 0
+    PLAN = 1
+    FORCE = 2
+    TRACKER = 4
+    CURRENTS = 8
+
+
+def level(sources: int) -> str:
+    """The sources in words, best first: ``plan + force + tracker``, or ``nothing``."""
+    names = [s.name.lower() for s in Source if s and sources & s and s.name is not None]
+    return " + ".join(names) if names else "nothing"
+
+
+@dataclass(frozen=True)
+class FusionTuning:
+    """How fast what is estimated may change, and what was known of it before.
+
+    Attributes:
+        factor: Standard deviation of the force factors at the start.
+        model: Of the share of the deflection that the force does not explain.
+        offset_m: Of the offset.
+        factor_drift: What a factor gains per root second.
+        model_drift: Likewise.
+        offset_drift_m: Likewise, m.
+        turn_rad: Offset of the orientation at the start.
+        turn_drift_rad: Likewise, per root second.
+        gate: Standard deviations beyond which a measurement counts less.
+        tracker_stale_s: Age at which a tracker or photogrammetry no longer counts as there.
+        disbelieved: Samples in a row, farther off than the largest jump, after which it does not either.
+        mode_hz: Lowest mode of the arm, about which it swings when it is accelerated or a load comes.
+        mode_damping: Its damping ratio.
+        torque_nm: Standard deviation of each axis torque found from motor currents: of what its friction changes by.
+    """
+
+    factor: float = 0.25
+    model: float = 0.15
+    offset_m: float = 0.5 * MM
+    factor_drift: float = 0.05
+    model_drift: float = 0.02
+    offset_drift_m: float = 100.0 * UM
+    turn_rad: float = 0.3 * DEG
+    turn_drift_rad: float = 0.02 * DEG
+    gate: float = 5.0
+    tracker_stale_s: float = 0.5
+    disbelieved: int = 5
+    mode_hz: float = 8.0
+    mode_damping: float = 0.1
+    torque_nm: tuple[float, float, float, float, float, float] = (60.0, 60.0, 60.0, 20.0, 20.0, 20.0)
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        for name in self.__dataclass_fields__:
+            for value in np.atleast_1d(getattr(self, name)):
+                as_positive(f"online: fusion {name}", float(value))
+
+    def packed(self, period_s: float) -> Float:
+        """(9,) for the step: growth of k, a, b per cycle, largest variances, orientation's two, gate."""
+        return np.array(
+            [
+                self.factor_drift**2 * period_s,
+                self.model_drift**2 * period_s,
+                self.offset_drift_m**2 * period_s,
+                self.factor**2,
+                self.model**2,
+                self.offset_m**2,
+                self.turn_drift_rad**2 * period_s,
+                self.turn_rad**2,
+                self.gate,
+            ]
+        )
+
+    def swing(self, period_s: float) -> tuple[float, float]:
+        """``1 / w^2`` s2 of the mode, and what is left of a swing after a cycle."""
+        w = 2.0 * math.pi * self.mode_hz
+        return 1.0 / (w * w), math.exp(-self.mode_damping * w * period_s)
+
+    def begin(self, fusion: Float) -> None:
+        """Write what is known at the start into the state (SIZE,): factors 1, model right, no offset."""
+        fusion[:] = 0.0
+        fusion[fk.X : fk.X + 3] = 1.0
+        for i in range(fk.N):
+            fusion[fk.P + (fk.N + 1) * i] = (self.factor, self.model, self.offset_m)[i // 3] ** 2
+        fusion[fk.TURN_VARIANCE] = self.turn_rad**2

@@ -1,0 +1,1 @@
+"""Process monitoring and feed override: wear, breakage, chatter, speed of the program."""

@@ -1,0 +1,124 @@
+"""Axis angles of a telegram held against its poses; see :mod:`.axis_check_kernel` for the law."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int, as_float, as_positive
+from counterflex.geometry import pose
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.runtime.plausibility import axis_check_kernel as ak
+from counterflex.runtime.plausibility.axis_tolerance import AxisTolerance
+from counterflex.runtime.state.states import Cause
+
+ABSENT: Final = ak.ABSENT
+EXACT: Final = ak.EXACT
+ABOUT: Final = ak.ABOUT
+_TRAIL_S: Final = 0.4
+"""Longest that a measured pose may trail the commanded one."""
+_CAUSES: Final = {
+    ak.AGREE: 0,
+    ak.DISAGREE: int(Cause.AXIS_ANGLES),
+    ak.OFFSET_TOO_LARGE: int(Cause.FRAME_OFFSET),
+}
+
+
+class AxisCheck:
+    """Holds the angles of each telegram against its poses, and keeps the last that agreed.
+
+    Not part of the loop's memory: what it finds is an input of the cycle, as what other parts of the session find, and
+    stands in the record.
+
+    Args:
+        chain: As the controller has it: nominal geometry.
+        T_base_part: (4, 4) part frame, the frame of the poses.
+        period_s: Cycle.
+        tolerance: See :class:`AxisTolerance`.
+    """
+
+    def __init__(
+        self, chain: ElasticChain, T_base_part: Float, period_s: float, tolerance: AxisTolerance | None = None
+    ) -> None:
+        chosen = AxisTolerance() if tolerance is None else tolerance
+        self._real, self._kind = chain.compact.real, chain.compact.kind
+        T_part_base = pose.inverse(as_float("T_base_part", T_base_part, (4, 4)))
+        self._T_part_base: Float = np.concatenate([T_part_base[:3, :3].reshape(-1), T_part_base[:3, 3]])
+        self._limits: Float = np.zeros(ak.LIMITS)
+        for place, value in (
+            (ak.L_M, chosen.position_m),
+            (ak.L_RAD, chosen.rotation_rad),
+            (ak.L_OFFSET_M, chosen.offset_m),
+            (ak.L_OFFSET_RAD, chosen.offset_rad),
+        ):
+            self._limits[place] = value
+        rows = max(2, round(_TRAIL_S / as_positive("period_s", period_s)))
+        self._trail: Float = np.zeros((rows, 24))
+        self._trig: Float = np.zeros(12)
+        self._frame: Float = np.zeros((chain.compact.stations + 1, 12))
+        self._work: Float = np.zeros((5, 12))
+        self._nothing: Float = np.zeros(6)
+        self._memory: Float = np.zeros(ak.REMEMBERED)
+        self._counts: Int = np.zeros(ak.NUMBERS, dtype=np.int64)
+
+    def __call__(
+        self,
+        q: Float,
+        commanded: Float,
+        correction: Float,
+        *,
+        learn: bool,
+        commanded_is: int = EXACT,
+        measured: Float | None = None,
+        measured_is: int = ABSENT,
+    ) -> int:
+        """Judge a telegram; angles that do not agree are replaced by the last that did.
+
+        Args:
+            q: (6,) rad; changed where they do not agree.
+            commanded: (12,) commanded pose, rotation by rows and position m, part frame.
+            correction: (6,) sent last, m and rotation vector, part axes.
+            learn: The loop is not armed: the offset is learnt.
+            commanded_is: EXACT: of the same instant as the angles; ABOUT: one is set, the other measured;
+                ABSENT: not judged.
+            measured: (12,) pose that the controller reports; None where it does not.
+            measured_is: EXACT or ABOUT likewise; ABSENT.
+
+        Returns:
+            Cause of a hold, or 0.
+        """
+        found = ak.angles_agree(
+            q,
+            correction,
+            commanded,
+            commanded_is,
+            commanded if measured is None else measured,
+            ABSENT if measured is None else measured_is,
+            self._T_part_base,
+            learn,
+            self._real,
+            self._kind,
+            self._limits,
+            self._trig,
+            self._frame,
+            self._trail,
+            self._work,
+            self._nothing,
+            self._memory,
+            self._counts,
+        )
+        if found == ak.DISAGREE and self._counts[ak.N_GOOD] == 1:
+            q[:] = self._memory[ak.M_Q : ak.M_Q + 6]
+        return _CAUSES[int(found)]
+
+    @property
+    def offset(self) -> Float:
+        """(6,) pose of the telegrams minus that of their angles, m and rotation vector, part axes: as learnt."""
+        out: Float = self._memory[ak.M_OFFSET : ak.M_OFFSET + 6].copy()
+        return out
+
+    @property
+    def found(self) -> tuple[float, float]:
+        """Disagreement of the last telegram, offset taken off, m and rad."""
+        return float(self._memory[ak.M_FOUND]), float(self._memory[ak.M_FOUND + 1])

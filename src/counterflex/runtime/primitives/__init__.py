@@ -1,0 +1,1 @@
+"""What several stages of the step share: frames, place on the path, history, filters."""

@@ -1,0 +1,80 @@
+"""From the currents of a robot's motors to the torque that the process puts on its axes, in the cycle.
+
+A motor gives ``c i`` on the link side of its gear, c its torque per current; in slow motion this holds against weight,
+process and friction, all torques on the axis positive in its positive direction::
+
+    0 = c i + weight(q) + (J^T w) + friction        so        -c i - weight(q) = J^T w + friction
+
+Friction and what is wrong with the weight stay in: the estimator learns them where the plan cuts air
+(:mod:`counterflex.runtime.estimator.idle_torque`). Acceleration is left out: at milling feeds it is small but for
+corners.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int, as_float
+from counterflex.core.errors import InputError
+from counterflex.core.jit import kernel
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.elasticity.kernels.gravity import weight_torque
+
+
+@kernel(
+    "void(float64[:, ::1], int64[:, ::1], float64[::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1],"
+    " float64[::1], float64[::1])"
+)
+def _process_torque(
+    real: Float,
+    kind: Int,
+    per_current: Float,
+    q: Float,
+    current: Float,
+    frame: Float,
+    still: Float,
+    trig: Float,
+    out: Float,
+) -> None:
+    weight_torque(real, kind, q, frame, still, trig, out)
+    for k in range(6):
+        out[k] = -per_current[k] * current[k] - out[k]
+
+
+class MotorTorque:
+    """Motor currents of one robot as torque of process and friction.
+
+    Args:
+        chain: Its masses, payload and counterbalance.
+        per_current: (6,) N m on the link side per unit of current as the controller sends it (A, or % where it sends
+            %), positive where a positive current turns the axis in its positive direction.
+
+    Attributes:
+        current: (6,) last currents, to be filled in before the call.
+
+    Raises:
+        InputError: A number is zero or not finite.
+    """
+
+    def __init__(self, chain: ElasticChain, per_current: Float) -> None:
+        given = as_float("per_current", per_current, (6,))
+        if not np.all(np.abs(given) > 0.0):
+            raise InputError("torque per motor current", value=given.tolist(), limit="six numbers that are not zero")
+        self._per_current: Float = np.ascontiguousarray(given)
+        self._real, self._kind = chain.compact.real, chain.compact.kind
+        m = chain.compact.stations
+        self._frame: Float = np.zeros((m + 1, 12))
+        self._still: Float = np.zeros((m, 6))
+        self._trig: Float = np.zeros(12)
+        self.current: Float = np.zeros(6)
+
+    def __call__(self, q: Float, out: Float) -> None:
+        """Torque of process and friction about the axes, of :attr:`current`.
+
+        Args:
+            q: (6,) rad, C order.
+            out: (6,) N m, positive in the positive direction of each axis; written.
+        """
+        _process_torque(
+            self._real, self._kind, self._per_current, q, self.current, self._frame, self._still, self._trig, out
+        )

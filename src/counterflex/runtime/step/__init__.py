@@ -1,0 +1,1 @@
+"""The online step and its stages."""

@@ -1,0 +1,176 @@
+"""Corrections known ahead of any measurement: for the lag behind the program, and for play where axes turn round.
+
+The lag is undone by a filter on speed and acceleration of the program, see
+:mod:`counterflex.runtime.design.feed_forward`. Both come from the commanded poses of the last telegrams, so they hold
+at any override.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.jit import kernel
+from counterflex.runtime.primitives.frames import across, pose_deviation
+from counterflex.runtime.primitives.history import row_at
+from counterflex.runtime.primitives.localize import PLAN_PLAY
+from counterflex.runtime.state import layout as at
+
+SPAN: Final = 2
+"""Cycles over which a rate is taken; two of them lie behind an acceleration."""
+
+
+@kernel(
+    "boolean(float64[:, ::1], int64, float64[::1], float64, float64, float64[::1], float64[::1], float64[::1],"
+    " float64[::1], float64[::1], float64[::1])"
+)
+def rates(
+    ring: Float,
+    here: int,
+    nominal: Float,
+    clock: float,
+    period: float,
+    rate: Float,
+    second: Float,
+    zero: Float,
+    work: Float,
+    one: Float,
+    two: Float,
+) -> bool:
+    """Speed and acceleration of the commanded pose now, from differences over :data:`SPAN` cycles of the controller.
+
+    The mean speed of the last span belongs to its middle; the acceleration of two spans carries it to now. Poses of
+    telegrams that were lost are taken as linear in between.
+
+    Args:
+        ring: Of the last cycles, this one's pose and clock written.
+        here: Its row.
+        nominal: (12,) commanded pose now.
+        clock: Of now, cycles.
+        period: Cycle, s.
+        rate: (6,) m/s and rad/s, part axes; written.
+        second: (6,) m/s2 and rad/s2; written.
+        zero: (6,) zeros.
+        work: (12,) work space.
+        one: (RING,) work space.
+        two: (RING,) work space.
+
+    Returns:
+        False where the past is not long enough: rates are zero then.
+    """
+    known = row_at(ring, here, clock - SPAN, one) and row_at(ring, here, clock - 2.0 * SPAN, two)
+    if not known:
+        for k in range(6):
+            rate[k] = second[k] = 0.0
+        return False
+    pose_deviation(nominal, 0, one[at.RING_NOMINAL : at.RING_NOMINAL + 12], zero, work[:6])
+    pose_deviation(one, at.RING_NOMINAL, two[at.RING_NOMINAL : at.RING_NOMINAL + 12], zero, work[6:12])
+    span = SPAN * period
+    for k in range(6):
+        last, before = work[k] / span, work[6 + k] / span
+        second[k] = (last - before) / span
+        rate[k] = last + 0.5 * span * second[k]
+    return True
+
+
+@kernel("float64(float64[::1], float64[::1], float64[::1], float64, float64[::1], float64[::1])")
+def lag_correction(rate: Float, second: Float, filter_: Float, largest: float, memory: Float, out: Float) -> float:
+    """Correction that undoes the lag behind the program, (6,) written; no larger than allowed, direction kept.
+
+    Args:
+        rate: (6,) m/s, rad/s.
+        second: (6,) m/s2, rad/s2.
+        filter_: (8,) of :func:`counterflex.runtime.design.feed_forward.lag_filter`.
+        largest: Largest translation, m.
+        memory: (12,) of the filter; changed.
+        out: (6,) m, rad.
+
+    Returns:
+        Share 0..1 of it that is given; below 1 the program runs too fast for it.
+    """
+    size = 0.0
+    for k in range(6):
+        v, a = rate[k], second[k]
+        y = filter_[0] * v + filter_[3] * a + memory[2 * k]
+        memory[2 * k] = filter_[1] * v + filter_[4] * a - filter_[6] * y + memory[2 * k + 1]
+        memory[2 * k + 1] = filter_[2] * v + filter_[5] * a - filter_[7] * y
+        out[k] = y
+        size += y * y if k < 3 else 0.0
+    size = math.sqrt(size)
+    share = largest / size if size > largest else 1.0
+    for k in range(6):
+        out[k] *= share
+    return share
+
+
+@kernel("void(float64[:, ::1], float64[::1], float64[::1])")
+def play_undone(plan: Float, place: Float, out: Float) -> None:
+    """Correction of the plan that undoes play, (3,) m, part axes, added to ``out``.
+
+    Args:
+        plan: (n, PLAN_COLUMNS).
+        place: (2,) of :func:`counterflex.runtime.primitives.localize.follow`.
+        out: (3,) at least.
+    """
+    i, u = int(place[0]), place[1]
+    for k in range(3):
+        out[k] += (1.0 - u) * plan[i, PLAN_PLAY + k] + u * plan[i + 1, PLAN_PLAY + k]
+
+
+@kernel(
+    "float64(float64[:, ::1], float64[:, ::1], int64, float64[::1], float64[::1], int64[::1], int64, float64[::1],"
+    " float64[::1], float64[::1])"
+)
+def known_ahead(
+    plan: Float,
+    ring: Float,
+    here: int,
+    nominal: Float,
+    constants: Float,
+    choices: Int,
+    planned: int,
+    state: Float,
+    work: Float,
+    zero: Float,
+) -> float:
+    """Correction known ahead of any measurement, written into the state: lag behind the program, then play.
+
+    Args:
+        plan: (n, PLAN_COLUMNS).
+        ring: Of the last cycles, this one's pose and clock written.
+        here: Its row.
+        nominal: (12,) commanded pose now.
+        constants: Of the loop.
+        choices: Likewise.
+        planned: 1 where the place on the plan is known.
+        state: Of the step; rates and what is known ahead are written.
+        work: (12,) work space.
+        zero: (12,) zeros.
+
+    Returns:
+        Share of the lag that could be undone, see :func:`lag_correction`.
+    """
+    forward = state[at.S_FORWARD : at.S_FORWARD + 6]
+    for k in range(6):
+        forward[k] = 0.0
+    share = 1.0
+    if choices[at.W_LAG] == 1:
+        rate, second = state[at.S_RATE : at.S_RATE + 6], state[at.S_SECOND : at.S_SECOND + 6]
+        rates(
+            ring, here, nominal, state[at.S_CLOCK], constants[at.C_PERIOD], rate, second, zero[:6], work,
+            state[at.S_PAST : at.S_PAST + at.RING], state[at.S_EARLIER : at.S_EARLIER + at.RING],
+        )  # fmt: skip
+        share = lag_correction(
+            rate,
+            second,
+            constants[at.C_LAG : at.C_LAG + 8],
+            constants[at.C_LAG_MOST],
+            state[at.S_LAG : at.S_LAG + 12],
+            forward,
+        )
+    if choices[at.W_PLAY] == 1 and planned == 1:
+        play_undone(plan, state[at.S_PLACE :], forward)
+    if choices[at.W_NORMAL] == 1 and planned == 1:
+        across(forward, 0, plan, int(state[at.S_PLACE]))
+    return share

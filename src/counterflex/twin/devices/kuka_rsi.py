@@ -1,0 +1,255 @@
+"""A robot controller's side of KUKA RSI, cycle by cycle: what it sends, what it makes of the answers. No socket.
+
+Models what real controllers do and public simulators leave out: RSol without correction, numbers rounded to Precision,
+answers checked for SENTYPE and IPOC, late answers counted in Delay, HOLDON, ABSOLUTE and RELATIVE corrections, POSCORR
+clamping in silence, POSCORRMON and Timeout stopping the motion, a nearly empty first telegram (KR C2).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, MM, MS
+from counterflex.geometry import rotation
+from counterflex.protocols.kuka_rsi.config import RsiConfig
+from counterflex.protocols.kuka_rsi.kernel import MISSING, OK
+from counterflex.protocols.kuka_rsi.telegram import answer_reader, robot_writer
+from counterflex.twin.devices.commanded_motion import Report
+from counterflex.twin.plant.motor_currents import MotorCurrents
+
+_TYPE: Final = re.compile(rb"<Sen\s+Type\s*=\s*[\"']([^\"']*)[\"']")
+FREE: Final = 0
+CORRECTING: Final = 1
+CLAMPED: Final = 2
+
+
+@dataclass(frozen=True)
+class RsiContext:
+    """Settings of the RSI context and of RSI_ON on the controller.
+
+    Attributes:
+        mode: ``absolute``: the answer is the total correction; ``relative``: it is added every cycle.
+        cycle_s: 4 ms (#IPO_FAST) or 12 ms (#IPO).
+        timeout: Late answers at which the motion stops (RSITimeout).
+        precision: Decimal places that are sent.
+        clamp_m: POSCORR: largest correction per axis; beyond it is clamped without a word.
+        clamp_rad: POSCORR: MaxRotAngle.
+        monitor_m: POSCORRMON: MaxTrans; beyond it the motion stops.
+        monitor_rad: POSCORRMON: MaxRotAngle.
+        axis_clamp_rad: AXISCORR, per axis.
+        empty_first: KR C2: the first telegram holds the counter only.
+        first_counter: First IPOC, ms.
+    """
+
+    mode: Literal["absolute", "relative"] = "absolute"
+    cycle_s: float = 4.0 * MS
+    timeout: int = 10
+    precision: int = 4
+    clamp_m: float = 5.0 * MM
+    clamp_rad: float = 5.0 * DEG
+    monitor_m: float = 6.0 * MM
+    monitor_rad: float = 6.0 * DEG
+    axis_clamp_rad: float = 5.0 * DEG
+    empty_first: bool = False
+    first_counter: int = 4208163000
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        if self.mode not in ("absolute", "relative"):
+            raise InputError("mode of RSI", value=self.mode, limit="absolute or relative")
+        if round(self.cycle_s / MS) not in (4, 12):
+            raise InputError("cycle of RSI", value=f"{self.cycle_s / MS:g} ms", limit="4 or 12 ms")
+        if not 0 <= self.precision <= 9 or self.timeout < 1:
+            raise InputError("Precision or Timeout of RSI", value=(self.precision, self.timeout))
+
+
+class FakeRsi:
+    """One RSI session of a simulated controller.
+
+    Args:
+        config: The ETHERNET configuration that both sides have.
+        context: Settings of the controller.
+        frees: Values of free tags that the robot program sets, by name (``Enable``); changed from outside at will.
+        currents: Shows the motor currents of the drives, where the configuration sends MACur; None: they are 0.
+        job: Number of the job that the program says by ``Enable`` instead of 1, see ``rsi make``; 0: it says none.
+
+    Attributes:
+        counter: IPOC of the telegram to be answered.
+        late: Late or unusable answers so far (``Delay``); never counted back.
+        stopped: Why the motion was stopped, or empty.
+        refused: Why the last answer was refused, or empty.
+        correction: (6,) total Cartesian correction in force, m and rad (A B C taken as a rotation about z, y, x).
+        axes: (6,) total axis correction in force, rad.
+        stat: POSCORR status: 0, 1 correcting, 2 clamped.
+        override: Speed of the program that the answer asks for, 0..1 (tag ``Override``, %).
+        feed_hold: The answer asks for a feed hold (tag ``FeedHold``).
+        told_state: What the sensor program says it is doing (tag ``State``); -1 where the configuration has none.
+    """
+
+    def __init__(
+        self,
+        config: RsiConfig,
+        context: RsiContext,
+        frees: dict[str, float] | None = None,
+        currents: MotorCurrents | None = None,
+        job: int = 0,
+    ) -> None:
+        self.config, self.context = config, context
+        self._currents = currents
+        self._job = job if any(v.name == "Enable" and v.kind != "BOOL" for v in config.sent()) else 0
+        self._shows_currents = currents is not None and any(value.element == "MACur" for value in config.sent())
+        self._reader, self._writer = answer_reader(config), robot_writer(config, decimals=context.precision)
+        self.frees: dict[str, float] = dict(frees or {})
+        self.counter = context.first_counter - self._increment
+        self.late = 0
+        self.stopped = ""
+        self.refused = ""
+        self.correction: Float = np.zeros(6)
+        self.axes: Float = np.zeros(6)
+        self.stat = FREE
+        self.override = 1.0
+        self.feed_hold = False
+        self.told_state = 0 if any(value.name == "State" for value in config.received()) else -1
+        self._sent = 0
+        self._hold = np.array([value.tag.hold for value in config.received()])
+        self._latched: Float = np.array([100.0 if value.name == "Override" else 0.0 for value in config.received()])
+
+    @property
+    def _increment(self) -> int:
+        return round(self.context.cycle_s / MS)
+
+    @property
+    def cycle_s(self) -> float:
+        """Time between telegrams."""
+        return self.context.cycle_s
+
+    @property
+    def guides(self) -> bool:
+        """False: RSI corrects a program."""
+        return False
+
+    @property
+    def only_sends(self) -> bool:
+        """ONLYSEND: nothing is expected back."""
+        return self.config.only_send
+
+    @property
+    def enabled(self) -> bool:
+        """Free tag ``Enable``: the program is where corrections are wanted."""
+        return self.frees.get("Enable", 0.0) > 0.5
+
+    @enabled.setter
+    def enabled(self, value: bool) -> None:
+        self.frees["Enable"] = float(max(1, self._job)) if value else 0.0
+
+    def telegram(self, report: Report) -> bytes:
+        """The telegram of the next cycle."""
+        self.counter += self._increment
+        self._sent += 1
+        if self.context.empty_first and self._sent == 1:
+            return f'<Rob Type="KUKA"><IPOC>{self.counter}</IPOC></Rob>'.encode("ascii")
+        values = {
+            "RIst": _frame(report.T_part_actual),
+            "RSol": _frame(report.T_part_nominal),
+            "AIPos": report.q_actual / DEG,
+            "ASPos": report.q_command / DEG,
+        }
+        if self._currents is not None and self._shows_currents:
+            values["MACur"] = self._currents(report.drive_torque)
+        for i, value in enumerate(self.config.sent()):
+            if value.element in values and (value.element == "MACur" or value.tag.tag.startswith("DEF_")):
+                place = "XYZABC".index(value.attribute) if value.element[0] == "R" else int(value.attribute[1:]) - 1
+                number = float(values[value.element][place])
+            elif value.name == "Delay.D":
+                number = float(self.late)
+            elif value.name.endswith(".Stat"):
+                number = float(self.stat)
+            else:
+                number = self.frees.get(value.name, 0.0)
+            self._writer.values[i] = number
+        return self._writer.telegram(self.counter)
+
+    def answers(self, data: bytes) -> bool:
+        """Whether a datagram carries the IPOC of the newest telegram."""
+        return f"<IPOC>{self.counter}</IPOC>".encode("ascii") in data
+
+    def answer(self, data: bytes | None) -> None:
+        """What came in the cycle (the last datagram), or None; then :attr:`correction` is what is in force.
+
+        An answer that is late, for another cycle, of another SENTYPE or not readable counts as none. With ONLYSEND
+        none is expected.
+        """
+        if self.stopped or self.config.only_send:
+            return
+        self.refused = self._accept(data)
+        if self.refused:
+            self.late += 1
+            self._latched[~self._hold] = 0.0
+            if self.late >= self.context.timeout:
+                self.stopped = "RSITimeout"
+        self._apply()
+
+    def _accept(self, data: bytes | None) -> str:
+        if data is None:
+            return "no answer"
+        found = _TYPE.match(data)
+        if found is None or found.group(1) != self.config.sentype.encode("ascii"):
+            return "SENTYPE"
+        status = self._reader.read_bytes(data)
+        if status not in (OK, MISSING):
+            return "unreadable"
+        if self._reader.counter != self.counter:
+            return "IPOC"
+        self._latched[self._reader.seen] = self._reader.values[self._reader.seen]
+        return ""
+
+    def _apply(self) -> None:
+        named = dict(zip(self._reader.names, self._latched, strict=True))
+        pose = np.array([named.get(f"RKorr.{a}", 0.0) for a in "XYZABC"]) * ([MM] * 3 + [DEG] * 3)
+        axis = np.array(
+            [named.get(f"AKorr.A{i}", 0.0) + named.get(f"AK.A{i}", 0.0) for i in range(1, 7)]
+        ) * DEG  # fmt: skip
+        if self.context.mode == "relative":
+            pose, axis = self.correction + pose, self.axes + axis
+        limit = np.array([self.context.clamp_m] * 3 + [self.context.clamp_rad] * 3)
+        clamped = np.clip(pose, -limit, limit)
+        axis_clamped = np.clip(axis, -self.context.axis_clamp_rad, self.context.axis_clamp_rad)
+        over = bool(np.any(clamped != pose) or np.any(axis_clamped != axis))
+        self.correction, self.axes = clamped, axis_clamped
+        acting = bool(np.any(clamped != 0.0) or np.any(axis_clamped != 0.0))
+        self.stat = CLAMPED if over else CORRECTING if acting else FREE
+        if (
+            np.linalg.norm(clamped[:3]) > self.context.monitor_m
+            or np.max(np.abs(clamped[3:])) > self.context.monitor_rad
+        ):
+            self.stopped = "POSCORRMON"
+        self.feed_hold = named.get("FeedHold", 0.0) > 0.5
+        self.told_state = int(named.get("State", -1.0))
+        self.override = min(1.0, max(0.0, named.get("Override", 100.0) / 100.0))
+        if named.get("Stop", 0.0) > 0.5:
+            self.stopped = "Stop"
+
+    def guided_pose(self) -> Float | None:
+        """None: RSI corrects a program."""
+        return None
+
+    def pose_correction(self) -> Float:
+        """(6,) Cartesian correction in force: m, and rotation vector of ``Rz(A) Ry(B) Rx(C)``."""
+        out = np.zeros(6)
+        out[:3] = self.correction[:3]
+        out[3:] = rotation.log(rotation.from_zyx(self.correction[3:]))
+        return out
+
+
+def _frame(T: Float) -> Float:
+    """X Y Z A B C in mm and deg of a pose."""
+    out = np.empty(6)
+    out[:3] = T[:3, 3] / MM
+    out[3:] = rotation.to_zyx(T[:3, :3]) / DEG
+    return out

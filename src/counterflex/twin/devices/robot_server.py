@@ -1,0 +1,361 @@
+"""A simulated controller on a real socket: it sends every cycle and applies what comes back.
+
+Two ways of keeping time. *Lockstep*: after every telegram it waits for the answer, as long as ``patience_s``; as fast
+as both sides can, and the same result every time. *Real time*: a telegram every cycle by the clock; what has not come
+when the next is due is late.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError, OutputError, SimulationError
+from counterflex.core.progress import Progress, silent
+from counterflex.twin.devices.commanded_motion import Report
+from counterflex.twin.devices.exact_robot import ControlledRobot
+from counterflex.twin.devices.robot_controller import RobotController
+from counterflex.twin.network.faults import FaultSchedule
+from counterflex.twin.network.faulty_line import FaultyLine
+
+FAULTS: Final = ("silent", "dying", "counter")
+"""Faults of the instrument itself that the controller can show."""
+_AGAIN_S: Final = 0.05
+_MOST_REFUSED: Final = 200
+"""Telegrams in a row to a port that is closed before the sensor program counts as gone; a controller's own time-out
+comes first."""
+_LONGEST_ALONE_S: Final = 15.0
+"""Lockstep: likewise, without an answer for so long."""
+_LATEST: Final = 0.5  # of a cycle: with less left for an answer, cycles are counted anew
+
+
+@dataclass(frozen=True, eq=False)
+class CycleSeen:
+    """What one cycle was.
+
+    Attributes:
+        cycle: From 0.
+        counter: Of its telegram.
+        sent: The telegram left unharmed.
+        reply_s: From sending to the answer, NaN without one.
+        refused: Why no answer was accepted, or empty.
+        late: Answers that were late or refused so far.
+        stat: 0, 1 correcting, 2 limited.
+        correction: (6,) Cartesian correction in force as the protocol has it, m and rad.
+        axes: (6,) axis correction in force, rad.
+        report: What the controller reported.
+    """
+
+    cycle: int
+    counter: int
+    sent: bool
+    reply_s: float
+    refused: str
+    late: int
+    stat: int
+    correction: Float
+    axes: Float
+    report: Report
+
+
+class RobotServer:
+    """Runs a robot behind the protocol of its controller until its program has ended.
+
+    Args:
+        robot: The robot; its cycle divides that of the protocol.
+        controller: Its side of the protocol.
+        peer: Where telegrams go: host and port of the sensor program.
+        realtime: Keep real time; else lockstep.
+        patience_s: Lockstep: how long an answer may take.
+        waiting_s: How long it waits for the sensor program to be there, as a robot program does before RSI_ON; 0 does
+            not wait.
+        gate_cycles: Cycles for which the program waits after the session began, so that everything can settle; the
+            robot program enables the correction at their end.
+        answer_s: Real time: how long an answer may take; None is the whole cycle (a KR C2 leaves 10 of 12 ms).
+        faults: Scripted, by the time since the first cycle and the numbers of telegrams and answers.
+        observe: Told every cycle.
+        most_held_s: Lockstep: longest time, by the controller's clock, for which the feed may be held in one piece.
+
+    Attributes:
+        cycles: Telegrams sent.
+        stalls: Real time: how often this computer was too slow and a telegram left late.
+        stop_reason: Why it ended: ``finished``, ``cycles``, ``died``, ``sensor program gone``, or what stopped the
+            controller.
+    """
+
+    def __init__(
+        self,
+        robot: ControlledRobot,
+        controller: RobotController,
+        peer: tuple[str, int],
+        *,
+        realtime: bool = False,
+        patience_s: float = 5.0,
+        waiting_s: float = 60.0,
+        gate_cycles: int = 150,
+        answer_s: float | None = None,
+        faults: FaultSchedule | None = None,
+        observe: Callable[[CycleSeen], None] | None = None,
+        most_held_s: float = 60.0,
+    ) -> None:
+        self._period_s = controller.cycle_s
+        self._per_telegram = round(self._period_s / robot.period_s)
+        if self._per_telegram < 1 or abs(self._period_s - self._per_telegram * robot.period_s) > 1e-9:
+            raise InputError(
+                "cycle of the protocol is no multiple of the cell's", value=controller.cycle_s, limit=robot.period_s
+            )
+        if answer_s is not None and not 0.0 < answer_s <= self._period_s:
+            raise InputError("time for an answer", value=answer_s, limit=f"> 0 and <= {self._period_s:g} s")
+        self.robot, self.controller, self.peer = robot, controller, peer
+        self.realtime, self.patience_s, self.gate_cycles = realtime, patience_s, gate_cycles
+        self.waiting_s, self.most_held_s = waiting_s, most_held_s
+        self._held_cycles = 0
+        self._met = self._alone = False
+        self._refused, self._waited_s = 0, 0.0
+        self.cycles = 0
+        self.stop_reason = ""
+        self.stalls = 0
+        self._answer_s = self._period_s if answer_s is None else answer_s
+        self._faults = faults if faults is not None else FaultSchedule()
+        self._faults.require(FAULTS, "a robot controller")
+        self._out, self._in = FaultyLine(self._faults, "out"), FaultyLine(self._faults, "in")
+        self._observe = observe
+        self._step = 0
+        self._sent_at = self._reply_s = math.nan
+        self._unharmed = False
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1" if peer[0] in ("127.0.0.1", "localhost") else "0.0.0.0", 0))
+        self.address: tuple[str, int] = self._socket.getsockname()
+        self._due = time.perf_counter()
+
+    def poll(self) -> None:
+        """Called before every cycle, and while waiting for the sensor program."""
+
+    def run(self, *, after: int = 50, most_cycles: int | None = None, progress: Progress = silent) -> str:
+        """Run until the program has ended, the controller has stopped, or the cycles are used up.
+
+        Args:
+            after: Cycles that go on after the end of the program.
+            most_cycles: Or None.
+            progress: Told the fraction done.
+
+        Returns:
+            :attr:`stop_reason`.
+
+        Raises:
+            OutputError: As :meth:`meet`, where that was not called before.
+            SimulationError: In lockstep the sensor program holds the feed, and nobody gives it free.
+        """
+        if not self._met:
+            self.meet()
+        rest = after
+        total = self.robot.cycles / self._per_telegram
+        self._due = time.perf_counter()
+        while most_cycles is None or self.cycles < most_cycles:
+            if self.cycles == self.gate_cycles:
+                self.robot.start()
+            self.controller.enabled = self.cycles >= self.gate_cycles and not self.robot.finished
+            self.poll()
+            condition = self._faults.condition(self.cycles, self.cycles * self._period_s)
+            if condition.dead:
+                self.stop_reason = "died"
+                return self.stop_reason
+            held = (self.controller.feed_hold and self.cycles > self.gate_cycles) or condition.silent
+            self._require_progress(held)
+            report = self._advance(held)
+            self.controller.counter += condition.step - self._step
+            self._step = condition.step
+            self.exchange(self.controller.telegram(report), silent=condition.silent)
+            self._tell(report)
+            self.cycles += 1
+            if self.cycles % 250 == 0:
+                progress(min(0.99, self.cycles / total), "milling")
+            if self.controller.stopped:
+                self.stop_reason = self.controller.stopped
+                return self.stop_reason
+            if self._alone:
+                self.stop_reason = "sensor program gone"
+                return self.stop_reason
+            if report.finished:
+                rest -= 1
+                if rest <= 0:
+                    self.stop_reason = "finished"
+                    return self.stop_reason
+        self.stop_reason = "cycles"
+        return self.stop_reason
+
+    def _require_progress(self, held: bool) -> None:
+        """A real robot waits for a person; a simulated one that nobody watches must come to an end."""
+        self._held_cycles = self._held_cycles + 1 if held else 0
+        if not self.realtime and self._held_cycles * self._period_s > self.most_held_s:
+            raise SimulationError(
+                f"the sensor program has held the feed for {self.most_held_s:g} s, and nobody gives it free",
+                where=f"telegram {self.cycles}",
+                hint="The run log says why: counterflex log show. A hold by process monitoring waits for counterflex "
+                "operator reset; [monitor] says which events hold",
+            )
+
+    def _advance(self, held: bool) -> Report:
+        """The cycles of the robot until the next telegram."""
+        controller = self.controller
+        override = 0.0 if held else controller.override
+        correction, guided = controller.pose_correction(), controller.guided_pose()
+        for _ in range(self._per_telegram):
+            report = self.robot.advance(correction, controller.axes, override, guided)
+        return report
+
+    def meet(self) -> None:
+        """Repeat the first telegram until the sensor program answers; nothing moves, nothing is counted.
+
+        Raises:
+            OutputError: It does not within ``waiting_s``.
+        """
+        self._met = True
+        if self.waiting_s <= 0.0 or self.controller.only_sends:
+            return
+        end = time.perf_counter() + self.waiting_s
+        nothing = np.zeros(6)
+        report = self.robot.advance(nothing)
+        first = self.controller.telegram(report)
+        self._socket.settimeout(0.1)
+        while time.perf_counter() < end:
+            self.poll()
+            self._send(first)
+            try:
+                self._socket.recv(65536)
+            except TimeoutError:
+                continue
+            except ConnectionError:  # its port is closed
+                time.sleep(_AGAIN_S)
+                continue
+            return
+        raise OutputError(
+            "no sensor program answers",
+            where=f"{self.peer[0]}:{self.peer[1]}",
+            value=f"nothing for {self.waiting_s:g} s",
+            hint="Start it first, for example counterflex run with the same address and port",
+        )
+
+    def exchange(self, telegram: bytes, *, silent: bool = False) -> None:
+        """Send a telegram and take what comes until the cycle is over.
+
+        Args:
+            telegram: Of this cycle.
+            silent: It is not sent, and nothing is expected.
+        """
+        now_s = self.cycles * self._period_s
+        self._reply_s, self._unharmed = math.nan, False
+        self._sent_at = time.perf_counter()
+        self._due += self._period_s
+        if self.realtime and self._due - self._sent_at < _LATEST * self._period_s:
+            self._due = self._sent_at + self._period_s  # a controller never hurries to catch up
+            self.stalls += 1
+
+        def deliver(data: bytes) -> None:
+            self._unharmed |= data == telegram
+            self._send(data)
+
+        if not silent:
+            self._out.put(telegram, now_s, deliver)
+        answer = self._wait_realtime(now_s) if self.realtime else self._wait_lockstep(now_s)
+        if not silent:
+            self.controller.answer(answer)
+
+    def _send(self, data: bytes) -> None:
+        with contextlib.suppress(ConnectionError):
+            self._socket.sendto(data, self.peer)
+
+    def _wait_lockstep(self, now_s: float) -> bytes | None:
+        """Wait for the answer to this cycle's telegram, if that went out: faults of the way are known at both ends."""
+        found: list[bytes] = []
+        self._in.release(now_s, found.append)
+        if not self._unharmed or self.controller.only_sends:
+            return found[-1] if found else None
+        begin = time.perf_counter()
+        while (left := begin + self.patience_s - time.perf_counter()) > 0.0:
+            self._socket.settimeout(left)
+            try:
+                data = self._socket.recv(65536)
+            except TimeoutError:
+                break
+            except ConnectionError:
+                self._refused += 1
+                break
+            self._refused = 0
+            if self.controller.answers(data):
+                self._reply_s = time.perf_counter() - self._sent_at
+                self._in.put(data, now_s, found.append)
+                begin, self._waited_s = time.perf_counter(), 0.0
+                break
+        self._waited_s += time.perf_counter() - begin
+        self._alone = self._refused >= _MOST_REFUSED or self._waited_s >= _LONGEST_ALONE_S
+        return found[-1] if found else None
+
+    def _wait_realtime(self, now_s: float) -> bytes | None:
+        found: list[bytes] = []
+        begin, window = self._due - self._period_s, self._due - self._period_s + self._answer_s
+
+        def elapsed_s() -> float:
+            return now_s + max(0.0, time.perf_counter() - begin)
+
+        while (left := self._due - time.perf_counter()) > 0.0:
+            if time.perf_counter() > window:
+                time.sleep(left)  # what comes now is late, and waits in the socket
+                break
+            self._out.release(elapsed_s(), self._send)
+            self._in.release(elapsed_s(), found.append)
+            pending = min(self._out.due_s(), self._in.due_s()) - elapsed_s()
+            self._socket.settimeout(max(min(left, window - time.perf_counter(), pending), 1e-5))
+            try:
+                data = self._socket.recv(65536)
+            except (TimeoutError, ConnectionError):
+                continue
+            self._reply_s = time.perf_counter() - self._sent_at
+            self._in.put(data, elapsed_s(), found.append)
+        if self._answer_s >= self._period_s:
+            self._take_waiting(elapsed_s(), found)
+        return found[-1] if found else None
+
+    def _take_waiting(self, now_s: float, found: list[bytes]) -> None:
+        """What came while this process itself was held up is not late."""
+        self._socket.setblocking(False)
+        while True:
+            try:
+                data = self._socket.recv(65536)
+            except BlockingIOError:
+                return
+            except ConnectionError:
+                continue
+            self._reply_s = time.perf_counter() - self._sent_at
+            self._in.put(data, now_s, found.append)
+
+    def _tell(self, report: Report) -> None:
+        if self._observe is None:
+            return
+        controller = self.controller
+        self._observe(
+            CycleSeen(
+                cycle=self.cycles,
+                counter=controller.counter,
+                sent=self._unharmed,
+                reply_s=self._reply_s,
+                refused=controller.refused,
+                late=controller.late,
+                stat=controller.stat,
+                correction=controller.correction,
+                axes=controller.axes,
+                report=report,
+            )
+        )
+
+    def close(self) -> None:
+        """Free the socket."""
+        self._socket.close()

@@ -1,0 +1,1 @@
+"""The measuring equipment around the simulated cell, one module per kind of dataset."""

@@ -1,0 +1,78 @@
+"""How late each channel of the simulated laboratory truly is, and how its clocks run.
+
+Drawn from the laboratory's seed by a stream of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import MS
+from counterflex.twin.laboratory.laboratory import Laboratory
+
+_PPM = 1e-6
+
+
+@dataclass(frozen=True)
+class OtherClock:
+    """A clock that is off: at the instant t of the controller's it shows ``t + offset_s + drift t``."""
+
+    offset_s: float
+    drift: float
+
+    def stamps(self, time_s: Float) -> Float:
+        """What it shows at instants (n,) s of the controller's clock."""
+        out: Float = time_s * (1.0 + self.drift) + self.offset_s
+        return out
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Delay of one channel.
+
+    Attributes:
+        dead_time_s: Between what happens and what the channel shows at that stamp.
+        lag_s: Time constant of its low-pass of first order, 0 for none.
+        jitter_s: Standard deviation of its stamps.
+        lost: Share of samples that never arrive.
+    """
+
+    dead_time_s: float
+    lag_s: float
+    jitter_s: float
+    lost: float
+
+
+@dataclass(frozen=True)
+class InstrumentClocks:
+    """Times of the laboratory.
+
+    Attributes:
+        feedback: Position that the controller shows (its own clock).
+        tracker: Laser tracker.
+        tracker_clock: Against the controller's.
+        correction: Sensor interface: from the correction given to the reference of the drives.
+        link_dead_time_s: Of the encoders on the links (the controller's clock).
+    """
+
+    feedback: Channel
+    tracker: Channel
+    tracker_clock: OtherClock
+    correction: Channel
+    link_dead_time_s: float
+
+
+def instrument_clocks(laboratory: Laboratory) -> InstrumentClocks:
+    """The times of a laboratory's instruments."""
+    rng = laboratory.standing("clocks.setup")
+
+    def about(value: float, spread: float) -> float:
+        return float(value * math.exp(spread * rng.standard_normal()))
+
+    feedback = Channel(about(8.0 * MS, 0.1), 0.0, 0.0, 0.0)
+    tracker = Channel(about(5.0 * MS, 0.3), about(3.0 * MS, 0.2), 0.05 * MS, 0.005)
+    tracker_clock = OtherClock(float(rng.uniform(-2.0, 2.0)), float(20.0 * _PPM * rng.standard_normal()))
+    correction = Channel(about(16.0 * MS, 0.15), about(45.0 * MS, 0.15), 0.0, 0.0)
+    return InstrumentClocks(feedback, tracker, tracker_clock, correction, about(2.8 * MS, 0.05))

@@ -1,0 +1,94 @@
+"""Readings of the flange sensor in many orientations, without a process: kind ``sensor_poses``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress
+from counterflex.twin.laboratory.laboratory import Laboratory, Measured
+from counterflex.twin.plant.force_sensor import ForceSensor, force_sensor
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.truth.truth import Truth
+
+ROW_S = 20.0
+"""From one reading to the next."""
+SAMPLES = 25
+"""Samples whose mean is a reading."""
+START_C, WARM_C, WARM_S, WOBBLE_C = 20.5, 4.0, 2400.0, 0.4
+
+
+def sensor_from(truth: Truth, laboratory: Laboratory, settings: Mapping[str, Any]) -> ForceSensor:
+    """The laboratory's sensor in the body that the setting ``sensor_segment`` names."""
+    return force_sensor(
+        truth,
+        laboratory.seed,
+        settings.get("sensor_segment"),
+        hose_share=float(settings.get("hose_share", 1.0)),
+    )
+
+
+def joints(request: Mapping[str, Float]) -> Float:
+    """(n, 6) rad: columns ``q1_rad`` to ``q6_rad``.
+
+    Raises:
+        InputError: One is missing.
+    """
+    names = [f"q{i}_rad" for i in range(1, 7)]
+    for name in names:
+        if name not in request:
+            raise InputError("the request lacks a column", value=name, limit=", ".join(names))
+    return np.stack([np.asarray(request[name], dtype=np.float64) for name in names], axis=1)
+
+
+def air_c(time_s: Float | float, phase: float) -> Float:
+    """Temperature of the sensor: warming up, with the hall's slow wobble."""
+    t = np.asarray(time_s, dtype=np.float64)
+    out: Float = START_C + WARM_C * (1.0 - np.exp(-t / WARM_S)) + WOBBLE_C * np.sin(t / 300.0 + phase)
+    return out
+
+
+def measure(
+    truth: Truth, laboratory: Laboratory, request: Mapping[str, Float], settings: Mapping[str, Any], progress: Progress
+) -> Measured:
+    """Drive to each orientation, wait, and average the sensor.
+
+    Args:
+        truth: The cell.
+        laboratory: Noise and seed of the sensor.
+        request: ``q1_rad`` ... ``q6_rad``.
+        settings: ``sensor_segment``, ``hose_share`` (1; 0 is none).
+        progress: Told about rows.
+
+    Returns:
+        Channels ``q``, ``w_sensor``, ``temperature_c``, ``time_s``.
+    """
+    q = joints(request)
+    sensor = sensor_from(truth, laboratory, settings)
+    plant = Plant(truth)
+    noise = laboratory.noise("sensor_poses")
+    phase = float(noise.uniform(0.0, 2.0 * np.pi))
+    sigma = np.r_[np.full(3, laboratory.force_n), np.full(3, laboratory.moment_nm)] / np.sqrt(SAMPLES)
+    time_s = ROW_S * np.arange(len(q)) + noise.uniform(0.0, 0.3 * ROW_S, len(q))
+    warm = air_c(time_s, phase)
+    shown, w = np.empty((len(q), 6)), np.empty((len(q), 6))
+    for k in range(len(q)):
+        plant.reset(q[k])
+        shown[k] = plant.q_motor()
+        w[k] = sensor.reading(sensor.true_wrench(plant, truth.gravity_base), float(time_s[k]), float(warm[k]))
+        progress((k + 1) / len(q), f"orientation {k + 1} of {len(q)}")
+    w += sigma * noise.standard_normal(w.shape)
+    return Measured(
+        channels={
+            "q": shown,
+            "w_sensor": w,
+            "temperature_c": (warm + 0.05 * noise.standard_normal(len(q)))[:, None],
+            "time_s": time_s[:, None],
+        },
+        sigma={"w_sensor": sigma, "q": 1e-5, "temperature_c": 0.05},
+        group=np.arange(len(q), dtype=np.int64),
+    )

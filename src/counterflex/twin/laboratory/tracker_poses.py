@@ -1,0 +1,90 @@
+"""The simulated laboratory measures poses: the robot goes to joint angles and rests, the tracker looks at it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress
+from counterflex.core.units import DEG
+from counterflex.geometry import pose, rotation
+from counterflex.twin.laboratory.laboratory import Laboratory, Measured
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.truth.truth import Truth
+
+APPROACH_RAD = 1.0 * DEG
+"""Each pose is approached over this stretch of every axis, from where the robot was before: friction and play act."""
+MOVE_S = 0.4
+REST_S = 0.2
+
+
+def joint_request(request: Mapping[str, Float]) -> Float:
+    """Joint angles (n, 6) rad of a request.
+
+    Raises:
+        InputError: A column ``q1_rad`` ... ``q6_rad`` is missing, or they are empty.
+    """
+    names = [f"q{i + 1}_rad" for i in range(6)]
+    missing = [name for name in names if name not in request]
+    if missing or len(request[names[0]]) == 0:
+        raise InputError("the request has no joint angles", value=missing or "no rows", limit=", ".join(names))
+    return np.stack([np.asarray(request[name], dtype=np.float64) for name in names], axis=-1)
+
+
+def reached(truth: Truth, q: Float, progress: Progress) -> tuple[Float, Float]:
+    """Drive to joint angles one after the other and rest.
+
+    Args:
+        truth: The cell.
+        q: (n, 6) rad, commanded.
+        progress: Told about poses.
+
+    Returns:
+        (n, 4, 4) T_base_tcp as they truly are, and (n, 6) rad as the controller shows them.
+    """
+    plant = Plant(truth)
+    Ts, shown = np.empty((len(q), 4, 4)), np.empty((len(q), 6))
+    before = q[0] - APPROACH_RAD
+    for k, row in enumerate(q):
+        plant.reset(row + APPROACH_RAD * np.sign(before - row))
+        plant.move(row, move_s=MOVE_S, rest_s=REST_S)
+        Ts[k], shown[k] = plant.tcp_pose(), plant.q_motor()
+        before = row
+        progress((k + 1) / len(q), f"pose {k + 1} of {len(q)}")
+    return Ts, shown
+
+
+def measure(
+    truth: Truth,
+    laboratory: Laboratory,
+    request: Mapping[str, Float],
+    settings: Mapping[str, Any],  # noqa: ARG001
+    progress: Progress,
+) -> Measured:
+    """Poses of the tracker's six-axis target.
+
+    Args:
+        truth: The cell as it is.
+        laboratory: Where tracker and target are, and the tracker's noise.
+        request: ``q1_rad`` ... ``q6_rad``.
+        settings: None are used.
+        progress: Told about poses.
+
+    Returns:
+        ``q``, ``p_tracker_target``, ``R_tracker_target`` (rotation vectors).
+    """
+    q = joint_request(request)
+    Ts, shown = reached(truth, q, progress)
+    T = pose.inverse(laboratory.T_base_tracker) @ Ts @ laboratory.T_tcp_target
+    noise = laboratory.noise("tracker_poses")
+    p = T[:, :3, 3] + laboratory.tracker_m * noise.standard_normal((len(q), 3))
+    R = rotation.exp(laboratory.tracker_rad * noise.standard_normal((len(q), 3))) @ T[:, :3, :3]
+    return Measured(
+        channels={"q": shown, "p_tracker_target": p, "R_tracker_target": rotation.log(R)},
+        sigma={"p_tracker_target": laboratory.tracker_m, "R_tracker_target": laboratory.tracker_rad},
+        group=np.arange(len(q), dtype=np.int64),
+    )

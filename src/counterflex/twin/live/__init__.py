@@ -1,0 +1,1 @@
+"""The simulated cell cycle by cycle, and a recorded pass of it played again."""

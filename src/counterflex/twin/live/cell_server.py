@@ -1,0 +1,144 @@
+"""The whole simulated cell on real sockets: controller, force sensor, tracker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.geometry import pose, rotation
+from counterflex.protocols.tracker.telegram import BEAM_BROKEN
+from counterflex.twin.devices.netft import NetftServer
+from counterflex.twin.devices.robot_controller import RobotController
+from counterflex.twin.devices.robot_server import RobotServer
+from counterflex.twin.devices.tracker import TrackerSender
+from counterflex.twin.laboratory.laboratory import Laboratory
+from counterflex.twin.live.live_cell import LiveCell
+from counterflex.twin.network.faults import FaultSchedule
+from counterflex.twin.plant.force_sensor import ForceSensor
+
+_STEPS_PER_SAMPLE = 2  # integration steps of 0.5 ms per sample of the instruments: 1 kHz
+
+
+@dataclass(eq=False)
+class Instruments:
+    """What is read off the cell, every millisecond.
+
+    Attributes:
+        laboratory: Noise, and where the tracker and its target truly are.
+        force_sensor: As it truly is; or None.
+        netft: Where its readings go; or None.
+        tracker_peer: Where poses go; or None.
+        beam_broken: The tracker does not see its target.
+        temperature_c: Of the force sensor.
+        tracker_faults: Scripted.
+        tracker_every_s: Time between two poses; photogrammetry takes its time.
+    """
+
+    laboratory: Laboratory
+    force_sensor: ForceSensor | None = None
+    netft: NetftServer | None = None
+    tracker_peer: tuple[str, int] | None = None
+    beam_broken: bool = False
+    temperature_c: float = 20.0
+    tracker_faults: FaultSchedule = field(default_factory=FaultSchedule)
+    tracker_every_s: float = 1e-3
+
+    def __post_init__(self) -> None:
+        """Take a noise stream of its own for each instrument."""
+        self._force_noise = self.laboratory.noise("live force")
+        self._tracker_noise = self.laboratory.noise("live tracker")
+        self._tracker: TrackerSender | None = None
+        if self.tracker_peer is not None:
+            self._tracker = TrackerSender(self.tracker_peer, self.tracker_faults)
+        self._tracker_due = 0.0
+        self._force_sum: Float = np.zeros(6)
+        self._force_count = 0
+
+    def sample(self, cell: LiveCell, time_s: float) -> None:
+        """Read and send."""
+        if self.force_sensor is not None:
+            true = self.force_sensor.true_wrench(cell.plant, cell.plant.truth.gravity_base)
+            w = self.force_sensor.reading(true, time_s, self.temperature_c)
+            noise = self._force_noise.standard_normal(6)
+            scale = np.r_[np.full(3, self.laboratory.force_n), np.full(3, self.laboratory.moment_nm)]
+            self._force_sum += w + scale * noise
+            self._force_count += 1
+            if self.netft is not None:
+                self.netft.send(w + scale * noise, time_s)
+        if self._tracker is not None and time_s > self._tracker_due - 1e-9:
+            self._tracker_due = max(self._tracker_due + self.tracker_every_s, time_s)
+            self._send_pose(self._tracker, cell, time_s)
+        elif self._tracker is not None:
+            self._tracker.idle(time_s)
+
+    def mean_force(self) -> Float | None:
+        """(6,) N, N m: mean reading of the force sensor since the last call; None where there was none."""
+        if self._force_count == 0:
+            return None
+        mean: Float = self._force_sum / self._force_count
+        self._force_sum, self._force_count = np.zeros(6), 0
+        return mean
+
+    def _send_pose(self, tracker: TrackerSender, cell: LiveCell, time_s: float) -> None:
+        lab = self.laboratory
+        T = pose.inverse(lab.T_base_tracker) @ cell.plant.tcp_pose() @ lab.T_tcp_target
+        T[:3, 3] += lab.tracker_m * self._tracker_noise.standard_normal(3)
+        T[:3, :3] = rotation.exp(lab.tracker_rad * self._tracker_noise.standard_normal(3)) @ T[:3, :3]
+        tracker.send(T, time_s, status=BEAM_BROKEN if self.beam_broken else 0, sigma_m=lab.tracker_m)
+
+    def close(self) -> None:
+        """Free the sockets."""
+        if self._tracker is not None:
+            self._tracker.close()
+        if self.netft is not None:
+            self.netft.close()
+
+
+class CellServer(RobotServer):
+    """Runs a live cell behind its protocols until the program has ended.
+
+    Args:
+        cell: The cell.
+        controller: Its side of the protocol.
+        peer: Where telegrams go: host and port of the sensor program.
+        instruments: Or None.
+        own_force: Told once per telegram what the force sensor showed, for a controller that sends it itself.
+        settings: Further arguments of :class:`counterflex.twin.devices.robot_server.RobotServer`.
+    """
+
+    def __init__(
+        self,
+        cell: LiveCell,
+        controller: RobotController,
+        peer: tuple[str, int],
+        instruments: Instruments | None = None,
+        own_force: Callable[[Float], None] | None = None,
+        **settings: Any,
+    ) -> None:
+        super().__init__(cell, controller, peer, **settings)
+        self.cell, self.instruments, self._own_force = cell, instruments, own_force
+        if instruments is not None:
+            cell.on_step = self._on_step  # type: ignore[method-assign]
+
+    def _on_step(self, i: int) -> None:
+        if (i + 1) % _STEPS_PER_SAMPLE == 0 and self.instruments is not None:
+            self.instruments.sample(self.cell, self.cell.time_s + (i + 1) * self.cell.plant.step_s)
+
+    def poll(self) -> None:
+        """Take what was asked of the instruments, and hand on what the controller measures itself."""
+        if self.instruments is not None and self._own_force is not None:
+            mean = self.instruments.mean_force()
+            if mean is not None:
+                self._own_force(mean)
+        if self.instruments is not None and self.instruments.netft is not None:
+            self.instruments.netft.poll()
+
+    def close(self) -> None:
+        """Free the sockets."""
+        super().close()
+        if self.instruments is not None:
+            self.instruments.close()

@@ -1,0 +1,244 @@
+"""The simulated cell run one controller cycle at a time, so that something outside can correct it while it mills.
+
+What a robot controller would report and what instruments would show is read off after every cycle; corrections enter
+before the next. Nothing here knows a protocol: :mod:`counterflex.twin.devices.kuka_rsi` and its neighbours put it on
+sockets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_float
+from counterflex.core.errors import InputError
+from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.stock import HeightMap
+from counterflex.geometry import rotation
+from counterflex.path.toolpath import ToolPath
+from counterflex.twin.devices.commanded_motion import CommandedMotion
+from counterflex.twin.devices.commanded_motion import Report as Report
+from counterflex.twin.devices.path_answer import PathAnswer
+from counterflex.twin.plant.controller import Controller
+from counterflex.twin.plant.drives import FollowingLag, following_gains
+from counterflex.twin.plant.plant import STEP_S, Plant
+from counterflex.twin.plant.process import Process
+from counterflex.twin.plant.record import Record
+from counterflex.twin.plant.setup import touched_part_frame
+from counterflex.twin.plant.simulate import as_delivered, hermite, near_stock
+from counterflex.twin.truth.truth import Truth
+
+
+@dataclass(eq=False)
+class _Log:
+    k: list[int] = field(default_factory=list)
+    p_base: list[Float] = field(default_factory=list)
+    R_base: list[Float] = field(default_factory=list)
+    q_ref: list[Float] = field(default_factory=list)
+    q_motor: list[Float] = field(default_factory=list)
+    sums: list[Float] = field(default_factory=list)
+    time: list[float] = field(default_factory=list)
+
+
+class LiveCell:
+    """Robot, drives, process and stock, advanced by one cycle of the controller at a time.
+
+    Args:
+        path: Tool path of the program, part frame.
+        truth: The cell as it really is.
+        controller: What its controller believes.
+        stock: Blank.
+        cutter: Tool.
+        datum_points_part: (k, 3) m, see :func:`counterflex.twin.plant.simulate.simulate`; None: the part lies where the
+            controller has it.
+        answer: How the controller answers a correction.
+        own_backlash: Share of the true play of its gears that the controller compensates itself, 0 .. 1.5.
+        step_s: Integration step.
+
+    Attributes:
+        plant: The robot in motion; instruments read it.
+        T_base_part: (4, 4) where the part truly lies.
+        period_s: Cycle.
+        motion: What its controller commands.
+    """
+
+    def __init__(
+        self,
+        path: ToolPath,
+        *,
+        truth: Truth,
+        controller: Controller,
+        stock: HeightMap,
+        cutter: Cutter,
+        datum_points_part: Float | None = None,
+        answer: PathAnswer | None = None,
+        own_backlash: float = 0.0,
+        step_s: float = STEP_S,
+    ) -> None:
+        substeps = round(controller.cycle_s / step_s)
+        if substeps < 1 or abs(substeps * step_s - controller.cycle_s) > 1e-9:
+            raise InputError("integration step does not divide the controller's cycle", value=step_s)
+        self.path, self.controller = path, controller
+        if not 0.0 <= own_backlash <= 1.5:
+            raise InputError("share of the play that the controller compensates", value=own_backlash, limit="0 .. 1.5")
+        own = own_backlash * np.array([drive.dead_band_rad for drive in truth.drives])
+        self.motion = CommandedMotion(path, replace(controller, following_gain_per_s=None), answer, own)
+        self.reference = self.motion.reference
+        self.plant = Plant(truth, step_s=step_s)
+        self.T_base_part, self._residual = as_float("T_base_part", controller.T_base_part, (4, 4)), np.zeros((0, 3))
+        if datum_points_part is not None:
+            self.T_base_part, self._residual = touched_part_frame(self.plant, controller, datum_points_part)
+        blank = as_delivered(stock, truth.stock_top_offset_m)
+        self._process = Process(blank, cutter, truth.cutting, step_s, self.T_base_part)
+        self._near = near_stock(self.reference.p_part_command, blank, cutter.radius_m)
+        self._spindle = path.spindle_rad_s[self.reference.source]
+        self.period_s, self._substeps = controller.cycle_s, substeps
+        self._place, self._speed = hermite(substeps, controller.cycle_s)
+        self._log = _Log()
+        self._cycle = 0
+        self._turning, self._was_near = np.nan, False
+        self._q = self.reference.q_ref[0].copy()
+        gains = following_gains(truth.drives, controller.following_gain_per_s)
+        self._following = FollowingLag(gains, self.period_s, self._q)
+        self._qd: Float = np.zeros(6)
+        self._torque: Float = np.zeros(6)
+        self.plant.reset(self._q, None, self._qd)
+
+    def start(self) -> None:
+        """Let the program run."""
+        self.motion.running = True
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time."""
+        return self._cycle * self.period_s
+
+    @property
+    def finished(self) -> bool:
+        """Whether the program has come to its end."""
+        return self.motion.finished
+
+    @property
+    def cycles(self) -> int:
+        """Cycles that the program takes at full speed."""
+        return self.motion.cycles
+
+    def skip_to_contact(self, lead_s: float = 0.6) -> None:
+        """Put the robot on its path shortly before the tool first comes near the stock (before :meth:`start`)."""
+        first = int(np.argmax(self._near)) if self._near.any() else 0
+        k = max(0, first - round(lead_s / self.period_s))
+        self.motion.at = float(k)
+        self._q = self.reference.q_ref[k].copy()
+        self._following.reset(self._q)
+        self.plant.reset(self._q, None, np.zeros(6))
+
+    def advance(
+        self, cartesian: Float, axes: Float | None = None, override: float = 1.0, T_part_guided: Float | None = None
+    ) -> Report:
+        """Run one cycle with a correction.
+
+        Args:
+            cartesian: (6,) correction of the pose, m and rotation vector, in part axes about the commanded tip.
+            axes: (6,) rad added to the commanded angles, or None.
+            override: Speed of the program, 0 .. 1.
+            T_part_guided: (4, 4) where the tool is to be instead of where the program has it, or None.
+
+        Returns:
+            What the controller knows afterwards.
+
+        Raises:
+            ReachError: The corrected pose cannot be reached.
+            SimulationError: The cell left its physical range.
+        """
+        before = self.motion.at
+        q_nominal, T_part_nominal, q_told = self.motion.advance(cartesian, axes, override, T_part_guided)
+        q_next = self._following(q_told)
+        qd_next = (q_next - self._q) / self.period_s
+        self._integrate(int(before), q_next, qd_next)
+        self._q, self._qd = q_next, qd_next
+        self._cycle += 1
+        q_motor = self.plant.q_motor() - self.motion.own_backlash.value  # a controller does not show it
+        return Report(
+            time_s=self.time_s,
+            T_part_nominal=T_part_nominal,
+            T_part_actual=self.motion.forward(q_motor),
+            q_command=q_nominal,
+            q_actual=q_motor,
+            cutting_program=self.motion.running and not self.finished,
+            finished=self.finished,
+            drive_torque=self._torque / self._substeps,
+        )
+
+    def record(self) -> Record:
+        """What was machined so far, as :func:`counterflex.twin.plant.simulate.simulate` gives it."""
+        log, reference = self._log, self.reference
+        k = np.array(log.k, dtype=np.int64)
+        Rs_part_command = self.motion.poses[k, :3, :3]
+        Rs_part_tcp = self.T_base_part[:3, :3].T @ np.array(log.R_base)
+        tilt = rotation.log(Rs_part_tcp @ np.swapaxes(Rs_part_command, -1, -2))
+        p_part: Float = (np.array(log.p_base) - self.T_base_part[:3, 3]) @ self.T_base_part[:3, :3]
+        sums = np.array(log.sums)
+        calls = np.maximum(sums[:, 8:9], 1.0)
+        source = reference.source[k]
+        run_length = np.cumsum(
+            np.linalg.norm(np.diff(reference.p_part_command, axis=0, prepend=self.path.p_part_tcp[:1]), axis=1)
+        )
+        return Record(
+            time_s=np.array(log.time),
+            row=source,
+            motion=self.path.motion[source],
+            progress=run_length[k] / max(run_length[-1], 1e-12),
+            kind=self.path.kind[source],
+            p_part_command=reference.p_part_command[k],
+            p_part_tcp=p_part,
+            tilt_part=tilt,
+            force_part=sums[:, :3] / calls,
+            moment_part=sums[:, 3:6] / calls,
+            force_peak_n=sums[:, 6],
+            depth_m=sums[:, 7],
+            engaged=np.array(sums[:, 7] > 0.0),
+            q_ref=np.array(log.q_ref),
+            q_motor=np.array(log.q_motor),
+            stock=self._process.finish(),
+            T_base_part=self.T_base_part,
+            datum_residual_m=self._residual,
+        )
+
+    def _integrate(self, k: int, q_next: Float, qd_next: Float) -> None:
+        plant, process = self.plant, self._process
+        log = self._log
+        log.k.append(k)
+        log.time.append(self.time_s)
+        log.p_base.append(plant.p_base_tcp.copy())
+        log.R_base.append(plant.R_base_tcp.copy())
+        log.q_ref.append(self._q.copy())
+        log.q_motor.append(plant.q_motor())
+        near = bool(self._near[k]) and self.motion.running
+        if near:
+            if not self._was_near:
+                process.restart(self._in_part())
+            if self._spindle[k] != self._turning:
+                self._turning = self._spindle[k]
+                process.spindle(float(self._turning))
+            process.advance(self._in_part())
+        self._was_near = near
+        process.clear()
+        knots = np.stack([self._q, self._qd, q_next, qd_next])
+        q, qd = self._place @ knots, self._speed @ knots
+        free = np.zeros(6)
+        self._torque = np.zeros(6)
+        for i in range(self._substeps):
+            plant.step(q[i], qd[i], process.wrench(plant.p_base_tcp) if near else free)
+            self._torque += plant.drive_torque
+            self.on_step(i)
+        log.sums.append(process.sums.copy())
+        plant.check()
+
+    def on_step(self, i: int) -> None:
+        """Called after integration step ``i`` of a cycle, for instruments that are faster than the controller."""
+
+    def _in_part(self) -> Float:
+        T = self.T_base_part
+        out: Float = (self.plant.p_base_tcp - T[:3, 3]) @ T[:3, :3]
+        return out

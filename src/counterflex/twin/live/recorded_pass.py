@@ -1,0 +1,113 @@
+"""One uncorrected pass of the simulated cell, kept cycle by cycle, so that it can be played for hours at no cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.geometry import pose, rotation
+from counterflex.twin.laboratory.laboratory import Laboratory
+from counterflex.twin.live.live_cell import LiveCell, Report
+from counterflex.twin.plant.force_sensor import ForceSensor
+
+SAMPLES: Final = 4
+"""Readings of the instruments in a cycle of 4 ms."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedPass:
+    """What a controller and its instruments would report, over n cycles of 4 ms.
+
+    Attributes:
+        T_part_nominal: (n, 4, 4) commanded pose.
+        T_part_actual: (n, 4, 4) pose by the encoders.
+        q_command: (n, 6) rad.
+        q_actual: (n, 6) rad.
+        w_sensor: (n, 4, 6) N, N m: readings with noise.
+        p_tracker_target: (n, 4, 3) m: readings with noise.
+        quat_wxyz: (n, 4, 4) of the same readings.
+        R_tracker_part: (3, 3) to turn a correction into the tracker's frame.
+    """
+
+    T_part_nominal: Float
+    T_part_actual: Float
+    q_command: Float
+    q_actual: Float
+    w_sensor: Float
+    p_tracker_target: Float
+    quat_wxyz: Float
+    R_tracker_part: Float
+
+    @property
+    def cycles(self) -> int:
+        """How many there are."""
+        return len(self.q_command)
+
+    def there_and_back(self, k: int) -> int:
+        """Row of cycle ``k`` when the pass is played to its end, back to its start, and so on."""
+        turn = max(1, 2 * (self.cycles - 1))
+        k %= turn
+        return k if k < self.cycles else turn - k
+
+
+def record_pass(
+    cell: LiveCell, sensor: ForceSensor, laboratory: Laboratory, most_cycles: int, progress: Progress = silent
+) -> RecordedPass:
+    """Run a cell without correction from shortly before the first contact on.
+
+    Args:
+        cell: With a cycle of 4 ms, not started.
+        sensor: Force sensor on it.
+        laboratory: Its tracker, and the noise of both.
+        most_cycles: End there, or with the program.
+        progress: Told the fraction done.
+
+    Raises:
+        InputError: Another cycle.
+    """
+    steps = round(cell.period_s / (SAMPLES * cell.plant.step_s))
+    if abs(cell.period_s - 4e-3) > 1e-9:
+        raise InputError("cycle of the cell", value=cell.period_s, limit="4 ms")
+    T_tracker_base = pose.inverse(laboratory.T_base_tracker)
+    noise = laboratory.noise("pass")
+    spread = np.r_[np.full(3, laboratory.force_n), np.full(3, laboratory.moment_nm)]
+    w, p, quat = [], [], []
+
+    def read(i: int) -> None:
+        if (i + 1) % steps:
+            return
+        true = sensor.true_wrench(cell.plant, cell.plant.truth.gravity_base)
+        w.append(sensor.reading(true, 0.0, 20.0) + spread * noise.standard_normal(6))
+        T_tracker_target = T_tracker_base @ cell.plant.tcp_pose() @ laboratory.T_tcp_target
+        p.append(T_tracker_target[:3, 3] + laboratory.tracker_m * noise.standard_normal(3))
+        turn = rotation.exp(laboratory.tracker_rad * noise.standard_normal(3))
+        quat.append(rotation.quat_wxyz(turn @ T_tracker_target[:3, :3]))
+
+    cell.on_step = read  # type: ignore[method-assign]
+    cell.skip_to_contact()
+    cell.start()
+    nothing = np.zeros(6)
+    reports: list[Report] = []
+    while len(reports) < most_cycles:
+        report = cell.advance(nothing)
+        reports.append(report)
+        if len(reports) % 100 == 0:
+            progress(len(reports) / most_cycles, "recording a pass")
+        if report.finished:
+            break
+    n = len(reports)
+    return RecordedPass(
+        T_part_nominal=np.array([r.T_part_nominal for r in reports]),
+        T_part_actual=np.array([r.T_part_actual for r in reports]),
+        q_command=np.array([r.q_command for r in reports]),
+        q_actual=np.array([r.q_actual for r in reports]),
+        w_sensor=np.array(w).reshape(n, SAMPLES, 6),
+        p_tracker_target=np.array(p).reshape(n, SAMPLES, 3),
+        quat_wxyz=np.array(quat).reshape(n, SAMPLES, 4),
+        R_tracker_part=T_tracker_base[:3, :3] @ cell.T_base_part[:3, :3],
+    )

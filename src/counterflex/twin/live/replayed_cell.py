@@ -1,0 +1,257 @@
+"""A cell that works for hours in real time and costs little: a recorded pass, played there and back on real sockets.
+
+Every millisecond a force record and a pose, every 4 ms a telegram; the answers are timed and act on what is reported.
+Halfway between two telegrams a datagram of the same length can go to a program that only sends it back: how long that
+takes says what the machine and its network stack need by themselves, at the same time and under the same load. The
+robot program obeys a feed hold, and is started again when it was stopped
+(:mod:`counterflex.twin.devices.played_program`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM, MS
+from counterflex.protocols.tracker.telegram import DATAGRAM, MAGIC
+from counterflex.twin.devices.kuka_rsi import FakeRsi
+from counterflex.twin.devices.netft import NetftServer
+from counterflex.twin.devices.path_answer import AnswerState, PathAnswer
+from counterflex.twin.devices.played_program import Phase, PlayedProgram
+from counterflex.twin.live.live_cell import Report
+from counterflex.twin.live.recorded_pass import SAMPLES, RecordedPass
+from counterflex.twin.live.timed_block import NOT_TOLD, Block, Times
+
+_ECHO_AT: Final = 2
+"""Millisecond of the cycle at which the echo is asked."""
+GATE: Final = 1500
+"""Cycles for which the robot stands at the beginning of the pass; then its program enables the correction."""
+_LATEST: Final = 0.5
+"""Of a cycle: what is due longer ago is not sent any more. A controller keeps its time: nobody has answered it then."""
+_SESSION_MS: Final = 60_000
+"""By how much the counter of another session is ahead."""
+
+
+class SteadyCell:
+    """The played cell.
+
+    Args:
+        played: What is played.
+        rsi: The controller's side of RSI, 4 ms.
+        netft: Where force readings go, or None.
+        answer: How the controller answers a correction.
+        program: The robot program.
+    """
+
+    def __init__(
+        self,
+        played: RecordedPass,
+        rsi: FakeRsi,
+        netft: NetftServer | None = None,
+        answer: PathAnswer | None = None,
+        program: PlayedProgram | None = None,
+    ) -> None:
+        self.played, self.rsi, self.netft = played, rsi, netft
+        self.program = program if program is not None else PlayedProgram(GATE)
+        self._answer = AnswerState(answer if answer is not None else PathAnswer(), rsi.context.cycle_s)
+        self._sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(3)]
+        self._robot, self._echo, self._tracker = self._sockets
+        for one in (self._robot, self._echo):
+            one.bind(("127.0.0.1", 0))
+        for one in self._sockets:
+            one.setblocking(False)
+        self._sequence = 0
+        self._moved: Float = np.zeros(3)
+        self._largest = 0.0
+        self._refused = 0
+        self._due = self._time_s = 0.0
+
+    def run(
+        self,
+        peer: tuple[str, int],
+        cycles: int,
+        *,
+        tracker: tuple[str, int] | None = None,
+        echo: tuple[str, int] | None = None,
+        block: int = 15_000,
+        told: Callable[[Block], None] = lambda _: None,
+    ) -> None:
+        """Play in real time; another call goes on where the last one ended.
+
+        Args:
+            peer: Where telegrams go.
+            cycles: How many of 4 ms.
+            tracker: Where poses go, or None.
+            echo: Where the datagram goes that is sent back, or None.
+            block: Cycles that are told together.
+            told: Told every block, the last one shorter.
+        """
+        period = self.rsi.context.cycle_s
+        times = Times(block)
+        begin = due = max(self._due, time.perf_counter())
+        for k in range(cycles):
+            running, held = self.program.phase != Phase.ENDED, self.program.held
+            row, telegram = self._prepared(running=running)
+            late_s = _until(due)
+            gone = int(late_s / period + 1.0 - _LATEST)
+            if gone > 0:
+                self._miss(gone, running=running)
+                times.missed += gone
+                due += gone * period
+                row, telegram = self._prepared(running=running)
+                _until(due)
+            if self.netft is not None and k % 250 == 0:
+                self.netft.poll()
+            self._instruments(row, 0, tracker)
+            data: bytes | None = None
+            reply_s = echo_s = np.nan
+            woken_s = late_s
+            sent = time.perf_counter()
+            if running:
+                _send(self._robot, telegram, peer)
+            mark = f"<IPOC>{self.rsi.counter}</IPOC>"
+            for tick in range(SAMPLES):
+                end = due + (tick + 1) * MS
+                if data is None and running:
+                    data, reply_s = self._await(self._robot, sent, end - 0.1 * MS, mark)
+                if tick == SAMPLES - 1:
+                    break
+                woken_s = max(woken_s, _until(end))
+                self._instruments(row, tick + 1, tracker)
+                if echo is not None and running and tick + 1 == _ECHO_AT:
+                    sent_echo = time.perf_counter()
+                    _send(self._echo, telegram, echo)
+                    _, echo_s = self._await(self._echo, sent_echo, end + 0.9 * MS, mark)
+            if running:
+                times.add(reply_s, echo_s, late_s, woken_s, self._take(data))
+                why = self._go_on(answered=data is not None)
+                if why:
+                    times.ended.append((time.perf_counter() - begin, why))
+                    self._another_session()
+            else:
+                times.paused += 1
+                self.program.cycle(NOT_TOLD, answered=False, feed_hold=False, stopped="")
+            times.held += self.program.held - held
+            self._due = due = due + period
+            self._time_s += period
+            if (k + 1) % block == 0 or k == cycles - 1:
+                told(times.block(self._largest, self.refused))
+                times = Times(block)
+
+    @property
+    def refused(self) -> int:
+        """Answers that the controller did not take, since the start, over all sessions."""
+        return self._refused + self.rsi.late
+
+    def _take(self, data: bytes | None) -> int:
+        """Let the controller have an answer; what the sensor program said in it."""
+        self.rsi.answer(data)
+        self._take_in()
+        return NOT_TOLD if self.rsi.refused else self.rsi.told_state
+
+    def _take_in(self) -> None:
+        """What the controller makes of its correction within a cycle."""
+        in_force = self._answer(self.rsi.pose_correction())
+        self._moved = self.played.R_tracker_part @ in_force[:3]
+        self._largest = max(self._largest, float(np.max(np.abs(in_force[:3]))))
+
+    def _go_on(self, *, answered: bool) -> str:
+        rsi = self.rsi
+        return self.program.cycle(rsi.told_state, answered=answered, feed_hold=rsi.feed_hold, stopped=rsi.stopped)
+
+    def _another_session(self) -> None:
+        """The program was ended: no correction is in effect any more."""
+        rsi = self.rsi
+        self._refused += rsi.late
+        context = replace(rsi.context, first_counter=rsi.counter + _SESSION_MS)
+        self.rsi = FakeRsi(rsi.config, context, rsi.frees)
+        self._answer.reset()
+        self._moved = np.zeros(3)
+
+    def _miss(self, cycles: int, *, running: bool) -> None:
+        """The robot went on while this machine stood still: its counters too, and no answer came.
+
+        The first of these telegrams has been made already, and the next one counts on by itself.
+        """
+        self._time_s += cycles * self.rsi.context.cycle_s
+        if running:
+            self.rsi.counter += round((cycles - 1) * self.rsi.context.cycle_s / MS)
+            self.rsi.late += cycles
+            for _ in range(cycles):  # what was corrected last is held meanwhile, and goes on being answered
+                self._take_in()
+            self.program.go_on(cycles)
+
+    def _prepared(self, *, running: bool) -> tuple[int, bytes]:
+        """Row of the pass, and the telegram of it."""
+        row = self.played.there_and_back(self.program.place)
+        self.rsi.enabled = self.program.enabled
+        return row, self._telegram(row) if running else b""
+
+    def _telegram(self, row: int) -> bytes:
+        played = self.played
+        T_part_actual = played.T_part_actual[row].copy()
+        T_part_actual[:3, 3] += self._answer.value[:3]
+        report = Report(
+            time_s=self._time_s,
+            T_part_nominal=played.T_part_nominal[row],
+            T_part_actual=T_part_actual,
+            q_command=played.q_command[row],
+            q_actual=played.q_actual[row],
+            cutting_program=True,
+            finished=False,
+        )
+        return self.rsi.telegram(report)
+
+    def _instruments(self, row: int, tick: int, tracker: tuple[str, int] | None) -> None:
+        if self.netft is not None:
+            self.netft.send(self.played.w_sensor[row, tick])
+        if tracker is not None:
+            self._sequence = (self._sequence + 1) & 0xFFFFFFFF
+            p = (self.played.p_tracker_target[row, tick] + self._moved) / MM
+            quat = self.played.quat_wxyz[row, tick]
+            now = time.monotonic_ns()
+            _send(self._tracker, DATAGRAM.pack(MAGIC, self._sequence, now, 0, 0, *p, *quat, 0.015), tracker)
+
+    @staticmethod
+    def _await(own: socket.socket, asked: float, end: float, mark: str) -> tuple[bytes | None, float]:
+        """Wait for the datagram that holds a mark: it and its age, or None and not-a-number."""
+        wanted = mark.encode("ascii")
+        while (left := end - time.perf_counter()) > 0.0:
+            if not select.select([own], [], [], left)[0]:
+                break
+            try:
+                data = own.recv(65536)
+            except (BlockingIOError, ConnectionError):
+                continue
+            now = time.perf_counter()
+            if wanted in data:
+                return data, now - asked
+        return None, np.nan
+
+    def close(self) -> None:
+        """Free the sockets."""
+        for one in self._sockets:
+            one.close()
+        if self.netft is not None:
+            self.netft.close()
+
+
+def _until(due: float) -> float:
+    """Sleep until then; how much later it is, s."""
+    left = due - time.perf_counter()
+    if left > 0.0:
+        time.sleep(left)
+    return time.perf_counter() - due
+
+
+def _send(own: socket.socket, data: bytes, peer: tuple[str, int]) -> None:
+    with contextlib.suppress(BlockingIOError, ConnectionError):
+        own.sendto(data, peer)

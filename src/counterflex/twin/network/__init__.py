@@ -1,0 +1,1 @@
+"""What goes wrong between programs: losses, delays, copies, damage, scripted faults."""

@@ -1,0 +1,1 @@
+"""Physics of the simulated cell: arm, drives, friction, chip, sensors."""

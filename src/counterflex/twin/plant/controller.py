@@ -1,0 +1,199 @@
+"""The robot controller: from a tool path to joint references at its interpolation cycle.
+
+It knows the nominal geometry only: closed-form kinematics of the rigid robot, the tool and the part frame as they
+were entered. With full speed feed-forward (the default) the drives follow without lag; a controller without it trails
+by ``v / Kv``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int, as_float, as_positive
+from counterflex.core.errors import InputError, ModelError, ReachError
+from counterflex.core.units import MM
+from counterflex.geometry import pose
+from counterflex.path.path_speed import build_track, timed
+from counterflex.path.toolpath import ToolPath
+from counterflex.robot.model.description import EndEffector, Opw, Robot
+from counterflex.robot.model.opw import BRANCHES, branches, nearest_turn, turns
+from counterflex.twin.plant.drives import first_order_lag
+
+CYCLE_S = 4.0e-3
+
+
+@dataclass(frozen=True)
+class Controller:
+    """What the robot controller has been told.
+
+    Attributes:
+        opw: Geometry of the robot.
+        joint_limits_rad: (6, 2).
+        T_flange_tcp: (4, 4) tool.
+        T_base_part: (4, 4) part frame as the controller has it.
+        branch: One of :data:`counterflex.robot.model.opw.BRANCHES`.
+        rotation_about_tool_rad: Turns the tool frame from "x along part x", right-handed about the direction from
+            tip to spindle.
+        blending_m: Distance of approximate positioning; 0 is exact stop at every corner.
+        acceleration_m_s2: Limit along and across the path.
+        rapid_m_s: Speed of rapid moves.
+        following_gain_per_s: Kv of a drive without speed feed-forward, or None for full feed-forward.
+        cycle_s: Interpolation cycle.
+    """
+
+    opw: Opw
+    joint_limits_rad: Float
+    T_flange_tcp: Float
+    T_base_part: Float
+    branch: str = "front up noflip"
+    rotation_about_tool_rad: float = 0.0
+    blending_m: float = 0.5e-3
+    acceleration_m_s2: float = 1.0
+    rapid_m_s: float = 0.25
+    following_gain_per_s: float | None = None
+    cycle_s: float = CYCLE_S
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        as_float("T_flange_tcp", self.T_flange_tcp, (4, 4))
+        as_float("T_base_part", self.T_base_part, (4, 4))
+        as_float("joint_limits_rad", self.joint_limits_rad, (6, 2))
+        if self.branch not in BRANCHES:
+            raise InputError("posture of the arm", value=self.branch, limit="one of " + ", ".join(BRANCHES))
+        as_positive("blending_m", self.blending_m, zero=True)
+        as_positive("acceleration_m_s2", self.acceleration_m_s2)
+        as_positive("rapid_m_s", self.rapid_m_s)
+        as_positive("cycle_s", self.cycle_s)
+        if self.following_gain_per_s is not None:
+            as_positive("following_gain_per_s", self.following_gain_per_s)
+
+    def tool_poses(self, p_part_tcp: Float, axis_part: Float) -> Float:
+        """Poses ``Ts_part_tcp`` (n, 4, 4) of the tool frame for tips (n, 3) m and axes (n, 3), see the class."""
+        axis = axis_part / np.linalg.norm(axis_part, axis=1, keepdims=True)
+        along = np.where(np.abs(axis[:, :1]) < 0.9, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+        x0 = along - np.sum(along * axis, axis=1, keepdims=True) * axis
+        x0 /= np.linalg.norm(x0, axis=1, keepdims=True)
+        angle = self.rotation_about_tool_rad
+        x = np.cos(angle) * x0 + np.sin(angle) * np.cross(axis, x0)
+        return pose.make(np.stack([x, np.cross(-axis, x), -axis], axis=-1), p_part_tcp)
+
+    def joints(self, p_part_tcp: Float, axis_part: Float) -> Float:
+        """Joint angles for tool tips in the controller's part frame, one posture, without jumps.
+
+        Args:
+            p_part_tcp: (n, 3) m.
+            axis_part: (n, 3) from tip to spindle.
+
+        Returns:
+            (n, 6) rad.
+
+        Raises:
+            ReachError: A point is out of reach or of the joint limits in this posture, or the wrist turns over.
+        """
+        Ts_base_tcp: Float = self.T_base_part @ self.tool_poses(p_part_tcp, axis_part)
+        Ts_base_flange: Float = Ts_base_tcp @ pose.inverse(self.T_flange_tcp)
+        q: Float = branches(self.opw, Ts_base_flange)[:, BRANCHES.index(self.branch)]
+        bad = ~np.all(np.isfinite(q), axis=1)
+        if bad.any():
+            raise self._unreachable("the robot does not reach the tool path", p_part_tcp, bad)
+        start = turns(q[0], self.joint_limits_rad)
+        q[0] = start[0] if len(start) else nearest_turn(q[0], np.zeros(6), self.joint_limits_rad)
+        q = np.unwrap(q, axis=0)
+        outside = np.any((q < self.joint_limits_rad[:, 0]) | (q > self.joint_limits_rad[:, 1]), axis=1)
+        if outside.any():
+            raise self._unreachable("a joint limit is in the way", p_part_tcp, outside)
+        return q
+
+    def _unreachable(self, what: str, p: Float, bad: object) -> ReachError:
+        first = int(np.argmax(np.asarray(bad)))
+        return ReachError(
+            what,
+            where=f"sample {first}, part {np.round(p[first] / MM, 2).tolist()} mm",
+            hint="Move the part, or choose another posture or rotation about the tool",
+        )
+
+
+def controller_of(robot: Robot, end_effector: EndEffector, T_base_part: Float, **settings: object) -> Controller:
+    """A controller that has been told a cell's nominal geometry.
+
+    Args:
+        robot: With closed-form geometry.
+        end_effector: Its undeformed chain gives the tool.
+        T_base_part: (4, 4) part frame.
+        settings: Further fields of :class:`Controller`.
+
+    Raises:
+        ModelError: The robot has no closed-form geometry.
+    """
+    if robot.opw is None:
+        raise ModelError(
+            "the simulated controller needs the closed-form geometry of the robot",
+            value=robot.name,
+            hint="Give the robot by catalogue name or by its OPW lengths",
+        )
+    T = np.eye(4)
+    for segment in end_effector.segments:
+        T = T @ segment.T_prev_seg
+    fields: dict[str, object] = {
+        "opw": robot.opw,
+        "joint_limits_rad": robot.joint_limits_rad,
+        "T_flange_tcp": T @ end_effector.T_last_tcp,
+        "T_base_part": T_base_part,
+        **settings,
+    }
+    return Controller(**fields)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the controller tells the drives, one row per cycle.
+
+    Attributes:
+        time_s: (n,) s.
+        p_part_command: (n, 3) m, interpolated tool tip.
+        axis_part: (n, 3) interpolated tool axis.
+        q_ref: (n, 6) rad.
+        qd_ref: (n, 6) rad/s.
+        source: (n,) row of the tool path.
+    """
+
+    time_s: Float
+    p_part_command: Float
+    axis_part: Float
+    q_ref: Float
+    qd_ref: Float
+    source: Int
+
+
+def interpolate(path: ToolPath, controller: Controller) -> Reference:
+    """Run a tool path on the controller.
+
+    Args:
+        path: In the part frame; at least two points.
+        controller: What it has been told.
+
+    Returns:
+        References at the interpolation cycle; speeds are central differences.
+
+    Raises:
+        InputError: The path has fewer than two points.
+        ReachError: See :meth:`Controller.joints`.
+    """
+    if len(path) < 2:
+        raise InputError("a tool path of fewer than two points cannot be run", value=len(path), limit=">= 2")
+    track = build_track(
+        path,
+        blending_m=controller.blending_m,
+        rapid_m_s=controller.rapid_m_s,
+        acceleration_m_s2=controller.acceleration_m_s2,
+    )
+    t, p, axis, source = timed(track, controller.acceleration_m_s2, controller.cycle_s)
+    if len(t) < 2:
+        raise InputError("the tool path does not move", value=len(path))
+    q = controller.joints(p, axis)
+    if controller.following_gain_per_s is not None:
+        q = first_order_lag(q, controller.cycle_s, controller.following_gain_per_s)
+    qd: Float = np.gradient(q, controller.cycle_s, axis=0)
+    return Reference(time_s=t, p_part_command=p, axis_part=axis, q_ref=q, qd_ref=qd, source=source)

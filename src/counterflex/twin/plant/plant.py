@@ -1,0 +1,382 @@
+"""The elastic robot in motion. The only module that touches the physics engine.
+
+Each step takes the kinematics of the present state, adds drives, friction, play, cylinder and the process wrench as
+applied forces, and lets MuJoCo integrate (``implicitfast``: elastic dampers implicit, no numerical damping).
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
+from counterflex.core.errors import InputError, SimulationError
+from counterflex.core.jit import kernel
+from counterflex.geometry import pose
+from counterflex.geometry.wrench import cross
+from counterflex.twin.plant.drives import apply_drives, gains
+from counterflex.twin.plant.friction import apply_friction, play_torque, slip_parameters
+from counterflex.twin.plant.loads import apply_loads, balance_parameters
+from counterflex.twin.plant.mjcf import Coordinates, coordinates, model_xml
+from counterflex.twin.plant.posture_springs import PostureSprings
+from counterflex.twin.truth.truth import Truth
+
+STEP_S = 0.5e-3
+mujoco.set_mju_user_warning(lambda _: None)  # Plant.check raises; the engine would write a log into the working folder
+_FLOAT_NM = 1.0  # a link with less load than this floats within its play, held by dry friction
+_SETTLED = 1e-13  # rad or m, change of an elastic coordinate at which the equilibrium has been found
+_ROUNDS = 200
+
+
+@kernel()
+def _applied(
+    qpos: Float,
+    qvel: Float,
+    anchor: Float,
+    axis: Float,
+    hinge: Bool,
+    motor: Int,
+    torsion: Int,
+    sign: Float,
+    p_base_tcp: Float,
+    w_tcp_base: Float,
+    balance: Float,
+    torsion_stiffness: Float,
+    half_band: Float,
+    slip_stiffness: Float,
+    slip_limit: Float,
+    slip_force: Float,
+    slip_angle: Float,
+    q_ref: Float,
+    qd_ref: Float,
+    pid: Float,
+    integral: Float,
+    step_s: float,
+    force: Float,
+    torque: Float,
+) -> None:
+    force[:] = 0.0
+    apply_loads(qpos, anchor, axis, hinge, motor, torsion, sign, p_base_tcp, w_tcp_base, balance, force)
+    apply_friction(
+        qpos, motor, torsion, sign, torsion_stiffness, half_band, slip_stiffness, slip_limit, slip_force, slip_angle,
+        force,
+    )  # fmt: skip
+    apply_drives(qpos, qvel, motor, q_ref, qd_ref, pid, integral, step_s, force, torque)
+
+
+class Plant:
+    """One elastic robot cell, stepped in time.
+
+    Args:
+        truth: Its parameters.
+        step_s: Integration step, s; 0.5 ms resolves friction and all modes that matter.
+        friction: False leaves out dry friction and play (for comparison with closed forms).
+
+    Attributes:
+        time_s: Time since the last reset, s.
+        coordinates: What each coordinate is.
+        drive_torque: (6,) N m, last drive torques.
+    """
+
+    def __init__(self, truth: Truth, *, step_s: float = STEP_S, friction: bool = True) -> None:
+        self.truth = truth
+        self.step_s = as_positive("step_s", step_s)
+        self.coordinates: Coordinates = coordinates(truth)
+        try:
+            self._model = mujoco.MjModel.from_xml_string(model_xml(truth, self.step_s))
+        except ValueError as fault:
+            raise SimulationError("the physics engine refuses the truth", value=str(fault)) from fault
+        self._data = mujoco.MjData(self._model)
+        if self._model.nv != len(self.coordinates.kind):
+            raise SimulationError("coordinates of model and truth", value=self._model.nv)
+        self.time_s = 0.0
+        self.drive_torque: Float = np.zeros(6)
+        c, d = self.coordinates, self._data
+        self._hinge: Bool = np.array((c.kind < 0) | (c.kind >= 3))
+        self._elastic: Bool = np.array(c.kind >= 0)
+        driven = [b for b in truth.bodies if b.joint is not None]
+        self._sign: Float = np.array([b.sign for b in driven])
+        self._springs = PostureSprings(truth, c)
+        self._stiffness: Float = c.stiffness.copy()
+        self._torsion_stiffness: Float = np.where(c.torsion >= 0, c.stiffness[c.torsion], 0.0)
+        self._band: Float = np.array([x.dead_band_rad if friction else 0.0 for x in truth.drives])
+        self._slip_stiffness, self._slip_limit = slip_parameters(truth.drives)
+        if not friction:
+            self._slip_stiffness, self._slip_limit = np.zeros((6, 4)), np.zeros((6, 4))
+        self._slip_force: Float = np.zeros((6, 4))
+        self._slip_angle: Float = np.zeros((6, 2))
+        self._pid = gains(truth.drives)
+        self._integral: Float = np.zeros(6)
+        self._balance = balance_parameters(truth.counterbalance)
+        site = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_SITE, "tcp")
+        self._p: Float = d.site_xpos[site]
+        self._R: Float = d.site_xmat[site].reshape(3, 3)
+        self._qpos: Float = d.qpos
+        self._qvel: Float = d.qvel
+        self._force: Float = d.qfrc_applied
+        self._warnings: Int = d.warning.number
+        self._anchor: Float = d.xanchor
+        self._axis: Float = d.xaxis
+        self._acceleration: Float = np.zeros(self._model.nv)
+        self._speed_before: Float = np.zeros(self._model.nv)
+        self._load: Float = np.zeros(6)
+        self._q_ref: Float = np.zeros(6)
+        self._body_id = _body_ids(self._model, truth)
+        self.reset(np.zeros(6))
+
+    def equilibrium(self, q: Float, w_tcp_base: Float | None = None) -> Float:
+        """Static equilibrium with the motors held: pose of the tool tip.
+
+        Moves the plant's state there, like :meth:`reset`.
+
+        Args:
+            q: (6,) rad motor angles.
+            w_tcp_base: (6,) N, N m on the tool about the tip in base axes; None is no load but its own weight.
+
+        Returns:
+            ``T_base_tcp`` (4, 4).
+
+        Raises:
+            SimulationError: The chain finds no equilibrium (it buckles or a number is not finite).
+        """
+        self.reset(q, w_tcp_base)
+        return self.tcp_pose()
+
+    def reset(self, q: Float, w_tcp_base: Float | None = None, qd: Float | None = None) -> None:
+        """Start from the exact static equilibrium: slip elements relaxed, integrators hold the load.
+
+        Args:
+            q: (6,) rad motor angles.
+            w_tcp_base: (6,) load on the tool, see :meth:`equilibrium`.
+            qd: (6,) rad/s motor speeds to start with; None is at rest.
+
+        Raises:
+            SimulationError: No equilibrium is found.
+        """
+        q = as_float("q", q, (6,))
+        load = np.zeros(6) if w_tcp_base is None else as_float("w_tcp_base", w_tcp_base, (6,))
+        c, d = self.coordinates, self._data
+        mujoco.mj_resetData(self._model, d)
+        self._qpos[c.motor] = q
+        if self._springs:
+            self._take_posture()
+        band, floating = np.zeros(len(c.kind)), np.ones(len(c.kind))
+        sprung = np.flatnonzero(c.torsion >= 0)
+        band[c.torsion[sprung]] = self._band[sprung]
+        dry = np.sum(self._slip_limit[:, :-1], axis=1)
+        floating[c.torsion[sprung]] = np.clip(0.5 * dry, 1e-6, _FLOAT_NM)[sprung]
+        soft = self._elastic
+        applied: Float = np.zeros(len(c.kind))
+        for _ in range(_ROUNDS):
+            mujoco.mj_forward(self._model, d)
+            applied[:] = 0.0
+            apply_loads(
+                self._qpos, self._anchor, self._axis, self._hinge, c.motor, c.torsion, self._sign, self._p, load,
+                self._balance, applied,
+            )  # fmt: skip
+            net: Float = applied - d.qfrc_bias
+            wanted = net[soft] / self._stiffness[soft] + np.clip(net[soft] / floating[soft], -1.0, 1.0) * band[soft]
+            change = float(np.max(np.abs(wanted - self._qpos[soft]), initial=0.0))
+            if not np.isfinite(change) or change > 1.0:
+                break
+            self._qpos[soft] = wanted
+            if change < _SETTLED:
+                break
+        else:
+            change = np.inf
+        if not change < _SETTLED:
+            raise SimulationError(
+                "the elastic chain finds no static equilibrium",
+                value=f"joints {np.round(np.degrees(q), 3).tolist()} deg",
+                hint="Check masses and compliances of the truth",
+            )
+        self._slip_force[:] = 0.0
+        for i in sprung:
+            t = c.torsion[i]
+            spring = play_torque(self._qpos[t], self._torsion_stiffness[i], self._band[i])
+            if dry[i] > 0.0:  # what the play leaves unsupported is held by stiction
+                self._slip_force[i, :-1] = -self._sign[i] * (net[t] + spring) * self._slip_limit[i, :-1] / dry[i]
+        self._integral[:] = -net[c.motor] - np.sum(self._slip_force[:, :-1], axis=1)
+        self.drive_torque[:] = self._integral
+        link = q + np.where(c.torsion >= 0, self._sign * self._qpos[c.torsion], 0.0)
+        self._slip_angle[:, 0], self._slip_angle[:, 1] = link, q
+        if qd is not None:
+            self._qvel[c.motor] = as_float("qd", qd, (6,))
+        self.time_s = 0.0
+        self._load[:], self._q_ref[:] = load, q
+        self._speed_before[:] = self._qvel
+        mujoco.mj_step1(self._model, d)
+
+    def step(self, q_ref: Float, qd_ref: Float, w_tcp_base: Float) -> None:
+        """Advance one step; afterwards the kinematics belong to the new time.
+
+        Args:
+            q_ref: (6,) rad, float64, C order: reference of the drives now.
+            qd_ref: (6,) rad/s.
+            w_tcp_base: (6,) N, N m on the tool about the tip in base axes, acting during the step.
+        """
+        c = self.coordinates
+        if self._springs:
+            self._take_posture()
+        _applied(
+            self._qpos, self._qvel, self._anchor, self._axis, self._hinge, c.motor, c.torsion, self._sign, self._p,
+            w_tcp_base, self._balance, self._torsion_stiffness, self._band, self._slip_stiffness, self._slip_limit,
+            self._slip_force, self._slip_angle, q_ref, qd_ref, self._pid, self._integral, self.step_s, self._force,
+            self.drive_torque,
+        )  # fmt: skip
+        self._load[:], self._q_ref[:], self._speed_before[:] = w_tcp_base, q_ref, self._qvel
+        mujoco.mj_step2(self._model, self._data)
+        self.time_s += self.step_s
+        mujoco.mj_step1(self._model, self._data)
+
+    def _take_posture(self) -> None:
+        """Give the springs the stiffness of the present motor angles."""
+        c, free = self.coordinates, self._springs.free
+        self._stiffness[:] = self._springs.stiffness(self._qpos[c.motor])
+        self._model.jnt_stiffness[free] = self._stiffness[free]
+        self._torsion_stiffness[:] = np.where(c.torsion >= 0, self._stiffness[c.torsion], 0.0)
+
+    def move(self, q: Float, w_tcp_base: Float | None = None, *, move_s: float = 1.0, rest_s: float = 0.3) -> None:
+        """Go from where the references stand to other joints and another load, slowly, and wait.
+
+        Joints and load follow ``(1 - cos(pi t / T)) / 2`` together; drives, friction and play act as they do in any
+        motion, so that what was done before shows in where the tool comes to rest.
+
+        Args:
+            q: (6,) rad, reference of the drives at the end.
+            w_tcp_base: (6,) N, N m load at the end, on the tool about the tip in base axes; None is none.
+            move_s: T, s.
+            rest_s: Time to wait after it, s.
+
+        Raises:
+            SimulationError: The robot becomes unstable.
+        """
+        q = as_float("q", q, (6,))
+        load = np.zeros(6) if w_tcp_base is None else as_float("w_tcp_base", w_tcp_base, (6,))
+        count, wait = (
+            max(1, round(as_positive("move_s", move_s) / self.step_s)),
+            as_positive("rest_s", rest_s, zero=True),
+        )
+        t = (np.arange(count) / count)[:, None]
+        share, rate = 0.5 * (1.0 - np.cos(np.pi * t)), 0.5 * np.pi * np.sin(np.pi * t) / (count * self.step_s)
+        q_from, load_from = self._q_ref.copy(), self._load.copy()
+        place: Float = q_from + share * (q - q_from)
+        speed: Float = rate * (q - q_from)
+        wrench: Float = load_from + share * (load - load_from)
+        for k in range(count):
+            self.step(place[k], speed[k], wrench[k])
+        rest = np.zeros(6)
+        for _ in range(round(wait / self.step_s)):
+            self.step(q, rest, load)
+        self.check()
+
+    def check(self) -> None:
+        """Raise if the simulation has left its physical range since the last reset.
+
+        Raises:
+            SimulationError: A coordinate is not finite or the engine warned.
+        """
+        if not np.all(np.isfinite(self._qpos)) or self._warnings.any():
+            raise SimulationError(
+                "the simulated robot became unstable",
+                where=f"{self.time_s:.4f} s after the start of this stretch",
+                hint="Check forces, drive gains and masses of the truth",
+            )
+
+    @property
+    def p_base_tcp(self) -> Float:
+        """(3,) m, live view of the tool tip's position."""
+        return self._p
+
+    @property
+    def R_base_tcp(self) -> Float:
+        """(3, 3), live view of the tool's axes."""
+        return self._R
+
+    def tcp_pose(self) -> Float:
+        """``T_base_tcp`` (4, 4) now."""
+        return pose.make(self._R, self._p)
+
+    def body_pose(self, name: str) -> Float:
+        """``T_base_body`` (4, 4) now, of the frame behind a body's drive and elastic element.
+
+        Args:
+            name: Of a body of the truth.
+
+        Raises:
+            InputError: There is no such body.
+        """
+        i = self._body_of(name)
+        return pose.make(np.array(self._data.xmat[i]).reshape(3, 3), np.array(self._data.xpos[i]))
+
+    def section_wrench(self, name: str) -> Float:
+        """Load on a body and all that hangs behind it, as it passes through the section in front of the body.
+
+        ``w = w_process + sum m g - d(momentum)/dt``, taken about the origin of the body's frame in its axes: what a
+        force sensor whose tool side is this body shows, weight and inertia included. Inertia is that of the last step
+        (none right after :meth:`reset`).
+
+        Args:
+            name: Of a body of the truth.
+
+        Returns:
+            (6,) N, N m.
+
+        Raises:
+            InputError: There is no such body.
+        """
+        i, d = self._body_of(name), self._data
+        kept = d.qacc.copy()
+        d.qacc[:] = (self._qvel - self._speed_before) / self.step_s
+        mujoco.mj_rnePostConstraint(self._model, d)
+        d.qacc[:] = kept
+        moment, force = -d.cfrc_int[i, :3], -d.cfrc_int[i, 3:]  # about the tree's centre of gravity, base axes
+        origin: Float = np.array(d.xpos[i])
+        moment = moment + cross(d.subtree_com[self._model.body_rootid[i]] - origin, force)
+        force = force + self._load[:3]
+        moment = moment + self._load[3:] + cross(self._p - origin, self._load[:3])
+        R = np.array(d.xmat[i]).reshape(3, 3)
+        return np.concatenate([R.T @ force, R.T @ moment])
+
+    def _body_of(self, name: str) -> int:
+        if name not in self._body_id:
+            raise InputError("the truth has no such body", value=name, limit=", ".join(self._body_id))
+        return self._body_id[name]
+
+    def q_motor(self) -> Float:
+        """(6,) rad, motor angles: what the robot controller reads."""
+        out: Float = self._qpos[self.coordinates.motor]
+        return out
+
+    def q_link(self) -> Float:
+        """(6,) rad, motor angle plus torsion of each axis."""
+        c = self.coordinates
+        out: Float = self.q_motor() + np.where(c.torsion >= 0, self._sign * self._qpos[c.torsion], 0.0)
+        return out
+
+    def mass_matrix(self) -> Float:
+        """(n, n) inertia of the present state, rotor inertias included."""
+        n = self._model.nv
+        out: Float = np.empty((n, n))
+        column, unit = np.zeros((1, n)), np.eye(n)
+        for i in range(n):
+            mujoco.mj_mulM(self._model, self._data, column[0], unit[i])
+            out[:, i] = column[0]
+        return out
+
+    def bias(self) -> Float:
+        """(n,) gravity, centrifugal and Coriolis forces of the present state."""
+        return np.array(self._data.qfrc_bias)
+
+    def state(self) -> tuple[Float, Float]:
+        """Copies of coordinates (n,) and speeds (n,)."""
+        return np.array(self._qpos), np.array(self._qvel)
+
+
+def _body_ids(model: mujoco.MjModel, truth: Truth) -> dict[str, int]:
+    """Number of each body in the engine: the part behind its drive where the drive has a carrier of its own."""
+    out = {}
+    for index, body in enumerate(truth.bodies):
+        behind = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"b{index}e")
+        out[body.name] = behind if behind >= 0 else mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"b{index}")
+    return out

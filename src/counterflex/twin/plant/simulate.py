@@ -1,0 +1,235 @@
+"""Machine a program on the simulated cell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int, as_float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.stock import HeightMap
+from counterflex.geometry import rotation
+from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.twin.plant.controller import Controller, Reference, interpolate
+from counterflex.twin.plant.drives import first_order_lag, following_gains
+from counterflex.twin.plant.plant import STEP_S, Plant
+from counterflex.twin.plant.process import Process
+from counterflex.twin.plant.record import Record
+from counterflex.twin.plant.setup import touched_part_frame
+from counterflex.twin.truth.truth import Truth
+
+LEAD_IN_S = 0.4  # motion through air that is simulated before contact becomes possible
+LEAD_OUT_S = 0.1  # and after
+CLEARANCE_M = 8.0e-3  # commanded tips closer than this to the stock's box may touch it
+_REPORT_EVERY = 250
+
+
+def simulate(
+    path: ToolPath,
+    *,
+    truth: Truth,
+    controller: Controller,
+    stock: HeightMap,
+    cutter: Cutter,
+    datum_points_part: Float | None = None,
+    skip_air: bool = True,
+    step_s: float = STEP_S,
+    progress: Progress = silent,
+) -> Record:
+    """Machine a tool path: drives, elastic robot and cutting process, coupled at every step.
+
+    The robot starts each stretch in exact static equilibrium with the motors at the commanded speed. With
+    ``skip_air``, stretches in which the commanded tool stays ``CLEARANCE_M`` clear of the stock's box are left out but
+    for the last 0.4 s before and the first 0.1 s after contact is possible; friction has slid into the direction of
+    motion and the start transient has died out by then.
+
+    Args:
+        path: In the part frame, one tool.
+        truth: The cell as it really is.
+        controller: What the robot controller believes.
+        stock: Blank in the part frame; not changed.
+        cutter: The tool.
+        datum_points_part: (k, 3) m; the part frame is measured by touching them with the robot (see
+            :func:`~counterflex.twin.plant.setup.touched_part_frame`). None: it was measured with an ideal instrument,
+            the part lies exactly where the controller has it.
+        skip_air: Leave out long air moves.
+        step_s: Integration step, s; divides the controller's cycle.
+        progress: Told the fraction done; may raise ``Interrupted``.
+
+    Returns:
+        The record, with the as-machined stock.
+
+    Raises:
+        InputError: The path feeds with more than one tool, or the step does not divide the cycle.
+        ReachError: The robot cannot reach the path.
+        SimulationError: The robot becomes unstable, the tool cuts with its shank or with the spindle off.
+    """
+    tools = np.unique(path.tool[path.kind == FEED])
+    if len(tools) > 1:
+        raise InputError("the simulation runs one tool at a time", value=tools.tolist(), hint="Split the program")
+    substeps = round(controller.cycle_s / step_s)
+    if substeps < 1 or abs(substeps * step_s - controller.cycle_s) > 1e-9:
+        raise InputError("integration step does not divide the controller's cycle", value=step_s)
+    reference = _as_driven(interpolate(path, controller), truth, controller.cycle_s)
+    plant = Plant(truth, step_s=step_s)
+    T_base_part, residual = as_float("T_base_part", controller.T_base_part, (4, 4)), np.zeros((0, 3))
+    if datum_points_part is not None:
+        T_base_part, residual = touched_part_frame(plant, controller, datum_points_part)
+    blank = as_delivered(stock, truth.stock_top_offset_m)
+    process = Process(blank, cutter, truth.cutting, step_s, T_base_part)
+    near = near_stock(reference.p_part_command, blank, cutter.radius_m)
+    run = _Run(plant, process, reference, path.spindle_rad_s[reference.source], near, substeps)
+    stretches = _stretches(near, controller.cycle_s, skip_air)
+    parts = in_parts(progress, {str(first): float(last - first) for first, last in stretches} or {"": 1.0})
+    for first, last in stretches:
+        run.stretch(first, last, parts[str(first)])
+    Rs_part_command = controller.tool_poses(reference.p_part_command, reference.axis_part)[:, :3, :3]
+    kept = run.kept
+    Rs_part_tcp = T_base_part[:3, :3].T @ run.R_base_tcp[kept]
+    tilt = rotation.log(Rs_part_tcp @ np.swapaxes(Rs_part_command[kept], -1, -2))
+    p_part: Float = (run.p_base_tcp[kept] - T_base_part[:3, 3]) @ T_base_part[:3, :3]
+    sums = run.sums[kept]
+    calls = np.maximum(sums[:, 8:9], 1.0)
+    source = reference.source[kept]
+    run_length = np.cumsum(
+        np.linalg.norm(np.diff(reference.p_part_command, axis=0, prepend=path.p_part_tcp[:1]), axis=1)
+    )
+    progress(1.0, "machined")
+    return Record(
+        time_s=reference.time_s[kept],
+        row=source,
+        motion=path.motion[source],
+        progress=run_length[kept] / max(run_length[-1], 1e-12),
+        kind=path.kind[source],
+        p_part_command=reference.p_part_command[kept],
+        p_part_tcp=p_part,
+        tilt_part=tilt,
+        force_part=sums[:, :3] / calls,
+        moment_part=sums[:, 3:6] / calls,
+        force_peak_n=sums[:, 6],
+        depth_m=sums[:, 7],
+        engaged=np.array(sums[:, 7] > 0.0),
+        q_ref=reference.q_ref[kept],
+        q_motor=run.q_motor[kept],
+        stock=process.finish(),
+        T_base_part=T_base_part,
+        datum_residual_m=residual,
+    )
+
+
+def _as_driven(reference: Reference, truth: Truth, cycle_s: float) -> Reference:
+    """References behind the lag of drives without speed feed-forward."""
+    gains = following_gains(truth.drives)
+    trailing = np.flatnonzero(np.isfinite(gains))
+    if len(trailing) == 0:
+        return reference
+    q = reference.q_ref.copy()
+    for axis in trailing:
+        q[:, axis : axis + 1] = first_order_lag(q[:, axis : axis + 1], cycle_s, float(gains[axis]))
+    return replace(reference, q_ref=q, qd_ref=np.gradient(q, cycle_s, axis=0))
+
+
+def as_delivered(stock: HeightMap, offset_m: float) -> HeightMap:
+    """The blank with its top where it really is; columns without material stay so."""
+    blank = stock.copy()
+    solid = blank.z > blank.bottom_m
+    blank.z[solid] = np.maximum(blank.z[solid] + np.float32(offset_m), np.float32(blank.bottom_m))
+    blank.refresh()
+    return blank
+
+
+def near_stock(p_part: Float, stock: HeightMap, radius_m: float) -> Bool:
+    """Samples whose tool may touch the stock's box."""
+    ny, nx = stock.z.shape
+    low = np.array([stock.x0_m, stock.y0_m]) - radius_m - CLEARANCE_M
+    high = np.array([stock.x0_m + (nx - 1) * stock.cell_m, stock.y0_m + (ny - 1) * stock.cell_m])
+    inside = np.all((p_part[:, :2] > low) & (p_part[:, :2] < high + radius_m + CLEARANCE_M), axis=1)
+    return np.array(inside & (p_part[:, 2] < float(stock.z.max()) + CLEARANCE_M))
+
+
+def _stretches(near: Bool, cycle_s: float, skip_air: bool) -> list[tuple[int, int]]:
+    """First and last sample of each stretch to simulate."""
+    n = len(near)
+    if not skip_air:
+        return [(0, n - 1)]
+    wanted = np.zeros(n, dtype=bool)
+    lead_in, lead_out = round(LEAD_IN_S / cycle_s), round(LEAD_OUT_S / cycle_s)
+    change = np.diff(np.concatenate([[False], near, [False]]).astype(np.int8))
+    for k, end in zip(np.flatnonzero(change == 1), np.flatnonzero(change == -1), strict=True):
+        wanted[max(0, k - lead_in) : min(n, end + lead_out)] = True
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], wanted, [False]]).astype(np.int8)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - 1 > a]
+
+
+def hermite(substeps: int, cycle_s: float) -> tuple[Float, Float]:
+    """Weights (substeps, 4) of q0, qd0, q1, qd1 for position and speed within a cycle."""
+    u = np.arange(substeps) / substeps
+    place = np.stack(
+        [(1 + 2 * u) * (1 - u) ** 2, cycle_s * u * (1 - u) ** 2, u**2 * (3 - 2 * u), cycle_s * u**2 * (u - 1)], axis=1
+    )
+    speed = np.stack(
+        [6 * u * (u - 1) / cycle_s, (1 - u) * (1 - 3 * u), 6 * u * (1 - u) / cycle_s, u * (3 * u - 2)], axis=1
+    )
+    return place, speed
+
+
+class _Run:
+    """The time loop and what it records."""
+
+    def __init__(
+        self, plant: Plant, process: Process, reference: Reference, spindle: Float, near: Bool, substeps: int
+    ) -> None:
+        n = len(reference.time_s)
+        self.plant, self.process, self.reference = plant, process, reference
+        self.spindle, self.near, self.substeps = spindle, near, substeps
+        self.place, self.speed = hermite(substeps, float(reference.time_s[1]))
+        self.p_base_tcp: Float = np.zeros((n, 3))
+        self.R_base_tcp: Float = np.zeros((n, 3, 3))
+        self.q_motor: Float = np.zeros((n, 6))
+        self.sums: Float = np.zeros((n, 9))
+        self.done: Bool = np.zeros(n, dtype=bool)
+
+    @property
+    def kept(self) -> Int:
+        return np.flatnonzero(self.done)
+
+    def stretch(self, first: int, last: int, progress: Progress) -> None:
+        plant, process, reference = self.plant, self.process, self.reference
+        plant.reset(reference.q_ref[first], None, reference.qd_ref[first])
+        turning, was_near = np.nan, False
+        free: Float = np.zeros(6)
+        knots: Float = np.empty((4, 6))
+        for k in range(first, last + 1):
+            self.p_base_tcp[k] = plant.p_base_tcp
+            self.R_base_tcp[k] = plant.R_base_tcp
+            self.q_motor[k] = plant.q_motor()
+            self.done[k] = True
+            if k == last:
+                break
+            if (k - first) % _REPORT_EVERY == 0:
+                progress((k - first) / (last - first), "machining on the twin")
+            near = bool(self.near[k])
+            if near:
+                if not was_near:
+                    process.restart(self._in_part(plant.p_base_tcp))
+                if self.spindle[k] != turning:
+                    turning = self.spindle[k]
+                    process.spindle(float(turning))
+                process.advance(self._in_part(plant.p_base_tcp))
+            was_near = near
+            process.clear()
+            knots[0], knots[1] = reference.q_ref[k], reference.qd_ref[k]
+            knots[2], knots[3] = reference.q_ref[k + 1], reference.qd_ref[k + 1]
+            q, qd = self.place @ knots, self.speed @ knots
+            for i in range(self.substeps):
+                plant.step(q[i], qd[i], process.wrench(plant.p_base_tcp) if near else free)
+            self.sums[k] = process.sums
+            plant.check()
+
+    def _in_part(self, p_base: Float) -> Float:
+        T = self.process.T_base_part
+        out: Float = (p_base - T[:3, 3]) @ T[:3, :3]
+        return out

@@ -1,0 +1,350 @@
+"""Truth files: ``counterflex-truth`` version 1, TOML, a unit in every key, unknown keys refused."""
+
+from __future__ import annotations
+
+import math
+import os
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numpy as np
+import tomli_w
+
+from counterflex.core.arrays import Float
+from counterflex.core.atomic import write_text
+from counterflex.core.errors import CounterflexError, FileFormatError
+from counterflex.core.similar import missing_file
+from counterflex.core.units import DEG, MM, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
+from counterflex.geometry import pose, rotation
+from counterflex.robot.model.description import Counterbalance, ElasticRegion
+from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, SensorPlace, Truth
+
+T = TypeVar("T")
+FORMAT: Final = "counterflex-truth"
+VERSION: Final = 1
+_DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
+
+
+def _list(values: Float | tuple[float, ...], unit: float) -> list[float]:
+    return [float(v) / unit for v in values]
+
+
+def _pose_to(T: Float) -> dict[str, Any]:
+    return {"position_mm": _list(T[:3, 3], MM), "abc_deg": _list(rotation.to_zyx(T[:3, :3]), DEG)}
+
+
+def to_dict(truth: Truth) -> dict[str, Any]:
+    """The truth as plain numbers, strings, lists and tables, in shop units named by the keys."""
+    out: dict[str, Any] = {"format": FORMAT, "version": VERSION, "name": truth.name}
+    if truth.seed is not None:
+        out["seed"] = truth.seed
+    out["stock_top_offset_mm"] = truth.stock_top_offset_m / MM
+    out["gravity_base_m_s2"] = _list(truth.gravity_base, 1.0)
+    out["tcp"] = _pose_to(truth.T_last_tcp)
+    c = truth.cutting
+    out["cutting"] = {
+        "k11_n_mm2": _list(c.k_pa, N_PER_MM2),
+        "h_ref_mm": c.h_ref_m / MM,
+        "exponent": list(c.exponent),
+        "edge_n_mm": _list(c.edge_n_m, N_PER_MM),
+        "edge_onset_um": c.edge_onset_m / UM,
+        "runout_um": c.runout_m / UM,
+    }
+    if truth.counterbalance is not None:
+        b = truth.counterbalance
+        out["counterbalance"] = {
+            "axis": b.joint + 1,
+            "anchor_column_mm": b.anchor_column_m / MM,
+            "anchor_arm_mm": b.anchor_arm_m / MM,
+            "angle_of_least_force_deg": b.q_min_force_rad / DEG,
+            "piston_area_mm2": b.piston_area_m2 / MM**2,
+            "gas_constant_j": b.gas_constant_j,
+            "gas_volume_max_mm3": b.gas_volume_max_m3 / MM**3,
+        }
+    if truth.sensor is not None:
+        out["sensor"] = {"segment": truth.sensor.segment, **_pose_to(truth.sensor.T_seg_sensor)}
+    if truth.regions:
+        out["elastic_regions"] = [
+            {
+                "body": r.segment,
+                "direction": _DIRECTIONS[r.direction],
+                "axis": r.axis + 1,
+                "angles_deg": [a / DEG for a in r.angles_rad],
+                "factors": list(r.factors),
+            }
+            for r in truth.regions
+        ]
+    out["drives"] = [
+        {
+            "rotor_inertia_kg_m2": d.rotor_inertia_kg_m2,
+            "servo_inertia_kg_m2": d.servo_inertia_kg_m2,
+            "speed_bandwidth_per_s": d.speed_bandwidth_per_s,
+            "position_gain_per_s": d.position_gain_per_s,
+            "integral_time_ms": d.integral_time_s / MS,
+            "dead_band_half_urad": d.dead_band_rad / URAD,
+            "motor_friction_nm": d.motor_friction_nm,
+            "motor_slip_urad": d.motor_slip_rad / URAD,
+            "link_friction_nm": list(d.link_friction_nm),
+            "link_slip_urad": _list(d.link_slip_rad, URAD),
+            **({} if d.following_gain_per_s is None else {"following_gain_per_s": d.following_gain_per_s}),
+        }
+        for d in truth.drives
+    ]
+    out["bodies"] = [_body_to(body) for body in truth.bodies]
+    return out
+
+
+def _body_to(body: Body) -> dict[str, Any]:
+    row: dict[str, Any] = {"name": body.name}
+    if body.joint is not None:
+        row |= {"axis": body.joint + 1, "sign": body.sign}
+    return row | {
+        "offset_deg": body.offset_rad / DEG,
+        **_pose_to(body.T_prev_seg),
+        "translation_um_per_kn": _list(body.compliance[:3], UM_PER_KN),
+        "rotation_urad_per_knm": _list(body.compliance[3:], URAD_PER_KNM),
+        "damping_ms": body.damping_s / MS,
+        "bearing_mm": _list(body.p_seg_bearing, MM),
+        "mass_kg": body.mass_kg,
+        "com_mm": _list(body.p_seg_com, MM),
+        "inertia_kg_m2": _list(body.inertia_kg_m2, 1.0),
+    }
+
+
+class _Table:
+    """Takes keys out of a table one by one and refuses what is left."""
+
+    def __init__(self, data: Any, where: str) -> None:
+        if not isinstance(data, Mapping):
+            raise FileFormatError("not a table", where=where, value=type(data).__name__)
+        self._left, self.where = dict(data), where
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._left
+
+    def raw(self, key: str) -> Any:
+        if key not in self._left:
+            raise FileFormatError(f"the key '{key}' is missing", where=self.where)
+        return self._left.pop(key)
+
+    def number(self, key: str, unit: float = 1.0) -> float:
+        return self._number(key, self.raw(key)) * unit
+
+    def integer(self, key: str) -> int:
+        value = self.raw(key)
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise FileFormatError("not a whole number", where=f"{self.where}: {key}", value=repr(value))
+        return value
+
+    def axis(self) -> int:
+        """Axis 0..5 from the key ``axis``, 1..6."""
+        value = self.integer("axis")
+        if not 1 <= value <= 6:
+            raise FileFormatError("no such axis", where=f"{self.where}: axis", value=value, limit="1 .. 6")
+        return value - 1
+
+    def text(self, key: str) -> str:
+        value = self.raw(key)
+        if not isinstance(value, str):
+            raise FileFormatError("not a text", where=f"{self.where}: {key}", value=repr(value))
+        return value
+
+    def numbers(self, key: str, count: int, unit: float = 1.0) -> tuple[float, ...]:
+        value = self.raw(key)
+        if not isinstance(value, list) or len(value) != count:
+            raise FileFormatError("wrong list", where=f"{self.where}: {key}", value=repr(value)[:60], limit=count)
+        return tuple(self._number(key, v) * unit for v in value)
+
+    def rows(self, key: str) -> list[_Table]:
+        value = self.raw(key)
+        if not isinstance(value, list):
+            raise FileFormatError("not a list of tables", where=f"{self.where}: {key}")
+        return [_Table(row, f"{self.where}: {key}[{i + 1}]") for i, row in enumerate(value)]
+
+    def pose(self) -> Float:
+        return pose.from_xyz_zyx(
+            np.array(self.numbers("position_mm", 3, MM)), np.array(self.numbers("abc_deg", 3, DEG))
+        )
+
+    def close(self) -> None:
+        if self._left:
+            keys = ", ".join(f"'{key}'" for key in sorted(map(str, self._left)))
+            raise FileFormatError(f"unknown key {keys}", where=self.where, hint="Remove it")
+
+    def _number(self, key: str, value: Any) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise FileFormatError("not a finite number", where=f"{self.where}: {key}", value=repr(value))
+        return float(value)
+
+
+def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
+    """The inverse of :func:`to_dict`, strict about missing, unknown and impossible values.
+
+    Args:
+        data: As read from a file.
+        where: Name of the file, for messages.
+
+    Raises:
+        FileFormatError: The data is not a truth of version 1, or a value is impossible.
+    """
+    top = _Table(data, where)
+    if top.text("format") != FORMAT:
+        raise FileFormatError("not a truth file", where=where, value=repr(data["format"]), limit=FORMAT)
+    version = top.integer("version")
+    if version > VERSION:
+        raise FileFormatError(
+            "the file is newer than this counterflex reads",
+            where=where,
+            value=f"version {version}",
+            limit=f"at most {VERSION}",
+            hint="Update counterflex",
+        )
+    if version != VERSION:
+        raise FileFormatError("no such version of the truth file", where=where, value=version, limit=VERSION)
+    try:
+        cutting = _Table(top.raw("cutting"), f"{where}: cutting")
+        drives = top.rows("drives")
+        bodies = top.rows("bodies")
+        tcp = _Table(top.raw("tcp"), f"{where}: tcp")
+        truth = Truth(
+            name=top.text("name"),
+            seed=top.integer("seed") if "seed" in top else None,
+            stock_top_offset_m=top.number("stock_top_offset_mm", MM),
+            gravity_base=np.array(top.numbers("gravity_base_m_s2", 3)),
+            T_last_tcp=_closed(tcp, _Table.pose),
+            cutting=_closed(cutting, _cutting_from),
+            counterbalance=_closed(_Table(top.raw("counterbalance"), f"{where}: counterbalance"), _balance_from)
+            if "counterbalance" in top
+            else None,
+            sensor=_closed(_Table(top.raw("sensor"), f"{where}: sensor"), _sensor_from) if "sensor" in top else None,
+            drives=tuple(_closed(row, _drive_from) for row in drives),
+            regions=tuple(_closed(row, _region_from) for row in top.rows("elastic_regions"))
+            if "elastic_regions" in top
+            else (),
+            bodies=tuple(_closed(row, _body_from) for row in bodies),
+        )
+    except FileFormatError:
+        raise
+    except CounterflexError as fault:
+        raise FileFormatError(str(fault), where=where) from fault
+    top.close()
+    return truth
+
+
+def _closed(table: _Table, read: Callable[[_Table], T]) -> T:
+    out = read(table)
+    table.close()
+    return out
+
+
+def _three(values: tuple[float, ...]) -> tuple[float, float, float]:
+    return values[0], values[1], values[2]
+
+
+def _cutting_from(t: _Table) -> CuttingTruth:
+    return CuttingTruth(
+        k_pa=_three(t.numbers("k11_n_mm2", 3, N_PER_MM2)),
+        exponent=_three(t.numbers("exponent", 3)),
+        edge_n_m=_three(t.numbers("edge_n_mm", 3, N_PER_MM)),
+        edge_onset_m=t.number("edge_onset_um", UM),
+        runout_m=t.number("runout_um", UM),
+        h_ref_m=t.number("h_ref_mm", MM),
+    )
+
+
+def _balance_from(t: _Table) -> Counterbalance:
+    return Counterbalance(
+        joint=t.integer("axis") - 1,
+        anchor_column_m=t.number("anchor_column_mm", MM),
+        anchor_arm_m=t.number("anchor_arm_mm", MM),
+        q_min_force_rad=t.number("angle_of_least_force_deg", DEG),
+        piston_area_m2=t.number("piston_area_mm2", MM**2),
+        gas_constant_j=t.number("gas_constant_j"),
+        gas_volume_max_m3=t.number("gas_volume_max_mm3", MM**3),
+    )
+
+
+def _sensor_from(t: _Table) -> SensorPlace:
+    return SensorPlace(segment=t.text("segment"), T_seg_sensor=t.pose())
+
+
+def _region_from(t: _Table) -> ElasticRegion:
+    direction = t.text("direction")
+    if direction not in _DIRECTIONS:
+        raise FileFormatError(
+            "no such direction", where=f"{t.where}: direction", value=direction, limit=" ".join(_DIRECTIONS)
+        )
+    angles = t.raw("angles_deg")
+    count = len(angles) if isinstance(angles, list) else 0
+    return ElasticRegion(
+        segment=t.text("body"),
+        direction=_DIRECTIONS.index(direction),
+        axis=t.axis(),
+        angles_rad=_Table({"angles_deg": angles}, t.where).numbers("angles_deg", count, DEG),
+        factors=t.numbers("factors", count),
+    )
+
+
+def _drive_from(t: _Table) -> Drive:
+    return Drive(
+        rotor_inertia_kg_m2=t.number("rotor_inertia_kg_m2"),
+        servo_inertia_kg_m2=t.number("servo_inertia_kg_m2"),
+        speed_bandwidth_per_s=t.number("speed_bandwidth_per_s"),
+        position_gain_per_s=t.number("position_gain_per_s"),
+        integral_time_s=t.number("integral_time_ms", MS),
+        dead_band_rad=t.number("dead_band_half_urad", URAD),
+        motor_friction_nm=t.number("motor_friction_nm"),
+        motor_slip_rad=t.number("motor_slip_urad", URAD),
+        link_friction_nm=t.numbers("link_friction_nm", 3),
+        link_slip_rad=t.numbers("link_slip_urad", 3, URAD),
+        following_gain_per_s=t.number("following_gain_per_s") if "following_gain_per_s" in t else None,
+    )
+
+
+def _body_from(t: _Table) -> Body:
+    driven = "axis" in t
+    return Body(
+        name=t.text("name"),
+        joint=t.integer("axis") - 1 if driven else None,
+        sign=t.number("sign") if driven else 1.0,
+        offset_rad=t.number("offset_deg", DEG),
+        T_prev_seg=t.pose(),
+        compliance=np.array(
+            [*t.numbers("translation_um_per_kn", 3, UM_PER_KN), *t.numbers("rotation_urad_per_knm", 3, URAD_PER_KNM)]
+        ),
+        damping_s=t.number("damping_ms", MS),
+        p_seg_bearing=np.array(t.numbers("bearing_mm", 3, MM)),
+        mass_kg=t.number("mass_kg"),
+        p_seg_com=np.array(t.numbers("com_mm", 3, MM)),
+        inertia_kg_m2=np.array(t.numbers("inertia_kg_m2", 6)),
+    )
+
+
+def write_truth(path: str | os.PathLike[str], truth: Truth) -> None:
+    """Write a truth file, whole or not at all.
+
+    Raises:
+        OutputError: The folder cannot be written.
+    """
+    write_text(path, tomli_w.dumps(to_dict(truth)))
+
+
+def read_truth(path: str | os.PathLike[str]) -> Truth:
+    """Read a truth file.
+
+    Raises:
+        FileFormatError: The file is missing, is no TOML, or is not a truth of version 1.
+    """
+    try:
+        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(path), hint=missing_file(Path(path))) from fault
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
+        raise FileFormatError(f"not valid TOML: {fault}", where=str(path)) from fault
+    if not data:
+        raise FileFormatError("the file is empty", where=str(path))
+    return from_dict(data, str(path))

@@ -1,0 +1,241 @@
+"""How the true cell differs from what a planner knows: seeded amounts, the same on every machine.
+
+Every quantity has a random stream of its own, named by seed and quantity, so that adding one changes no other. The
+uniform numbers come from the Mersenne generator, whose output is fixed, and values are rounded to twelve digits, so
+that no library or processor shows in them.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM, MRAD, MS, N_PER_MM2, UM, URAD
+from counterflex.robot.model.description import ElasticRegion
+from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, Truth
+
+COMPLIANCE_SIGMA = 0.10  # of each elastic element, log-normal
+REGION_SIGMA = 0.10  # of what a region adds to a compliance or takes from it, log-normal
+FORCE_COMMON_SIGMA = 0.10  # of all force constants together, log-normal
+FORCE_EACH_SIGMA = 0.03  # of c, r and a separately, log-normal
+EDGE_N_M = (2000.0, 2000.0, 0.0)  # ploughing force that the planner's law has no term for
+EDGE_SIGMA = 0.30
+LINK_M = 0.15e-3  # per axis of each fixed pose
+JOINT_OFFSET_RAD = 0.05e-3
+BEARING_M = 10.0e-3  # per axis of the point each elastic element turns about
+MASS_SIGMA = 0.10
+FRICTION_SIGMA = 0.20
+PLAY_SIGMA = 0.20
+SERVO_SIGMA = 0.10  # of the gain of each axis' speed loop
+LOOP_SIGMA = 0.05  # of position gain and integral time
+SLIP_SIGMA = 0.20  # of the angles within which dry friction turns round
+DAMPING_SIGMA = 0.15
+RUNOUT_M = 5.0e-6
+RUNOUT_SIGMA = 0.30
+STOCK_TOP_M = 0.05e-3
+
+_DIGITS = 12
+_NORMAL = NormalDist()
+
+
+def _draw(seed: int, name: str) -> float:
+    """A standard normal number that depends on seed and name only; within 3 sigma."""
+    uniform = random.Random(f"counterflex-truth-1:{seed}:{name}").random()
+    low = _NORMAL.cdf(-3.0)
+    return float(f"{_NORMAL.inv_cdf(low + uniform * (1.0 - 2.0 * low)):.{_DIGITS}g}")
+
+
+def _factor(seed: int, name: str, sigma: float) -> float:
+    return float(f"{math.exp(sigma * _draw(seed, name)):.{_DIGITS}g}")
+
+
+def _vector(seed: int, name: str, sigma: float) -> Float:
+    return np.array([sigma * _draw(seed, f"{name}.{c}") for c in "xyz"])
+
+
+def perturbed(truth: Truth, seed: int) -> Truth:
+    """The truth a user gets: everything off by documented, seeded amounts (one sigma, cut at three).
+
+    Each elastic element 10 % (all its entries together), what a region changes of it 10 %, force constants 10 % in
+    common and 3 % separately, a ploughing force of 2 N/mm, 5 um runout, geometry 0.15 mm per link and axis, joint
+    offsets 0.05 mrad, bearing positions 10 mm, masses 10 %, friction and play 20 %, speed-loop gains 10 %, position
+    gains and integral times 5 %, slip angles 20 %, damping 15 %, blank height 0.05 mm.
+
+    Args:
+        truth: Nominal truth.
+        seed: 0, 1, 2, ...
+
+    Returns:
+        The same truth for the same seed on every machine.
+
+    Raises:
+        InputError: The seed is negative.
+    """
+    if seed < 0:
+        raise InputError("seed of the truth", value=seed, limit=">= 0")
+    moved_tip = np.array(truth.T_last_tcp)
+    moved_tip[:3, 3] += _vector(seed, "tcp", LINK_M)
+    return replace(
+        truth,
+        name=f"seed {seed}",
+        seed=seed,
+        bodies=tuple(_body(body, seed) for body in truth.bodies),
+        T_last_tcp=moved_tip,
+        drives=tuple(_drive(drive, seed, axis) for axis, drive in enumerate(truth.drives)),
+        cutting=_cutting(truth.cutting, seed),
+        stock_top_offset_m=truth.stock_top_offset_m + STOCK_TOP_M * _draw(seed, "stock.top"),
+        regions=tuple(_region(region, seed) for region in truth.regions),
+    )
+
+
+def _region(region: ElasticRegion, seed: int) -> ElasticRegion:
+    """By how much the factors differ from 1 is off, in proportion."""
+    off = _factor(seed, f"{region.segment}.{region.direction}.region{region.axis + 1}", REGION_SIGMA)
+    return replace(region, factors=tuple(max(1.0 + off * (f - 1.0), 0.5 * f) for f in region.factors))
+
+
+def _body(body: Body, seed: int) -> Body:
+    T = np.array(body.T_prev_seg)
+    T[:3, 3] += _vector(seed, f"{body.name}.link", LINK_M)
+    mass = _factor(seed, f"{body.name}.mass", MASS_SIGMA)
+    return replace(
+        body,
+        T_prev_seg=T,
+        offset_rad=body.offset_rad
+        + (JOINT_OFFSET_RAD * _draw(seed, f"{body.name}.offset") if body.joint is not None else 0.0),
+        compliance=body.compliance * _factor(seed, f"{body.name}.compliance", COMPLIANCE_SIGMA),
+        damping_s=body.damping_s * _factor(seed, f"{body.name}.damping", DAMPING_SIGMA),
+        p_seg_bearing=body.p_seg_bearing + _vector(seed, f"{body.name}.bearing", BEARING_M),
+        mass_kg=body.mass_kg * mass,
+        inertia_kg_m2=body.inertia_kg_m2 * mass,
+    )
+
+
+def _drive(drive: Drive, seed: int, axis: int) -> Drive:
+    dry = _factor(seed, f"axis{axis + 1}.friction", FRICTION_SIGMA)
+    slip = _factor(seed, f"axis{axis + 1}.slip", SLIP_SIGMA)
+    trailing = drive.following_gain_per_s
+    if trailing is not None:
+        trailing *= _factor(seed, f"axis{axis + 1}.following", LOOP_SIGMA)
+    return replace(
+        drive,
+        speed_bandwidth_per_s=drive.speed_bandwidth_per_s * _factor(seed, f"axis{axis + 1}.servo", SERVO_SIGMA),
+        position_gain_per_s=drive.position_gain_per_s * _factor(seed, f"axis{axis + 1}.kv", LOOP_SIGMA),
+        integral_time_s=drive.integral_time_s * _factor(seed, f"axis{axis + 1}.ti", LOOP_SIGMA),
+        motor_slip_rad=drive.motor_slip_rad * slip,
+        link_slip_rad=tuple(angle * slip for angle in drive.link_slip_rad),
+        dead_band_rad=drive.dead_band_rad * _factor(seed, f"axis{axis + 1}.play", PLAY_SIGMA),
+        motor_friction_nm=drive.motor_friction_nm * dry,
+        link_friction_nm=tuple(f * dry for f in drive.link_friction_nm),
+        following_gain_per_s=trailing,
+    )
+
+
+def _cutting(cutting: CuttingTruth, seed: int) -> CuttingTruth:
+    common = _factor(seed, "cutting.common", FORCE_COMMON_SIGMA)
+    edge = _factor(seed, "cutting.edge", EDGE_SIGMA)
+    c, r, a = (
+        k * common * _factor(seed, f"cutting.{name}", FORCE_EACH_SIGMA)
+        for name, k in zip("cra", cutting.k_pa, strict=True)
+    )
+    return replace(
+        cutting,
+        k_pa=(c, r, a),
+        edge_n_m=(
+            cutting.edge_n_m[0] + EDGE_N_M[0] * edge,
+            cutting.edge_n_m[1] + EDGE_N_M[1] * edge,
+            cutting.edge_n_m[2] + EDGE_N_M[2] * edge,
+        ),
+        runout_m=cutting.runout_m + RUNOUT_M * _factor(seed, "cutting.runout", RUNOUT_SIGMA),
+    )
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One row of the table of differences.
+
+    Attributes:
+        group: ``stiffness``, ``geometry``, ``bearings``, ``masses``, ``drives``, ``cutting`` or ``stock``.
+        name: What.
+        known: Value in the nominal truth, in ``unit``.
+        true: Value in the truth.
+        unit: Shop unit.
+    """
+
+    group: str
+    name: str
+    known: float
+    true: float
+    unit: str
+
+
+def differences(known: Truth, true: Truth) -> tuple[Difference, ...]:
+    """How a truth differs from the nominal one, for reports.
+
+    Args:
+        known: Nominal truth.
+        true: Of the same cell.
+
+    Returns:
+        Rows in shop units; positions as the distance between known and true.
+
+    Raises:
+        InputError: The two do not have the same bodies.
+    """
+    if [b.name for b in known.bodies] != [b.name for b in true.bodies]:
+        raise InputError("the truths are not of the same cell", value=[b.name for b in true.bodies])
+    rows: list[Difference] = []
+    for a, b in zip(known.bodies, true.bodies, strict=True):
+        if a.compliance.any():
+            factor = float(np.max(a.compliance) / np.max(b.compliance))
+            rows.append(Difference("stiffness", a.name, 100.0, 100.0 * factor, "%"))
+            gap = float(np.linalg.norm(b.p_seg_bearing - a.p_seg_bearing)) / MM
+            rows.append(Difference("bearings", a.name, 0.0, gap, "mm off"))
+        moved = float(np.linalg.norm(b.T_prev_seg[:3, 3] - a.T_prev_seg[:3, 3])) / MM
+        rows.append(Difference("geometry", a.name, 0.0, moved, "mm off"))
+        if a.joint is not None:
+            rows.append(Difference("geometry", f"{a.name} zero", 0.0, (b.offset_rad - a.offset_rad) / MRAD, "mrad"))
+        if a.mass_kg > 0.0:
+            rows.append(Difference("masses", a.name, a.mass_kg, b.mass_kg, "kg"))
+    for axis, (d, e) in enumerate(zip(known.drives, true.drives, strict=True), start=1):
+        rows.append(
+            Difference("drives", f"axis {axis} dry friction", sum(d.link_friction_nm), sum(e.link_friction_nm), "N m")
+        )
+        rows.append(
+            Difference(
+                "drives", f"axis {axis} play", 2.0 * d.dead_band_rad / URAD, 2.0 * e.dead_band_rad / URAD, "urad"
+            )
+        )
+        rows.append(
+            Difference("drives", f"axis {axis} speed loop", d.speed_bandwidth_per_s, e.speed_bandwidth_per_s, "1/s")
+        )
+        for what, gain in (("position_gain_per_s", "position loop"), ("integral_time_s", "integral time")):
+            unit = "1/s" if what == "position_gain_per_s" else "ms"
+            scale = 1.0 if unit == "1/s" else MS
+            rows.append(
+                Difference("drives", f"axis {axis} {gain}", getattr(d, what) / scale, getattr(e, what) / scale, unit)
+            )
+        if d.following_gain_per_s is not None and e.following_gain_per_s is not None:
+            rows.append(
+                Difference("drives", f"axis {axis} following", d.following_gain_per_s, e.following_gain_per_s, "1/s")
+            )
+        rows.append(
+            Difference(
+                "drives", f"axis {axis} slip angle", sum(d.link_slip_rad) / URAD, sum(e.link_slip_rad) / URAD, "urad"
+            )
+        )
+    for i, name in enumerate(("cutting", "radial", "axial")):
+        x, y = known.cutting, true.cutting
+        rows.append(Difference("cutting", f"{name} k1.1", x.k_pa[i] / N_PER_MM2, y.k_pa[i] / N_PER_MM2, "N/mm2"))
+        rows.append(Difference("cutting", f"{name} ploughing", x.edge_n_m[i] * MM, y.edge_n_m[i] * MM, "N/mm"))
+    rows.append(Difference("cutting", "runout", known.cutting.runout_m / UM, true.cutting.runout_m / UM, "um"))
+    rows.append(
+        Difference("stock", "top of the blank", known.stock_top_offset_m / MM, true.stock_top_offset_m / MM, "mm")
+    )
+    return tuple(rows)

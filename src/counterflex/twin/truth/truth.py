@@ -1,0 +1,249 @@
+"""What is true in the simulated cell: every parameter of bodies, drives, friction, cutting and stock.
+
+The chain follows :mod:`counterflex.robot.model.description`: ``T_prev_next = T_prev_seg Rz(sign q + offset)
+E(delta)``, with ``E`` a translation and then z-y'-x'' rotations. Two things are finer than there: the elastic
+rotations turn about a bearing centre of their own, and bodies have inertia.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_float, as_positive, frozen
+from counterflex.core.errors import InputError, ModelError
+from counterflex.core.units import STANDARD_GRAVITY
+from counterflex.geometry import pose, rotation
+from counterflex.robot.model.description import Counterbalance, ElasticRegion
+
+SLIP_ELEMENTS = 3
+
+
+@dataclass(frozen=True)
+class Body:
+    """One rigid body with its drive and its elastic element in front of it.
+
+    Attributes:
+        name: For messages.
+        T_prev_seg: (4, 4) fixed pose in the previous body's frame (base for the first).
+        joint: Driven axis 0..5 that turns this frame about its z, or None.
+        sign: +1 or -1; ``theta = sign q + offset_rad``.
+        offset_rad: See ``sign``.
+        compliance: (6,) ``tx ty tz rx ry rz`` m/N and rad/(N m) in this frame; 0 is rigid.
+        damping_s: beta; every elastic coordinate has damping = beta times its stiffness.
+        p_seg_bearing: (3,) m, point in this frame that the elastic rotations turn about.
+        mass_kg: Mass.
+        p_seg_com: (3,) m, centre of gravity in this frame.
+        inertia_kg_m2: (6,) ``xx yy zz xy xz yz`` about the centre of gravity in axes of this frame.
+    """
+
+    name: str
+    T_prev_seg: Float
+    joint: int | None
+    sign: float
+    offset_rad: float
+    compliance: Float
+    damping_s: float
+    p_seg_bearing: Float
+    mass_kg: float
+    p_seg_com: Float
+    inertia_kg_m2: Float
+
+    def __post_init__(self) -> None:
+        """Check shapes, ranges and that the inertia can belong to a rigid body."""
+        where = f"truth body {self.name}"
+        for name, shape in (
+            ("T_prev_seg", (4, 4)),
+            ("compliance", (6,)),
+            ("p_seg_bearing", (3,)),
+            ("p_seg_com", (3,)),
+            ("inertia_kg_m2", (6,)),
+        ):
+            object.__setattr__(self, name, frozen(as_float(f"{where}: {name}", getattr(self, name), shape)))
+        if self.sign not in (-1.0, 1.0):
+            raise InputError("sign of a driven axis", where=where, value=self.sign, limit="+1 or -1")
+        if np.any(self.compliance < 0.0):
+            raise ModelError("negative compliance", where=where, value=self.compliance.min(), limit=">= 0")
+        as_positive(f"{where}: damping_s", self.damping_s, zero=True)
+        as_positive(f"{where}: mass_kg", self.mass_kg, zero=True)
+        xx, yy, zz, xy, xz, yz = self.inertia_kg_m2
+        principal = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+        if principal[0] < 0.0 or principal[2] > (principal[0] + principal[1]) * (1.0 + 1e-9):
+            raise ModelError("inertia that no rigid body has", where=where, value=principal.tolist())
+        moving = self.joint is not None or bool(np.any(self.compliance > 0.0))
+        if moving and (self.mass_kg == 0.0 or principal[0] <= 0.0):
+            raise ModelError("a body that moves needs mass and inertia", where=where, value=self.mass_kg, limit="> 0")
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Servo, gear play and dry friction of one axis, in link-side units of the axis angle.
+
+    The position loop P, the speed loop PI and full speed feed-forward are together a PID on the motor angle:
+    ``kp = Kpv (Kv + 1/Ti)``, ``kv = Kpv``, ``ki = Kpv Kv / Ti`` with ``Kpv = speed_bandwidth inertia``.
+
+    Attributes:
+        rotor_inertia_kg_m2: Motor inertia reflected to the axis.
+        servo_inertia_kg_m2: Inertia the speed loop was tuned with.
+        speed_bandwidth_per_s: w_v.
+        position_gain_per_s: Kv.
+        integral_time_s: Ti.
+        dead_band_rad: Half width of the play in series with the torsion spring.
+        motor_friction_nm: Dry friction on the motor side.
+        motor_slip_rad: Displacement at which it yields.
+        link_friction_nm: (3,) dry friction of the elements on the link side.
+        link_slip_rad: (3,) displacements at which they yield.
+        following_gain_per_s: Kv of a drive that trails its reference by ``v / Kv``; None is full speed feed-forward.
+    """
+
+    rotor_inertia_kg_m2: float
+    servo_inertia_kg_m2: float
+    speed_bandwidth_per_s: float
+    position_gain_per_s: float
+    integral_time_s: float
+    dead_band_rad: float
+    motor_friction_nm: float
+    motor_slip_rad: float
+    link_friction_nm: tuple[float, ...]
+    link_slip_rad: tuple[float, ...]
+    following_gain_per_s: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        for name in (
+            "rotor_inertia_kg_m2",
+            "servo_inertia_kg_m2",
+            "speed_bandwidth_per_s",
+            "position_gain_per_s",
+            "integral_time_s",
+            "motor_slip_rad",
+        ):
+            as_positive(f"truth drive: {name}", getattr(self, name))
+        for name in ("dead_band_rad", "motor_friction_nm"):
+            as_positive(f"truth drive: {name}", getattr(self, name), zero=True)
+        if len(self.link_friction_nm) != SLIP_ELEMENTS or len(self.link_slip_rad) != SLIP_ELEMENTS:
+            raise InputError("link-side slip elements", value=len(self.link_friction_nm), limit=SLIP_ELEMENTS)
+        for value in self.link_friction_nm:
+            as_positive("truth drive: link_friction_nm", value, zero=True)
+        for value in self.link_slip_rad:
+            as_positive("truth drive: link_slip_rad", value)
+        if self.following_gain_per_s is not None:
+            as_positive("truth drive: following_gain_per_s", self.following_gain_per_s)
+
+
+@dataclass(frozen=True)
+class CuttingTruth:
+    """Forces per length of edge: ``K h_ref^m h^(1-m) + edge (1 - exp(-h / edge_onset))`` for c, r and a.
+
+    c is tangential against the cutting motion, r radial away from the edge into the tool, a axial towards the tool
+    tip (what a right-handed helix on a clockwise tool feels). The linear-edge law is the case ``exponent = (0, 0, 0)``
+    with its edge coefficients in ``edge_n_m``.
+
+    Attributes:
+        k_pa: (3,) specific forces c, r, a at the reference thickness.
+        exponent: (3,) m of c, r, a.
+        edge_n_m: (3,) ploughing force of the rounded edge per length.
+        edge_onset_m: Chip thickness at which ploughing sets in.
+        runout_m: Offset of the tool axis from the axis it turns about.
+        h_ref_m: Reference chip thickness of ``k_pa``.
+    """
+
+    k_pa: tuple[float, float, float]
+    exponent: tuple[float, float, float]
+    edge_n_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    edge_onset_m: float = 1.0e-6
+    runout_m: float = 0.0
+    h_ref_m: float = 1.0e-3
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        for value in (*self.k_pa, *self.edge_n_m, self.runout_m):
+            as_positive("truth cutting: force constant or runout", value, zero=True)
+        for value in self.exponent:
+            if not 0.0 <= value < 1.0:
+                raise ModelError("truth cutting: exponent", value=value, limit="0 <= m < 1")
+        as_positive("truth cutting: edge_onset_m", self.edge_onset_m)
+        as_positive("truth cutting: h_ref_m", self.h_ref_m)
+
+
+@dataclass(frozen=True, eq=False)
+class SensorPlace:
+    """Where the force sensor is said to sit when the cell is set up; a laboratory's seed turns it a little from there.
+
+    Attributes:
+        segment: Body that carries it.
+        T_seg_sensor: (4, 4) its frame in that body.
+    """
+
+    segment: str
+    T_seg_sensor: Float
+
+    def __post_init__(self) -> None:
+        """Check the shape."""
+        frame = frozen(as_float("truth sensor: T_seg_sensor", self.T_seg_sensor, (4, 4)))
+        object.__setattr__(self, "T_seg_sensor", frame)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The whole simulated cell.
+
+    Attributes:
+        name: For reports.
+        seed: Seed that drew it, None for a nominal truth.
+        bodies: From the base outward, robot and end effector in one chain.
+        T_last_tcp: (4, 4) tool tip in the last body's frame.
+        drives: Six.
+        cutting: Force constants and runout.
+        counterbalance: Or None.
+        stock_top_offset_m: How much higher than stated the blank is.
+        gravity_base: (3,) m/s2.
+        sensor: Where the force sensor is said to sit; None: in the axes of the body that carries it.
+        regions: Elastic coordinates that are other in other postures: a factor on the compliance over the motor angle
+            of an axis, linear between its angles, within 10 deg beyond them fading to 1.
+    """
+
+    name: str
+    bodies: tuple[Body, ...]
+    T_last_tcp: Float
+    drives: tuple[Drive, ...]
+    cutting: CuttingTruth
+    seed: int | None = None
+    counterbalance: Counterbalance | None = None
+    stock_top_offset_m: float = 0.0
+    gravity_base: Float = field(default_factory=lambda: np.array([0.0, 0.0, -STANDARD_GRAVITY]))
+    sensor: SensorPlace | None = None
+    regions: tuple[ElasticRegion, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the chain."""
+        object.__setattr__(self, "T_last_tcp", frozen(as_float("truth: T_last_tcp", self.T_last_tcp, (4, 4))))
+        object.__setattr__(self, "gravity_base", frozen(as_float("truth: gravity_base", self.gravity_base, (3,))))
+        joints = [b.joint for b in self.bodies if b.joint is not None]
+        if joints != [0, 1, 2, 3, 4, 5]:
+            raise ModelError("driven axes of the truth", value=joints, limit="0..5, each once, in order")
+        if len(self.drives) != 6:
+            raise ModelError("drives of the truth", value=len(self.drives), limit=6)
+        names = [b.name for b in self.bodies]
+        if self.sensor is not None and self.sensor.segment not in names:
+            raise ModelError("body of the truth's sensor", value=self.sensor.segment, limit=", ".join(names))
+
+        for region in self.regions:
+            body = next((b for b in self.bodies if b.name == region.segment), None)
+            if body is None or body.compliance[region.direction] == 0.0:
+                raise ModelError("elastic region of the truth: no such spring", value=region.segment)
+            rising = bool(np.all(np.diff(region.angles_rad) > 0.0))
+            if not rising or len(region.angles_rad) != len(region.factors) or min(region.factors) <= 0.0:
+                raise ModelError(
+                    "elastic region of the truth", where=region.segment, limit="rising angles, as many factors above 0"
+                )
+
+    def rigid_tcp(self, q: Float) -> Float:
+        """Pose ``T_base_tcp`` (4, 4) of the undeformed chain at the axis angles ``q`` (6,) rad."""
+        T = np.eye(4)
+        for body in self.bodies:
+            angle = body.offset_rad + (body.sign * float(q[body.joint]) if body.joint is not None else 0.0)
+            T = T @ body.T_prev_seg @ pose.make(rotation.about_z(angle))
+        out: Float = T @ self.T_last_tcp
+        return out

@@ -1,0 +1,1 @@
+"""What proves counterflex itself: fault injection, reproduced papers, hours of the loop."""

@@ -1,0 +1,259 @@
+"""Reproduce Haehn2020: a groove corrected from force, with pilot control, and with plan and rest, over sockets.
+
+Every identification and every run is kept on disk when it has ended; an interrupted job goes on where it was.
+"""
+
+from __future__ import annotations
+
+import shutil
+import statistics
+import time
+import tomllib
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex import __version__
+from counterflex.app.campaign import campaign
+from counterflex.app.campaign.step import CELL, ONLINE
+from counterflex.app.compensation import compensate
+from counterflex.app.long_jobs.step_cache import Mark, begin, fingerprint, finish, finished, made_again
+from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_held, pool_of, share
+from counterflex.app.proof import evaluate
+from counterflex.app.run import session as online_session
+from counterflex.app.simulated_cell import cell as live
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, in_parts, share_of, silent
+from counterflex.files.schema import write_toml
+from counterflex.files.summary_file import write_summary
+from counterflex.report.page import write_page
+from counterflex.validation.reproduce import closed_loop, haehn_case, haehn_report
+
+RECIPES: Final[dict[str, tuple[str, ...]]] = {
+    "seeded": ("payload",),
+    "identified": ("tracker-frame", "stiffness", "payload", "play", "servo", "cutting"),
+}
+"""What is identified of each simulated cell first. The weight on the sensor always is: a run is not armed without."""
+PAPER: Final[dict[str, float]] = {"uncompensated": 1.4, "force": 0.7, "force_pilot_40ms": 0.3}
+"""Largest deviation of the scanned part, mm (Haehn2020 section 3)."""
+GOALS_MM: Final[dict[str, float]] = {"force_pilot": 0.3, "hybrid": 0.15}
+"""Largest error that these should leave, at every edge and on every truth."""
+_FIGURES: Final = ("path", "entry", "plateau", "exit")
+_BASE: Final = "cell.toml"
+PLANNED: Final = "compensated"
+"""Folder of an edge's plan; no variant has this name, so that neither takes the other's place."""
+_PLAN_FILE: Final = "plan.parquet"
+_PLANNING: Final = ("counterflex.app.compensation.compensate",)
+_MILLING: Final = ("counterflex.validation.reproduce.closed_loop", "counterflex.app.proof.evaluate")
+
+
+def run(
+    out: str | Path,
+    *,
+    seeds: int = 5,
+    level: str = "identified",
+    quick: bool = False,
+    workers: int | None = None,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Do the job on files: a folder per truth and edge, ``summary.json`` and ``report.html`` over all of them.
+
+    Args:
+        out: Folder; what is there and was made from the same inputs is not done again.
+        seeds: Number of truth seeds, from 1 on.
+        level: ``identified``: the cell's stiffness, play, drives, payload and cutting constants are measured on the
+            simulated cell first; ``seeded``: its payload only.
+        quick: Straight edge and Cartesian corrections only.
+        workers: Runs at a time; None is one per core.
+        progress: Told the fraction done.
+
+    Returns:
+        The summary.
+
+    Raises:
+        InputError: No seeds, or an unknown level.
+        CounterflexError: As the jobs it consists of.
+    """
+    if seeds < 1:
+        raise InputError("number of truth seeds is out of range", value=seeds, limit=">= 1")
+    if level not in RECIPES:
+        raise InputError("no such truth level", value=level, limit=", ".join(RECIPES))
+    start, begun = time.perf_counter(), time.time()
+    folder = Path(out)
+    of_cells = 4.0 if level == "identified" else 1.0
+    parts = in_parts(progress, {"identifying": of_cells, "milling": 10.0 - of_cells})
+    cells = _identify(folder, seeds, level, workers, parts["identifying"])
+    edges = ("straight",) if quick else tuple(haehn_case.EDGES)
+    jobs = [
+        (seed, edge, kind, output)
+        for seed in range(1, seeds + 1)
+        for edge in edges
+        for kind, item in haehn_case.KINDS.items()
+        for output in item.outputs
+        if output == "cartesian" or not quick
+    ]
+    found = _mill_all(folder, jobs, cells, workers, share_of(parts["milling"], 0.0, 0.99))
+    summary = _summary(found, level, time.perf_counter() - start)
+    summary["made_again"] = made_again(folder, begun)
+    write_summary(folder / "summary.json", summary)
+    parts["milling"](0.99, "page")
+    write_page(haehn_report.page(summary, folder), folder / "report.html")
+    progress(1.0, "done")
+    return summary
+
+
+def _mill_all(
+    folder: Path,
+    jobs: Sequence[tuple[int, str, str, str]],
+    cells: Mapping[int, Path],
+    workers: int | None,
+    progress: Progress,
+) -> dict[tuple[int, str, str], dict[str, Any]]:
+    """Prepare every edge on every cell, then mill; results in the order of the jobs."""
+    places = {(seed, edge): folder / f"seed-{seed}" / edge for seed, edge, _, _ in jobs}
+    found: dict[tuple[int, str, str, str], dict[str, Any]] = {}
+    shares, weights = Shares(len(jobs)), [1.0] * len(jobs)
+    with pool_of(count_of(workers, len(jobs)), shares) as pool:
+        with interrupts_held():
+            plans = [pool.submit(_prepare, place, key[1], cells[key[0]]) for key, place in places.items()]
+        for plan in plans:
+            plan.result()
+        with interrupts_held():
+            waiting = {
+                pool.submit(_one_at, k, places[job[:2]], cells[job[0]].with_name(campaign.TRUTH), job): job
+                for k, job in enumerate(jobs)
+            }
+
+        def told() -> None:
+            progress(shares.sum(weights), f"milled {len(found)} of {len(jobs)}")
+
+        for done in done_one_by_one(waiting, told):
+            found[waiting[done]] = done.result()
+    return {(s, e, haehn_case.variant_name(k, o)): found[s, e, k, o] for s, e, k, o in jobs}
+
+
+def _one_at(task: int, place: Path, truth: Path, job: tuple[int, str, str, str]) -> dict[str, Any]:
+    """A run in a worker process, which tells how far it is."""
+    found = one(place, truth, job[0], job[2], job[3], progress=share(task))
+    share(task)(1.0)
+    return found
+
+
+def _identify(folder: Path, seeds: int, level: str, workers: int | None, progress: Progress) -> dict[int, Path]:
+    """Cell files that a laboratory makes of the simulated cells; their truth files lie beside them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    start = folder / _BASE
+    write_toml(start, haehn_case.cell_table(haehn_case.demonstration_cell(), 0.0))
+    campaign.run(start, folder / level, seeds=seeds, recipes=RECIPES[level], workers=workers, progress=progress)
+    return {seed: folder / level / f"seed-{seed}" / CELL for seed in range(1, seeds + 1)}
+
+
+def _prepare(place: Path, edge: str, cell: Path) -> None:
+    """Program, cell files and plan of one edge on one simulated cell."""
+    base = tomllib.loads(cell.read_text(encoding="utf-8"))
+    haehn_case.write_cells(base, place, edge)
+    cell_file, program, plan = place / haehn_case.OFFLINE, place / haehn_case.PROGRAM, place / PLANNED
+    mark = _plan_mark(place)
+    if finished(plan, mark) is None:
+        begin(plan, mark)
+        compensate.run(program, cell_file, plan, report=False)
+        finish(plan, mark, {})
+
+
+def _plan_mark(place: Path) -> Mark:
+    """What a plan is made from: the cell without ``[online]``, which no plan depends on."""
+    return fingerprint(place / haehn_case.OFFLINE, place / haehn_case.PROGRAM, code=_PLANNING, code_without=ONLINE)
+
+
+def _run_mark(place: Path, truth: Path, seed: int, kind: str, output: str) -> Mark:
+    """What a run is made from."""
+    plan = place / PLANNED
+    commanded = (plan / haehn_case.PROGRAM,) if haehn_case.KINDS[kind].compensated else ()
+    files = (place / haehn_case.cell_name(kind, output), place / haehn_case.PROGRAM, *commanded)
+    return fingerprint(*files, plan / _PLAN_FILE, truth, code=_MILLING, kind=kind, output=output, seed=seed)
+
+
+def one(place: Path, truth: Path, seed: int, kind: str, output: str, *, progress: Progress = silent) -> dict[str, Any]:
+    """Mill one groove, unless that was done, and judge it.
+
+    Args:
+        place: Folder of the edge, prepared.
+        truth: Truth file.
+        seed: Of truth and instruments.
+        kind: Of :data:`~counterflex.validation.reproduce.haehn_case.KINDS`.
+        output: ``cartesian`` or ``axes``.
+        progress: Told the fraction done.
+
+    Returns:
+        Figures of ``evaluate`` and what the loop said.
+    """
+    item = haehn_case.KINDS[kind]
+    part = place / haehn_case.variant_name(kind, output)
+    cell, original = place / haehn_case.cell_name(kind, output), place / haehn_case.PROGRAM
+    plan = place / PLANNED / _PLAN_FILE
+    program = place / PLANNED / haehn_case.PROGRAM if item.compensated else original
+    mark = _run_mark(place, truth, seed, kind, output)
+    kept = finished(part, mark)
+    if kept is not None:
+        return kept
+    begin(part, mark)
+    log = part.with_name(f"{part.name}-log")
+    shutil.rmtree(log, ignore_errors=True)
+    with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as config:
+        twin = live.LiveSettings(program, cell, truth, config, original=original, seed=seed)
+        loop = online_session.RunSettings(cell, config, plan, compensated=item.compensated, arm=item.armed)
+        said = closed_loop.run(twin, part, loop, log, sensors=closed_loop.Sensors(), cycles=1850, progress=progress)
+    shutil.rmtree(log, ignore_errors=True)
+    judged = evaluate.run([part], None)["variants"]["nominal"]
+    kept = {key: judged[key] for key in (*_FIGURES, "surface") if key in judged}
+    kept["loop"] = {key: said[key] for key in ("cycles", "states", "causes", "largest_correction_um")}
+    finish(part, mark, kept)
+    return kept
+
+
+def _summary(found: Mapping[tuple[int, str, str], dict[str, Any]], level: str, seconds: float) -> dict[str, Any]:
+    rows = []
+    for seed, edge in dict.fromkeys(key[:2] for key in found):
+        variants = {name: value for (s, e, name), value in found.items() if (s, e) == (seed, edge)}
+        rows.append({"seed": seed, "edge": edge, "truth_level": level, "variants": variants})
+    total = over_seeds(rows)
+    return {
+        "job": "reproduce haehn2020",
+        "truth_level": level,
+        "seeds": rows,
+        "variants": total,
+        "goals": {name: _goal(total.get(name, {}), limit) for name, limit in GOALS_MM.items()},
+        "paper": PAPER,
+        "seconds": round(seconds, 1),
+        "counterflex": __version__,
+    }
+
+
+def _goal(found: Mapping[str, Any], limit_mm: float) -> dict[str, Any]:
+    """Worst figure beside its limit; met only where no run was refused."""
+    worst = found["path"]["max_mm"] if "path" in found else None
+    met = worst is not None and worst <= limit_mm and found["refused"] == 0
+    return {"limit_mm": limit_mm, "worst_mm": worst, "met": met}
+
+
+def over_seeds(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Over truths and edges: ``variants.<name>.path.max_mm`` is the worst, ``.median_max_mm`` the median.
+
+    Runs in which the loop refused to act, though it was to be armed, say nothing of the correction and are left out;
+    ``runs`` counts those that are in, ``refused`` the others.
+
+    Args:
+        rows: Of the summary.
+    """
+    out: dict[str, Any] = {}
+    for name in dict.fromkeys(name for row in rows for name in row["variants"]):
+        there = [row["variants"][name] for row in rows if name in row["variants"]]
+        counted = [item for item in there if haehn_report.acted(name, item)]
+        out[name] = {"runs": len(counted), "refused": len(there) - len(counted)}
+        if not counted:
+            continue
+        for figure in _FIGURES:
+            values = [item[figure]["max_mm"] for item in counted]
+            out[name][figure] = {"max_mm": max(values), "median_max_mm": round(statistics.median(values), 6)}
+    return out

@@ -1,0 +1,1 @@
+"""The online loop for hours against a simulated cell in real time."""

@@ -1,0 +1,111 @@
+"""Figures of a long run of the online loop: counts, percentiles, growth per hour; of a minute, and of all of it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.units import MM
+from counterflex.evaluate.growth import Growth, growth
+from counterflex.twin.live.timed_block import Block
+from counterflex.validation.soak.replay_figures import active, in_standstill, micro
+
+
+def minute(k: int, block: Block) -> dict[str, float]:
+    """Row of a minute for ``minutes.csv``.
+
+    Args:
+        k: Its number, 0 is the first.
+        block: What was timed in it.
+    """
+    n = len(block.reply_s)
+    reply, echo, late = (micro(times) for times in (block.reply_s, block.echo_s, block.late_s))
+    unanswered, stood = np.isnan(block.reply_s), in_standstill(block)
+    return {
+        "minute": k + 1,
+        "cycles": n,
+        "active": int(np.sum(active(block))),
+        "held": block.held,
+        "missed": block.missed,
+        "without_session": block.paused,
+        "programs_ended": len(block.ended),
+        "unanswered": int(np.sum(unanswered)),
+        "unanswered_active": int(np.sum(unanswered & active(block))),
+        "in_standstill": int(np.sum(stood)),
+        "unanswered_in_standstill": int(np.sum(unanswered & stood)),
+        **{f"reply_{name}_us": value for name, value in reply.items() if name != "n"},
+        **{f"echo_{name}_us": value for name, value in echo.items() if name != "n"},
+        "cell_late_p999_us": late["p999"],
+        "largest_correction_um": round(block.largest_m / MM * 1e3, 1),
+    }
+
+
+def figures(blocks: list[Block], minutes: list[dict[str, float]], samples: list[dict[str, float]]) -> dict[str, Any]:
+    """Figures of the whole run.
+
+    Args:
+        blocks: All minutes.
+        minutes: Their rows.
+        samples: Rows of memory and load.
+
+    Returns:
+        Counts of cycles; percentiles of reply and echo over all telegrams, over those while the correction acted, and
+        over those of them outside of standstills of the machine; growth per hour.
+    """
+    reply, echo = (np.concatenate([getattr(b, name) for b in blocks]) for name in ("reply_s", "echo_s"))
+    acting, stood = (np.concatenate([found(b) for b in blocks]) for found in (active, in_standstill))
+    unanswered = np.isnan(reply)
+    hours = np.array([s["seconds"] for s in samples]) / 3600.0
+    settled = hours >= 0.1 * hours[-1]
+    of_minutes = np.arange(len(minutes)) / 60.0
+
+    def grown(column: str) -> dict[str, float] | None:
+        values = np.array([s[column] for s in samples])
+        return _growth(growth(hours[settled], values[settled]))
+
+    def grown_minutes(column: str) -> dict[str, float] | None:
+        return _growth(growth(of_minutes, np.array([m[column] for m in minutes])))
+
+    def total(column: str) -> int:
+        return int(sum(m[column] for m in minutes))
+
+    of_all, of_echo = micro(reply), micro(echo)
+    cycles = total("cycles") + total("missed") + total("without_session")
+    return {
+        "cycles": cycles,
+        "telegrams": total("cycles"),
+        "active": total("active"),
+        "active_share": round(total("active") / cycles, 4),
+        "held": total("held"),
+        "without_session": total("without_session"),
+        "programs_ended": dict(Counter(why for block in blocks for _, why in block.ended).most_common()),
+        "unanswered": int(np.sum(unanswered)),
+        "unanswered_active": int(np.sum(unanswered & acting)),
+        "refused": blocks[-1].refused,
+        "standstill": {
+            "cycles": int(np.sum(stood)),
+            "missed": total("missed"),
+            "unanswered": int(np.sum(unanswered & stood)),
+            "unanswered_active": int(np.sum(unanswered & stood & acting)),
+            "longest_ms": round(float(max(np.max(b.woken_s, initial=0.0) for b in blocks)) * 1e3, 1),
+        },
+        "reply_us": of_all,
+        "reply_active_us": micro(reply[acting]),
+        "reply_active_outside_us": micro(reply[acting & ~stood]),
+        "echo_us": of_echo,
+        "echo_outside_us": micro(echo[~stood]),
+        "ratio_p50": round(of_all["p50"] / of_echo["p50"], 2),
+        "growth_per_hour": {
+            name: grown(name) for name in ("loop_mb", "recorder_mb", "loop_files", "recorder_files")
+        }
+        | {name: grown_minutes(name) for name in ("reply_p50_us", "reply_p99_us", "echo_p50_us", "echo_p99_us")},
+        "most": {name: max(s[name] for s in samples) for name in ("loop_mb", "recorder_mb", "loop_files")},
+    }  # fmt: skip
+
+
+def _growth(found: Growth | None) -> dict[str, float] | None:
+    if found is None:
+        return None
+    return {"slope": round(found.slope, 4), "standard_error": round(found.standard_error, 4)}

@@ -1,0 +1,57 @@
+"""What the times of a played cell say: when the loop corrected, when the machine stood still, how long answers took."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float
+from counterflex.core.units import UM
+from counterflex.evaluate.loop_timing import percentiles
+from counterflex.runtime.state.supervisor import State
+from counterflex.twin.live.timed_block import NOT_TOLD, Block
+
+STOOD_S: Final = 1e-3
+"""A cycle in which the simulated cell itself woke up later than this lies in a standstill of the machine."""
+
+
+def in_standstill(block: Block) -> Bool:
+    """(n,) cycles in which the machine stood still, or next to one: no program that has to do with the loop was slow.
+
+    The simulated cell itself woke up more than :data:`STOOD_S` late, or the datagram that is only sent back was not.
+    """
+    stood: Bool = (block.woken_s > STOOD_S) | np.isnan(block.echo_s)
+    around = stood.copy()
+    around[1:] |= stood[:-1]
+    around[:-1] |= stood[1:]
+    return around
+
+
+def active(block: Block) -> Bool:
+    """(n,) cycles in which the loop corrected by its own word; one without an answer counts as the one before it."""
+    states = block.told_state.copy()
+    known = np.flatnonzero(states != NOT_TOLD)
+    if len(known) == 0:
+        return np.zeros(len(states), dtype=np.bool_)
+    last = known[np.maximum(0, np.searchsorted(known, np.arange(len(states)), side="right") - 1)]
+    found: Bool = states[last] == State.ACTIVE
+    return found
+
+
+def micro(time_s: Float) -> dict[str, float]:
+    """Percentiles of times (:func:`counterflex.evaluate.loop_timing.percentiles`) in us; infinite where none came.
+
+    Args:
+        time_s: (n,) s; not-a-number counts as infinite.
+
+    Returns:
+        ``p50``, ``p99``, ``p999``, ``max``, and how many (``n``); not-a-number where there are none.
+    """
+    names = ("p50", "p99", "p999", "max")
+    if len(time_s) == 0:
+        return {**dict.fromkeys(names, math.nan), "n": 0}
+    found = percentiles(time_s)
+    values = (found.p50_s, found.p99_s, found.p999_s, found.max_s)
+    return {**{name: round(value / UM, 1) for name, value in zip(names, values, strict=True)}, "n": found.n}
