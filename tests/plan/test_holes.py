@@ -12,8 +12,9 @@ from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.compensate import Setting, plan
+from counterflex.plan.compensate import plan
 from counterflex.plan.holes import held_in_holes
+from counterflex.plan.setting import Setting
 
 PathOf = Callable[..., ToolPath]
 CellOf = Callable[..., Cell]

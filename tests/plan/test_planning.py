@@ -17,8 +17,9 @@ from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose, registration, wrench
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.compensate import Limits, Setting, plan
+from counterflex.plan.compensate import plan
 from counterflex.plan.plan import Plan, across
+from counterflex.plan.setting import Limits, Setting
 from counterflex.plan.tool_frame import tool_orientation, tool_poses
 from counterflex.robot.elasticity.chain import ElasticChain, forward_elastic
 from counterflex.robot.kinematics.inverse import inverse_path

@@ -13,9 +13,10 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM, MS, UM, URAD
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.compensate import Setting, solve_joints, touched_points
+from counterflex.plan.compensate import solve_joints, touched_points
 from counterflex.plan.lost_motion import corrected_joints, play_deviation
 from counterflex.plan.response import swing
+from counterflex.plan.setting import Setting
 from counterflex.plan.undone_play import undone_play
 from counterflex.robot.model.description import Play
 from counterflex.signals.preview import Mode

@@ -29,9 +29,10 @@ from counterflex.robot.elasticity.compliance import (
     linear_gap,
     shares,
 )
+from counterflex.robot.elasticity.elastic_step import ElasticStep
 from counterflex.robot.elasticity.kernels.lanes import deflection_lanes
 from counterflex.robot.elasticity.kernels.lanes_step import step_lanes
-from counterflex.robot.elasticity.kernels.step import CLAMPED, DAMPED, DAMPING_BELOW, REFUSE_BELOW, REFUSED, ElasticStep
+from counterflex.robot.elasticity.kernels.step import CLAMPED, DAMPED, DAMPING_BELOW, REFUSE_BELOW, REFUSED
 from counterflex.robot.model.description import EndEffector, Robot, Segment
 
 CHAINS = ("haehn", "heavy", "crooked")

@@ -17,7 +17,7 @@ from counterflex.core.units import DEG, MM, MS
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
-from counterflex.plan.compensate import Limits, Setting
+from counterflex.plan.setting import Limits, Setting
 from counterflex.programs.gcode.read.parameter_file import read_parameter_file
 from counterflex.programs.gcode.read.reader import read_gcode_file
 from counterflex.programs.program import Program

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,11 +15,9 @@ from counterflex.plan.cut import Cut, at_points, cut
 from counterflex.plan.elastic_motion import DAMPING_S, commanded, lowest_mode, matrices, motion_along
 from counterflex.plan.elastic_motion_kernel import AXES, Motion
 from counterflex.plan.lost_motion import in_touched_frame, play_deviation
+from counterflex.plan.setting import Setting
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode
-
-if TYPE_CHECKING:
-    from counterflex.plan.compensate import Setting
 
 
 def mode_of(chain: ElasticChain, q: Float, measured: Mode) -> Mode:

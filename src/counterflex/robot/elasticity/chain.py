@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int, as_float, frozen
+from counterflex.core.arrays import Float, as_float, frozen
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import STANDARD_GRAVITY
 from counterflex.robot.elasticity.chain_checks import (
@@ -34,91 +34,14 @@ from counterflex.robot.elasticity.kernels.batch import (
     pose_range,
     pose_threads,
 )
-from counterflex.robot.model.description import Counterbalance, ElasticRegion, EndEffector, Opw, Play, Robot, Servo
+from counterflex.robot.elasticity.segments import Segments, frozen_int
+from counterflex.robot.model.description import EndEffector, Robot
 from counterflex.robot.model.elastic_region import check_regions, growth
-
-SAME_AXIS_M = 0.1
-"""Distance from an axis within which an undriven elastic segment can be its bearing."""
 
 
 @dataclass(frozen=True, eq=False)
-class ElasticChain:
-    """Robot and end effector as one serial chain of n segments, packed for computing.
-
-    ``T_base_tcp = prod_i (fixed_i Rz(sign_i q_joint_i + offset_i) E_i) T_last_tcp`` with the elastic displacement ``E``
-    of :mod:`counterflex.robot.model.description`. Build it with :meth:`build`, which checks everything.
-
-    Attributes:
-        name: Name of the robot.
-        names: n names of the segments.
-        fixed: (n, 4, 4) pose of each segment's frame before its drive in the previous segment.
-        joint: (n,) driven axis 0..5, or -1.
-        sign: (n,) +1 or -1.
-        offset: (n,) rad.
-        compliance: (n, 6) ``tx ty tz rx ry rz`` in m/N and rad/(N m), in the segment's frame; 0 is rigid.
-        mass: (n,) kg.
-        com: (n, 3) m, centre of gravity of each body in its segment's frame.
-        T_last_tcp: (4, 4) tool centre point in the last segment.
-        flange_segment: Index of the segment that carries the flange (-1: the base).
-        T_segment_flange: (4, 4) flange in that segment.
-        T_flange_tcp: (4, 4) rigid pose of the TCP in the flange.
-        joint_limits_rad: (6, 2) lower, upper.
-        joint_speeds_rad_s: (6,) or None.
-        opw: Closed-form geometry or None.
-        counterbalance: Or None.
-        gravity: (3,) m/s2 in base axes.
-        play: Play and friction of the six driven axes, None for an axis without; or None.
-        servo: Loop gains of the six driven axes, None for an axis that never gives way; or None.
-        regions: Compliances that differ by region of the joint space; ``compliance`` is what their factors act on.
-    """
-
-    name: str
-    names: tuple[str, ...]
-    fixed: Float
-    joint: Int
-    sign: Float
-    offset: Float
-    compliance: Float
-    mass: Float
-    com: Float
-    T_last_tcp: Float
-    flange_segment: int
-    T_segment_flange: Float
-    T_flange_tcp: Float
-    joint_limits_rad: Float
-    joint_speeds_rad_s: Float | None
-    opw: Opw | None
-    counterbalance: Counterbalance | None
-    gravity: Float
-    play: tuple[Play | None, ...] | None = None
-    servo: tuple[Servo | None, ...] | None = None
-    regions: tuple[ElasticRegion, ...] = ()
-
-    @property
-    def n(self) -> int:
-        """Number of segments."""
-        return len(self.names)
-
-    @cached_property
-    def torsion(self) -> Int:
-        """(6,) index of the segment whose rotation about z is the torsion of each axis.
-
-        The driven segment itself; where that is rigid about z, the next undriven segment of the robot that turns about
-        the same axis within :data:`SAME_AXIS_M` (a bearing beside the drive's frame).
-        """
-        out = np.flatnonzero(self.joint >= 0)
-        ends = [*out[1:], self.flange_segment + 1]
-        for axis, end in enumerate(ends):
-            T = np.eye(4)
-            for i in range(int(out[axis]), int(end)):
-                if i > out[axis]:
-                    T = T @ self.fixed[i]
-                if T[2, 2] < 1.0 - 1e-6 or np.hypot(T[0, 3], T[1, 3]) > SAME_AXIS_M:
-                    break
-                if self.compliance[i, 5] > 0.0:
-                    out[axis] = i
-                    break
-        return _frozen_int(out.tolist())
+class ElasticChain(Segments):
+    """Robot and end effector as one serial chain. Build it with :meth:`build`, which checks everything."""
 
     @cached_property
     def compact(self) -> Compact:
@@ -194,7 +117,7 @@ class ElasticChain:
             name=robot.name,
             names=tuple(s.name for s in segments),
             fixed=frozen(fixed),
-            joint=_frozen_int([-1 if s.joint is None else s.joint for s in segments]),
+            joint=frozen_int([-1 if s.joint is None else s.joint for s in segments]),
             sign=frozen(np.array([s.sign for s in segments], dtype=np.float64)),
             offset=frozen(np.array([s.offset_rad for s in segments], dtype=np.float64)),
             compliance=frozen(compliance),
@@ -370,9 +293,3 @@ def require_settled(failed: int) -> None:
             f"no elastic equilibrium found at {failed} point(s): the load is far beyond what the chain can carry",
             hint="Check the units of load and compliance",
         )
-
-
-def _frozen_int(values: list[int]) -> Int:
-    array = np.array(values, dtype=np.int64)
-    array.flags.writeable = False
-    return array

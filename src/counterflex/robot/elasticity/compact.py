@@ -8,7 +8,6 @@ described by the index constants of :mod:`counterflex.robot.elasticity.kernels.s
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,10 +30,8 @@ from counterflex.robot.elasticity.kernels.scalar import (
     TURN,
     WIDTH,
 )
+from counterflex.robot.elasticity.segments import Segments
 from counterflex.robot.model.elastic_region import rows
-
-if TYPE_CHECKING:
-    from counterflex.robot.elasticity.chain import ElasticChain
 
 _SNAP = 1e-15  # entries of a rotation this close to 0 or +-1 are rounding of a right angle
 
@@ -59,7 +56,7 @@ class Compact:
         return len(self.segment)
 
 
-def compact(chain: ElasticChain) -> Compact:
+def compact(chain: Segments) -> Compact:
     """Merge the rigid segments of a chain and sort its constants."""
     keep = [i for i in range(chain.n) if chain.joint[i] >= 0 or np.any(chain.compliance[i] > 0.0)]
     m = len(keep)

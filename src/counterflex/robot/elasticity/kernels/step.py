@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
-
-import numpy as np
+from typing import Final
 
 from counterflex.core.arrays import Float, Int
-from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
 from counterflex.robot.elasticity.kernels.scalar import (
     chain_pass,
@@ -20,9 +17,6 @@ from counterflex.robot.elasticity.kernels.scalar import (
     small_sin,
     tcp_compliance,
 )
-
-if TYPE_CHECKING:
-    from counterflex.robot.elasticity.chain import ElasticChain
 
 DAMPING_BELOW: Final = 1e-2  # sigma (1 m of lever per rad of rotation) below which the Newton step is damped
 DAMPING: Final = 5e-3  # largest damping factor, reached at sigma = 0
@@ -196,79 +190,3 @@ def step(
     for k in range(6):
         residual[k] = error[k]
     return status
-
-
-class ElasticStep:
-    """The online step of one chain, with buffers that are allocated once.
-
-    Deflection of the TCP at commanded angles q under the wrench w, and the angles q_c whose *deflected* pose is the
-    undeflected pose of q: two Newton steps with the rigid Jacobian at q on ``fk_elastic(q_c, w) = fk_rigid(q)``. Loads
-    on the rigid geometry, nonlinear composition (Haehn2020 eq. 2-9). Near singularities (``sigma`` below DAMPING_BELOW)
-    the step is damped, each Newton step is clamped to STEP_LIMIT, and below REFUSE_BELOW no correction is given:
-    ``q_c = q``.
-
-    Call it with q and w, or write into ``q`` and ``w`` and call :meth:`run`. Results are views of one vector that the
-    next call overwrites; copy what must last. Not safe to share between threads.
-
-    Attributes:
-        q: (6,) rad, input: angles the controller shows.
-        w: (6,) N, N m, input: wrench about the TCP in base axes.
-        T0: (4, 4) rigid pose of the TCP at q.
-        Te: (4, 4) deflected pose at q.
-        C: (6, 6) Cartesian compliance at q, base axes at the TCP.
-        d: (6,) deflection ``Te - T0``: translation m, rotation vector rad, base axes.
-        q_c: (6,) rad, corrected angles.
-        Tc: (4, 4) rigid pose at q_c: what a Cartesian correction commands.
-        residual: (6,) what is left at q_c: deflected pose minus T0.
-        status: 0, or bits DAMPED, CLAMPED, REFUSED.
-    """
-
-    def __init__(self, chain: ElasticChain, *, gravity: bool = False) -> None:
-        """Allocate the buffers; ``gravity`` adds own weight and payload to the load, so that sag is undone too."""
-        compact = chain.compact
-        m = compact.stations
-        self.chain = chain
-        self.status = 0
-        self._real = compact.real
-        self._kind = compact.kind
-        self._given = np.zeros(12)
-        self._out = np.zeros(OUT_SIZE)
-        self._frame = np.zeros((m + 1, 12))
-        self._delta = np.zeros((m, 6))
-        self._scratch = np.zeros((SCRATCH, 36))
-        self._gravity = int(gravity)
-        self.q = self._given[:6]
-        self.w = self._given[6:]
-        self.T0 = self._out[OUT_T0:OUT_TE].reshape(4, 4)
-        self.Te = self._out[OUT_TE:OUT_C].reshape(4, 4)
-        self.C = self._out[OUT_C:OUT_D].reshape(6, 6)
-        self.d = self._out[OUT_D:OUT_Q]
-        self.q_c = self._out[OUT_Q:OUT_TC]
-        self.Tc = self._out[OUT_TC:OUT_RESIDUAL].reshape(4, 4)
-        self.residual = self._out[OUT_RESIDUAL:OUT_SIGMA]
-        self.run()
-
-    @property
-    def sigma(self) -> float:
-        """Distance from singularity: 1/sqrt(6) to 1 times the smallest singular value of J (1 m counts as 1 rad)."""
-        return float(self._out[OUT_SIGMA])
-
-    def run(self) -> int:
-        """Step for what stands in ``q`` and ``w``. Returns the status bits."""
-        self.status = step(
-            self._real, self._kind, self._given, self._out, self._frame, self._delta, self._scratch, self._gravity
-        )
-        return self.status
-
-    def __call__(self, q: Float, w_tcp_base: Float) -> int:
-        """Step for angles (6,) rad and wrench (6,) N, N m; anything NumPy can copy. Returns the status bits.
-
-        Raises:
-            InputError: Wrong shape. Values are not checked here: NaN in gives NaN out with status REFUSED.
-        """
-        try:
-            self.q[:] = q
-            self.w[:] = w_tcp_base
-        except ValueError as fault:
-            raise InputError(f"the step takes six angles and six wrench components: {fault}") from fault
-        return self.run()
