@@ -82,7 +82,7 @@ def cell_for(program: Path, folder: Path) -> Path:
 
 def measured(program: Path, cell: Path, out: Path) -> dict[str, float]:
     """Run the command in a process of its own; processor and wall seconds."""
-    command = [sys.executable, "-c", "from counterflex.cli.main import run; run()"]
+    command = [sys.executable, "-c", "from counterflex.cli.start import run; run()"]
     before = os.times()
     begin = time.perf_counter()
     done = subprocess.run(

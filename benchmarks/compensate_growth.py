@@ -61,7 +61,7 @@ def first_moves(lines: list[str], moves: int) -> list[str]:
 
 def measured(program: Path, cell: Path, out: Path) -> dict[str, float]:
     """Run the command in a process of its own: processor and wall seconds, peak memory."""
-    command = [sys.executable, "-c", "from counterflex.cli.main import run; run()", "compensate", str(program)]
+    command = [sys.executable, "-c", "from counterflex.cli.start import run; run()", "compensate", str(program)]
     begin = time.perf_counter()
     with tempfile.TemporaryFile() as said:
         process = subprocess.Popen([*command, "--cell", str(cell), "--out", str(out)], stdout=said, stderr=said)

@@ -13,7 +13,7 @@ import pytest
 from counterflex.app import examples
 from counterflex.app.proof import simulate
 from counterflex.app.proof.truth import make_truth
-from counterflex.cli import main
+from counterflex.cli import start
 from counterflex.files.cell.cell import read_cell
 
 
@@ -77,7 +77,7 @@ def counterflex(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[s
         monkeypatch.setattr(sys, "argv", ["counterflex", *arguments])
         capsys.readouterr()
         with pytest.raises(SystemExit) as ended:
-            main.run()
+            start.run()
         said = capsys.readouterr()
         assert isinstance(ended.value.code, int)
         return Ended(ended.value.code, said.out, said.err)

@@ -16,7 +16,7 @@ WALK = textwrap.dedent(
     """
     import contextlib, io, json, sys, typing
     from pathlib import Path
-    from counterflex.cli import main
+    from counterflex.cli import main, start
 
     FREE = {"containing", "session", "host", "listen", "name", "sentype", "only", "pattern", "stall"}
 
@@ -50,7 +50,7 @@ WALK = textwrap.dedent(
         out, err = io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             try:
-                main.run()
+                start.run()
                 status = 0
             except SystemExit as end:
                 status = end.code

@@ -214,7 +214,7 @@ def test_examples_can_be_copied_in_one_piece(counterflex: Any) -> None:
 def test_help_loads_no_heavy_library() -> None:
     program = (
         "import sys; sys.argv = ['counterflex', '--help']\n"
-        "from counterflex.cli.main import run\n"
+        "from counterflex.cli.start import run\n"
         "try:\n    run()\nexcept SystemExit as end:\n    assert end.code == 0\n"
         f"print('LOADED', *[name for name in {HEAVY!r} if name in sys.modules])\n"
     )

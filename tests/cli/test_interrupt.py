@@ -67,7 +67,7 @@ def test_failure_while_files_are_moved_puts_everything_back(folder: Path, refuse
 # The signal itself, from inside: when the job reports a fraction, the whole process group gets it, as from a terminal.
 PRESS = """
 import contextlib, os, signal, sys
-from counterflex.cli import main
+from counterflex.cli import start
 from counterflex.cli.commands import demo, program, prove
 
 @contextlib.contextmanager
@@ -79,7 +79,7 @@ def bar(what, *, quiet=False):
 
 demo.progress_bar = program.progress_bar = prove.progress_bar = bar
 if __name__ == "__main__":
-    main.run()
+    start.run()
 """
 
 

@@ -55,7 +55,7 @@ def test_a_folder_and_a_full_device_are_one_line(
 
 
 def _command(folder: Path, *words: str, stdout: Any) -> subprocess.CompletedProcess[bytes]:
-    program = [sys.executable, "-c", "from counterflex.cli.main import run; run()", *words]
+    program = [sys.executable, "-c", "from counterflex.cli.start import run; run()", *words]
     return subprocess.run(program, cwd=folder, stdout=stdout, stderr=subprocess.PIPE, check=False)
 
 

@@ -8,9 +8,44 @@ import numpy as np
 import pytest
 import trimesh
 
+from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError, ModelError
 from counterflex.cutting.stock import BLOCK_COLUMNS, BLOCK_ROWS, HeightMap, block_tops, require_vertical
-from counterflex.cutting.stock_mesh import to_mesh
+
+
+def to_mesh(stock: HeightMap, step: int = 1) -> tuple[Float, Int]:
+    """Closed triangle mesh of the part: the top through the cell centres, vertical sides, and the bottom.
+
+    Args:
+        stock: The height map.
+        step: Use every ``step``-th cell each way.
+
+    Returns:
+        Vertices (n, 3) in m, part frame, and faces (m, 3), counter-clockwise seen from outside. Its volume is that of
+        the map less half a cell along the rim.
+
+    Raises:
+        InputError: The step leaves fewer than 2 cells a side.
+    """
+    if step < 1 or min(stock.z.shape) <= step:
+        raise InputError("mesh step is out of range", value=step, limit=f"1 to {min(stock.z.shape) - 1}")
+    z = stock.z[::step, ::step].astype(np.float64)
+    x, y = stock.x_m()[::step], stock.y_m()[::step]
+    ny, nx = z.shape
+    plan_x, plan_y = np.meshgrid(x, y)
+    top = np.stack([plan_x, plan_y, np.maximum(z, stock.bottom_m)], axis=-1).reshape(-1, 3)
+    base = top.copy()
+    base[:, 2] = stock.bottom_m
+    index = np.arange(ny * nx).reshape(ny, nx)
+    a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, 1:].ravel(), index[1:, :-1].ravel()
+    up = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    rim = np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
+    after = np.roll(rim, -1)
+    n = ny * nx
+    sides = np.concatenate([np.stack([rim, rim + n, after + n], 1), np.stack([rim, after + n, after], 1)])
+    faces: Int = np.concatenate([up, up[:, ::-1] + n, sides]).astype(np.int64)
+    vertices: Float = np.concatenate([top, base])
+    return vertices, faces
 
 
 def test_box_has_its_volume_and_cells() -> None:

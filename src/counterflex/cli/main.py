@@ -38,12 +38,12 @@ from counterflex.cli.commands import (
     twin,
 )
 from counterflex.cli.commands import run as online
+from counterflex.cli.ending import end
 from counterflex.cli.output import line_period_s
-from counterflex.cli.start import end, run
 from counterflex.core import compiling
 from counterflex.core.errors import InputError
 
-__all__ = ["app", "parsed", "run"]
+__all__ = ["app", "parsed"]
 _CommandLineFault: Final[type[Exception]] = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
 )

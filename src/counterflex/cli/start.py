@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from typing import Final, NoReturn
+from typing import Final
 
 from counterflex.cli import interrupt
 from counterflex.cli.commands import operator_now
+from counterflex.cli.ending import end
 from counterflex.cli.interrupt import interruptible
 from counterflex.core.errors import CounterflexError, Interrupted
 
@@ -57,14 +58,3 @@ def _parsed(words: Sequence[str]) -> object:
     from counterflex.cli.main import parsed
 
     return parsed(words)
-
-
-def end(line: str, status: int = 2) -> NoReturn:
-    """End the command with a line on standard error.
-
-    Args:
-        line: What is wrong.
-        status: Exit status.
-    """
-    print(f"error: {' '.join(line.split())}", file=sys.stderr)
-    sys.exit(status)

@@ -29,7 +29,7 @@ from counterflex.twin.devices.netft import NetftServer
 from counterflex.validation.faults.demonstration import PERIOD_S, demo_config, reported
 from counterflex.validation.faults.process_rig import write_files
 
-_COMMAND: Final = "import sys; from counterflex.cli.main import run; sys.argv[0] = 'counterflex'; run()"
+_COMMAND: Final = "import sys; from counterflex.cli.start import run; sys.argv[0] = 'counterflex'; run()"
 _START_S: Final = 300.0
 _PATIENCE_S: Final = 1.0
 _SAMPLES: Final = 4
