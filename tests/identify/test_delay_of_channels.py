@@ -17,6 +17,7 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.files.dataset.reader import read_dataset
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
+from counterflex.identify.delays.cell_table import lag_of
 from counterflex.identify.delays.checks import check_delay
 from counterflex.identify.delays.delay import Pair, build, find_delay
 from counterflex.identify.delays.pairs import pairs
@@ -145,7 +146,7 @@ def test_dead_time_and_lag_are_told_apart_and_bring_the_bandwidth() -> None:
     assert found.order == "first"
     assert found.value("delay") == pytest.approx(0.016, abs=3.5 * found.sigma("delay"))
     assert found.value("lag") == pytest.approx(0.045, abs=3.5 * found.sigma("lag"))
-    assert timing.lag_of(found).bandwidth_hz == pytest.approx(3.54, rel=0.05)
+    assert lag_of(found).bandwidth_hz == pytest.approx(3.54, rel=0.05)
     identified, nominal = found.held_out.rms()
     assert identified < 0.1 * nominal
 

@@ -20,9 +20,10 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.data.changes import BodyMass, TableValues
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
+from counterflex.identify.design.greedy import greedy
 from counterflex.identify.payload.data import shared_mass, with_mass_behind
 from counterflex.identify.payload.parameters import Effects, Knowledge, parameters, sensor_of
-from counterflex.identify.payload.proposal import greedy, working_postures
+from counterflex.identify.payload.proposal import working_postures
 from counterflex.identify.payload.recipe import RECIPE
 from counterflex.identify.payload.residuals import SensorReadings
 from counterflex.identify.recipe import Identification

@@ -14,6 +14,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.data.model import CellModel
+from counterflex.identify.design.greedy import greedy
 from counterflex.identify.payload.data import readings
 from counterflex.identify.payload.hose_pack import ROWS_PER_FUNCTION, degrees_of
 from counterflex.identify.payload.parameters import Effects, Knowledge, parameters
@@ -162,38 +163,6 @@ def _near_count(count: int, share: float) -> int:
     if not 0.0 <= share <= 1.0:
         raise InputError("setting near_share", value=share, limit="0 to 1")
     return max(0, min(round(share * count), count - 3))
-
-
-def greedy(J: Float, count: int, given: int = 0) -> tuple[Int, Float]:
-    """Rows that raise ``det(1 + sum J^T J)`` most, one by one; each may be taken once.
-
-    Args:
-        J: (n, k, f) weighted derivatives in fit coordinates, where every prior is 1.
-        count: How many.
-        given: So many of the first rows are taken whatever they bring, before all others.
-
-    Returns:
-        (count,) rows and the (f, f) covariance they give together with the priors.
-
-    Raises:
-        InputError: More than there are.
-    """
-    n, k, f = J.shape
-    if count > n:
-        raise InputError("measurements to choose", value=count, limit=f"at most the {n} candidates")
-    C = np.eye(f)
-    left = np.ones(n, dtype=np.bool_)
-    chosen = []
-    for place in range(count):
-        S = np.eye(k) + J @ C @ np.swapaxes(J, 1, 2)
-        gain = np.where(left, np.linalg.slogdet(S)[1], -np.inf)
-        best = place if place < given else int(np.argmax(gain))
-        CJ = C @ J[best].T
-        C = C - CJ @ np.linalg.solve(S[best], CJ.T)
-        C = 0.5 * (C + C.T)
-        left[best] = False
-        chosen.append(best)
-    return np.array(chosen, dtype=np.int64), C
 
 
 def _near_next(q: Float, rows: Int) -> Int:

@@ -20,7 +20,7 @@ from counterflex.identify.play.parameters import axis_play, blocks, compliance, 
 from counterflex.identify.play.proposal import propose
 from counterflex.identify.play.residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
-from counterflex.identify.reversals.data import Motion, balance, motions
+from counterflex.identify.reversals.data import Motion, motions, motor_friction
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.residuals import Residuals
@@ -244,15 +244,6 @@ def _figures(
             )
         )
     return out
-
-
-def motor_friction(mine: Sequence[Motion]) -> float | None:
-    """Half the difference of the motor's torque between the directions of motion, N m; None if it was not recorded."""
-    halves = [
-        balance(m.q, m.time_s, m.motor_torque)[1] for m in mine if m.motor_torque is not None and m.time_s is not None
-    ]
-    seen = [half for half in halves if np.isfinite(half)]
-    return float(np.mean(seen)) if seen else None
 
 
 def _turned_torque(mine: Sequence[Motion], as_stated: bool) -> list[str]:

@@ -204,3 +204,12 @@ def balance(q: Float, time_s: Float, motor: Float) -> tuple[float, float]:
     B = np.stack([np.ones(len(q)), q - q.mean(), np.sign(speed)], axis=1)[quick]
     t = np.linalg.lstsq(B / np.linalg.norm(B, axis=0), motor[quick], rcond=None)[0] / np.linalg.norm(B, axis=0)
     return float(t[0]), float(t[2])
+
+
+def motor_friction(mine: Sequence[Motion]) -> float | None:
+    """Half the difference of the motor's torque between the directions of motion, N m; None if it was not recorded."""
+    halves = [
+        balance(m.q, m.time_s, m.motor_torque)[1] for m in mine if m.motor_torque is not None and m.time_s is not None
+    ]
+    seen = [half for half in halves if np.isfinite(half)]
+    return float(np.mean(seen)) if seen else None

@@ -15,12 +15,13 @@ from counterflex.core.units import MS, URAD
 from counterflex.identify.data.changes import AxisServo, Change, TableValues
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
+from counterflex.identify.delays.cell_table import changes as timing_changes
+from counterflex.identify.delays.cell_table import lag_of
 from counterflex.identify.delays.checks import check_delay
 from counterflex.identify.delays.delay import Delay, find_delay
 from counterflex.identify.delays.pairs import FOLLOWING, pairs
-from counterflex.identify.play.recipe import motor_friction
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
-from counterflex.identify.reversals.data import motions
+from counterflex.identify.reversals.data import motions, motor_friction
 from counterflex.identify.servo.data import LoadStep, load_steps
 from counterflex.identify.servo.exchange import together, with_exchange
 from counterflex.identify.servo.proposal import FORCE_N, propose
@@ -31,8 +32,6 @@ from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate, row_error, score_separate
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import Stop, solve
-from counterflex.identify.timing.recipe import changes as timing_changes
-from counterflex.identify.timing.recipe import lag_of
 from counterflex.robot.model.description import Servo
 
 GUESS: Final = Servo(1e5, 20.0, 60.0 * MS)

@@ -11,20 +11,18 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import MS, UM, URAD
-from counterflex.identify.data.changes import TableValues
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
+from counterflex.identify.delays.cell_table import PPM, changes, delay_names, delay_sigmas, delays, lag_of
 from counterflex.identify.delays.checks import check_delay
 from counterflex.identify.delays.delay import Delay, Pair, build, find_delay
 from counterflex.identify.delays.pairs import pairs
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
 from counterflex.identify.solver.holdout import HeldOut, score_separate
 from counterflex.identify.timing.proposal import propose
-from counterflex.signals.lag import Lag
 
 _ORDERS: Final = ("auto", "none", "first", "second")
 _SHOWN = 1500
-_PPM = 1e-6
 
 
 def identify(
@@ -79,66 +77,11 @@ def identify(
     )
 
 
-def changes(found: Sequence[Delay]) -> list[TableValues]:
-    """What goes into ``[timing]``: of several fits of one pair the one with the smallest standard deviation."""
-    best: dict[str, Delay] = {}
-    for delay in found:
-        name = delay.pair.name
-        if name not in best or max(_delay_sigmas(delay)) < max(_delay_sigmas(best[name])):
-            best[name] = delay
-    return [TableValues(f"timing.{name}", _table(delay)) for name, delay in best.items()]
-
-
-def _table(found: Delay) -> dict[str, float | str | bool | list[float] | list[list[float]]]:
-    pair = found.pair
-    times, sigmas = [d / MS for d in _delays(found)], [s / MS for s in _delay_sigmas(found)]
-    out: dict[str, float | str | bool | list[float] | list[list[float]]] = {"against": pair.reference.name}
-    if pair.same_clock:
-        out |= {"dead_time_ms": times, "dead_time_sigma_ms": sigmas}
-    else:
-        out |= {
-            "clock_offset_ms": times[0],
-            "clock_offset_sigma_ms": sigmas[0],
-            "clock_drift_ppm": found.value("drift") / _PPM,
-            "clock_drift_sigma_ppm": found.sigma("drift") / _PPM,
-        }
-    if found.order != "none":
-        out |= {"lag_ms": found.value("lag") / MS, "lag_sigma_ms": found.sigma("lag") / MS}
-        out["bandwidth_hz"] = lag_of(found).bandwidth_hz
-    if found.order == "second":
-        out["lag_damping"] = found.value("damping")
-    return out
-
-
-def lag_of(found: Delay) -> Lag:
-    """The fitted lag.
-
-    Raises:
-        InputError: None was fitted.
-    """
-    if found.order == "none":
-        raise InputError("no lag was fitted", where=found.pair.name)
-    return Lag(found.value("lag"), found.value("damping") if found.order == "second" else None)
-
-
-def _delay_names(found: Delay) -> tuple[str, ...]:
-    pair = found.pair
-    return tuple(f"delay{label}" for label in pair.labels) if pair.each else ("delay",)
-
-
-def _delays(found: Delay) -> list[float]:
-    return [found.value(name) for name in _delay_names(found)]
-
-
-def _delay_sigmas(found: Delay) -> list[float]:
-    return [found.sigma(name) for name in _delay_names(found)]
-
-
 def _separate(found: Delay, unseen: Sequence[Pair]) -> HeldOut:
-    parameters, block, start, needed = build(found.pair, found.order, float(np.mean(_delays(found))))
+    parameters, block, start, needed = build(found.pair, found.order, float(np.mean(delays(found))))
     blocks = []
     for pair in unseen:
-        others, other, _, _ = build(pair, found.order, float(np.mean(_delays(found))))
+        others, other, _, _ = build(pair, found.order, float(np.mean(delays(found))))
         if others.names != parameters.names:
             raise InputError(
                 "the record held out has other axes or directions in motion", where=pair.answer.where, value=pair.name
@@ -175,14 +118,14 @@ def _figures(found: Delay) -> list[Figure]:
     name, pair = found.pair.name, found.pair
     out = []
     word = "dead time" if pair.same_clock else "dead time and offset of the clock together"
-    for key, value, sigma in zip(_delay_names(found), _delays(found), _delay_sigmas(found), strict=True):
+    for key, value, sigma in zip(delay_names(found), delays(found), delay_sigmas(found), strict=True):
         tail = key.removeprefix("delay")
         axis = f", axis {tail}" if tail else ""
         out.append(Figure(f"{name}_delay{tail}_ms", f"{word} of {pair.answer.name}{axis}, ms", value / MS))
         out.append(Figure(f"{name}_delay{tail}_sigma_ms", "its standard deviation, ms", sigma / MS))
     if not pair.same_clock:
-        out.append(Figure(f"{name}_drift_ppm", "drift of the clock, 1e-6", found.value("drift") / _PPM))
-        out.append(Figure(f"{name}_drift_sigma_ppm", "its standard deviation, 1e-6", found.sigma("drift") / _PPM))
+        out.append(Figure(f"{name}_drift_ppm", "drift of the clock, 1e-6", found.value("drift") / PPM))
+        out.append(Figure(f"{name}_drift_sigma_ppm", "its standard deviation, 1e-6", found.sigma("drift") / PPM))
     if found.order != "none":
         out.append(
             Figure(f"{name}_lag_ms", f"time constant of the lag ({found.order} order), ms", found.value("lag") / MS)
