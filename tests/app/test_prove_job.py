@@ -11,7 +11,7 @@ import pytest
 
 from counterflex.app.inputs import read_job
 from counterflex.app.proof import prove
-from counterflex.app.proof.evaluate import judge, reference_of
+from counterflex.app.proof.judge import judge, reference_of
 from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import read_cell

@@ -12,7 +12,7 @@ import tomli_w
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import read_job
 from counterflex.app.proof import simulate
-from counterflex.app.proof.evaluate import judge, reference_of
+from counterflex.app.proof.judge import judge, reference_of
 from counterflex.app.proof.truth import truth_of
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.run_file import Run

@@ -14,7 +14,7 @@ from counterflex.app.compensation.compensate import compensate, write
 from counterflex.app.inputs import read_job, setting_of
 from counterflex.app.long_jobs.step_cache import begin, fingerprint, finish, finished
 from counterflex.app.proof import simulate
-from counterflex.app.proof.evaluate import Reference, judge, reference_of
+from counterflex.app.proof.judge import Reference, judge, reference_of
 from counterflex.app.proof.truth import knowing
 from counterflex.core import atomic
 from counterflex.core.arrays import Float

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,7 +19,8 @@ from counterflex.app.compensation.prediction import figures
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_held, pool_of, share
 from counterflex.app.proof import simulate
-from counterflex.app.proof.evaluate import Judged, Reference, judge, reference_of
+from counterflex.app.proof.judge import Judged, judge, reference_of
+from counterflex.app.proof.result import FIRST_SEED, Proof
 from counterflex.app.proof.truth import knowing, truth_of
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
@@ -31,12 +31,10 @@ from counterflex.files.plan_file import write_plan
 from counterflex.files.run_file import Run, write_run
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.compensate import plan as make_plan
-from counterflex.plan.plan import Plan
 from counterflex.twin.plant.record import Record
 from counterflex.twin.truth.file import write_truth
 from counterflex.twin.truth.truth import Truth
 
-FIRST_SEED = 1
 _LEVELS: tuple[tuple[TruthLevel, str], ...] = (("seeded", "compensated"), ("same", "told"))
 
 
@@ -48,29 +46,6 @@ _JUDGING_S: Final = 0.02
 _START_S: Final = 6.0
 _BEGUN: Final = 1e-6
 """Share of a task that says that it has begun."""
-
-
-@dataclass(frozen=True, eq=False)
-class Proof:
-    """What the job found.
-
-    Attributes:
-        reference: Original program, cell, undisturbed part.
-        plan: What the planner decided, knowing the cell file.
-        truths: By seed.
-        judged: By (seed, variant): ``nominal``, ``compensated``, ``told`` (planner told the truth's constants).
-        program_files: Compensated program.
-        summary: What ``summary.json`` holds.
-        timing: Seconds per step.
-    """
-
-    reference: Reference
-    plan: Plan
-    truths: dict[int, Truth]
-    judged: dict[tuple[int, str], Judged]
-    program_files: dict[str, str]
-    summary: dict[str, Any]
-    timing: dict[str, float]
 
 
 def prove(

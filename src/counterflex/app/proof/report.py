@@ -17,8 +17,8 @@ from counterflex.app.compensation.next_steps import after_proof
 from counterflex.app.compensation.prediction import figures
 from counterflex.app.inputs import setting_of
 from counterflex.app.proof import simulate
-from counterflex.app.proof.evaluate import Comparison, Judged, features
-from counterflex.app.proof.prove import FIRST_SEED, Proof
+from counterflex.app.proof.judge import Comparison, Judged, features
+from counterflex.app.proof.result import FIRST_SEED, Proof
 from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM

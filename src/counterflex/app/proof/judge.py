@@ -1,0 +1,196 @@
+"""Judge machined programs against the original one: path, surface, features."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.inputs import Job
+from counterflex.app.proof import simulate
+from counterflex.core.arrays import Bool
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.cutting.stock import HeightMap
+from counterflex.evaluate.feature_finding import find_features
+from counterflex.evaluate.features import FeatureRow, Machined, measure_features
+from counterflex.evaluate.path_deviation import PathDeviation, path_deviation, path_figures
+from counterflex.evaluate.summary import SeedResult, TruthLevel, Variant, summary
+from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation, nominal_surface, surface_deviation
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.run_file import Run, read_run
+from counterflex.files.summary_file import read_summary
+from counterflex.path.toolpath import FEED
+from counterflex.twin.truth.file import read_truth
+from counterflex.twin.truth.truth import Truth
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What runs are judged against.
+
+    Attributes:
+        job: The original program.
+        cell: Where it is machined.
+        surface: Floors and walls of the undisturbed part.
+    """
+
+    job: Job
+    cell: Cell
+    surface: NominalSurface
+
+    @property
+    def radius_m(self) -> float:
+        """Radius of the cutter."""
+        return self.surface.cutter.radius_m
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """One run, judged.
+
+    Attributes:
+        run: As recorded.
+        actual: As-machined height map.
+        deviation: Of the path.
+        surface: Of the part.
+    """
+
+    run: Run
+    actual: HeightMap
+    deviation: PathDeviation
+    surface: SurfaceDeviation
+
+    @property
+    def variant(self) -> Variant:
+        """Its figures."""
+        force = np.linalg.norm(self.run.force_part, axis=1)
+        return Variant(path_figures(self.deviation), self.surface, float(np.max(force, initial=0.0)))
+
+    @property
+    def joined(self) -> Bool:
+        """Stations that continue the one before."""
+        out: Bool = ~self.deviation.broken
+        return out
+
+
+def reference_of(job: Job, cell: Cell) -> Reference:
+    """Removal simulation of the undisturbed path, and what it machines."""
+    cutter = cell.cutter(simulate.tool_of(job.path))
+    nominal = simulate.undisturbed(job, cell)
+    cut = job.path.p_part_tcp
+    return Reference(job, cell, nominal_surface(cell.stock(), nominal, cut, cutter))
+
+
+def judge(reference: Reference, run: Run, actual: HeightMap) -> Judged:
+    """Judge one run.
+
+    Args:
+        reference: What it is judged against.
+        run: Its record.
+        actual: Its part.
+    """
+    feed_engagement = np.where(run.kind == FEED, run.depth_m, 0.0)
+    deviation = path_deviation(
+        reference.job.path,
+        run.time_s,
+        run.p_part_tcp,
+        feed_engagement,
+        reference.radius_m,
+        command_part_tcp=run.p_part_command,
+        progress=run.progress,
+    )
+    surface = surface_deviation(reference.surface, actual, deviation.p_part_actual, ~deviation.broken)
+    return Judged(run, actual, deviation, surface)
+
+
+def features(reference: Reference, judged: Mapping[str, Judged]) -> tuple[FeatureRow, ...]:
+    """Grooves, ramps and pockets of the part, measured on every run."""
+    return measure_features(
+        reference.surface,
+        reference.job.path.p_part_tcp,
+        find_features(reference.job.path, reference.radius_m),
+        {name: Machined(item.actual, item.deviation.p_part_actual, item.joined) for name, item in judged.items()},
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """One or two machined programs, judged.
+
+    Attributes:
+        reference: What they are judged against.
+        judged: ``nominal`` and, when there is one, ``compensated``.
+        truth: The cell they were machined on.
+        summary: Their figures.
+    """
+
+    reference: Reference
+    judged: dict[str, Judged]
+    truth: Truth
+    summary: dict[str, Any]
+
+
+def compare(folders: Sequence[str | Path]) -> Comparison:
+    """Read folders that ``simulate`` wrote and judge them; the first is the uncompensated program.
+
+    Raises:
+        InputError: More than two folders, a folder without a machined program, or originals, cells or truths differ.
+        FileFormatError: A file is missing or damaged.
+    """
+    if not 1 <= len(folders) <= 2:
+        raise InputError("evaluate compares one or two runs", value=len(folders), limit="DIR [DIR]")
+    paths = [Path(folder) for folder in folders]
+    for path in paths:
+        if not (path / simulate.RUN).is_file():
+            raise InputError(
+                "no machined program in this folder",
+                where=str(path),
+                limit=f"{simulate.RUN} and the files beside it",
+                hint="counterflex simulate PROGRAM --cell CELL --truth TRUTH --out DIR makes one",
+            )
+    _check_same(paths)
+    cell = read_cell(paths[0] / simulate.CELL)
+    reference = reference_of(simulate.read_original(paths[0], cell), cell)
+    truth = read_truth(paths[0] / simulate.TRUTH)
+    judged: dict[str, Judged] = {}
+    for name, path in zip(("nominal", "compensated"), paths, strict=False):
+        run_read, _ = read_run(path / simulate.RUN)
+        judged[name] = judge(reference, run_read, HeightMap.load(path / simulate.SURFACE))
+    about = {
+        "job": "evaluate",
+        "program": str(read_summary(paths[0] / simulate.SUMMARY).get("original", "")),
+        "cell": cell.name,
+        "counterflex": __version__,
+    }
+    variants = {name: item.variant for name, item in judged.items()}
+    level: TruthLevel = "same" if truth.seed is None else "seeded"
+    return Comparison(reference, judged, truth, summary([SeedResult(truth.seed, level, variants)], about))
+
+
+def _check_same(paths: Sequence[Path]) -> None:
+    """Refuse runs of different programs, cells or truths."""
+    for pattern, what in (
+        (simulate.ORIGINAL, "original programs"),
+        (simulate.CELL, "cells"),
+        (simulate.TRUTH, "truths"),
+        (simulate.BLANKS, "blanks"),
+    ):
+        found = set()
+        for path in paths:
+            files = sorted(path.glob(pattern))
+            if not files and pattern != simulate.BLANKS:
+                raise FileFormatError("a file of the run is missing", where=str(path / pattern))
+            try:
+                found.add(tuple(file.read_bytes() for file in files))
+            except OSError as fault:
+                raise FileFormatError("a file of the run cannot be read", where=str(fault.filename)) from fault
+        if len(found) > 1:
+            raise InputError(
+                f"the runs cannot be compared: their {what} differ",
+                value=", ".join(str(path) for path in paths),
+                hint="Simulate both with the same --original, --cell and --truth",
+            )

@@ -1,0 +1,35 @@
+"""What a proven compensation is: plan, truths, runs as machined, and how they were judged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from counterflex.app.proof.judge import Judged, Reference
+from counterflex.plan.plan import Plan
+from counterflex.twin.truth.truth import Truth
+
+FIRST_SEED = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """What the job found.
+
+    Attributes:
+        reference: Original program, cell, undisturbed part.
+        plan: What the planner decided, knowing the cell file.
+        truths: By seed.
+        judged: By (seed, variant): ``nominal``, ``compensated``, ``told`` (planner told the truth's constants).
+        program_files: Compensated program.
+        summary: What ``summary.json`` holds.
+        timing: Seconds per step.
+    """
+
+    reference: Reference
+    plan: Plan
+    truths: dict[int, Truth]
+    judged: dict[tuple[int, str], Judged]
+    program_files: dict[str, str]
+    summary: dict[str, Any]
+    timing: dict[str, float]
