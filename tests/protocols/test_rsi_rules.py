@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 import counterflex
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.programs.krl.rsi import RsiSwitching, with_correction
+from counterflex.protocols.finding import Finding
 from counterflex.protocols.kuka_rsi.calls import parse_calls
 from counterflex.protocols.kuka_rsi.check.all_rules import check
 from counterflex.protocols.kuka_rsi.config import parse_config
 from counterflex.protocols.kuka_rsi.context import parse_context
 from counterflex.protocols.kuka_rsi.make.files import RsiFiles, check_files
-from counterflex.protocols.kuka_rsi.setup import Finding, OnlineLimits, Setup
+from counterflex.protocols.kuka_rsi.setup import OnlineLimits, Setup
 
 LIMITS = OnlineLimits(correction_mm=2.0, correction_deg=0.3, hard_factor=1.5, period_ms=4)
 FILES = RsiFiles("counterflex", "192.168.44.10", 59152, "Counterflex", LIMITS, override=True)

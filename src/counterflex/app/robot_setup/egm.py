@@ -25,7 +25,7 @@ from counterflex.programs.rapid.egm import (
 from counterflex.programs.rapid.egm_switching import EgmSwitching
 from counterflex.protocols.abb_egm.calls import EgmCalls, parse_egm_calls, read_egm_calls
 from counterflex.protocols.abb_egm.check import EgmWanted, check_egm
-from counterflex.protocols.kuka_rsi.setup import Finding
+from counterflex.protocols.finding import Finding
 
 _ZERO_S: Final = 1.0
 """How long the program waits for the correction beyond what ramping it out takes."""

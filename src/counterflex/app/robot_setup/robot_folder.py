@@ -10,7 +10,7 @@ from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError, InputError, ProgramError
 from counterflex.core.similar import missing_file
 from counterflex.files.summary_file import write_summary
-from counterflex.protocols.kuka_rsi.setup import Finding
+from counterflex.protocols.finding import Finding
 
 _ENCODING: Final = "latin-1"
 

@@ -16,6 +16,7 @@ from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.tables import CellTables
 from counterflex.programs.job_mark import marks
 from counterflex.programs.krl.rsi import RsiSwitching, called, check_main, check_path, link_test, with_correction
+from counterflex.protocols.finding import Finding
 from counterflex.protocols.kuka_rsi.calls import parse_calls, read_calls
 from counterflex.protocols.kuka_rsi.check.all_rules import check as judge
 from counterflex.protocols.kuka_rsi.config import parse_config, read_config
@@ -28,7 +29,7 @@ from counterflex.protocols.kuka_rsi.make.files import (
     RsiFiles,
     check_files,
 )
-from counterflex.protocols.kuka_rsi.setup import Finding, OnlineLimits, Setup
+from counterflex.protocols.kuka_rsi.setup import OnlineLimits, Setup
 
 NAME: Final = "counterflex"
 """Of the context and its files."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.protocols.abb_egm.calls import EgmCalls, Instruction
-from counterflex.protocols.kuka_rsi.setup import Finding, Severity
+from counterflex.protocols.finding import Finding, Severity
 
 MOST_TIMEOUT_S: Final = 0.1
 PATH_MS: Final = 24

@@ -1,48 +1,20 @@
-"""A KUKA RSI set-up as a whole: ETHERNET file, context, KRL program, limits of the loop; and findings about it."""
+"""A KUKA RSI set-up as a whole: ETHERNET file, context, KRL program, limits of the loop."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Final
 
 from counterflex.core.units import DEG, MM
+from counterflex.protocols.finding import Finding
 from counterflex.protocols.kuka_rsi.calls import RsiCalls
 from counterflex.protocols.kuka_rsi.config import RsiConfig, Value
 from counterflex.protocols.kuka_rsi.context import ContextObject, RsiContextFile
 
-Severity = Literal["error", "warning"]
 POSE: Final = tuple(f"RKorr.{axis}" for axis in "XYZABC")
 AXIS_WORDS: Final = ("AKorr", "AK")
 _LEVER_M: Final = 0.2
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Something dangerous (error) or useless (warning) in a set-up.
-
-    Attributes:
-        rule: Name of the rule.
-        severity: ``error``: must not run so; ``warning``: should be looked at.
-        where: File, and place in it.
-        what: The fault.
-        value: As found.
-        safe: What is safe.
-        hint: What to do.
-    """
-
-    rule: str
-    severity: Severity
-    where: str
-    what: str
-    value: str
-    safe: str
-    hint: str
-
-    def line(self) -> str:
-        """All of it in one line."""
-        text = f"{self.severity} [{self.rule}] {self.where}: {self.what}; found {self.value}; safe: {self.safe}"
-        return " ".join(f"{text}. {self.hint}".split())
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from counterflex.protocols.finding import Finding
 from counterflex.protocols.kuka_rsi.context import decimal
-from counterflex.protocols.kuka_rsi.setup import Finding, Rule, Setup, told_variables
+from counterflex.protocols.kuka_rsi.setup import Rule, Setup, told_variables
 
 _POINT_TO_POINT: Final = ("PTP", "PTP_REL", "SPTP")
 _SPLINE: Final = ("SLIN", "SCIRC", "SPL", "SPLINE")

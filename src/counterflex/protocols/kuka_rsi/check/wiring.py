@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from counterflex.protocols.finding import Finding, Severity
 from counterflex.protocols.kuka_rsi.context import ContextObject, Input, RsiContextFile
-from counterflex.protocols.kuka_rsi.setup import Finding, Rule, Setup, Severity
+from counterflex.protocols.kuka_rsi.setup import Rule, Setup
 
 
 def wired_corrections(setup: Setup) -> Iterator[Finding]:
