@@ -31,8 +31,8 @@ from counterflex.identify.data.changes import CuttingLaw
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.recipe import Identification
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.compensate import part_compliance, solve_joints
 from counterflex.plan.cut import cut
+from counterflex.plan.inputs import part_compliance, solve_joints
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.laboratory.slot_path import slot_path, straight_cuts
 from counterflex.twin.laboratory.slots import measure

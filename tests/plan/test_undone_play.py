@@ -13,8 +13,9 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM, MS, UM, URAD
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.compensate import solve_joints, touched_points
+from counterflex.plan.inputs import solve_joints
 from counterflex.plan.lost_motion import corrected_joints, play_deviation
+from counterflex.plan.part_frame import touched_points
 from counterflex.plan.response import swing
 from counterflex.plan.setting import Setting
 from counterflex.plan.undone_play import undone_play

@@ -15,7 +15,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MM_PER_MIN
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.schema import write_toml
-from counterflex.plan.compensate import solve_joints
+from counterflex.plan.inputs import solve_joints
 from counterflex.validation.reproduce import haehn_case
 from counterflex.validation.reproduce.haehn import PLANNED, over_seeds, run
 

@@ -48,7 +48,7 @@ def can_move(chain: ElasticChain) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class PlannedRobot:
     """A robot that is to run a path, for :func:`run`.
 
     Attributes:
@@ -76,14 +76,16 @@ class Robot:
         return motion_along(s.chain, s.T_base_part, self.q, self.q, self.path.time_s, damping_of(s.chain, s.mode))
 
 
-def run(robot: Robot, stock: HeightMap, q_command: Float, correction: Float, progress: Progress) -> tuple[Cut, Float]:
+def run(
+    robot: PlannedRobot, stock: HeightMap, q_command: Float, correction: Float, progress: Progress
+) -> tuple[Cut, Float]:
     """Cut with the robot in motion: inertia, drives, play and friction, and the force that follows the tool.
 
     A chain without masses answers a force and a correction through its one measured mode instead, and what its axes
     lose is added as if it came at rest.
 
     Args:
-        robot: See :class:`Robot`.
+        robot: See :class:`PlannedRobot`.
         stock: The blank; left as it is.
         q_command: (n, 6) rad commanded, corrections included.
         correction: (n, 3) m, part axes: the same as a displacement.
@@ -139,7 +141,7 @@ def answered_late(time_s: Float, q: Float, q_command: Float, lag_s: float) -> Fl
     return q + np.stack([np.interp(time_s - lag_s, time_s, added[:, a]) for a in range(AXES)], axis=1)
 
 
-def lost_motion(robot: Robot, q_command: Float, w_part: Float) -> Float:
+def lost_motion(robot: PlannedRobot, q_command: Float, w_part: Float) -> Float:
     """(n, 3) m, what play, friction and yielding drives add at rest, see :func:`play_deviation`."""
     s = robot.setting
     return play_deviation(

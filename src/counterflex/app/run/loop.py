@@ -16,9 +16,10 @@ from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.sensing import flange_sensor
 from counterflex.geometry import pose
 from counterflex.plan.ahead import arm_share, arrival
-from counterflex.plan.compensate import APPROACH_S, feed_runs, part_compliance
+from counterflex.plan.inputs import feed_runs, part_compliance
 from counterflex.plan.plan import Plan, across
 from counterflex.plan.response import within
+from counterflex.plan.static_correction import APPROACH_S
 from counterflex.plan.tool_deviation import mode_of
 from counterflex.plan.undone_play import undone_play
 from counterflex.robot.elasticity.chain import ElasticChain

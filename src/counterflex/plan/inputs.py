@@ -1,0 +1,106 @@
+"""What planning starts from: path, blank, setting, and the joint angles that reach every point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import ReachError
+from counterflex.core.units import DEG, MM
+from counterflex.cutting.stock import HeightMap
+from counterflex.path.toolpath import ToolPath
+from counterflex.plan.setting import Setting
+from counterflex.plan.tool_frame import tool_orientation, tool_poses
+from counterflex.robot.elasticity import compliance
+from counterflex.robot.kinematics.inverse import PathSolution, inverse_path
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """A path of n rows that is to be compensated, checked for reach.
+
+    Attributes:
+        path: The nominal path.
+        line: (n,) source line of each row.
+        stock: The blank; left as it is.
+        setting: Robot, part, tools, law, bounds.
+        q: (n, 6) rad, angles that the controller shows along the nominal path.
+    """
+
+    path: ToolPath
+    line: Int
+    stock: HeightMap
+    setting: Setting
+    q: Float
+
+    @property
+    def duration_s(self) -> float:
+        """How long the path takes, s."""
+        return float(self.path.time_s[-1] - self.path.time_s[0]) if len(self.path) else 0.0
+
+
+def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:
+    """Joint angles along the path, with the margins that the limits ask for.
+
+    Raises:
+        ReachError: Out of reach, out of limits, too near a limit or a singularity; names the source line.
+    """
+    Rs_part_tcp = tool_orientation(path.axis_part, setting.rotation_about_tool_rad)
+    Ts_base_tcp = tool_poses(setting.T_base_part, path.p_part_tcp, Rs_part_tcp)
+    try:
+        joints = inverse_path(setting.controller_chain, Ts_base_tcp, setting.branch)
+    except ReachError as fault:
+        row = int(fault.data.get("point", 0))
+        raise ReachError(
+            fault.what,
+            where=place(path, line, row),
+            value=fault.value,
+            limit=fault.limit,
+            hint=fault.hint,
+            **fault.data,
+        ) from fault
+    limits = setting.limits
+    row = int(np.argmin(joints.limit_margin_rad))
+    if joints.limit_margin_rad[row] < limits.joint_margin_rad:
+        raise ReachError(
+            f"axis {int(joints.limit_axis[row]) + 1} comes too close to its limit",
+            where=place(path, line, row),
+            value=f"{joints.limit_margin_rad[row] / DEG:.2f} deg left",
+            limit=f">= {limits.joint_margin_rad / DEG:g} deg (limits.joint_margin_deg)",
+            hint="Move the part, or turn the tool about its axis",
+        )
+    row = int(np.argmin(joints.wrist))
+    if joints.wrist[row] < np.sin(limits.wrist_rad):
+        raise ReachError(
+            "the wrist comes too close to its singularity",
+            where=place(path, line, row),
+            value=f"axis 5 at {float(np.arcsin(joints.wrist[row])) / DEG:.2f} deg from it",
+            limit=f">= {limits.wrist_rad / DEG:g} deg (limits.wrist_singularity_deg)",
+            hint="Move the part, or turn the tool about its axis",
+        )
+    return joints
+
+
+def part_compliance(setting: Setting, q: Float) -> Float:
+    """(n, 6, 6) compliance at the tool tip in part axes."""
+    R_part_base = setting.T_base_part[:3, :3].T
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = R_part_base
+    return np.ascontiguousarray(turn @ compliance.cartesian_compliance(setting.chain, q) @ turn.T)
+
+
+def feed_runs(path: ToolPath) -> Int:
+    """Number of the uninterrupted run each row belongs to: it changes where the kind of motion does and at stops."""
+    still = np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1) == 0.0
+    still[:1] = False
+    change = (np.diff(path.kind, prepend=path.kind[:1]) != 0) | (np.diff(still.astype(np.int64), prepend=0) != 0)
+    out: Int = np.cumsum(change)
+    return out
+
+
+def place(path: ToolPath, line: Int, row: int) -> str:
+    """Where a row of the path is, for messages: source line and point."""
+    at = ", ".join(f"{value:.3f}" for value in path.p_part_tcp[row] / MM)
+    return f"line {int(line[row])}, at ({at}) mm"
