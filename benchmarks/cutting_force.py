@@ -2,7 +2,7 @@
 
 For every seed of the truth: propose test cuts, mill them on the simulated cell, identify; then mill other cuts (slots
 and side cuts, up and down, of another proposal: other depths, feeds, directions and widths) and compare the force
-along the path with what the planner's model predicts, the robot giving way, with the identified constants and with
+along the path with what the planner's model predicts, the robot yielding, with the identified constants and with
 those of the cell file. Both are averaged over 2 mm of path. Entry and exit are the first and the last tool diameter
 of every contact, the plateau is the rest. Printed is ``sum |measured - predicted| / sum |measured|`` in %.
 
@@ -74,7 +74,7 @@ def machined_force(path: ToolPath, cell: Cell, truth: Truth) -> Float:
 
 
 def predicted_force(path: ToolPath, cell: Cell, law: ForceLaw) -> Float:
-    """(n, 3) N mean force of the planner's model on every row, the robot giving way."""
+    """(n, 3) N mean force of the planner's model on every row, the robot yielding."""
     setting = setting_of(cell, law=law)
     q = solve_joints(path, np.zeros(int(path.motion.max()) + 1, dtype=np.int64), setting).q
     bent = cut(

@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from counterflex.app.doctor import feed
-from counterflex.app.environment import made_on
+from counterflex.app.environment import environment
 from counterflex.app.run import session as online_session
 from counterflex.files.cell.cell import read_cell
 from counterflex.protocols.kuka_rsi.config import read_config
@@ -302,7 +302,7 @@ def run(seconds: float, quick: bool, stages: bool = False) -> dict[str, Any]:
         "version": 3,
         "quick": quick,
         "seconds": seconds,
-        "machine": made_on(),
+        "machine": environment(),
         "step_us": steps(4 if quick else 200, 50 if quick else 200),
         **reply(seconds, stages),
     }

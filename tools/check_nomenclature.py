@@ -10,7 +10,8 @@ floating-point numbers (``float``, ``Float``, ``Float32``, tuples and sequences 
 
 Left out are compiled kernels, whose arguments are those of the functions that call them, and the inside of the G-code
 interpreter, whose values are words of a program. What the page lists and the package does not use is a fault too, so
-that the page cannot go stale.
+that the page cannot go stale. Words that the project no longer uses (``retired_words.toml`` beside this file) are
+refused everywhere, with what to write.
 
     python tools/check_nomenclature.py
 """
@@ -20,6 +21,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -39,6 +41,7 @@ PAGE = ROOT / "docs" / "nomenclature.md"
 CELL = ROOT / "examples" / "cells" / "kr300_d16_small.toml"
 SOURCES = ROOT / "src" / "counterflex"
 
+RETIRED = Path(__file__).with_name("retired_words.toml")
 _INNER = re.compile(r"kernel|gcode/(read|write)/(?!reader|writer|arc_fit|arc_pieces|written_line|parameter_file)")
 _NUMERIC = re.compile(r"\b(?:float|Float|Float32)\b")
 _OTHER = re.compile(r"\b(?:str|dict|Mapping|Callable|Iterator|Arithmetic)\b")
@@ -193,6 +196,29 @@ def missing_keys(text: str, keys: set[str]) -> list[str]:
     return sorted(keys - named)
 
 
+def retired_words(text: str, where: str, words: dict[str, str]) -> list[str]:
+    """Faults of the lines of a text that use a retired word.
+
+    Args:
+        text: Code or page.
+        where: Its path, for the fault.
+        words: What to write, by pattern.
+    """
+    return [
+        f"{where}:{number}: '{found[0]}' is retired; write: {write}"
+        for number, line in enumerate(text.splitlines(), 1)
+        for pattern, write in words.items()
+        if (found := re.search(pattern, line))
+    ]
+
+
+def texts() -> Iterator[Path]:
+    """Everything that is read: code, messages, pages."""
+    for folder in ("src", "tests", "tools", "benchmarks", "docs", "examples"):
+        yield from sorted(p for p in (ROOT / folder).rglob("*") if p.suffix in (".py", ".md", ".html"))
+    yield from (ROOT / "README.md", ROOT / "CONTRIBUTING.md")
+
+
 def main() -> int:
     """Check all pages; print faults; 1 when there are any."""
     page = read_page(PAGE.read_text(encoding="utf-8"))
@@ -206,6 +232,9 @@ def main() -> int:
         text = (ROOT / "docs" / name).read_text(encoding="utf-8")
         faults += [f"docs/{name}: `{key}` is missing" for key in missing_keys(text, keys)]
         count += len(keys)
+    words = {row["pattern"]: row["write"] for row in tomllib.loads(RETIRED.read_text(encoding="utf-8"))["word"]}
+    for path in texts():
+        faults += retired_words(path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix(), words)
     for fault in faults:
         print(fault)
     names = len({item.name for item in found})

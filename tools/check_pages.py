@@ -43,10 +43,10 @@ const look = (frame) => {
   const page = frame.contentDocument, wide = frame.clientWidth;
   const out = { width: wide, wide: [], empty: [], small: [], cut: [], over: [], faults: [] };
   out.scroll = page.documentElement.scrollWidth;
-  const boxed = (item) => item.closest(".scroll") !== null || item.closest("[data-figure]") !== null;
+  const in_box = (item) => item.closest(".scroll") !== null || item.closest("[data-figure]") !== null;
   page.querySelectorAll("body *").forEach((item) => {
     const box = item.getBoundingClientRect();
-    if (box.width > 0 && box.right > wide + 1 && !boxed(item)) out.wide.push(item.tagName + "." + item.className);
+    if (box.width > 0 && box.right > wide + 1 && !in_box(item)) out.wide.push(item.tagName + "." + item.className);
   });
   page.querySelectorAll(".scroll, [data-figure]").forEach((item) => {
     if (item.getBoundingClientRect().right > wide + 1) out.wide.push(item.className + " " + item.dataset.figure);

@@ -17,7 +17,7 @@ from coverage_cases.pulls import CABLE_RAD, cell, compliances_of, truth_of
 
 LOADS = 24
 STAND_M, STAND_RAD = 1.0 * UM, 2.0 * URAD
-"""How far the stands of the sensors give way or drift from reading to reading, one standard deviation."""
+"""How far the stands of the sensors yield or drift from reading to reading, one standard deviation."""
 SCALE = 0.005
 """Scale of each cube's sensors, which are not set up square to its faces."""
 

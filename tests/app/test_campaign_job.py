@@ -56,7 +56,7 @@ def test_the_summary_names_its_levels(done: tuple[Path, Path, dict[str, Any]]) -
     assert first["recipe"] == RECIPE
     assert first["accepted"]
     assert first["rows"]["data"] > first["rows"]["holdout"] > 3
-    assert {row["group"] for row in stored["campaigns"][0]["against_truth"]} >= {"use", "stiffness", "cutting"}
+    assert {row["group"] for row in stored["campaigns"][0]["parameter_errors"]} >= {"use", "stiffness", "cutting"}
 
 
 def test_the_table_is_what_the_summary_says(done: tuple[Path, Path, dict[str, Any]]) -> None:

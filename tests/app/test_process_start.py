@@ -179,16 +179,16 @@ print(sorted(came))
 """
 
 
-def test_a_process_is_born_with_signals_waiting_and_hears_them_when_it_can() -> None:
+def test_a_process_is_started_with_signals_waiting_and_hears_them_when_it_can() -> None:
     """Ctrl-C in a terminal goes to every process of the run, also to one that has only begun to import."""
     with signals_wait():
-        born = subprocess.Popen([sys.executable, "-c", BORN], stdout=subprocess.PIPE, text=True)
-    out, _ = born.communicate()
-    assert (born.returncode, out.strip()) == (0, "[2, 15]")
+        started = subprocess.Popen([sys.executable, "-c", BORN], stdout=subprocess.PIPE, text=True)
+    out, _ = started.communicate()
+    assert (started.returncode, out.strip()) == (0, "[2, 15]")
 
 
 @pytest.mark.parametrize("which", ["loop", "recorder"])
-def test_both_processes_let_through_what_they_were_born_with_waiting(tmp_path: Path, which: str) -> None:
+def test_both_processes_let_through_what_they_were_started_with_waiting(tmp_path: Path, which: str) -> None:
     """A loop that never heard SIGTERM could not be asked to end by the system."""
     ours, theirs = multiprocessing.Pipe()
     names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGTSTP")

@@ -115,7 +115,7 @@ def test_deflection(folder: Path, counterflex: Any) -> None:
         *("tcp_in_base", "force_n", "moment_nm", "linear", "nonlinear", "gap_um", "gravity_sag", "compliance", "shares")
     }
     along = [ask(force)["linear"]["dx_dy_dz_um"][i] for i, force in enumerate(("300,0,0", "0,300,0", "0,0,300"))]
-    assert min(along) > 0.0  # the tool gives way in the direction of the force
+    assert min(along) > 0.0  # the tool yields in the direction of the force
     assert ask("0,-500,0")["linear"]["dx_dy_dz_um"] == pytest.approx(
         [-value for value in answer["linear"]["dx_dy_dz_um"]], abs=2e-3
     )

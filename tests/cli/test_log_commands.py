@@ -13,7 +13,7 @@ import pytest
 from mcap.reader import make_reader
 
 from counterflex import __version__
-from counterflex.app.environment import made_on
+from counterflex.app.environment import environment
 from counterflex.app.run.loop import online_loop
 from counterflex.app.run.missing import counted
 from counterflex.core.arrays import Float
@@ -85,7 +85,7 @@ def write(folder: Path, rows: Float, loop: Loop, name: str = "log", states: dict
         "sha256": sha,
         "compensated": True,
         "loop_sha256": loop.sha256(),
-        "machine": made_on(),
+        "machine": environment(),
     }
     log = RunLog(folder / name, about)
     for k in range(0, len(rows), 20):

@@ -124,13 +124,16 @@ def test_what_ended_the_correction_last_counts() -> None:
 
 DANGERS: dict[str, tuple[dict[str, Any], str]] = {
     "feed": ({"feed_hold": True}, "feed held"),
-    "log": ({"log_trouble": "No space left on device", "records_lost": 7}, "LOG LOST: No space left on device, 7 rec"),
-    "lost": ({"records_lost": 7}, "LOG LOST: it goes on, 7 records lost"),
+    "log": (
+        {"log_trouble": "No space left on device", "records_lost": 7},
+        "LOGGING STOPPED: No space left on device, 7 rec",
+    ),
+    "lost": ({"records_lost": 7}, "LOGGING STOPPED: it goes on, 7 records lost"),
     "still": ({"still_s": 2.0}, "THE LOOP STANDS STILL: no sign of life for 2.0 s; stop the robot"),
     "tracker": ({"tracker_off": "3.4 mm off, limit 2 mm"}, "NOT READY: 3.4 mm off, limit 2 mm"),
-    "zero": ({"tares": 2, "idle_n": 30.0}, "NO ZERO: 30.0 N"),
+    "zero": ({"tares": 2, "idle_n": 30.0}, "TARE FAILED: 30.0 N"),
     "trouble": ({"trouble": "a kernel"}, "INTERNAL: a kernel"),
-    "foreign": ({"foreign": 9}, "FOREIGN TELEGRAMS: 9"),
+    "foreign": ({"foreign": 9}, "UNKNOWN SENDER: 9"),
     "rejected": ({"rejected": 4}, "4 tracker samples rejected"),
     "set back": ({"set_back": 3}, "tracker's clock set back, 3 times"),
     "force stepped": ({"degraded": Cause.FORCE_OFFSET}, "FORCE STEPPED: look for another zero of the sensor"),

@@ -14,7 +14,7 @@ import pytest
 
 import counterflex as package
 from counterflex.app.proof.truth import make_truth
-from counterflex.app.simulated_cell import rsi as lone_rsi
+from counterflex.app.simulated_cell import rsi as simulated_rsi
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose
 from counterflex.protocols.kuka_rsi.config import read_config
@@ -42,9 +42,9 @@ def test_nobody_answers(folder: Path, refused: Any, counterflex: Any, somebody: 
     """With nobody at the port, and with somebody there who says nothing."""
     shutil.copy(DEMO / "rsi.xml", folder / "rsi.xml")
     make_truth(read_cell(folder / "cell.toml"), 1, folder / "truth.toml")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as deaf:
-        deaf.bind(("127.0.0.1", 0))
-        peer = f"127.0.0.1:{deaf.getsockname()[1] if somebody else free_port(socket.SOCK_DGRAM)}"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+        silent.bind(("127.0.0.1", 0))
+        peer = f"127.0.0.1:{silent.getsockname()[1] if somebody else free_port(socket.SOCK_DGRAM)}"
         where = ["--peer", peer, "--wait-s", "0.1"]
         ports = ["--force-port", free_port(socket.SOCK_DGRAM), "--force-http", free_port(socket.SOCK_STREAM)]
         cell = ["part.ngc", "--cell", "cell.toml", "--truth", "truth.toml", "--rsi", "rsi.xml"]
@@ -106,7 +106,7 @@ def _answers(partner: socket.socket, config: Any, most: int) -> None:
 def test_where_a_robot_of_a_cell_stands_pose_and_angles_belong_together(folder: Path, refused: Any) -> None:
     """The pose was 0, whatever the angles: a loop that holds one against the other did not arm."""
     cell, q = read_cell(folder / "cell.toml"), np.radians([10.0, -80.0, 100.0, 5.0, 40.0, -20.0])
-    robot = lone_rsi.robot_of(lone_rsi.LoneRsiSettings(DEMO / "rsi.xml", cell=folder / "cell.toml", q=q))
+    robot = simulated_rsi.robot_of(simulated_rsi.LoneRsiSettings(DEMO / "rsi.xml", cell=folder / "cell.toml", q=q))
     robot.start()
     report = robot.advance(np.zeros(6))
     expected = pose.inverse(cell.T_base_part) @ forward(cell.controller_chain, q)

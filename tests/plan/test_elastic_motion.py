@@ -105,7 +105,7 @@ def test_stays_at_rest_under_its_own_weight(plain: ElasticChain) -> None:
 
 
 def test_drives_hold_an_unbalanced_arm_where_it_is(plain: ElasticChain) -> None:
-    """Their integrators carry the weight from the start: a drive that gives way does not know it from no load."""
+    """Their integrators carry the weight from the start: a drive that yields does not know it from no load."""
     assert np.abs(play.axis_torque(plain, Q[None])).max() > 500.0
     motion = motion_along(replace(plain, servo=(SERVO,) * 6), np.eye(4), np.tile(Q, (2, 1)), np.tile(Q, (2, 1)), ENDS)
     rest(motion, 0)  # type: ignore[no-untyped-call]
@@ -117,7 +117,7 @@ def test_drives_hold_an_unbalanced_arm_where_it_is(plain: ElasticChain) -> None:
 
 
 def test_the_process_load_reaches_the_motors(plain: ElasticChain) -> None:
-    """Without an integrator a drive gives way by ``J^T w / (speed gain x position gain)`` of its axis, in its sense."""
+    """Without an integrator a drive yields by ``J^T w / (speed gain x position gain)`` of its axis, in its sense."""
     servo = replace(SERVO, integral_time_s=1e9)
     motion = motion_along(replace(plain, servo=(servo,) * 6), np.eye(4), np.tile(Q, (2, 1)), np.tile(Q, (2, 1)), ENDS)
     rest(motion, 0)  # type: ignore[no-untyped-call]

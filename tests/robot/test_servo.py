@@ -1,4 +1,4 @@
-"""Motors that give way: closed form of a step and a ramp, no steady error, superposition, sampling."""
+"""Motors that yield: closed form of a step and a ramp, no steady error, superposition, sampling."""
 
 from __future__ import annotations
 

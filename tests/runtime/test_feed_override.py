@@ -117,7 +117,7 @@ def test_going_slower_where_the_correction_cannot_follow_pair() -> None:
 
 
 def test_predicted_errors_are_those_of_the_robot() -> None:
-    """The plan's own reckoning against the robot of this file, at full speed and slowed down."""
+    """The plan's own figure against the robot of this file, at full speed and slowed down."""
     plan = slot()
     found = speed_plan(plan.time_s, plan.need_m, None, replace(ONLINE, timing_s=1e-6), WISH)
     plain, _, _ = mill(None)

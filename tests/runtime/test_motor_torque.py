@@ -1,4 +1,4 @@
-"""Torque of the process from motor currents: own weight against the batch reckoning, friction by its direction."""
+"""Torque of the process from motor currents: own weight against the batch computation, friction by its direction."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CELLS = sorted((Path(__file__).resolve().parents[2] / "examples" / "cells").glob
 
 @pytest.mark.parametrize("file", CELLS, ids=lambda file: file.stem)
 def test_what_balances_weight_and_force_gives_the_force_back(file: Path) -> None:
-    """Motors that hold weight (batch reckoning, counterbalance included) and a force at the tip: J^T w is left."""
+    """Motors that hold weight (batch computation, counterbalance included) and a force at the tip: J^T w is left."""
     chain = read_cell(file).chain
     rng = np.random.default_rng(3)
     constants = rng.uniform(50.0, 400.0, 6) * rng.choice([-1.0, 1.0], 6)

@@ -190,7 +190,7 @@ def test_the_observers_gain_is_that_of_its_filter_run_long() -> None:
 
 
 def test_the_observer_is_an_integrator_that_knows_what_is_on_its_way() -> None:
-    """On the robot it reckons with, the loop's transfer from disturbance to deviation is ``1 - F``, F its filter."""
+    """On the robot it is designed for, the loop's transfer from disturbance to deviation is ``1 - F``, F its filter."""
     rigid = replace(TRAILING, mode_per_s=0.0)
     f = grid(T)
     q, r = (200e-6) ** 2 * T, (60e-6) ** 2

@@ -94,3 +94,9 @@ def test_cell_keys_are_collected_through_lists_and_optional_tables() -> None:
 
 def test_truth_keys_are_collected_through_tables_and_lists() -> None:
     assert _load().truth_keys({"a": 1, "b": [{"c": [1.0]}, {"d": {"e": 2}}]}) == {"a", "b", "c", "d", "e"}
+
+
+def test_a_retired_word_is_refused_with_what_to_write() -> None:
+    words = {r"\bundone\b": "compensation"}
+    found = _load().retired_words("one line\nplay is undone here\nabundonement", "docs/page.md", words)
+    assert found == ["docs/page.md:2: 'undone' is retired; write: compensation"]

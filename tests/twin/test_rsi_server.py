@@ -225,16 +225,16 @@ def test_twelve_milliseconds_and_a_nearly_empty_first_telegram() -> None:
 
 def test_nobody_there() -> None:
     config = parse_config(CONFIG.replace('"HOLD"', '"1"').replace("ONLY", "").encode(), "x")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as deaf:
-        deaf.bind(("127.0.0.1", 0))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+        silent.bind(("127.0.0.1", 0))
         fake = FakeRsi(config, RsiContext(timeout=10))
-        server = RobotServer(StandingRobot(PLACE, 0.004), fake, deaf.getsockname(), waiting_s=0.01)
+        server = RobotServer(StandingRobot(PLACE, 0.004), fake, silent.getsockname(), waiting_s=0.01)
         with pytest.raises(OutputError, match=r"no sensor program answers; got nothing for 0\.01 s"):
             server.run()
         assert server.cycles == 0
         server.close()
         fake = FakeRsi(config, RsiContext(timeout=10))
-        server = RobotServer(StandingRobot(PLACE, 0.004), fake, deaf.getsockname(), waiting_s=0.0, patience_s=0.001)
+        server = RobotServer(StandingRobot(PLACE, 0.004), fake, silent.getsockname(), waiting_s=0.0, patience_s=0.001)
         assert server.run() == "RSITimeout"
         server.close()
 

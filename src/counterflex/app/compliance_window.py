@@ -1,4 +1,4 @@
-"""A figure derived from a whole cell that shows mistakes of units: how far its tool tip gives way (R25)."""
+"""A figure derived from a whole cell that shows mistakes of units: how far its tool tip yields (R25)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def require_plausible(cell: Cell) -> None:
         return
     worst = found[int(np.argmax(np.abs(np.log(np.maximum(found, 1e-30) / np.sqrt(LEAST_M_PER_N * MOST_M_PER_N)))))]
     raise ModelError(
-        "the tool tip gives way as no milling robot does",
+        "the tool tip yields as no milling robot does",
         where=str(cell.path),
         value=f"{worst / UM:.3g} um/N",
         limit=f"{LEAST_M_PER_N / UM:g} to {MOST_M_PER_N / UM:g} um/N",

@@ -149,7 +149,7 @@ def probe(seconds: float, folder: Path, progress: Progress = silent) -> tuple[Lo
     Args:
         seconds: How long.
         folder: On the disk of the run log to come; it, or the folder above it that is there.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: ``seconds`` out of range.
@@ -244,7 +244,7 @@ def run(seconds: float, folder: str | Path, *, keep: bool = True, progress: Prog
         seconds: How long to measure.
         folder: Where run logs will be written.
         keep: Keep the verdict; what was measured for too short a time to judge is never kept.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: ``seconds`` out of range.

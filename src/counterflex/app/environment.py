@@ -9,7 +9,7 @@ import numpy as np
 from llvmlite.binding import get_host_cpu_name  # type: ignore[import-untyped]
 
 
-def made_on() -> dict[str, str]:
+def environment() -> dict[str, str]:
     """What decides on the last bit besides the files: processor, compiler, libraries."""
     return {
         "processor": f"{platform.machine()} {get_host_cpu_name()}",

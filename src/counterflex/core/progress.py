@@ -7,7 +7,7 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """Told the fraction done, now and then; may raise :class:`~counterflex.core.errors.Interrupted`."""
+    """Progress callback, fraction 0 to 1, now and then; may raise :class:`~counterflex.core.errors.Interrupted`."""
 
     def __call__(self, fraction: float, what: str = "") -> None:
         """Report ``fraction`` in 0..1 of the job done and what is being worked on."""

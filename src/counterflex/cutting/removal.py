@@ -290,7 +290,7 @@ def remove_path(
         cutter: The cutter.
         engagement: Book what feed segments remove by level and immersion angle. Rapids are never booked.
         threads: Number of threads; the result is the same to the bit for any.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The removal per segment.

@@ -22,7 +22,7 @@ def arm_share(chain: ElasticChain, T_base_part: Float, q: Float, w_part: Float) 
         w_part: (n, 6) N, N m, on the tool about its tip, part axes.
 
     Returns:
-        0..1; 1 where nothing is loaded or nothing gives way.
+        0..1; 1 where nothing is loaded or nothing yields.
     """
     rows = np.flatnonzero(np.any(w_part != 0.0, axis=1))
     if len(rows) == 0:

@@ -83,7 +83,7 @@ def cut(
         correction_part: (n, 3) m added to the command; it reaches the tool through the mode, as the force does.
         motion: The elastic robot in motion, which then bends the tool instead of the one mode; it contains the
             commanded angles, corrections included. Compliance and mode still choose the length of steps.
-        progress: Told the fraction of rows done; may raise to interrupt.
+        progress: Progress callback, fraction of the rows 0 to 1; may raise to interrupt.
 
     Returns:
         The cut, row by row.

@@ -48,7 +48,7 @@ def matrices(chain: ElasticChain, q: Float) -> tuple[Float, Float, Float, Float]
 
     Returns:
         M (n, n) kg m2, kg m, kg; stiffness (n,) N m/rad, N/m; J (6, n) motion of the tool's tip per coordinate: m,
-        rad in base axes; J_drive (6, 6) what a motor angle does beyond its column of J, where a gear gives way about
+        rad in base axes; J_drive (6, 6) what a motor angle does beyond its column of J, where a gear yields about
         another axis than it turns (a bearing beside it).
     """
     angles = as_float("q", q, (6,))[None]

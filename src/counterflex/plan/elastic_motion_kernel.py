@@ -37,13 +37,13 @@ class Motion(NamedTuple):
         answer: (postures, n, n) ``h (M + h/2 D + h^2/4 K)^-1``.
         keep: (postures, n, n) ``(M + h/2 D + h^2/4 K)^-1 (M - h/2 D - h^2/4 K)``.
         J_tcp_part: (places, 6, n) motion of the tool per coordinate, part axes.
-        J_drive_part: (places, 6, 6) what is added per motor angle, for gears that give way beside their axis.
+        J_drive_part: (places, 6, 6) what is added per motor angle, for gears that yield beside their axis.
         stiffness: (rows, n) of each coordinate, even between rows; one row where it is the same everywhere.
         damping: (6,) N m s, of the gears.
         half_band: (6,) rad.
         limit: (6, m) N m.
         slip: (6, m) rad.
-        speed_gain: (6,) N m s; 0 for a motor that never gives way.
+        speed_gain: (6,) N m s; 0 for a motor that never yields.
         position_gain: (6,) 1/s.
         integral_time: (6,) s.
         motor_friction: (6,) N m.

@@ -29,7 +29,7 @@ def play_deviation(
     touched: tuple[Float, Float] | None,
     mode: Mode,
 ) -> Float:
-    """Deviation of the tool by lost motion and by motors that give way, beside sag and deflection.
+    """Deviation of the tool by lost motion and by motors that yield, beside sag and deflection.
 
     Args:
         chain: Robot and end effector with play and servo gains; without both, the deviation is exactly zero.

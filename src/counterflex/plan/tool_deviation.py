@@ -89,7 +89,7 @@ def run(
         stock: The blank; left as it is.
         q_command: (n, 6) rad commanded, corrections included.
         correction: (n, 3) m, part axes: the same as a displacement.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The cut, and the deviation (n, 6) m, rad of the tool from the programmed path in part axes.

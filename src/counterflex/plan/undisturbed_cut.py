@@ -39,7 +39,7 @@ class UndisturbedCut:
 
 
 def undisturbed_cut(inputs: Inputs, progress: Progress) -> UndisturbedCut:
-    """Cut along the nominal path with a tool that does not give way.
+    """Cut along the nominal path with a tool that does not yield.
 
     Args:
         inputs: Path, blank, tools and law.

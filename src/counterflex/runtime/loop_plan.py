@@ -38,7 +38,7 @@ class LoopPlan:
         cutting: (n,) 1 where material is cut.
         contained: (n, 6) correction that the program already contains, m and rotation vector.
         undo_play: (n, 3) m, correction to be sent here so that the robot, as slow as it is, undoes play and friction in
-            time, as :func:`counterflex.plan.undone_play.undone_play` gives it; None is none.
+            time, as :func:`counterflex.plan.play_compensation.play_compensation` gives it; None is none.
         turn_per_s: (n,) spindle speed, turns per second; None is not known.
         tool: (n,) number of the tool; None is one and the same.
         teeth: (n,) of the tool; None is not known.
@@ -47,7 +47,7 @@ class LoopPlan:
         left_m: (n,) size of the error that the program itself is predicted to leave; None is not known.
         w_ahead_part: (n, 6) wrench whose deflection is to be commanded here so that the robot, as slow as it is, undoes
             the predicted one in time; None reads the predicted wrench ahead by the lead instead.
-        w_lost_part: (n, 6) wrench that would bend the robot as far as its drives give way here; it is in the one to be
+        w_lost_part: (n, 6) wrench that would bend the robot as far as its drives yield here; it is in the one to be
             commanded. None is nothing.
         ahead: How that was made from the predicted wrench; None is not known.
         speed: (n,) share of the programmed speed at which the program is to run; None is 1 everywhere.

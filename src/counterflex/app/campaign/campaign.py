@@ -86,7 +86,7 @@ def run(
         recipes: Only these; None is all that the cell allows.
         with_told: Also machine what a planner told the truth's constants would command.
         workers: Processes; None is one per core.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The summary.
@@ -247,7 +247,7 @@ def _summary(
                 _with_report(results[f"{place.name}/{place.steps[k].recipe}"], place, k)
                 for k in range(len(place.steps))
             ],
-            "against_truth": results[f"{place.name}/truth"],
+            "parameter_errors": results[f"{place.name}/truth"],
         }
         for place in places
     ]

@@ -39,7 +39,7 @@ def measure(
         out: Folder for ``RECIPE.csv`` and ``RECIPE.toml``.
         seed: Of the laboratory: where its instruments truly stand, and their noise.
         session: Measuring again in another session gives other noise; None is the name of the proposal's folder.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         ``recipe``, ``kind``, number of ``rows`` and ``channels``, path of the ``manifest``.

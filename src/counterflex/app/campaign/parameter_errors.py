@@ -55,7 +55,7 @@ class TrueRow:
         return out
 
 
-def against_truth(before: Cell, identified: Cell, truth: Truth, q: Float) -> tuple[TrueRow, ...]:
+def parameter_errors(before: Cell, identified: Cell, truth: Truth, q: Float) -> tuple[TrueRow, ...]:
     """Compare two states of a cell file with the truth.
 
     Args:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.campaign.parameter_errors import against_truth
+from counterflex.app.campaign.parameter_errors import parameter_errors
 from counterflex.app.campaign.step import ONLINE
 from counterflex.app.compensation.compensate import compensate, write
 from counterflex.app.inputs import read_job, setting_of
@@ -103,7 +103,7 @@ def _reference(original: str, cell_file: str) -> Reference:
 def compared(before: str, identified: str, truth_file: str, program: str | None) -> list[dict[str, Any]]:
     """The identified cell against the truth, at the joints of a program or, without one, around the part."""
     cell = read_cell(before)
-    rows = against_truth(cell, read_cell(identified), read_truth(truth_file), _joints(cell, program))
+    rows = parameter_errors(cell, read_cell(identified), read_truth(truth_file), _joints(cell, program))
     return [row.plain() for row in rows]
 
 

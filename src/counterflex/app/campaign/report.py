@@ -136,7 +136,7 @@ def _cards(found: Mapping[str, Any]) -> list[tuple[str, str, str]]:
 def _campaign(item: Mapping[str, Any]) -> CampaignOfSeed:
     truths: dict[str, tuple[TruthRow, ...]] = {}
     for group, title in _GROUPS.items():
-        rows = [row for row in item["against_truth"] if row["group"] == group]
+        rows = [row for row in item["parameter_errors"] if row["group"] == group]
         if rows:
             truths[title] = tuple(_truth(row) for row in rows)
     return CampaignOfSeed(

@@ -52,7 +52,7 @@ def step(
         truth_file: The simulated cell; only the measurements see it.
         folder: Of this step.
         seed: Of laboratory and proposals.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         ``recipe``, ``accepted``, ``why`` (it was refused), ``headline`` and ``figures`` of the identification,

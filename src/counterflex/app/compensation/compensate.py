@@ -88,7 +88,7 @@ def compensate(
         normal_only: Correct square to the feed only.
         predict: Predict what the uncompensated program does and what remains after compensation.
         feed: Lower the feed where what remains would be outside a tolerance; None leaves it alone.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: The program, the cell or the reach does not allow it; one line says what and where.
@@ -184,7 +184,7 @@ def run(
         cell_file: Cell file.
         out: Folder; made when missing.
         report: Write the HTML page.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
         options: As for :func:`compensate`.
 
     Returns:

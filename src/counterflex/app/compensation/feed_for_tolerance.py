@@ -29,7 +29,7 @@ def lowered_plan(job: Job, cell: Cell, setting: Setting, wish: FeedTolerance, pr
         cell: Its cell.
         setting: What planning stands on.
         wish: Tolerance and limits.
-        progress: Told the fraction done: a share for each round that may come.
+        progress: Progress callback, fraction 0 to 1, a share for each round that may come.
     """
     rounds = iter(range(ROUNDS + 1))
 

@@ -62,7 +62,7 @@ def figures(plan: Plan) -> dict[str, Any]:
 def chatter(plan: Plan) -> list[dict[str, Any]]:
     """Lines in which the predicted tool swings up instead of following its force, with how far.
 
-    A force that is there at once makes an elastic tool overshoot to twice what it would give way at rest. What goes
+    A force that is there at once makes an elastic tool overshoot to twice what it would yield at rest. What goes
     further is fed by the cut itself, and so is more than that rest where a correction has taken the rest away: the
     figures of such a line are those of a model that chatters, and no correction takes them away.
     """

@@ -156,7 +156,7 @@ def run(
         settings: Of the recipe, as text or as values.
         seed: Of whatever is drawn.
         archive: Folder that keeps every run; None is ``archive`` in ``out``.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The result, as in ``result.json``.

@@ -41,7 +41,7 @@ def run_tasks(tasks: Sequence[Task], workers: int | None, progress: Progress) ->
     Args:
         tasks: In order of urgency.
         workers: Processes; None is one per core, 1 works in this process.
-        progress: Told the share of the weights done, of running tasks that tell theirs too.
+        progress: Progress callback, share of the weights 0 to 1, running tasks included.
 
     Returns:
         What each returned, by name.

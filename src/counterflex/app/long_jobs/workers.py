@@ -1,4 +1,4 @@
-"""Worker processes for jobs that machine many parts: deaf to Ctrl-C, ended when the job is interrupted or dies."""
+"""Worker processes for jobs that machine many parts; they ignore Ctrl-C and end with the job."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def count_of(wanted: int | None, tasks: int) -> int:
 
 @contextlib.contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while workers are started: they are born deaf to it, and the job hears it a moment later.
+    """Hold Ctrl-C back: workers that are started within ignore it, and the job receives it a moment later.
 
     A terminal sends it to every process of the job; only the job itself is to answer, in one line.
     """

@@ -69,7 +69,7 @@ def prove(
         told: Also machine what a planner told the truth's constants would command.
         workers: Processes; None is one per core.
         reading: How the program is read.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: There are no seeds, or the program removes nothing.

@@ -109,7 +109,7 @@ def run(
         original: The uncompensated program, when ``program`` is a compensated one: accuracy is always judged against
             the original. None: the program itself.
         reading: How the programs are read.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The summary.

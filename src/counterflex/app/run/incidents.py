@@ -113,7 +113,7 @@ def export_incident(
         csv: File to write.
         before: Cycles before its first one, 0 or more.
         after: Cycles behind its first one, 0 or more.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The incident and what was written; fewer cycles where the run begins or ends within them.

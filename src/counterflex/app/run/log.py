@@ -11,7 +11,7 @@ import numpy as np
 import polars
 
 from counterflex import __version__
-from counterflex.app.environment import made_on
+from counterflex.app.environment import environment
 from counterflex.app.run.incidents import numbered
 from counterflex.app.run.loop import loop_plan, online_loop
 from counterflex.app.run.missing import LogMissing
@@ -193,7 +193,7 @@ def replay(
         compensated: The robot ran the compensated program.
         from_s: Time of each run, from its first record there is: what is before is passed over, up to the last
             recorded state before it.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         FileFormatError: A file cannot be used.
@@ -279,7 +279,7 @@ def _notes(about: dict[str, Any], given: dict[str, Path], sha256: str, *, compen
         notes.append(f"the log was written by counterflex {about['counterflex']}, this is {__version__}")
     if about.get("loop_sha256") not in (None, sha256):
         notes.append("the loop made of these files has other numbers than the one of the run")
-    for name, value in made_on().items():
+    for name, value in environment().items():
         if about.get("machine", {}).get(name, value) != value:
             notes.append(f"{name}: {about['machine'][name]} in the run, {value} now")
     return notes

@@ -18,10 +18,10 @@ from counterflex.geometry import pose
 from counterflex.plan.ahead import arm_share, arrival
 from counterflex.plan.inputs import feed_runs, part_compliance
 from counterflex.plan.plan import Plan, across
+from counterflex.plan.play_compensation import play_compensation
 from counterflex.plan.response import within
 from counterflex.plan.static_correction import APPROACH_S
 from counterflex.plan.tool_deviation import mode_of
-from counterflex.plan.undone_play import undone_play
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
@@ -86,7 +86,7 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
 
 
 def _lost(plan: Plan, cell: Cell) -> Float:
-    """(n, 6) N, force that would bend the robot as far as its drives give way and lose motion, near contact."""
+    """(n, 6) N, force that would bend the robot as far as its drives yield and lose motion, near contact."""
     setting, path = setting_of(cell), plan.path
     near = np.flatnonzero(within(plan.cutting, path.time_s, feed_runs(path), APPROACH_S))
     out = np.zeros_like(plan.w_tcp_part)
@@ -98,7 +98,7 @@ def _lost(plan: Plan, cell: Cell) -> Float:
 
 def _undone_play(plan: Plan, cell: Cell, delays: Delays) -> Float:
     lag = Mode(delays.natural_per_s, delays.damping)
-    return undone_play(setting_of(cell), plan.path, plan.q, plan.w_tcp_part, lag, delays.dead_s)
+    return play_compensation(setting_of(cell), plan.path, plan.q, plan.w_tcp_part, lag, delays.dead_s)
 
 
 def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop:

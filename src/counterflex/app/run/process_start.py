@@ -30,7 +30,7 @@ _HINT: Final = (
 
 @contextlib.contextmanager
 def signals_wait() -> Iterator[None]:
-    """Within, a signal that asks to end waits, and processes that are started are born with it waiting.
+    """Within, a signal that asks to end waits, and processes that are started are started with it blocked.
 
     So a process is never interrupted half started, where it could only show a traceback. It hears what waits when it
     calls :func:`counterflex.protocols.system.signals.hear_signals`; this one hears it at the end of the block.

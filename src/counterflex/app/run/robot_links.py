@@ -44,7 +44,7 @@ def rsi_link(
         host: Address to listen on.
         port: None takes the one of the configuration.
         peer: The controller, or None.
-        overriding: The loop changes the speed of the program, and reckons with the changed one.
+        overriding: The loop changes the speed of the program, and uses the changed one.
         currents: The loop reads motor currents.
 
     Raises:

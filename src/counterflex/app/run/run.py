@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.environment import made_on
+from counterflex.app.environment import environment
 from counterflex.app.run.end import AS_ASKED, ended_how
 from counterflex.app.run.process import END_S, loop_process
 from counterflex.app.run.process_start import first_word, signals_wait
@@ -335,7 +335,7 @@ def _about(settings: RunSettings, loop_sha256: str) -> dict[str, Any]:
         "files": {name: str(p) for name, p in files.items() if p},
         "sha256": hashes,
         "loop_sha256": loop_sha256,
-        "machine": made_on(),
+        "machine": environment(),
         "compensated": settings.compensated,
         "wall_minus_monotonic_ns": time.time_ns() - time.monotonic_ns(),
     }

@@ -115,7 +115,7 @@ def run(
         settings: See :class:`LiveSettings`.
         out: Folder.
         started: Told the addresses before the first telegram is sent.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The summary.

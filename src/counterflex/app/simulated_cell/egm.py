@@ -76,7 +76,7 @@ def run(
         settings: See :class:`LoneEgmSettings`.
         record: CSV file of every cycle, or None; written as it goes.
         started: Told from where messages come and where they go.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         Summary: messages, why it ended, cycles without a usable one, largest distance of the tool from its program.

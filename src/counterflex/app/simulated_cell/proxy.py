@@ -21,7 +21,7 @@ class ProxySettings:
     """What the proxy does.
 
     Attributes:
-        listen: Where whoever begins sends to.
+        listen: Address that the side which begins sends to.
         to: The other side.
         way: Which way is bad: ``both``, ``there`` or ``back``.
         loss: As all that follows: see :class:`counterflex.twin.network.impairment.Impairment`.

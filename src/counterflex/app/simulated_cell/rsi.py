@@ -85,7 +85,7 @@ def run(
         record: CSV file of every cycle, or None; written as it goes.
         started: Told from where telegrams come and where they go.
         priority: Take real-time priority for this process, where it is allowed.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         Summary: cycles, why it ended, late and refused answers, largest correction and step, ages, reply times.

@@ -81,5 +81,7 @@ def _seen(found: dict[str, Any]) -> list[str]:
         lines.append(off_said(found["tracker_off"]))
     lines.append(f"foreign telegrams dropped: {found['foreign']}")
     lost = f" ({found['log_trouble']})" if found["log_trouble"] else ""
-    lines.append(f"{'LOG LOST, ' if lost or found['records_lost'] else ''}records lost: {found['records_lost']}{lost}")
+    lines.append(
+        f"{'LOGGING STOPPED, ' if lost or found['records_lost'] else ''}records lost: {found['records_lost']}{lost}"
+    )
     return lines

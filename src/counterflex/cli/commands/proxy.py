@@ -22,7 +22,9 @@ def register(app: typer.Typer) -> None:
 def proxy(
     listen: Annotated[
         str,
-        typer.Option("--listen", help="Where whoever begins sends to.", metavar="HOST:PORT", callback=given.host_port),
+        typer.Option(
+            "--listen", help="Where the side that begins sends to.", metavar="HOST:PORT", callback=given.host_port
+        ),
     ],
     to: Annotated[str, typer.Option("--to", help="The other side.", metavar="HOST:PORT", callback=given.host_port)],
     log: Annotated[

@@ -178,14 +178,14 @@ def run(
             rests += f" ({status.degraded.name.lower().replace('_', ' ')})"
         trouble = "  feed held" if status.feed_hold else ""
         if status.log_trouble or status.records_lost:
-            trouble += f"  LOG LOST: {status.log_trouble or 'it goes on'}, {status.records_lost} records lost"
+            trouble += f"  LOGGING STOPPED: {status.log_trouble or 'it goes on'}, {status.records_lost} records lost"
         if status.still_s > _STILL_S:
             trouble += f"  THE LOOP STANDS STILL: no sign of life for {status.still_s:.1f} s; stop the robot"
         if status.tracker_off:
             trouble += f"  NOT READY: {status.tracker_off}"
         if status.tares:
             trouble += (
-                f"  NO ZERO: {status.idle_n:.1f} N and {status.idle_nm:.1f} N m without a cut, limits"
+                f"  TARE FAILED: {status.idle_n:.1f} N and {status.idle_nm:.1f} N m without a cut, limits"
                 f" {SessionChecks.force_n:g} N and {SessionChecks.moment_nm:g} N m; tried again ({status.tares}):"
                 " take the tool off the part, or identify the payload"
             )
@@ -193,7 +193,7 @@ def run(
         if status.trouble:
             trouble += f"  INTERNAL: {status.trouble}"
         if status.foreign:
-            trouble += f"  FOREIGN TELEGRAMS: {status.foreign}"
+            trouble += f"  UNKNOWN SENDER: {status.foreign}"
         speed = f"  speed {100.0 * status.speed:.0f} %" if status.speed < 1.0 else ""
         for event in status.events:
             found = shown_event(event)

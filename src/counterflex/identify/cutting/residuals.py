@@ -1,7 +1,7 @@
 """Weighted residuals of the mean forces of test cuts, with exact derivatives by the constants of the law.
 
 The force of a piece is that of its arc (:mod:`counterflex.cutting.arc_force`) with the depth and width that the tool
-really cut: commanded, plus how much higher the blank is than stated, less what the tool gave way under the force,
+really cut: commanded, plus how much higher the blank is than stated, less what the tool yielded under the force,
 times a factor for what the elastic model gets wrong.
 """
 
@@ -33,7 +33,7 @@ WIDTH_SIGMA_M: Final = 50.0 * UM
 
 
 def geometry_parameters(pieces: Pieces, top_sigma_m: float = TOP_SIGMA_M) -> Parameters:
-    """What changes depth and width beside the force: how much higher each blank is, and how much the tool gave way.
+    """What changes depth and width beside the force: how much higher each blank is, and how much the tool yielded.
 
     Args:
         pieces: All pieces.

@@ -2,7 +2,7 @@
 
 A dataset of kind ``slots`` is either a record over time, whose settled stretches are found here, or one row of means
 per cut. Forces are turned into the feed frame: x along the horizontal feed, y to its left, z up along the tool axis,
-force on the tool. Where the record holds the joint angles, the cell's elastic model says how far the tool gave way
+force on the tool. Where the record holds the joint angles, the cell's elastic model says how far the tool yielded
 under the measured force, which changes depth and width of the cut.
 """
 
@@ -224,7 +224,7 @@ class _Reader:
         self.q = dataset.values("q") if dataset.has("q") else None
         if self.q is None:
             self.remarks.append(
-                "Without the joint angles (channel q) the elastic model cannot say how the tool gave way: "
+                "Without the joint angles (channel q) the elastic model cannot say how the tool yielded: "
                 "depth and width are taken as commanded"
             )
         self._check()
@@ -390,6 +390,6 @@ class _Reader:
 
 
 SLOPE_SIGMA = 1e-3
-"""Standard deviation of the slope of a slot's floor that nobody measured: the robot gives way differently along it."""
+"""Standard deviation of the slope of a slot's floor that nobody measured: the robot yields differently along it."""
 AT_LEAST = 4
 """Fewest rows of a record that make a piece."""

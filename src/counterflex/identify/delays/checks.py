@@ -70,7 +70,7 @@ def _suspicions(found: Delay) -> Iterator[tuple[str, str]]:
     negative = bool(springs) and _negative(found, springs)
     if early and negative:
         yield (
-            f"'{answer}' leads '{lead}' by {-found.value(names[0]) / MS:.3g} ms and gives way against the torque: "
+            f"'{answer}' leads '{lead}' by {-found.value(names[0]) / MS:.3g} ms and yields against the torque: "
             "the two encoders look exchanged",
             f"Exchange the columns of {lead} and {answer}",
         )
@@ -81,7 +81,7 @@ def _suspicions(found: Delay) -> Iterator[tuple[str, str]]:
         )
     elif negative:
         yield (
-            "the gears give way against the torque: the sign of 'tau_motor' looks turned round "
+            "the gears yield against the torque: the sign of 'tau_motor' looks turned round "
             f"(or {lead} and {answer} are exchanged)",
             "Write signs = [...] under [channels.tau_motor]",
         )

@@ -213,7 +213,7 @@ class _Weighing:
 
 
 def _exchange(weigh: _Weighing, chosen: list[int], fixed: int, open_: Bool) -> bool:
-    """One pass: each chosen candidate gives way to a better one, where there is one."""
+    """One pass: each chosen candidate is replaced by a better one, where there is one."""
     changed = False
     short = np.argsort(-np.where(open_, weigh.gains(), -np.inf), kind="stable")[:SHORTLIST]
     for place in range(fixed, len(chosen)):

@@ -2,7 +2,7 @@
 
 The model is that of :mod:`counterflex.robot.elasticity.play`. Where the torsion s balances the axis,
 ``T + sum clip(f_e - F_e/d_e (moved + s)) - spring(s) = 0``, the derivative follows from the same equation: springs and
-sticking elements give way, slipping ones hold their limit; so it is carried from point to point with the state.
+sticking elements yield, slipping ones hold their limit; so it is carried from point to point with the state.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ _OF_SENSORS: Final = (
 
 
 def check_plain(data: Dataset) -> None:
-    """Refuse gaps, poses that never change, loads that are none.
+    """Refuse gaps, poses that never change, zero loads.
 
     Raises:
         InputError: Names channel and line.

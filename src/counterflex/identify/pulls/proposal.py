@@ -62,7 +62,7 @@ def propose_pulls(cell: CellModel, count: int, settings: Mapping[str, Any]) -> P
         Pulls in the order in which to take them: one cable direction after the other, each from pose to next pose.
 
     Raises:
-        InputError: Too few, or a direction that is none.
+        InputError: Too few, or a direction of length zero.
         ReachError: Hardly any pose can be measured.
     """
     options = {**SETTINGS, **settings}

@@ -41,7 +41,7 @@ GUESSED: Final = (2.0, 1.0, 1.0)
 """Prior sigma (log) of K, Kv and Ti with and without gains in the cell file."""
 _STOP: Final = Stop(tolerance=1e-9, evaluations=60)
 _MOVES: Final = 4.0
-"""Standard deviations by which an axis must give way to be fitted."""
+"""Standard deviations by which an axis must yield to be fitted."""
 _RINGS_S = 0.02
 
 

@@ -1,4 +1,4 @@
-"""Residuals of a motor that gives way: measured angle against what the loop makes of the measured torque.
+"""Residuals of a motor that yields: measured angle against what the loop makes of the measured torque.
 
 A position loop P around a speed loop PI answers its error by a torque; read the other way round, the torque tau_m that
 the motor gave tells how far it stood from its command (see :mod:`counterflex.robot.elasticity.servo`)::

@@ -52,7 +52,7 @@ class RobotState:
         move: Number of the movement instruction that is run, or None.
         q_planned: (6,) rad planned angles, or None.
         missing: Fields without which nothing can be corrected and that the message leaves out, or that hold something
-            else (another number of axes, a quaternion that is none), by their names.
+            else (another number of axes, a quaternion not of unit length), by their names.
     """
 
     sequence: int

@@ -31,7 +31,7 @@ class Living:
     """Processes that are watched, once their numbers are known.
 
     Where the system has no handles for processes (``pidfd``, Linux 5.3), a parent that has died is seen by the parent
-    having changed, another process by a signal that is none (not on Windows), and each by its silence: one that has
+    having changed, another process by signal 0 (not on Windows), and each by its silence: one that has
     spoken and says nothing for :data:`SILENT_S` counts as gone.
 
     Args:

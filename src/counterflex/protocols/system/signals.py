@@ -10,6 +10,6 @@ SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "
 
 
 def hear_signals() -> None:
-    """Let the signals through that a process was born with waiting; to be called when it can deal with them."""
+    """Let the signals through that a process was started with blocked; to be called when it can deal with them."""
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)

@@ -1,1 +1,1 @@
-"""The elastic chain: deflection under load, own weight, lost motion, drives that give way."""
+"""The elastic chain: deflection under load, own weight, lost motion, drives that yield."""

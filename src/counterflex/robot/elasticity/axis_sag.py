@@ -33,7 +33,7 @@ TERMS: Final = (
 )
 """Axis 0..5 that turns, axis that drives the link that is carried, direction in the link: one for each number."""
 LARGEST_RAD: Final = 20.0 * MRAD
-"""Largest number that is accepted: no arm gives way that much."""
+"""Largest number that is accepted: no arm yields that much."""
 
 
 def arm_is_heavy(chain: ElasticChain) -> bool:

@@ -41,7 +41,7 @@ class Segments:
         counterbalance: Or None.
         gravity: (3,) m/s2 in base axes.
         play: Play and friction of the six driven axes, None for an axis without; or None.
-        servo: Loop gains of the six driven axes, None for an axis that never gives way; or None.
+        servo: Loop gains of the six driven axes, None for an axis that never yields; or None.
         regions: Compliances that differ by region of the joint space; ``compliance`` is what their factors act on.
     """
 

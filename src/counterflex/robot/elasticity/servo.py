@@ -1,4 +1,4 @@
-"""How far the motors of the axes give way to a load that changes: a position loop P around a speed loop PI.
+"""How far the motors of the axes yield to a load that changes: a position loop P around a speed loop PI.
 
 With K the gain of the speed loop, Kv that of the position loop and Ti its integral time, a torque tau on the motor
 turns it away from its command by::
@@ -73,7 +73,7 @@ def servo_error(servo: tuple[Servo | None, ...], q: Float, load: Float, time_s: 
     """Motor angle minus commanded angle along a path, from a state at rest under the first load.
 
     Args:
-        servo: Of each axis, None for one that never gives way.
+        servo: Of each axis, None for one that never yields.
         q: (n, k) rad, commanded angles.
         load: (n, k) N m on the motors through the gears, positive in the positive direction of the angles.
         time_s: (n,) s, non-decreasing.

@@ -266,10 +266,10 @@ def margins(plant: TrackerPlant, gains: TrackerGains) -> Margins:
 def observer_response(plant: TrackerPlant, drift: float, noise: float, frequency_hz: Float) -> Complex:
     """The observer as a controller, in its steady state: (k,) C such that it takes ``C e`` off the correction.
 
-    With L its gain and M the robot's answer as it is reckoned, ``C = L / (1 - (1 - L)/z - L M)``.
+    With L its gain and M the robot's answer as it is modelled, ``C = L / (1 - (1 - L)/z - L M)``.
 
     Args:
-        plant: Its lag and delay are what the observer reckons with, its mode is not.
+        plant: Its lag and delay are what the observer uses, its mode is not.
         drift: Variance that the deviation gains per cycle.
         noise: Variance of a sample.
         frequency_hz: (k,).

@@ -1,7 +1,7 @@
 """What motor currents show without a cut: friction and error of the weight, per axis and direction of motion. Pure.
 
 Dry friction turns round with the direction in which an axis moves, and builds up over a way (presliding). Part of it
-acts on the motor and part on the link: when a force comes, the link gives way to it and the correction moves the motor
+acts on the motor and part on the link: when a force comes, the link yields to it and the correction moves the motor
 back, and either turns a slow axis round. So each axis has two idle torques, one per direction: the mean of what it
 showed in air, or beside a measured force, while presliding of motor and link was at its end in that direction. Only an
 axis of which this holds, in a direction whose idle torque is known, tells of the force.

@@ -2,7 +2,7 @@
 
 Both are learnt out of the cut, apart from each other. While the tool moves evenly only noise is left. After an
 acceleration the spindle's inertia shows, and the arm swings on; both grow with it. How strongly the tool was
-accelerated of late (commanded place, correction included, through the force filter), dying away as the arm does::
+accelerated recently (commanded place, correction included, through the force filter), dying away as the arm does::
 
     moved = max(|a|, moved exp(-T / 0.2 s))
 
@@ -28,7 +28,7 @@ IDLE_S: Final = 2.0
 SWING_S: Final = 0.2
 """Over which a swing of the arm dies away: 8 Hz with a damping ratio of 0.1."""
 EVEN_M_S2: Final = 0.05
-"""Acceleration of late below which the tool counts as moving evenly: 5 N of 100 kg."""
+"""Recent acceleration below which the tool counts as moving evenly: 5 N of 100 kg."""
 CREST: Final = 3.0
 """Peak of a swing by its root mean square."""
 
@@ -42,7 +42,7 @@ def two_stages(state: Float, place: int, value: float, keep: float) -> None:
 
 @kernel("void(float64[::1], float64[::1], int64, float64[::1], float64[::1], int64[::1])")
 def follow_motion(given: Float, step_results: Float, elapsed: int, constants: Float, state: Float, whole: Int) -> None:
-    """How strongly the tool was accelerated of late; changes S_PLACE, S_VELOCITY, S_MOVED.
+    """How strongly the tool was accelerated recently; changes S_PLACE, S_VELOCITY, S_MOVED.
 
     Args:
         given: (at.GIVEN,) inputs of the step.
@@ -75,7 +75,7 @@ def noise(constants: Float, state: Float, whole: Int) -> float:
 
 @kernel("float64(float64[::1], float64[::1], int64[::1])")
 def swing_mass(constants: Float, state: Float, whole: Int) -> float:
-    """Largest force that no cut needs by the acceleration of late, kg: ``3 k``."""
+    """Largest force that no cut needs by the recent acceleration, kg: ``3 k``."""
     mass = constants[ml.C_INERTIA]
     if whole[ml.N_SWUNG] >= IDLE_LEARNT:
         mass = math.sqrt(state[ml.S_SWUNG] / max(state[ml.S_SWUNG + 1], EVEN_M_S2 * EVEN_M_S2))

@@ -243,7 +243,7 @@ def before_step(
 ) -> None:
     """Take out what must not be used in this cycle, and hand over the causes that the last one left.
 
-    A measured number that is none is not used: the last good one stands in its place, and the loop holds (R14). A
+    A measured number that is not finite is not used: the last good one stands in its place, and the loop holds (R14). A
     sample of the tracker that is not believed after a gap is marked (R18). Run again over its own output it changes
     nothing, so that a recorded cycle replays.
 

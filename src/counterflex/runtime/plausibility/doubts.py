@@ -56,7 +56,7 @@ def idle_is_wrong(measured: Float, air: bool, swing_n: float, limits: Float, tim
     Args:
         measured: (6,) N, N m, filtered.
         air: The plan cuts nothing here, nor did it within the filters' memory, nor will it within the lead.
-        swing_n: Force that the acceleration of late explains, N.
+        swing_n: Force that the recent acceleration explains, N.
         limits: (LIMITS,).
         times: (TIMES,).
         counts: (COUNTS,); changed.

@@ -346,7 +346,7 @@ def believe_force(
         whole: Likewise.
         ring: Of the last cycles.
         jac: (36,) rigid Jacobian of the TCP in the last cycle, base axes, by rows.
-        swing_kg: Largest force at the sensor by the program's acceleration of late.
+        swing_kg: Largest force at the sensor by the recent acceleration of the program.
         limits: Of the tests.
         times: Likewise.
         memory: What they remember; changed.

@@ -86,7 +86,7 @@ STEP_ROW: Final = 18
 fading largest of those before."""
 M_STEPS: Final = M_PAUSE + 1
 M_STEP_BEFORE: Final = M_STEPS + STEP_ROW * STEP_MOST  # 10: mean residual, planned force, way before the step
-M_STEP_PLAN: Final = M_STEP_BEFORE + 10  # by how much the planned force has changed of late, fading, N
+M_STEP_PLAN: Final = M_STEP_BEFORE + 10  # by how much the planned force has changed recently, fading, N
 M_STEP_SWING: Final = M_STEP_PLAN + 1  # likewise the largest force of inertia
 M_STEP_SIZE: Final = M_STEP_SWING + 1  # likewise the largest measured force
 M_STEP_CHANGE: Final = M_STEP_SIZE + 1  # likewise by how much the residual has changed
@@ -199,7 +199,7 @@ def answer_is_wrong(
 
     Args:
         difference: (3,) r, m, part axes.
-        in_effect: (3,) c as the loop reckons it, m, part axes.
+        in_effect: (3,) c as the loop computes it, m, part axes.
         moved: (3,) way of the commanded point over the last cycles, m.
         moved_before: (3,) the same some time ago, over as many cycles.
         change_m_s: Speed at which the correction changes.
@@ -268,7 +268,7 @@ def residual_grows(
 
     Args:
         deviation: (3,) d across the feed, m, part axes: a new sample.
-        in_effect: (3,) correction in effect, as the loop reckons it.
+        in_effect: (3,) correction in effect, as the loop computes it.
         expected_m: Size of the deflection under the known force; 0 where none is known.
         active: The correction acts.
         limits: (LIMITS,).

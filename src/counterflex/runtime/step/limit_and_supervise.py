@@ -321,7 +321,7 @@ def remember(
     whole: Int,
     ring: Float,
 ) -> None:
-    """Write the cycle into the ring of the last ones, and reckon what the robot makes of the correction.
+    """Write the cycle into the ring of the last ones, and compute what the robot makes of the correction.
 
     Args:
         here: Row of this cycle.

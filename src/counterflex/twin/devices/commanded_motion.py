@@ -30,7 +30,7 @@ class Report:
 
     Attributes:
         time_s: Simulated time.
-        T_part_nominal: (4, 4) commanded pose without correction, as the controller reckons it.
+        T_part_nominal: (4, 4) commanded pose without correction, as the controller computes it.
         T_part_actual: (4, 4) pose from motor encoders and nominal geometry, correction included.
         q_command: (6,) rad commanded angles without correction.
         q_actual: (6,) rad motor encoders.

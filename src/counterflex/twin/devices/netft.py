@@ -111,7 +111,7 @@ class NetftServer:
                     self._bias = self._last.copy()
 
     def send(self, w_sensor: Float, time_s: float | None = None) -> None:
-        """Send a reading to whoever asked for the stream; beyond its range it saturates and says so.
+        """Send a reading to the client that asked for the stream; beyond its range it saturates and says so.
 
         Args:
             w_sensor: (6,) N, N m.

@@ -145,7 +145,7 @@ class RobotServer:
         Args:
             after: Cycles that go on after the end of the program.
             most_cycles: Or None.
-            progress: Told the fraction done.
+            progress: Progress callback, fraction 0 to 1.
 
         Returns:
             :attr:`stop_reason`.

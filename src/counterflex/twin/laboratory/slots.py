@@ -57,7 +57,7 @@ def measure(
         settings: What the machine is told, plain values as the recipe proposes them: geometry, tool and part frame of
             the controller, ``cutter_...``, ``blank_...``; ``datum_points_m`` touched by the robot, ``rate_hz`` of the
             record, ``measure_depth`` to gauge the finished slots.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         Channels ``time_s``, ``f_tcp_base``, ``q``, ``feed_direction``, ``feed_rate``, ``spindle_speed``, ``depth``,

@@ -65,7 +65,7 @@ def record_pass(
         sensor: Force sensor on it.
         laboratory: Its tracker, and the noise of both.
         most_cycles: End there, or with the program.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: Another cycle.

@@ -22,7 +22,7 @@ from counterflex.core.errors import FileFormatError, OutputError
 from counterflex.twin.network.impairment import Delivery
 
 THERE: Final = 0
-"""Way from whoever began to the other side."""
+"""Way from the side that began to the other."""
 BACK: Final = 1
 WAYS: Final = ("there", "back")
 COLUMNS: Final = ("time_s", "way", "number", "bytes", "copies", "delay_s", "flip", "keep", "garbage")
@@ -105,7 +105,7 @@ def _delivery(row: dict[str, str]) -> tuple[Delivery, ...]:
 
 
 class UdpProxy:
-    """Carries datagrams between whoever sends to it and another address.
+    """Carries datagrams between the sender and another address.
 
     Args:
         listen: Address to send to.

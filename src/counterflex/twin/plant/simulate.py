@@ -57,7 +57,7 @@ def simulate(
             the part lies exactly where the controller has it.
         skip_air: Leave out long air moves.
         step_s: Integration step, s; divides the controller's cycle.
-        progress: Told the fraction done; may raise ``Interrupted``.
+        progress: Progress callback, fraction 0 to 1; may raise ``Interrupted``.
 
     Returns:
         The record, with the as-machined stock.

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
-from counterflex.app.environment import made_on
+from counterflex.app.environment import environment
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.progress import Progress, silent
@@ -92,7 +92,7 @@ def run(
         realtime: Those that take real time, too.
         seed: Of everything that is random.
         sensors: See :func:`chosen`.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: Nothing of that name, or nothing that can be run with these sensors.
@@ -127,7 +127,7 @@ def run(
 def machine() -> dict[str, Any]:
     """The machine and how busy it is."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
-    return {**made_on(), "kernel": platform.release(), "cores": os.cpu_count() or 0, "load": round(load, 2)}
+    return {**environment(), "kernel": platform.release(), "cores": os.cpu_count() or 0, "load": round(load, 2)}
 
 
 def table(results: list[Result]) -> str:

@@ -177,7 +177,7 @@ def _removed(effort: Effort) -> Outcome:
         while rig.process.poll() is None and time.monotonic() < end:
             time.sleep(0.05)
         status, step = rig.process.poll(), float(rig.steps().max())
-    told = next((line.strip() for line in while_it_ran.splitlines() if "LOG LOST" in line), "")
+    told = next((line.strip() for line in while_it_ran.splitlines() if "LOGGING STOPPED" in line), "")
     told = " ".join(told.split())[-90:]
     return Outcome(
         told != "" and status == _LOG_LOST and step <= LARGEST_STEP_M,

@@ -61,7 +61,7 @@ def run(
         log: Folder of the run log.
         sensors: Which instruments are wired.
         cycles: How many cycles are expected, for the progress; 0 is not known.
-        progress: Told the fraction done; may raise ``Interrupted``.
+        progress: Progress callback, fraction 0 to 1; may raise ``Interrupted``.
 
     Returns:
         Summary of the loop.

@@ -66,7 +66,7 @@ def run(
             simulated cell first; ``seeded``: its payload only.
         quick: Straight edge and Cartesian corrections only.
         workers: Runs at a time; None is one per core.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The summary.
@@ -183,7 +183,7 @@ def one(place: Path, truth: Path, seed: int, kind: str, output: str, *, progress
         seed: Of truth and instruments.
         kind: Of :data:`~counterflex.validation.reproduce.haehn_case.KINDS`.
         output: ``cartesian`` or ``axes``.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         Figures of ``evaluate`` and what the loop said.

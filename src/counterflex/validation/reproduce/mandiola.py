@@ -71,7 +71,7 @@ def run(
         seeds: Number of truth seeds, from 1 on.
         quick: Paths of 15 % of the size.
         workers: Runs at a time; None is one per core.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The summary.
@@ -159,7 +159,7 @@ def one(case: Case, shape: str, variant: str, *, progress: Progress = silent) ->
         case: Files of the truth.
         shape: ``square`` or ``circle``.
         variant: Of :data:`~counterflex.validation.reproduce.mandiola_case.VARIANTS`.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         Figures and what the loop said.

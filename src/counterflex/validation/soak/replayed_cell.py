@@ -81,7 +81,7 @@ def prepare(
         cycles: For how many the pass is to be played, there and back: so many laps the plan has.
         force: Value of the key of the table ``[online]``.
         tracker: Likewise.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: An unknown mode.

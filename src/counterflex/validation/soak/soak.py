@@ -24,7 +24,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.environment import made_on
+from counterflex.app.environment import environment
 from counterflex.app.run import run as online
 from counterflex.app.run import session as online_session
 from counterflex.app.run.operator_requests import request
@@ -103,7 +103,7 @@ def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent)
     Args:
         settings: See :class:`SoakSettings`.
         out: Folder.
-        progress: Told the fraction done.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The summary: times to answer beside those of a do-nothing echo, growth with its standard error, every hold and
@@ -135,7 +135,7 @@ def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent)
             "run": watched.run,
             "load": {"mean": float(np.mean([s["load"] for s in samples])), "stolen": round(watched.stolen, 4)},
             "realtime": {name: {"fifo": one.fifo, "locked": one.locked} for name, one in watched.realtime.items()},
-            "machine": made_on(),
+            "machine": environment(),
             "counterflex": __version__,
         }
         write_summary(staging / SUMMARY, summary)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.campaign.parameter_errors import against_truth, placement_error, true_edge_force
+from counterflex.app.campaign.parameter_errors import parameter_errors, placement_error, true_edge_force
 from counterflex.app.proof.truth import cutting_truth, knowing, truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
@@ -30,7 +30,7 @@ def joints() -> Float:
 
 
 def test_a_truth_that_agrees_leaves_nothing(cell: Cell, joints: Float) -> None:
-    rows = {row.name: row for row in against_truth(cell, cell, truth_of(cell, None), joints)}
+    rows = {row.name: row for row in parameter_errors(cell, cell, truth_of(cell, None), joints)}
     share, worst, place = (row for row in rows.values() if row.group == "use")
     assert share.before == share.identified < 0.5
     assert worst.identified < 10.0
@@ -45,7 +45,7 @@ def test_a_cell_that_was_told_the_truth_is_nearer_to_it(cell: Cell, joints: Floa
     chain, law = knowing(cell, truth)
     told = replace(cell, chain=chain)
     told.__dict__["force_law"] = law
-    rows = against_truth(cell, told, truth, joints)
+    rows = parameter_errors(cell, told, truth, joints)
     for row in rows:
         if row.group == "use":
             assert row.identified < 0.3 * row.before

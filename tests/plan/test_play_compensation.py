@@ -16,9 +16,9 @@ from counterflex.path.toolpath import ToolPath
 from counterflex.plan.inputs import solve_joints
 from counterflex.plan.lost_motion import corrected_joints, play_deviation
 from counterflex.plan.part_frame import touched_points
+from counterflex.plan.play_compensation import play_compensation
 from counterflex.plan.response import swing
 from counterflex.plan.setting import Setting
-from counterflex.plan.undone_play import undone_play
 from counterflex.robot.model.description import Play
 from counterflex.signals.preview import Mode
 
@@ -71,7 +71,7 @@ def test_less_is_left_than_by_nothing_and_by_its_late_opposite(path_of: PathOf, 
     ahead = np.stack([np.interp(path.time_s + whole_s, path.time_s, column) for column in plain.T], axis=1)
     nothing = rms(left(setting, path, q, np.zeros_like(plain)))
     late = rms(left(setting, path, q, ahead))
-    found = rms(left(setting, path, q, undone_play(setting, path, q, w, LAG, DEAD_S)))
+    found = rms(left(setting, path, q, play_compensation(setting, path, q, w, LAG, DEAD_S)))
     assert nothing > 30.0 * UM
     assert found < 0.2 * nothing
     assert found < 0.8 * late
@@ -80,15 +80,15 @@ def test_less_is_left_than_by_nothing_and_by_its_late_opposite(path_of: PathOf, 
 def test_a_cell_without_play_and_servo_sends_exactly_nothing(path_of: PathOf, setting: Setting) -> None:
     bare = replace(setting, chain=replace(setting.chain, play=None, servo=None))
     path, q = circle(path_of, bare)
-    assert not np.any(undone_play(bare, path, q, np.zeros((len(path), 6)), LAG, DEAD_S))
+    assert not np.any(play_compensation(bare, path, q, np.zeros((len(path), 6)), LAG, DEAD_S))
 
 
 def test_a_dead_time_is_sent_ahead(path_of: PathOf, setting: Setting) -> None:
     """The same command, earlier by the dead time: sent late or not moved, it takes back far less."""
     path, q = circle(path_of, setting)
     w, dead_s = np.zeros((len(path), 6)), 60.0 * MS
-    prompt = undone_play(setting, path, q, w, LAG, 0.0)
-    ahead = undone_play(setting, path, q, w, LAG, dead_s)
+    prompt = play_compensation(setting, path, q, w, LAG, 0.0)
+    ahead = play_compensation(setting, path, q, w, LAG, dead_s)
     inside = (path.time_s > path.time_s[0] + 0.3) & (path.time_s < path.time_s[-1] - 0.3)
 
     def apart(lead_s: float) -> float:

@@ -29,7 +29,7 @@ _FIRST: Final = 0.5
 """Share of the deviation without a correction that is taken back at first: the play is then passed, but not twice."""
 
 
-def undone_play(setting: Setting, path: ToolPath, q: Float, w_tcp_part: Float, lag: Mode, dead_s: float) -> Float:
+def play_compensation(setting: Setting, path: ToolPath, q: Float, w_tcp_part: Float, lag: Mode, dead_s: float) -> Float:
     """The correction to be sent at each row of a path.
 
     Args:
