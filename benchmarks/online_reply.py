@@ -141,7 +141,7 @@ def _timed(session: OnlineSession) -> dict[str, list[int]]:
         setattr(owner, name, timed)
 
     watch(session.link, "_read", "telegram read")
-    watch(session, "deal", "all behind it")
+    watch(session, "handle_cycle", "all behind it")
     watch(session.link, "fill", "  pose and axes")
     watch(session, "_watch_telegrams", "  telegrams watched")
     watch(session, "_read_force", "  force")

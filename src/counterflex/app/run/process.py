@@ -138,7 +138,7 @@ def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int, livin
         if settings.lockstep:  # a robot that waits is never late: no cycle without a telegram
             came, waited = session.link.wait(_SLICE_S), _SLICE_S
             if came:
-                session.deal(True)
+                session.handle_cycle(True)
         else:
             waited = session.patience_s
             came = session.cycle(waited)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,7 +20,6 @@ from counterflex.core.units import MS
 if TYPE_CHECKING:
     from counterflex.app.run.status import Status
 
-_STILL_S: Final = 0.5
 Rsi = Annotated[
     Path | None,
     typer.Option(
@@ -137,11 +136,8 @@ def run(
     keep_inputs(out, cell, *(path for path in (rsi, plan, program) if path is not None))
     one_protocol(rsi, egm)
     from counterflex.app.run import run as job
-    from counterflex.app.run.process_events import shown_event
     from counterflex.app.run.session import RunSettings
-    from counterflex.app.run.status import force_said
-    from counterflex.protocols.session.session import SessionChecks
-    from counterflex.runtime.estimator.fusion import level
+    from counterflex.cli.commands.status_line import process_lines, status_line
 
     if arm and not lockstep and not trust_machine:
         from counterflex.app.doctor import require_fit
@@ -167,47 +163,8 @@ def run(
     )
 
     def watch(status: Status) -> None:
-        x, y, z = status.correction_um
-        cause = f" ({status.cause.name.lower().replace('_', ' ')})" if status.cause else ""
-        rests = f"  from {level(status.sources)}" if status.sources else ""
-        if status.rejected:
-            rests += f"  {status.rejected} tracker samples rejected"
-        if status.set_back:
-            rests += f"  tracker's clock set back, {status.set_back} times"
-        if status.degraded:
-            rests += f" ({status.degraded.name.lower().replace('_', ' ')})"
-        trouble = "  feed held" if status.feed_hold else ""
-        if status.log_trouble or status.records_lost:
-            trouble += f"  LOGGING STOPPED: {status.log_trouble or 'it goes on'}, {status.records_lost} records lost"
-        if status.still_s > _STILL_S:
-            trouble += f"  THE LOOP STANDS STILL: no sign of life for {status.still_s:.1f} s; stop the robot"
-        if status.tracker_off:
-            trouble += f"  NOT READY: {status.tracker_off}"
-        if status.tares:
-            trouble += (
-                f"  TARE FAILED: {status.idle_n:.1f} N and {status.idle_nm:.1f} N m without a cut, limits"
-                f" {SessionChecks.force_n:g} N and {SessionChecks.moment_nm:g} N m; tried again ({status.tares}):"
-                " take the tool off the part, or identify the payload"
-            )
-        trouble += force_said(status)
-        if status.trouble:
-            trouble += f"  INTERNAL: {status.trouble}"
-        if status.foreign:
-            trouble += f"  UNKNOWN SENDER: {status.foreign}"
-        speed = f"  speed {100.0 * status.speed:.0f} %" if status.speed < 1.0 else ""
-        for event in status.events:
-            found = shown_event(event)
-            typer.echo(
-                f"PROCESS: {found['event'].replace('_', ' ')} at {found['path_mm']:.1f} mm of the path:"
-                f" {found['value']:g} {found['unit']}, limit {found['limit']:g}",
-                err=True,
-            )
-        typer.echo(
-            f"{status.state.name.lower():9s}{cause} {status.cycles:7d} cycles  "
-            f"correction {x:+6.0f} {y:+6.0f} {z:+6.0f} um  {status.compute_us:4.0f} us"
-            f"{_whereabouts(status)}{rests}{speed}{trouble}",
-            err=True,
-        )
+        for line in (*process_lines(status), status_line(status)):
+            typer.echo(line, err=True)
 
     def started(where: tuple[str, int]) -> None:
         interrupt.keeps(f"the log up to here is in {out}; the loop ramps the correction out and ends by itself")
@@ -228,16 +185,6 @@ def run(
     if summary["ended"]["status"]:
         typer.echo(f"ended: {summary['ended']['said']}", err=True)
         raise typer.Exit(summary["ended"]["status"])
-
-
-def _whereabouts(status: Status) -> str:
-    """Place, force and the ages of the sources, as far as they are known."""
-    said = "" if status.place is None else f"  at {100.0 * status.place:.1f} %"
-    if status.force_n is not None:
-        said += f"  {status.force_n:.0f} N"
-        said += "" if status.planned_n is None else f" of {status.planned_n:.0f} planned"
-    ages = [f"{name} {'-' if age is None else f'{1e3 * age:.0f}'}" for name, age in status.ages_s]
-    return said + (f"  age ms: {' '.join(ages)}" if ages else "")
 
 
 def _show(summary: dict[str, Any], out: Path) -> None:

@@ -188,7 +188,7 @@ class OnlineSession:
         return period if self._silent_cycles else 1.5 * period
 
     def cycle(self, timeout_s: float) -> bool:
-        """Wait for a telegram and deal with it.
+        """Wait for a telegram and handle it.
 
         Args:
             timeout_s: Longest wait.
@@ -196,10 +196,10 @@ class OnlineSession:
         Returns:
             False where none came: the loop has then done a cycle without one, and nothing was sent.
         """
-        return self.deal(self.link.wait(timeout_s))
+        return self.handle_cycle(self.link.wait(timeout_s))
 
-    def deal(self, came: bool) -> bool:
-        """Deal with the telegram that :attr:`link` took, or with a cycle in which none came.
+    def handle_cycle(self, came: bool) -> bool:
+        """Handle the telegram that :attr:`link` received, or a cycle in which none was received.
 
         Args:
             came: There is a telegram.
@@ -240,7 +240,38 @@ class OnlineSession:
         soft, hard = self._watch_program(soft, hard, received)
         if soft == 0 and outcome[at.O_STATE] <= _READY:
             soft = self._lacking()
+        self._fill_flags(came, soft, hard, new)
+        loop.run()
         control = self.control
+        if outcome[at.O_STATE] >= _ARMED:  # served, or overtaken by what happened: it must not arm later by itself
+            control[_ARM] = 0
+        if control[_RESET]:
+            self._reset()
+        self._let_go(bool(control[_RESET]))
+        control[_RESET] = 0
+        if came:
+            self._answered = not outcome[at.O_SILENT]
+        self._reply(asked)
+        sent = self._clock_ns()
+        self.compute_ns = sent - received
+        self.cycles += int(came)
+        if self.ring is not None:
+            write_record(self.ring, link, loop, self.force, received, sent)
+        if self._teller is not None:
+            self._teller.tell(
+                sent,
+                came=came,
+                cycles=self.cycles,
+                clock_jumps=self.watch.clock_jumps,
+                set_back=self.set_back,
+                force_age=self._force_age,
+                tracker_age=self._tracker_age,
+            )
+        return came
+
+    def _fill_flags(self, came: bool, soft: int, hard: int, new: int) -> None:
+        """Write what this cycle knows beside numbers into the flags of the step."""
+        link, flags, control = self.link, self._flags, self.control
         flags[at.F_ELAPSED] = link.elapsed if came else 0
         flags[at.F_FORCE_AGE] = self._force_age if self._needs_force or self.force is None else 0
         flags[at.F_TRACKER_NEW], flags[at.F_TRACKER_AGE] = new, self._tracker_age
@@ -250,15 +281,10 @@ class OnlineSession:
         flags[at.F_ENABLE] = int(link.enable) if came else flags[at.F_ENABLE]
         flags[at.F_SOFT], flags[at.F_HARD] = soft, hard
         flags[at.F_SOURCES], flags[at.F_CURRENT_AGE] = self._sources, self._current_age
-        loop.run()
-        if outcome[at.O_STATE] >= _ARMED:  # served, or overtaken by what happened: it must not arm later by itself
-            control[_ARM] = 0
-        if control[_RESET]:
-            self._reset()
-        self._let_go(bool(control[_RESET]))
-        control[_RESET] = 0
-        if came:
-            self._answered = not outcome[at.O_SILENT]
+
+    def _reply(self, asked: bool) -> None:
+        """Answer the telegram, or repeat a stop where the protocol does that without one."""
+        link, loop, outcome = self.link, self.loop, self._outcome
         if asked and not outcome[at.O_SILENT]:
             try:
                 link.answer(
@@ -279,22 +305,6 @@ class OnlineSession:
                 state=_STATES[outcome[at.O_STATE]],
                 silent=bool(outcome[at.O_SILENT]),
             )
-        sent = self._clock_ns()
-        self.compute_ns = sent - received
-        self.cycles += int(came)
-        if self.ring is not None:
-            write_record(self.ring, link, loop, self.force, received, sent)
-        if self._teller is not None:
-            self._teller.tell(
-                sent,
-                came=came,
-                cycles=self.cycles,
-                clock_jumps=self.watch.clock_jumps,
-                set_back=self.set_back,
-                force_age=self._force_age,
-                tracker_age=self._tracker_age,
-            )
-        return came
 
     def _watch_telegrams(self, came: bool, received: int, hard: int) -> tuple[int, int]:
         link, watch = self.link, self.watch

@@ -327,7 +327,7 @@ class Rig:
         came = self.link.wait(0.0)
         if not came and not due:
             return
-        self.session.deal(came)
+        self.session.handle_cycle(came)
         self._due = self.now_s + self.session.patience_s
         while True:
             try:

@@ -157,25 +157,10 @@ class Interpreter(FlowRunner):
         state = self._state
         if state.feed_mode != 94 or self._maker.away:
             return False
-        code = state.motion
-        feed: float | None = None
-        axes = {}
-        named = False
-        for word in words:
-            letter, value = word.letter, word.value
-            if letter in "XYZ":
-                if letter in axes:
-                    return False
-                axes[letter] = value
-            elif letter == "G" and value in (0.0, 1.0) and not named:
-                code = int(value) * 10
-                named = True
-            elif letter == "F" and feed is None and 0.0 < value <= 1e6:
-                feed = value
-            else:
-                return False
-        if code not in (0, 10) or not axes:
+        plain = _plain_words(words, state.motion)
+        if plain is None:
             return False
+        code, feed, axes = plain
         unit = state.unit_m
         origin = state.origin if state.absolute else state.position
         x, y, z = state.position[:3]
@@ -350,3 +335,19 @@ class Interpreter(FlowRunner):
                 )
             return lambda: self._return(None)
         return None
+
+
+def _plain_words(words: tuple[Word, ...], motion: int) -> tuple[int, float | None, dict[str, float]] | None:
+    """Motion code, feed and axis words of a line that has nothing else; None for any other line."""
+    code, feed, axes, named = motion, None, {}, False
+    for word in words:
+        letter, value = word.letter, word.value
+        if letter in "XYZ" and letter not in axes:
+            axes[letter] = value
+        elif letter == "G" and value in (0.0, 1.0) and not named:
+            code, named = int(value) * 10, True
+        elif letter == "F" and feed is None and 0.0 < value <= 1e6:
+            feed = value
+        else:
+            return None
+    return (code, feed, axes) if code in (0, 10) and axes else None

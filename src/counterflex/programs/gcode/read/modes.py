@@ -17,23 +17,7 @@ _MOST: Final = 1_000_000.0
 
 def apply_rates(block: BlockWords, state: State) -> None:
     """Apply feed mode, F, S, T, tool change, spindle and coolant, in the order LinuxCNC executes them."""
-    mode = block.g.get("feed")
-    if mode is not None and mode // 10 != state.feed_mode:
-        state.feed_mode = mode // 10
-        state.feed = None
-    unit = block.g.get("units")
-    feed = block.take("F")
-    if feed is not None:
-        if not 0.0 <= feed <= _MOST:
-            raise block.fault("the feed F is out of range", "F", hint="0 to 1e6")
-        if unit is not None and _unit(unit) != state.unit_m and state.feed_mode != 93:
-            raise block.fault(
-                "F stands in the block that changes the unit: controllers differ in which unit it takes",
-                "F",
-                hint="Write F in a later block",
-            )
-        state.feed = feed
-        state.feed_unit_m = state.unit_m
+    _feed(block, state)
     speed = block.take("S")
     if speed is not None:
         if not 0.0 <= speed <= _MOST:
@@ -43,17 +27,7 @@ def apply_rates(block: BlockWords, state: State) -> None:
     if tool is not None:
         state.prepared = tool
     _spindle_mode(block, state)
-    change = block.m.get("tool change")
-    if change == 60:
-        if state.prepared is None:
-            raise block.fault("M6 changes to a tool that no T word has chosen", "M60", "M6", "Write T1 M6")
-        state.tool = state.prepared
-        state.spindle = 0
-    elif change == 610:
-        number = block.whole("Q", 0, 99_999)
-        if number is None:
-            raise block.fault("M61 needs the tool number Q", "M610", "M61")
-        state.tool = number
+    _tool_change(block, state)
     spindle = block.m.get("spindle")
     if spindle is not None:
         if spindle == 190:
@@ -68,6 +42,41 @@ def apply_rates(block: BlockWords, state: State) -> None:
             block.take(letter)
     if block.m.get("override") is not None:
         block.take("P")
+
+
+def _feed(block: BlockWords, state: State) -> None:
+    mode = block.g.get("feed")
+    if mode is not None and mode // 10 != state.feed_mode:
+        state.feed_mode = mode // 10
+        state.feed = None
+    unit = block.g.get("units")
+    feed = block.take("F")
+    if feed is None:
+        return
+    if not 0.0 <= feed <= _MOST:
+        raise block.fault("the feed F is out of range", "F", hint="0 to 1e6")
+    if unit is not None and _unit(unit) != state.unit_m and state.feed_mode != 93:
+        raise block.fault(
+            "F stands in the block that changes the unit: controllers differ in which unit it takes",
+            "F",
+            hint="Write F in a later block",
+        )
+    state.feed = feed
+    state.feed_unit_m = state.unit_m
+
+
+def _tool_change(block: BlockWords, state: State) -> None:
+    change = block.m.get("tool change")
+    if change == 60:
+        if state.prepared is None:
+            raise block.fault("M6 changes to a tool that no T word has chosen", "M60", "M6", "Write T1 M6")
+        state.tool = state.prepared
+        state.spindle = 0
+    elif change == 610:
+        number = block.whole("Q", 0, 99_999)
+        if number is None:
+            raise block.fault("M61 needs the tool number Q", "M610", "M61")
+        state.tool = number
 
 
 def _spindle_mode(block: BlockWords, state: State) -> None:

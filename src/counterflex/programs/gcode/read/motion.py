@@ -279,19 +279,9 @@ class MotionMaker:
         rotary = [axis for axis in axes if axis > 2]
         if rotary:
             raise block.fault("a canned cycle cannot turn a rotary axis", "XYZABC"[rotary[0]])
-        sticky = state.cycle
-        if third in axes:
-            sticky["Z"] = axes.pop(third)
         needed = "ZR" + {730: "Q", 830: "Q", 820: "P", 860: "P", 890: "P"}.get(code, "")
-        for letter in needed[1:]:
-            value = block.take(letter)
-            if value is not None:
-                sticky[letter] = value
-        count = block.whole("L", 1, 10_000) or 1
-        for letter in needed:
-            if letter not in sticky:
-                shown = "XYZ"[third] if letter == "Z" else letter
-                raise block.fault(f"{name} needs the word {shown}", f"G{code}", name)
+        count = self._cycle_words(block, code, axes, needed)
+        sticky = state.cycle
         peck, dwell_s = sticky.get("Q", 0.0) * state.unit_m, sticky.get("P", 0.0)
         if code == 860 and state.spindle_rpm == 0.0:
             raise block.fault("G86 with the spindle stopped", f"G{code}", "0 rpm", "Start it with M3 or M4")
@@ -326,6 +316,22 @@ class MotionMaker:
                 self._along(block, third, r, rapid=True)
             for step in hole(code, r, bottom, clear, peck, dwell_s):
                 self._step(block, third, step)
+
+    def _cycle_words(self, block: BlockWords, code: int, axes: dict[int, float], needed: str) -> int:
+        """Take the words of a canned cycle into those that stay in force; returns the number of repetitions L."""
+        third, name, sticky = PLANE_AXES[self._state.plane][2], code_name("G", code), self._state.cycle
+        if third in axes:
+            sticky["Z"] = axes.pop(third)
+        for letter in needed[1:]:
+            value = block.take(letter)
+            if value is not None:
+                sticky[letter] = value
+        count = block.whole("L", 1, 10_000) or 1
+        for letter in needed:
+            if letter not in sticky:
+                shown = "XYZ"[third] if letter == "Z" else letter
+                raise block.fault(f"{name} needs the word {shown}", f"G{code}", name)
+        return count
 
     def _along(self, block: BlockWords, axis: int, height: float, rapid: bool) -> None:
         target = list(self._state.position)

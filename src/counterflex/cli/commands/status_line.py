@@ -1,0 +1,75 @@
+"""The line that says how a run is: state, correction, place, force, ages, and every danger in capitals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from counterflex.app.run.process_events import shown_event
+from counterflex.app.run.status import Status, force_said
+from counterflex.protocols.session.session import SessionChecks
+from counterflex.runtime.estimator.fusion import level
+
+_STILL_S: Final = 0.5
+
+
+def status_line(status: Status) -> str:
+    """One line for people."""
+    x, y, z = status.correction_um
+    cause = f" ({status.cause.name.lower().replace('_', ' ')})" if status.cause else ""
+    speed = f"  speed {100.0 * status.speed:.0f} %" if status.speed < 1.0 else ""
+    return (
+        f"{status.state.name.lower():9s}{cause} {status.cycles:7d} cycles  "
+        f"correction {x:+6.0f} {y:+6.0f} {z:+6.0f} um  {status.compute_us:4.0f} us"
+        f"{_whereabouts(status)}{_sources(status)}{speed}{_dangers(status)}"
+    )
+
+
+def process_lines(status: Status) -> Iterator[str]:
+    """A line for each thing that process monitoring has found."""
+    for event in status.events:
+        found = shown_event(event)
+        yield (
+            f"PROCESS: {found['event'].replace('_', ' ')} at {found['path_mm']:.1f} mm of the path:"
+            f" {found['value']:g} {found['unit']}, limit {found['limit']:g}"
+        )
+
+
+def _sources(status: Status) -> str:
+    """From which sources the correction is, and what became of the tracker's samples."""
+    said = f"  from {level(status.sources)}" if status.sources else ""
+    if status.rejected:
+        said += f"  {status.rejected} tracker samples rejected"
+    if status.set_back:
+        said += f"  tracker's clock set back, {status.set_back} times"
+    return said + (f" ({status.degraded.name.lower().replace('_', ' ')})" if status.degraded else "")
+
+
+def _dangers(status: Status) -> str:
+    said = "  feed held" if status.feed_hold else ""
+    if status.log_trouble or status.records_lost:
+        said += f"  LOGGING STOPPED: {status.log_trouble or 'it goes on'}, {status.records_lost} records lost"
+    if status.still_s > _STILL_S:
+        said += f"  THE LOOP STANDS STILL: no sign of life for {status.still_s:.1f} s; stop the robot"
+    if status.tracker_off:
+        said += f"  NOT READY: {status.tracker_off}"
+    if status.tares:
+        said += (
+            f"  TARE FAILED: {status.idle_n:.1f} N and {status.idle_nm:.1f} N m without a cut, limits"
+            f" {SessionChecks.force_n:g} N and {SessionChecks.moment_nm:g} N m; tried again ({status.tares}):"
+            " take the tool off the part, or identify the payload"
+        )
+    said += force_said(status)
+    if status.trouble:
+        said += f"  INTERNAL: {status.trouble}"
+    return said + (f"  UNKNOWN SENDER: {status.foreign}" if status.foreign else "")
+
+
+def _whereabouts(status: Status) -> str:
+    """Place, force and the ages of the sources, as far as they are known."""
+    said = "" if status.place is None else f"  at {100.0 * status.place:.1f} %"
+    if status.force_n is not None:
+        said += f"  {status.force_n:.0f} N"
+        said += "" if status.planned_n is None else f" of {status.planned_n:.0f} planned"
+    ages = [f"{name} {'-' if age is None else f'{1e3 * age:.0f}'}" for name, age in status.ages_s]
+    return said + (f"  age ms: {' '.join(ages)}" if ages else "")
