@@ -73,12 +73,17 @@ def test_a_dwell_never_begins_with_a_sideways_move() -> None:
     assert result.largest_dwell_error_m == pytest.approx(np.linalg.norm(SIDE), rel=1e-6)
 
 
-def test_inverse_time_keeps_its_blocks() -> None:
-    """Under G93 every block that feeds needs a time of its own."""
+def test_in_inverse_time_the_depth_is_taken_back_at_the_feed_before() -> None:
+    """Under G93 every block that feeds needs a time of its own: 12 mm at F25 are 300 mm/min, so 0.6 mm need F500."""
     text = BY_HAND.replace("G94", "G93").replace("F300", "F25")
-    lines = written(text, UP).text.splitlines()
+    result = written(text, UP)
+    lines = result.text.splitlines()
     at = next(i for i, line in enumerate(lines) if line.startswith("G4"))
-    assert "F" in lines[at - 1]
+    assert lines[at - 1] == "G1 Z30.0000 F500.0000"
+    assert result.largest_dwell_error_m < 1e-9
+    back = read_gcode(result.text, name="back.ngc")
+    dwell = next(i for i, motion in enumerate(back.motions) if motion.kind == "dwell")
+    assert back.motions[dwell - 1].feed_m_s == pytest.approx(300.0 * MM / 60.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("text", [BY_HAND, CYCLE], ids=["by hand", "cycle"])

@@ -169,15 +169,25 @@ class Emitter(WrittenMachine):
         self.vertices_added += len(inner)
 
     def _relieve(self, modal: Modal, index: int, motion: Motion) -> None:
-        """Before a dwell, go to where it is planned; that lies along the tool axis, see :class:`MotionRows`."""
+        """Before a dwell, go to where it is planned; that lies along the tool axis, see :class:`MotionRows`.
+
+        It goes at the feed of the last feed motion. In inverse time (G93) that needs a word of its own:
+        F = feed / length, in 1/min.
+        """
         last = int(self.rows.last[index])
-        if last < 1 or modal.feed_mode == 93:
+        if last < 1:
             return
         planned = self.rows.command[last]
         if float(np.linalg.norm(planned - self.rows.command[int(self.rows.first[index]) - 1])) == 0.0:
             return
+        feed_m_s = next((m.feed_m_s for m in reversed(self.program.motions[:index]) if m.feed_m_s > 0.0), 0.0)
+        if modal.feed_mode == 93 and feed_m_s == 0.0:
+            return
+        start = self.here()
         words = self.added(modal, planned)
         if words:
+            if modal.feed_mode == 93:
+                words += " F" + number(feed_m_s * 60.0 / float(np.linalg.norm(self.here() - start)), 4)
             self.lines.append("G1" + words)
             self.written_motion = "G1"
             self.vertices_added += 1
