@@ -1,0 +1,227 @@
+"""Measure how the source is built: folders, functions, imports, constants in kernels; of one tree or of two.
+
+    python tools/measure_structure.py
+    git worktree add ../before edd1e91 && python tools/measure_structure.py --before ../before --entered
+
+Every figure is counted from the syntax trees below src/counterflex; --entered runs `counterflex compensate` on a
+shipped program and counts the files of which a function is called, without what importing calls. The table in
+docs/adr/0011-folders.md is what it prints.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+MANY_ARGUMENTS, COMPLEX, LONG_STAGE = 10, 15, 60
+_BRANCHES = (ast.If, ast.For, ast.AsyncFor, ast.While, ast.ExceptHandler, ast.match_case)
+_CONSTANT = re.compile(r"_?[A-Z][A-Z0-9]*(_[A-Z0-9]+)*$")
+_ENTERED = """
+import sys, threading
+entered = set()
+def importing(frame):
+    while frame is not None:
+        if frame.f_code.co_name == "<module>" and "/src/counterflex/" in frame.f_code.co_filename:
+            return True
+        frame = frame.f_back
+    return False
+def note(frame, event, argument):
+    file = frame.f_code.co_filename
+    if event == "call" and "/src/counterflex/" in file and file not in entered and not importing(frame):
+        entered.add(file)
+program, cell = "examples/programs/groove.ngc", "examples/cells/kr300_d16_small.toml"
+sys.argv = ["counterflex", "compensate", program, "--cell", cell, "--out", sys.argv[1]]
+from counterflex.cli import start
+sys.setprofile(note)
+threading.setprofile(note)
+try:
+    start.run()
+except SystemExit:
+    pass
+sys.setprofile(None)
+print("entered", len(entered))
+"""
+
+
+@dataclass(frozen=True)
+class Module:
+    """One source file: its dotted name, its text, its syntax tree."""
+
+    name: str
+    package: bool
+    text: str
+    tree: ast.Module
+
+    @classmethod
+    def read(cls, root: Path, file: Path) -> Module:
+        """From a file below the folder that holds `counterflex`."""
+        parts = file.relative_to(root).with_suffix("").parts
+        package = parts[-1] == "__init__"
+        text = file.read_text(encoding="utf-8")
+        return cls(".".join(parts[:-1] if package else parts), package, text, ast.parse(text))
+
+    def functions(self) -> Iterator[tuple[Function, bool]]:
+        """Each function, and whether it is a compiled kernel."""
+        for node in ast.walk(self.tree):
+            if isinstance(node, Function):
+                yield node, any("kernel" in ast.unparse(mark).split("(")[0].lower() for mark in node.decorator_list)
+
+
+def complexity(function: Function) -> int:
+    """Independent paths through a function: one, and one for each branch (McCabe 1976), counted as ruff's C901 does."""
+    return 1 + sum(
+        isinstance(node, _BRANCHES) or (isinstance(node, Function) and node is not function)
+        for node in ast.walk(function)
+    )
+
+
+def arguments(function: Function) -> int:
+    """Arguments of a function without `self` and `cls`."""
+    names = [a.arg for a in (*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs)]
+    return len([name for name in names if name not in ("self", "cls")])
+
+
+def index_constants(function: Function) -> int:
+    """Constants in capitals that stand in the index of a subscript, such as `state[at.PLACE + k]`."""
+    total = 0
+    for node in ast.walk(function):
+        if isinstance(node, ast.Subscript):
+            for part in ast.walk(node.slice):
+                name = part.attr if isinstance(part, ast.Attribute) else part.id if isinstance(part, ast.Name) else ""
+                total += bool(len(name) > 1 and _CONSTANT.match(name))
+    return total
+
+
+def imported(module: Module, names: set[str]) -> set[str]:
+    """Modules of the package that a module imports anywhere, also inside functions and under TYPE_CHECKING."""
+    found: set[str] = set()
+    for node in ast.walk(module.tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                found.add(inner if inner in names else node.module)
+    return (found & names) - {module.name}
+
+
+def circles(modules: list[Module]) -> int:
+    """Groups of modules that import one another in a circle (strongly connected, Tarjan 1972)."""
+    names = {m.name for m in modules}
+    graph = {m.name: sorted(imported(m, names)) for m in modules}
+    order: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    count = 0
+
+    def visit(name: str) -> None:
+        nonlocal count
+        order[name] = low[name] = len(order)
+        stack.append(name)
+        for other in graph[name]:
+            if other not in order:
+                visit(other)
+                low[name] = min(low[name], low[other])
+            elif other in stack:
+                low[name] = min(low[name], order[other])
+        if low[name] == order[name]:
+            group: list[str] = []
+            while not group or group[-1] != name:
+                group.append(stack.pop())
+            count += len(group) > 1
+
+    sys.setrecursionlimit(10_000)
+    for name in graph:
+        if name not in order:
+            visit(name)
+    return count
+
+
+def entered(root: Path) -> int:
+    """Files of which a function is called by one `counterflex compensate`."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = os.environ | {"PYTHONPATH": str(root / "src")}
+        command = [sys.executable, "-c", _ENTERED, str(Path(folder) / "out")]
+        done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=True)
+    return int(done.stdout.rsplit("entered", 1)[1])
+
+
+def measure(root: Path, with_entered: bool) -> dict[str, str]:
+    """All figures of one tree, by what they count."""
+    source = root / "src"
+    modules = [Module.read(source, file) for file in sorted((source / "counterflex").rglob("*.py"))]
+    own = [m for m in modules if not m.package]
+    width = Counter(m.name.rsplit(".", 1)[0] for m in own)
+    widest = max(width, key=lambda name: width[name])
+    pairs = [(f, is_kernel) for m in modules for f, is_kernel in m.functions()]
+    many = [is_kernel for f, is_kernel in pairs if arguments(f) > MANY_ARGUMENTS]
+    step = [
+        f for m in modules if m.name.startswith("counterflex.runtime") for f, is_kernel in m.functions() if is_kernel
+    ]
+    text = "\n".join(m.text for m in modules)
+    figures = {
+        "modules": len(own),
+        "lines": text.count("\n"),
+        "widest folder": f"{width[widest]} ({widest.removeprefix('counterflex.')})",
+        "median folder": f"{median(width.values()):g}",
+        "files entered by one compensate": entered(root) if with_entered else "not run",
+        f"functions above complexity {COMPLEX} outside kernels": sum(
+            complexity(f) > COMPLEX for f, is_kernel in pairs if not is_kernel
+        ),
+        f"functions with more than {MANY_ARGUMENTS} arguments outside kernels": many.count(False),
+        f"functions with more than {MANY_ARGUMENTS} arguments in kernels": many.count(True),
+        f"kernels of the loop above {LONG_STAGE} lines": sum(_code_lines(f) > LONG_STAGE for f in step),
+        "circles": circles(modules),
+        "index constants in kernels": sum(index_constants(f) for f, is_kernel in pairs if is_kernel),
+        "index constants in kernels of the loop": sum(index_constants(f) for f in step),
+        "`Any`": len(re.findall(r"\bAny\b", text)),
+        "`type: ignore`": text.count("type: ignore"),
+        "imports under TYPE_CHECKING": len(re.findall(r"^if TYPE_CHECKING", text, re.MULTILINE)),
+    }
+    rooms = Counter(m.name.split(".")[1] for m in own if "." in m.name)
+    lines: Counter[str] = Counter()
+    for m in modules:
+        if "." in m.name:
+            lines[m.name.split(".")[1]] += m.text.count("\n")
+    figures |= {f"lines (modules) in `{room}`": f"{lines[room]} ({rooms[room]})" for room in sorted(rooms)}
+    return {name: str(value) for name, value in figures.items()}
+
+
+def _code_lines(function: Function) -> int:
+    """Lines of a function's body after its docstring."""
+    body = function.body[1:] if ast.get_docstring(function) is not None and len(function.body) > 1 else function.body
+    return (body[-1].end_lineno or 0) - body[0].lineno + 1
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--before", type=Path, help="a second tree to compare with, for example a git worktree")
+    parser.add_argument(
+        "--entered", action="store_true", help="run compensate and count the files it enters (some 20 s)"
+    )
+    asked = parser.parse_args()
+    after = measure(Path(__file__).resolve().parents[1], asked.entered)
+    if asked.before is None:
+        print("| | now |\n|---|---|")
+        print("\n".join(f"| {name} | {value} |" for name, value in after.items()))
+        return
+    before = measure(asked.before.resolve(), asked.entered)
+    print("| | before | after |\n|---|---|---|")
+    for name in dict.fromkeys([*before, *after]):
+        print(f"| {name} | {before.get(name, '-')} | {after.get(name, '-')} |")
+
+
+if __name__ == "__main__":
+    main()
