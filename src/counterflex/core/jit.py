@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -91,8 +92,19 @@ def cache_folder(module: str) -> Path:
     return _cache_root() / f"{name}-{digest.hexdigest()[:16]}"
 
 
+def _with_records(signature: str, records: dict[str, np.dtype[np.record]]) -> Any:
+    """A signature in which the names of records stand for their types."""
+    return eval(signature, vars(numba.types) | {name: numba.from_dtype(kind) for name, kind in records.items()})
+
+
 def kernel(
-    signature: Any = None, *, parallel: bool = False, fast: bool = False, inline: bool = False, waits: bool = False
+    signature: Any = None,
+    *,
+    parallel: bool = False,
+    fast: bool = False,
+    inline: bool = False,
+    waits: bool = False,
+    **records: np.dtype[np.record],
 ) -> Callable[[F], F]:
     """Compile a pure array function with Numba, cached on disk.
 
@@ -103,6 +115,8 @@ def kernel(
         fast: Allow re-association of sums (``fastmath={'reassoc','contract','nsz','arcp'}``), never NaN tricks.
         inline: Let Numba inline the function into its callers.
         waits: Called from Python it may wait long: other threads of the process run meanwhile.
+        records: Types (:func:`counterflex.core.records.record`) by the name that the signature string gives them:
+            ``kernel("void(Memory[::1], Row, float64)", Memory=MEMORY, Row=ROW)``, an array of them and an open one.
 
     Returns:
         A decorator that keeps the Python signature for the type checker.
@@ -114,6 +128,8 @@ def kernel(
         "error_model": "numpy",
         "fastmath": {"reassoc", "contract", "nsz", "arcp"} if fast else {"contract"},
     }
+    if records:
+        signature = _with_records(signature, records)
     if inline:
         options["inline"] = "always"
 
