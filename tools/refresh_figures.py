@@ -15,7 +15,7 @@ from counterflex.files.summary_file import read_summary
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 _BLOCK = re.compile(r"(<!-- figures: begin[^\n]*-->\n).*?(<!-- figures: end -->)", re.DOTALL)
-PARTS = {"path": "path", "entry": "where the cutter enters", "exit": "where it leaves", "surface": "machined surface"}
+PARTS = {"path": "path", "entry": "tool entry", "exit": "tool exit", "surface": "machined surface"}
 
 
 def block(summary: dict[str, Any]) -> str:
@@ -36,12 +36,12 @@ def block(summary: dict[str, Any]) -> str:
             f"| {name} | {before['p997_mm']:.2f} | **{after['p997_mm']:.2f}** | "
             f"{before['max_mm']:.2f} | **{after['max_mm']:.2f}** |"
         )
-    lines += ["", "What remains of the path error, of the uncompensated one:", ""]
+    lines += ["", "Path error after compensation, in percent of the uncompensated error:", ""]
     lines += [
         "| the planner knows | seeds | 99.7 %, median seed | worst seed | largest, worst seed |",
         "|---|---|---|---|---|",
     ]
-    for level, name in (("seeded", "the cell file only"), ("same", "the simulated cell's constants")):
+    for level, name in (("seeded", "the cell file only"), ("same", "the exact parameters of the simulated cell")):
         if level in summary["over_seeds"]:
             over = summary["over_seeds"][level]
             path = over["path"]
