@@ -14,7 +14,7 @@ from counterflex.core.units import MM, UM
 from counterflex.path.toolpath import FEED
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.krl.writer import KrlSettings, write_krl
+from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.robot_writer.points import RobotText
 from counterflex.programs.robot_writer.spaced_points import spaced
 from counterflex.programs.to_path import tool_path
@@ -72,7 +72,7 @@ def entry(cycle_s: float = CYCLE_S, feed: float = 1500.0, height_mm: float = 1.0
     shift[path.kind != FEED] = 0.0
     poses = CompensatedPath.from_correction(path, shift).poses(np.broadcast_to(DOWN, (len(path), 3, 3)))
     name = KrlSettings(name="groove", start_axes_rad=(0.0,) * 6, cycle_s=cycle_s)
-    return write_krl(program, path, poses, name, tolerance_m=5 * UM)
+    return KrlWriter(program, path, poses, name, tolerance_m=5 * UM).text()
 
 
 def test_points_between_the_rows_are_used() -> None:

@@ -13,7 +13,7 @@ from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.write.writer import GcodeText, write_gcode
-from counterflex.programs.krl.writer import KrlSettings, write_krl
+from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.program import Program
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 from counterflex.programs.to_path import tool_path
@@ -90,7 +90,7 @@ def test_in_inverse_time_the_depth_is_taken_back_at_the_feed_before() -> None:
 def test_the_robot_goes_straight_up_before_it_waits(text: str) -> None:
     program, path, shift = job(text, UP)
     poses = CompensatedPath.from_correction(path, shift).poses(np.broadcast_to(DOWN, (len(path), 3, 3)))
-    lines = write_krl(program, path, poses, SETTINGS, block_lines=SPINDLE).files["hole.src"]
+    lines = KrlWriter(program, path, poses, SETTINGS, block_lines=SPINDLE).text().files["hole.src"]
     listed = lines.splitlines()
     at = next(i for i, line in enumerate(listed) if line == "WAIT SEC 0.500")
     points = [re.match(r"LIN \{X (\S+),Y (\S+),Z (\S+),A", line) for line in listed[at - 2 : at]]

@@ -19,10 +19,10 @@ from counterflex.core.errors import InputError
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.krl.writer import KrlSettings, write_krl
+from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.limits import KRL
 from counterflex.programs.program import Program
-from counterflex.programs.rapid.writer import RapidSettings, write_rapid
+from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 from counterflex.programs.robot_writer.points import RobotText
 from counterflex.programs.to_path import tool_path
@@ -125,8 +125,8 @@ def rapid(**changes: Any) -> RapidSettings:
 def write(language: str, text: str = TEXT, step_m: float = 1e-3, **changes: Any) -> RobotText:
     program, path, Ts_part_tcp = job(text, step_m)
     if language == "krl":
-        return write_krl(program, path, Ts_part_tcp, krl(**changes), block_lines=SPINDLE["krl"].lines)
-    return write_rapid(program, path, Ts_part_tcp, rapid(**changes), block_lines=SPINDLE["rapid"].lines)
+        return KrlWriter(program, path, Ts_part_tcp, krl(**changes), block_lines=SPINDLE["krl"].lines).text()
+    return RapidWriter(program, path, Ts_part_tcp, rapid(**changes), block_lines=SPINDLE["rapid"].lines).text()
 
 
 @pytest.mark.parametrize("language", ["krl", "rapid"])
@@ -167,8 +167,8 @@ def test_any_orientation_survives(quaternion: tuple[float, ...], position: tuple
     Ts_part_tcp[:, :3, 3] += position
     Ts_part_tcp[-1, 0, 3] += 0.005
     for result, language in (
-        (write_krl(program, path, Ts_part_tcp, krl()), "krl"),
-        (write_rapid(program, path, Ts_part_tcp, rapid()), "rapid"),
+        (KrlWriter(program, path, Ts_part_tcp, krl()).text(), "krl"),
+        (RapidWriter(program, path, Ts_part_tcp, rapid()).text(), "rapid"),
     ):
         poses = all_points(result, language)
         for pose in poses:

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.krl.writer import KrlSettings, write_krl
-from counterflex.programs.rapid.writer import RapidSettings, write_rapid
+from counterflex.programs.krl.writer import KrlSettings, KrlWriter
+from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import Dialect, MachineFunctions
 from counterflex.programs.to_path import tool_path
 
@@ -75,12 +75,12 @@ def seen(text: str, language: Dialect) -> tuple[list[tuple[State, int]], State, 
     lines = MachineFunctions(language, {code: (f"DO {said}",) for code, said in SAID.items()}).lines
     if language == "krl":
         frames = KrlSettings(name="part", start_axes_rad=START, tool_data={1: 5, 2: 6})
-        result, suffix = write_krl(program, path, poses, frames, block_lines=lines), "src"
+        result, suffix = KrlWriter(program, path, poses, frames, block_lines=lines).text(), "src"
     else:
         base = RapidSettings(name="part", start_axes_rad=START, T_flange_tcp=np.eye(4), T_base_part=np.eye(4))
         named = replace(base, tool_data={1: "t5", 2: "t6"})
         result, suffix, move, stop = (
-            write_rapid(program, path, poses, named, block_lines=lines),
+            RapidWriter(program, path, poses, named, block_lines=lines).text(),
             "mod",
             "MoveL",
             "Stop;",

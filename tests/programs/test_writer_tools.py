@@ -13,9 +13,9 @@ from counterflex.core.errors import ProgramError
 from counterflex.path.toolpath import ToolPath
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.krl.writer import KrlSettings, write_krl
+from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.program import Program
-from counterflex.programs.rapid.writer import RapidSettings, write_rapid
+from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import Dialect, MachineFunctions
 from counterflex.programs.robot_writer.points import RobotText
 from counterflex.programs.to_path import tool_path
@@ -61,9 +61,9 @@ def written(language: Dialect, text: str = TWO_TOOLS, mapped: dict[int, tuple[st
     lines = MachineFunctions(language, statements).lines
     if language == "krl":
         settings = KrlSettings(name="part", start_axes_rad=START, tool_data={1: 5, 2: 6})
-        return write_krl(program, path, poses, settings, block_lines=lines)
+        return KrlWriter(program, path, poses, settings, block_lines=lines).text()
     names = RapidSettings(name="part", start_axes_rad=START, T_flange_tcp=np.eye(4), T_base_part=np.eye(4))
-    return write_rapid(program, path, poses, replace(names, tool_data={1: "tOne", 2: "tTwo"}), block_lines=lines)
+    return RapidWriter(program, path, poses, replace(names, tool_data={1: "tOne", 2: "tTwo"}), block_lines=lines).text()
 
 
 def in_order(result: RobotText, suffix: str) -> list[str]:
@@ -171,7 +171,7 @@ def test_the_main_file_of_a_long_program_holds_what_comes_before_and_behind_its_
     text = "G21 G90\nM3 S800 M8\nG0 X0 Y0 Z20\nG1 Z-1 F600\nG1 X40\nG1 Y9\nG0 Z20\nM9\nM5\nM30\n"
     program, path, poses = job(text)
     settings = KrlSettings(name="part", start_axes_rad=START, points_per_file=2)
-    result = write_krl(program, path, poses, settings, block_lines=MachineFunctions("krl", mapped).lines)
+    result = KrlWriter(program, path, poses, settings, block_lines=MachineFunctions("krl", mapped).lines).text()
     main = [line for line in result.files["part.src"].splitlines() if re.match(r"HALT|PTP|DRY|FLOOD|part_", line)]
     calls = [line for line in main if line.startswith("part_")]
     first, last = "HALT ; start the spindle, 800 rpm, then press start", "HALT ; stop the spindle, then press start"

@@ -31,8 +31,8 @@ from counterflex.plan.tool_frame import tool_orientation
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.job_mark import marks
-from counterflex.programs.krl.writer import KrlSettings, write_krl
-from counterflex.programs.rapid.writer import RapidSettings, write_rapid
+from counterflex.programs.krl.writer import KrlSettings, KrlWriter
+from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.robot.model.elastic_region import beyond_regions
 
 Language = Literal["gcode", "krl", "rapid"]
@@ -229,7 +229,7 @@ def write(
     lines = cell.machine_functions(language).lines
     data = tool_data(job, cell, language)
     if language == "krl":
-        robot_text = write_krl(
+        robot_text = KrlWriter(
             job.program,
             job.path,
             Ts_part_tcp,
@@ -248,10 +248,10 @@ def write(
             ),
             tolerance_m=tolerance_m,
             block_lines=lines,
-        )
+        ).text()
     else:
         mass, com = _payload(cell)
-        robot_text = write_rapid(
+        robot_text = RapidWriter(
             job.program,
             job.path,
             Ts_part_tcp,
@@ -270,7 +270,7 @@ def write(
             ),
             tolerance_m=tolerance_m,
             block_lines=lines,
-        )
+        ).text()
     robot_text = replace(
         robot_text, warnings=(*robot_text.warnings, *left_out(job.program), *other_lengths(job.program))
     )

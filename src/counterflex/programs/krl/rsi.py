@@ -10,7 +10,7 @@ from typing import Final
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.programs.job_mark import job_number, marks
 from counterflex.programs.limits import KRL, check_name
-from counterflex.programs.robot_writer.machine_functions import krl_wait, refuse_only_said
+from counterflex.programs.robot_writer.machine_functions import krl_wait, refuse_only_said, stop_under_correction
 
 _ROUTINE: Final = re.compile(r"\s*(?:GLOBAL\s+)?DEF\s+(\w+)\s*\(\s*\)\s*$", re.IGNORECASE)
 _END: Final = re.compile(r"\s*END\s*$", re.IGNORECASE)
@@ -124,7 +124,7 @@ def with_correction(text: str, switching: RsiSwitching, where: str, parts: Colle
         raise _one_tool(where, changed, lines[changed])
     halt = next((i for i in range(path, after) if _HALT.match(_code(lines[i]))), None)
     if halt is not None:
-        raise _no_stop(where, halt, lines[halt])
+        raise stop_under_correction(lines[halt], f"{where}:{halt + 1}", "HALT")
     _straight(lines, where, begin + 1, path, after)
     first = begin + 1
     while first < starts[0] and (not _code(lines[first]).strip() or _DECLARATION.match(lines[first])):
@@ -232,7 +232,7 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False, ou
         if not first_only and _TOOL.match(line):
             raise _one_tool(where, i, line)
         if not first_only and _HALT.match(line):
-            raise _no_stop(where, i, lines[i])
+            raise stop_under_correction(lines[i], f"{where}:{i + 1}", "HALT")
         if _SPLINE.match(line):
             raise ProgramError(
                 "nothing is known of corrections on spline motions",
@@ -312,17 +312,6 @@ def _no_ptp(where: str, index: int) -> ProgramError:
 def _moves(line: str, parts: Collection[str]) -> bool:
     call = _CALL.match(line)
     return bool(_PATH.match(line) or (call and (call[1] in parts or _PART.search(call[1]))))
-
-
-def _no_stop(where: str, index: int, line: str) -> ProgramError:
-    return ProgramError(
-        "the program stops for a person on its path, while the correction acts",
-        where=f"{where}:{index + 1}",
-        value=line.strip()[:60],
-        limit="HALT before the first path motion or behind the last one",
-        hint="Say in [controller.spindle] of the cell file what does it, or compensate the parts before and behind the "
-        "stop as programs of their own, and make a set-up for each",
-    )
 
 
 def _one_tool(where: str, index: int, line: str) -> ProgramError:

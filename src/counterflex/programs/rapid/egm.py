@@ -7,7 +7,7 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.rapid.egm_switching import EgmSwitching
-from counterflex.programs.robot_writer.machine_functions import refuse_only_said
+from counterflex.programs.robot_writer.machine_functions import refuse_only_said, stop_under_correction
 
 IDENTITY: Final = "cfId"
 _PROC: Final = re.compile(r"\s*PROC\s+(\w+)\s*\(\s*\)\s*$", re.IGNORECASE)
@@ -57,7 +57,7 @@ def with_egm(text: str, switching: EgmSwitching, where: str, last: str | None = 
     if switching.mode == "path":
         first = next((i for i, line in enumerate(path) if _begins(line)), len(path))
         after = max((i + 1 for i, line in enumerate(path) if _begins(line)), default=len(path))
-        _no_stops(path[first:after], begin + start + 3 + first, where)
+        _refuse_stops(path[first:after], begin + start + 3 + first, where)
         corrected = _corrected(path[first:after], where, master=True)
         finish = last_move(text, where) or last
         inside = [
@@ -102,7 +102,7 @@ def part_with_egm(text: str, where: str, *, first: bool, start: str = "") -> str
     lines = text.splitlines()
     begin, end, _ = _routine(lines, where)
     _check(lines[begin + 1 : end], begin + 2, where, _frames(start) if start else None)
-    _no_stops(lines[begin + 1 : end], begin + 2, where)
+    _refuse_stops(lines[begin + 1 : end], begin + 2, where)
     corrected = _corrected(lines[begin + 1 : end], where, master=False, first=first)
     return "\n".join([*lines[: begin + 1], *corrected, "  ERROR", "    RAISE;", *lines[end:], ""])
 
@@ -174,17 +174,10 @@ def _check(path: list[str], number: int, where: str, frames: tuple[str, str] | N
             )
 
 
-def _no_stops(path: list[str], number: int, where: str) -> None:
+def _refuse_stops(path: list[str], number: int, where: str) -> None:
     for i, line in enumerate(map(_code, path)):
         if _STOP.match(line):
-            raise ProgramError(
-                "the program stops for a person on its path, while the correction acts",
-                where=f"{where}:{number + i}",
-                value=line.strip()[:60],
-                limit="Stop before the first path motion or behind the last one",
-                hint="Say in [controller.spindle] of the cell file what does it, or compensate the parts before and "
-                "behind the stop as programs of their own, and make a program for each",
-            )
+            raise stop_under_correction(line, f"{where}:{number + i}", "Stop")
 
 
 def _corrected(path: list[str], where: str, *, master: bool, first: bool = True) -> list[str]:

@@ -241,6 +241,24 @@ def refuse_only_said(lines: Sequence[str], comment: str, where: str) -> None:
         )
 
 
+def stop_under_correction(line: str, where: str, statement: str) -> ProgramError:
+    """The error of a program that stops for a person while the correction acts.
+
+    Args:
+        line: That stops.
+        where: Its place.
+        statement: What stops a program in its language.
+    """
+    return ProgramError(
+        "the program stops for a person on its path, while the correction acts",
+        where=where,
+        value=line.strip()[:60],
+        limit=f"{statement} before the first path motion or behind the last one",
+        hint="Say in [controller.spindle] of the cell file what does it, or compensate the parts before and behind the "
+        "stop as programs of their own, and set each of them up by itself",
+    )
+
+
 def _by_hand(code: int, rpm: float, tool: int) -> str:
     if code == 6:
         return f"change to tool T{tool}, then press start"

@@ -108,13 +108,7 @@ class EgmLink:
         return state is not None and state.motors_on and state.rapid_running and state.guided
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for a message, then take all that are there and keep the newest good one.
-
-        Args:
-            timeout_s: Longest wait.
-
-        Returns:
-            Whether there is a message to be answered.
+        """Wait for a message; see :class:`counterflex.protocols.robot.link.RobotLink`.
 
         Raises:
             ProtocolError: Messages come in another cycle than the link was told; or the controller's first ones leave

@@ -150,14 +150,7 @@ class RsiLink:
         return self._override >= 0
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for a telegram, then take all that are there and keep the newest good one.
-
-        Args:
-            timeout_s: Longest wait.
-
-        Returns:
-            Whether there is a telegram to be answered. :attr:`elapsed` says how many cycles passed.
-        """
+        """Wait for a telegram; see :class:`counterflex.protocols.robot.link.RobotLink`."""
         self.elapsed, self.restarted = 0, False
         found = self._port.wait(timeout_s, self._read)
         if found:
@@ -266,15 +259,9 @@ class RsiLink:
         override: float = 1.0,
         state: State = State.IDLE,
     ) -> bool:
-        """Answer the newest telegram.
+        """Answer the newest telegram; see :class:`counterflex.protocols.robot.link.RobotLink`.
 
-        Args:
-            correction: (6,) m and rotation vector; ignored where ``axes`` are given.
-            axes: (6,) rad, axis corrections instead.
-            stop: Tell the controller to stop.
-            feed_hold: Ask the robot program to hold the feed, where the configuration has the tag.
-            override: Speed of the program, 0..1, where the configuration has the tag.
-            state: What the loop is doing, where the configuration has a tag ``State``.
+        What the configuration has no tag for (feed hold, override, state) is left out.
 
         Returns:
             Whether an answer was sent: not, where a number cannot be written or nobody has asked yet.

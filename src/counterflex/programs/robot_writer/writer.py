@@ -1,0 +1,212 @@
+"""Writing a robot program: what KRL and RAPID share. A language adds its words and its files."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Generic, TypeVar
+
+from counterflex import __version__
+from counterflex.core.arrays import Float, as_float, as_positive
+from counterflex.core.errors import InputError
+from counterflex.path.toolpath import ToolPath
+from counterflex.programs.job_mark import mark
+from counterflex.programs.limits import Limits
+from counterflex.programs.program import Block, Program
+from counterflex.programs.robot_writer.machine_functions import Dialect, MachineFunctions
+from counterflex.programs.robot_writer.parts import first_tool, robot_parts
+from counterflex.programs.robot_writer.points import (
+    BlockLines,
+    RobotText,
+    carried_text,
+    choose_points,
+    event_motions,
+    stops,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotSettings:
+    """What a robot program needs beside the path, in any language.
+
+    Attributes:
+        name: Program name; where the program is split, a part adds four characters to it.
+        start_axes_rad: (6,) axis angles of the posture the program starts from, rad.
+        rapid_m_s: Speed of rapids, m/s.
+        orientation_deg_s: Reorientation speed, deg/s.
+        cycle_s: Time the controller needs per point, s.
+        points_per_file: Motion instructions in one file; longer programs are split and called by a master.
+        cell: Name of the cell, for the header.
+        job: Hash of the plan, for the header.
+        tool_data: What the controller calls the tool frame, by number of the tool in the program.
+    """
+
+    name: str
+    start_axes_rad: Sequence[float]
+    rapid_m_s: float = 0.2
+    orientation_deg_s: float = 100.0
+    cycle_s: float
+    points_per_file: int
+    cell: str = ""
+    job: str = ""
+    tool_data: Mapping[int, Any] = field(default_factory=dict)
+
+    def check(self) -> None:
+        """Check ranges.
+
+        Raises:
+            InputError: A setting is out of range.
+        """
+        as_float("start_axes_rad", self.start_axes_rad, (6,))
+        for key in ("rapid_m_s", "orientation_deg_s", "cycle_s"):
+            as_positive(key, getattr(self, key))
+        if self.points_per_file < 1:
+            raise InputError("points_per_file is out of range", value=self.points_per_file, limit=">= 1")
+
+
+S = TypeVar("S", bound=RobotSettings)
+
+
+class RobotWriter(ABC, Generic[S]):
+    """Writes a commanded path as a robot program in the part frame, with a linear motion to every point.
+
+    Speeds follow the programmed feed. Spindle, coolant and tool change are what ``block_lines`` says, M0 and M1 stop
+    the program, dwells wait; the text of such blocks is carried beside them as a comment. The first change of tool
+    comes before the move to the start; every other one begins a part (a file) with a tool frame of its own, which
+    first goes back to where the tool was changed.
+
+    Attributes:
+        speed: Speed that was last set, m/s; None where none was.
+        tool: Number of the tool in the spindle.
+
+    Args:
+        program: The program the path was sampled from (its comments and M-codes are carried along).
+        path: Nominal rows.
+        Ts_part_tcp: (n, 4, 4) commanded poses of the tool frame (z out of the spindle) in the part frame, m.
+        settings: Names, frames, speeds.
+        tolerance_m: Largest distance of a commanded row from the written polyline before merging, m.
+        tolerance_rad: The same for the orientation, rad.
+        block_lines: Lines of the language for a block (spindle, coolant, tool change):
+            :meth:`counterflex.programs.robot_writer.machine_functions.MachineFunctions.lines`. When left out, none is
+            known.
+
+    Raises:
+        InputError: A setting is out of range or the poses do not fit the path.
+        ProgramError: A block needs lines that are not known.
+    """
+
+    dialect: ClassVar[Dialect]
+    limits: ClassVar[Limits]
+    suffix: ClassVar[str]
+    indent: ClassVar[str] = ""
+    comment: ClassVar[str]
+    stop: ClassVar[str]
+    wait: ClassVar[str]
+    """Line of a dwell, with ``{}`` for its time in s."""
+
+    def __init__(
+        self,
+        program: Program,
+        path: ToolPath,
+        Ts_part_tcp: Float,
+        settings: S,
+        *,
+        tolerance_m: float = 1e-5,
+        tolerance_rad: float = 1e-4,
+        block_lines: BlockLines | None = None,
+    ) -> None:
+        settings.check()
+        self.program, self.settings, self.tolerance_m = program, settings, tolerance_m
+        self.first_tool = self.tool = first_tool(program)
+        self.speed: float | None = None
+        self.block_lines = block_lines or MachineFunctions(self.dialect).lines
+        self.points = choose_points(
+            program,
+            path,
+            Ts_part_tcp,
+            tolerance_m=tolerance_m,
+            tolerance_rad=tolerance_rad,
+            cycle_s=settings.cycle_s,
+            rapid_m_s=settings.rapid_m_s,
+            events=event_motions(program, self.block_lines),
+        )
+
+    def text(self) -> RobotText:
+        """Files and figures."""
+        program, settings, points = self.program, self.settings, self.points
+        parts = robot_parts(program, points, self, settings.points_per_file)
+        split = len(parts.parts) > 1
+        names = [f"{settings.name}_{i:03d}" for i in range(1, len(parts.parts) + 1)] if split else []
+        path = [self.call(part) for part in names] if split else parts.parts[0]
+        main = [*self.start(parts.lead), *parts.opening, *path, *parts.ending]
+        files = {f"{settings.name}.{self.suffix}": self.main(main)}
+        for part, content in zip(names, parts.parts, strict=False):
+            files |= self.part(part, content)
+        return RobotText(
+            files=files | self.data(),
+            points=len(points.row),
+            merged_points=points.merged,
+            too_close=points.too_close,
+            largest_position_error_m=points.largest_position_error_m,
+            largest_angle_error_rad=points.largest_angle_error_rad,
+            largest_position_error_line=points.line(program),
+            warnings=(*points.warnings(program, self.tolerance_m), *parts.warnings(settings.points_per_file)),
+        )
+
+    def origin(self) -> list[str]:
+        """Comments: what made the program, from what, in which cell, for which job."""
+        settings = self.settings
+        said = [f"made by counterflex {__version__} from {_plain(self.program.name)}"]
+        said += [f"cell {_plain(settings.cell)}"] if settings.cell else []
+        said += [mark(settings.job)] if settings.job else []
+        return [f"{self.comment} {line}" for line in said]
+
+    def block(self, block: Block) -> list[str]:
+        """Lines for what a block does beside moving, its comment included."""
+        text = carried_text(block)
+        lines = [f"{self.comment} {text}"] if text else []
+        lines += [*self.block_lines(block), *([self.stop] if stops(block) else [])]
+        return [f"{self.indent}{line}" for line in lines]
+
+    def dwell(self, time_s: float) -> str:
+        """Line that waits."""
+        return self.indent + self.wait.format(f"{time_s:.3f}")
+
+    def speed_to(self, index: int) -> float:
+        """Speed to a point, m/s; that of the point before where its own is zero."""
+        now = float(self.points.speed_m_s[index])
+        self.speed = now if now > 0.0 else self.speed or self.settings.rapid_m_s
+        return self.speed
+
+    @abstractmethod
+    def point(self, index: int) -> list[str]:
+        """Lines that lead to a point."""
+
+    @abstractmethod
+    def enter(self, tool: int, place: int) -> list[str]:
+        """Lines behind a change of tool: its frame, and the way back to the point at which it was changed."""
+
+    @abstractmethod
+    def start(self, lead: Sequence[str]) -> list[str]:
+        """Lines of the main routine up to the start posture, with those of the first change of tool in them."""
+
+    @abstractmethod
+    def call(self, part: str) -> str:
+        """Line that runs a part."""
+
+    @abstractmethod
+    def main(self, body: Sequence[str]) -> str:
+        """Text of the main file."""
+
+    @abstractmethod
+    def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
+        """Files of a part, by name."""
+
+    def data(self) -> dict[str, str]:
+        """Files beside the main one, by name."""
+        return {}
+
+
+def _plain(text: str) -> str:
+    return "".join(c if 32 <= ord(c) < 127 else "?" for c in text)[:120]
