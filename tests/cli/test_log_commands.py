@@ -19,12 +19,13 @@ from counterflex.app.run.missing import counted
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.mcap_salvage import MAGIC, salvage
-from counterflex.files.logs.run_log import RunLog, read_log, read_segment
+from counterflex.files.logs.run_log import LAYOUT, RunLog, read_log, read_segment
 from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose, rotation
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.record_ring import COLUMNS, WIDTH
+from counterflex.runtime.state.memory_layout import Arrays, Layout, layout_of, words_of
 from counterflex.runtime.state.supervisor import Cause
 from counterflex.runtime.state_slots import LoopState
 
@@ -32,7 +33,12 @@ ONLINE = '\n[online]\nforce = "measured"\nalong_feed = true\n'
 CYCLES = 200
 
 
-def cycles(loop: Loop, states: dict[int, LoopState] | None = None) -> Float:
+def other_way(loop: Loop) -> Arrays:
+    """What a loop remembers, in another order than its own."""
+    return dict(reversed(loop.memory.items()))
+
+
+def cycles(loop: Loop, states: dict[int, LoopState] | None = None, *, backwards: bool = False) -> Float:
     """Records of a loop that is armed, corrects a noisy force, and holds when the force is stale.
 
     Into ``states`` goes what it remembers after every 50 cycles.
@@ -59,7 +65,7 @@ def cycles(loop: Loop, states: dict[int, LoopState] | None = None) -> Float:
         out[k, record.MONITOR_OUTCOME : record.CYCLE] = loop.monitor.outcome
         out[k, record.CYCLE] = loop.cycle
         if states is not None and loop.cycle % 50 == 0:
-            words = np.concatenate([array.reshape(-1).view(np.int64) for array in loop.memory()])
+            words = words_of(other_way(loop) if backwards else loop.memory)
             states[loop.cycle] = LoopState(loop.cycle, int(out[k, 1]), words)
     return out
 
@@ -75,7 +81,14 @@ def logged(folder: Path) -> Float:
     return rows
 
 
-def write(folder: Path, rows: Float, loop: Loop, name: str = "log", states: dict[int, LoopState] | None = None) -> None:
+def write(
+    folder: Path,
+    rows: Float,
+    loop: Loop,
+    name: str = "log",
+    states: dict[int, LoopState] | None = None,
+    layout: Layout = (),
+) -> None:
     import hashlib
 
     sha = {"cell": hashlib.sha256((folder / "cell.toml").read_bytes()).hexdigest()}
@@ -86,6 +99,7 @@ def write(folder: Path, rows: Float, loop: Loop, name: str = "log", states: dict
         "compensated": True,
         "loop_sha256": loop.sha256(),
         "machine": environment(),
+        **({LAYOUT: layout} if layout else {}),
     }
     log = RunLog(folder / name, about)
     for k in range(0, len(rows), 20):
@@ -147,14 +161,18 @@ def test_replay_of_a_log_with_missing_records_is_no_proof(folder: Path, logged: 
     assert f"50 of {CYCLES} cycles bit for bit the same, 10 cycles missing, {CYCLES - 60} not computed" in ended.out
 
 
-@pytest.mark.parametrize("repaired", [False, True])
+@pytest.mark.parametrize(("repaired", "backwards"), [(False, False), (True, False), (False, True)])
 def test_a_damaged_chunk_is_told_by_every_command_and_what_is_behind_it_is_used(
-    folder: Path, logged: Float, counterflex: Any, repaired: bool
+    folder: Path, logged: Float, counterflex: Any, repaired: bool, backwards: bool
 ) -> None:
-    """Cycles 61 to 80 cannot be read: replay goes on behind the state of cycle 100, nothing else is lost."""
+    """Cycles 61 to 80 cannot be read: replay goes on behind the state of cycle 100, nothing else is lost.
+
+    Logs of before do not say what the words of a state mean, later ones do, whatever their order is.
+    """
     states: dict[int, LoopState] = {}
     loop = online_loop(read_cell(folder / "cell.toml"), None, compensated=False)
-    write(folder, cycles(loop, states), loop, "bad", states)
+    rows = cycles(loop, states, backwards=backwards)
+    write(folder, rows, loop, "bad", states, layout_of(other_way(loop)) if backwards else ())
     file = folder / "bad" / "run-000.mcap"
     content = bytearray(file.read_bytes())
     content[salvage(bytes(content)).chunks[3].begin + 1000] ^= 1

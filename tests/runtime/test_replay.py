@@ -27,6 +27,7 @@ from counterflex.runtime.record_ring import COLUMNS, WIDTH, RecordRing
 from counterflex.runtime.replay import Gap, Replay
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.memory_layout import words_of
 from counterflex.runtime.state.supervisor import State
 from counterflex.runtime.state_slots import LoopState
 
@@ -239,7 +240,7 @@ def test_a_state_that_is_not_the_loops_is_found_or_refused() -> None:
     chosen.state_cycles = 100
     rows, _ = recorded(chosen, cycles=300, states=states)
     words = states[0].words.copy()
-    assert words.size == sum(array.size for array in chosen.memory())
+    assert words.size == words_of(chosen.memory).size
     words[at.S_Y] ^= 1 << 51
     wrong = Replay(loop(), after=100)
     wrong(rows, [replace(states[0], words=words)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from counterflex.runtime.plausibility_stage import PlausibilityStage
 from counterflex.runtime.primitives.localize import PLAN_COLUMNS
 from counterflex.runtime.settings import ForceMode, OnlineSettings
 from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.memory_layout import Layout, layout_of, put_words
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.runtime.step.axis_play import AxisPlay
 from counterflex.signals.filters import Smoother
@@ -57,6 +59,7 @@ class Loop:
         axes: (6,) view: the same as change of the axis angles, rad.
         settings: As given.
         monitor: Process monitoring and feed override.
+        memory: All that the loop remembers from one cycle to the next: its own arrays by name, in fixed order.
         state_cycles: Cycles from one snapshot of its memory to the next, for the record.
 
     Raises:
@@ -119,6 +122,7 @@ class Loop:
             self._axis_play = AxisPlay(chain, settings.period_s, contained=settings.compensated, own_rad=own)
         self.state_cycles = max(1, round(_STATE_S / settings.period_s))
         self._table = self._arrays()
+        self.memory = self._memory()
         self.reset()
 
     def reset(self) -> None:
@@ -161,36 +165,49 @@ class Loop:
             )
         )
 
-    def memory(self) -> tuple[Float | Int, ...]:
-        """All that the loop remembers from one cycle to the next: arrays of its own, in fixed order, not copies."""
+    def _memory(self) -> dict[str, np.ndarray[Any, Any]]:
         m, p, play = self.measured_filter, self.predicted_filter, self._axis_play
-        return (
-            *(self._state, self._whole, self._ring, self.results, self.outcome),
-            *(m.memory, m.ring, m.place, p.memory, p.ring, p.place),
-            *(self._elastic, self._frame, self._delta, self._scratch, self._load, self._work),
-            *(self.plausibility.memory, self.plausibility.counts),
-            *(() if play is None else (play.memory, play.begun)),
-            *self.monitor.memory(),
-        )
+        own: dict[str, np.ndarray[Any, Any]] = {
+            "state": self._state,
+            "counts": self._whole,
+            "ring": self._ring,
+            "results": self.results,
+            "outcome": self.outcome,
+            "measured.memory": m.memory,
+            "measured.ring": m.ring,
+            "measured.place": m.place,
+            "predicted.memory": p.memory,
+            "predicted.ring": p.ring,
+            "predicted.place": p.place,
+            "elastic": self._elastic,
+            "frame": self._frame,
+            "delta": self._delta,
+            "scratch": self._scratch,
+            "load": self._load,
+            "work": self._work,
+            "plausibility.memory": self.plausibility.memory,
+            "plausibility.counts": self.plausibility.counts,
+        }
+        if play is not None:
+            own |= {"axis_play.memory": play.memory, "axis_play.begun": play.begun}
+        return own | {f"monitor.{name}": array for name, array in self.monitor.memory().items()}
 
-    def restore(self, words: Int) -> None:
-        """Remember again what :meth:`memory` held.
+    @property
+    def layout(self) -> Layout:
+        """What the words of :attr:`memory` mean, one array behind the other."""
+        return layout_of(self.memory)
+
+    def restore(self, words: Int, layout: Layout) -> None:
+        """Remember again what :attr:`memory` held.
 
         Args:
             words: (n,) its numbers one behind the other, bit for bit as whole numbers of 64 bits.
+            layout: What they mean, see :attr:`layout`; empty: as in logs that do not say it.
 
         Raises:
-            InputError: Another loop's: not as many numbers.
+            InputError: Another loop's: not as many numbers, or others.
         """
-        arrays = self.memory()
-        size = sum(array.size for array in arrays)
-        if words.shape != (size,):
-            raise InputError("the state is another loop's", value=f"{words.size} numbers", limit=size)
-        at_word = 0
-        for array in arrays:
-            part = words[at_word : at_word + array.size]
-            array.reshape(-1).view(np.int64)[:] = part
-            at_word += array.size
+        put_words(self.memory, words, layout or self.layout)
 
     def take(self, samples: Float, count: int, number: int) -> None:
         """Hand over the force sensor's own samples of the cycle, see :meth:`Monitor.take`; before :meth:`run`."""

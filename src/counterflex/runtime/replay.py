@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int, as_float
+from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
@@ -76,7 +76,7 @@ class Replay:
         self._loop, self._after = loop, after
         self._cycle = after
         self._known = after == 0
-        self._states: dict[int, Int] = {}
+        self._states: dict[int, LoopState] = {}
         self.begun: list[int] = []
         self._answers: Float = np.zeros((0, record.CYCLE - record.RESULTS))
         self.compared = self.skipped = 0
@@ -97,8 +97,8 @@ class Replay:
         if rows.ndim != 2 or rows.shape[1] != WIDTH:
             raise InputError("records have the wrong shape", value=rows.shape, limit=("n", WIDTH))
         cycles = as_float("records: cycle", rows[:, record.CYCLE], (None,)).astype(np.int64)
-        self._states = {cycle: words for cycle, words in self._states.items() if cycle >= self._cycle}
-        self._states |= {state.cycle: state.words for state in states}
+        self._states = {cycle: state for cycle, state in self._states.items() if cycle >= self._cycle}
+        self._states |= {state.cycle: state for state in states}
         done: list[int] = []
         answers = np.empty((len(rows), record.CYCLE - record.RESULTS))
         loop = self._loop
@@ -133,7 +133,8 @@ class Replay:
             self.gaps.append(Gap(before, cycle - before - 1))
             self._known = False
         if not self._known and cycle - 1 in self._states:
-            self._loop.restore(self._states[cycle - 1])
+            state = self._states[cycle - 1]
+            self._loop.restore(state.words, state.layout)
             self.begun.append(cycle - 1)
             self._known = True
         return self._known

@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Int
 from counterflex.core.errors import InputError
+from counterflex.core.records import as_words
+from counterflex.runtime.state.memory_layout import Arrays, Layout
 
 WORDS: Final = 1 << 16
 """Numbers of 64 bits that a slot holds: 512 KiB."""
@@ -30,11 +30,13 @@ class LoopState:
         cycle: The last one before it, by the loop's own count.
         time_ns: When the telegram of that cycle was received, monotonic.
         words: (n,) all that the loop remembers, bit for bit, as whole numbers of 64 bits.
+        layout: What they mean; empty: as in logs that do not say it.
     """
 
     cycle: int
     time_ns: int
     words: Int
+    layout: Layout = ()
 
 
 class StateSlots:
@@ -48,13 +50,13 @@ class StateSlots:
         self._memory = memory
         self._taken = 0
 
-    def put(self, cycle: int, time_ns: int, arrays: tuple[Float | Int, ...]) -> None:
+    def put(self, cycle: int, time_ns: int, arrays: Arrays) -> None:
         """Writer: copy a state.
 
         Args:
             cycle: See :class:`LoopState`.
             time_ns: Likewise.
-            arrays: All that the loop remembers, in fixed order; float64 or int64, C order.
+            arrays: All that the loop remembers, in fixed order.
 
         Raises:
             InputError: They do not fit into a slot.
@@ -62,15 +64,16 @@ class StateSlots:
         memory = self._memory
         number = int(memory[0]) + 1
         first = _HEAD + (number % 2) * _SLOT
-        size = sum(array.size for array in arrays)
+        size = sum(array.nbytes for array in arrays.values()) // 8
         if size > WORDS:
             raise InputError("the loop's state does not fit into shared memory", value=size, limit=WORDS)
         memory[0] = number
         memory[first : first + 3] = cycle, time_ns, size
         at = first + 4
-        for array in arrays:
-            memory[at : at + array.size] = array.reshape(-1).view(np.int64)
-            at += array.size
+        for array in arrays.values():
+            own = as_words(array)
+            memory[at : at + own.size] = own
+            at += own.size
         memory[1] = number
 
     def take(self) -> LoopState | None:

@@ -31,6 +31,7 @@ from counterflex.files.plan_file import read_plan
 from counterflex.runtime.estimator.fusion import level
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, is_whole
 from counterflex.runtime.replay import Difference, Gap, Replay
+from counterflex.runtime.state.memory_layout import words_of
 
 
 def show(folder: str | Path) -> dict[str, Any]:
@@ -220,11 +221,11 @@ def replay(
             continue
         if current is None or segment.run != number:
             if current is not None:
-                left[number] = np.concatenate([array.reshape(-1).view(np.int64) for array in loop.memory()])
+                left[number] = words_of(loop.memory)
             number = segment.run
             current = replays[number] if number in replays else replays.setdefault(number, Replay(loop, after=passed))
             if number in left:
-                loop.restore(left.pop(number))
+                loop.restore(left.pop(number), loop.layout)
             for note in _notes(segment.about, given, loop.sha256(), compensated=compensated):
                 if note not in answer.notes:
                     answer.notes.append(note)

@@ -25,7 +25,7 @@ from counterflex.app.run.status import Status, StatusReader
 from counterflex.core.arrays import Int
 from counterflex.core.errors import OutputError
 from counterflex.core.units import NS
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import LAYOUT, RunLog
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Request, Shown
 from counterflex.protocols.processes.living import SILENT_S, Beat
@@ -156,11 +156,11 @@ class Supervised:
                 process.start()
         for theirs in self._pipes[1::2]:
             theirs.close()
-        where, loop_sha256, unusual = first_word(
+        where, loop_sha256, layout, unusual = first_word(
             self.loop, self._loop_pipe, "the loop's process", lambda: int(self.control[Life.LOOP_NS])
         )
         self._up.append(self.loop)
-        self._about = _about(self._settings, loop_sha256)
+        self._about = {**_about(self._settings, loop_sha256), LAYOUT: layout}
         with contextlib.suppress(OSError):  # who has died is told below
             self._recorder_pipe.send(self._about)
         self._up.append(self.recorder)

@@ -56,6 +56,9 @@ SYNC_S: Final = 1.0
 SEGMENT_BYTES: Final = 64 << 20
 HELD: Final = "held"
 """Key of the start of the computer on which a segment was held (:mod:`counterflex.core.held`) while it was written."""
+LAYOUT: Final = "state_layout"
+"""Key of what the words of a recorded state mean: name, kind and count of each stretch
+(:mod:`counterflex.runtime.state.memory_layout`)."""
 UNKNOWN: Final = "unknown"
 """Key of what a segment is made of where nothing of that can be read."""
 _RETRY_S: Final = 1.0
@@ -304,6 +307,7 @@ def read_segment(path: str | Path) -> Segment:
         )
     rows: list[Float] = []
     states: list[LoopState] = []
+    layout = tuple((str(name), str(kind), int(count)) for name, kind, count in about.get(LAYOUT, ()))
     columns = columns_of(found, str(about.get("counterflex", UNKNOWN)), file)
     before = [0]  # records before each chunk
     for chunk in found.chunks:
@@ -313,7 +317,7 @@ def read_segment(path: str | Path) -> Segment:
                 if channel == STATE_CHANNEL and len(data) >= STATE_HEAD.size:
                     words = np.frombuffer(data, dtype="<i8", offset=STATE_HEAD.size)
                     cycle, time_ns = STATE_HEAD.unpack_from(data)
-                    states.append(LoopState(cycle, time_ns, words))
+                    states.append(LoopState(cycle, time_ns, words, layout))
                 elif channel == CYCLE_CHANNEL and len(data) == 8 * len(columns):
                     rows.append(np.frombuffer(data, dtype="<f8"))
             elif opcode == Opcode.CHANNEL:

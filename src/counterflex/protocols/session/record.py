@@ -37,4 +37,4 @@ def write_record(
     row[record.CYCLE] = loop.cycle
     ring.commit()
     if loop.cycle % loop.state_cycles == 0:
-        ring.states.put(loop.cycle, received, loop.memory())
+        ring.states.put(loop.cycle, received, loop.memory)

@@ -171,12 +171,19 @@ class Monitor:
             self._sampling,
         )
 
-    def memory(self) -> tuple[Float | Int, ...]:
-        """What it remembers from one cycle to the next: arrays of its own, in fixed order."""
-        return (
-            *(self.fast, self.results, self.outcome, self._state, self._whole, self._asked, self._work),
-            *(self._memory, self._counts),
-        )
+    def memory(self) -> dict[str, Float | Int]:
+        """What it remembers from one cycle to the next: arrays of its own by name, in fixed order."""
+        return {
+            "fast": self.fast,
+            "results": self.results,
+            "outcome": self.outcome,
+            "state": self._state,
+            "counts": self._whole,
+            "speed": self._asked,
+            "work": self._work,
+            "samples.memory": self._memory,
+            "samples.counts": self._counts,
+        }
 
     @property
     def speed(self) -> float:

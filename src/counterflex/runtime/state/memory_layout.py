@@ -1,0 +1,80 @@
+"""What the words of a loop's memory mean: names, kinds and counts in order, as the run log keeps them beside the words.
+
+A log says the layout of its own states (:data:`counterflex.files.logs.run_log.LAYOUT`), so a state is placed by name
+whatever the order was. Logs of before say none: their words stand in the order of :meth:`Loop.memory` of then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from math import prod
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from counterflex.core.arrays import Int
+from counterflex.core.errors import InputError
+from counterflex.core.records import as_words
+
+Layout: TypeAlias = tuple[tuple[str, str, int], ...]
+"""Name, kind (``f8`` or ``i8``) and count of each stretch of words in order; one without a name means nothing."""
+Arrays: TypeAlias = Mapping[str, np.ndarray[Any, Any]]
+"""Arrays and arrays of records of 64-bit numbers, C order, by name."""
+
+
+def layout_of(arrays: Arrays) -> Layout:
+    """Layout of arrays one behind the other: ``ring``, ``monitor.results.ratio``; many records have numbers."""
+    return tuple(stretch for name, array in arrays.items() for stretch in _stretches(name, array.dtype, array.shape))
+
+
+def _stretches(name: str, kind: np.dtype[Any], shape: tuple[int, ...]) -> Iterator[tuple[str, str, int]]:
+    if kind.fields is None:
+        yield name, kind.str[1:], prod(shape)
+        return
+    for k in range(prod(shape)):
+        own = name if prod(shape) == 1 else f"{name}.{k}"
+        for field, (inner, *_) in kind.fields.items():
+            yield from _stretches(f"{own}.{field}", inner.base, inner.shape)
+
+
+def words_of(arrays: Arrays) -> Int:
+    """(n,) copy of all numbers, bit for bit, in the order of :func:`layout_of`."""
+    return np.concatenate([as_words(array) for array in arrays.values()])
+
+
+def put_words(arrays: Arrays, words: Int, layout: Layout) -> None:
+    """Write words into the arrays, each to its name.
+
+    Args:
+        arrays: Written.
+        words: (n,) of :func:`words_of`.
+        layout: Of the words.
+
+    Raises:
+        InputError: Not as many words as the layout says, or names, kinds or counts of other arrays. Nothing is written.
+    """
+    size = sum(count for _, _, count in layout)
+    if words.shape != (size,):
+        raise InputError("the state is another loop's", value=f"{words.size} numbers", limit=size)
+    new = layout_of(arrays)
+    placed = words if layout == new else _rearranged(words, layout, new)
+    first = 0
+    for array in arrays.values():
+        own = as_words(array)
+        own[:] = placed[first : first + own.size]
+        first += own.size
+
+
+def _rearranged(words: Int, old: Layout, new: Layout) -> Int:
+    parts: dict[tuple[str, str, int], Int] = {}
+    first = 0
+    for stretch in old:
+        if stretch[0]:
+            parts[stretch] = words[first : first + stretch[2]]
+        first += stretch[2]
+    strange = next(iter(sorted(set(parts) ^ set(new))), None)
+    if strange is not None:
+        name, kind, count = strange
+        whose = "the state" if strange in parts else "this loop"
+        raise InputError("the state is another loop's", value=f"{name}: {count} x {kind} only in {whose}")
+    return np.concatenate([parts[stretch] for stretch in new])
