@@ -15,7 +15,6 @@ from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import judge, reference_of
 from counterflex.app.proof.truth import truth_of
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.run_file import Run
 from counterflex.twin.truth.truth import Truth
 
 ProgramFile = Callable[..., Path]
@@ -46,8 +45,7 @@ def left(folder: Path, program: Path, cell: Cell, truth: Truth) -> float:
     file = folder / f"{cell.path.stem}.ngc"
     file.write_text(next(iter(plan.files.values())), encoding="ascii")
     record = simulate.machine(read_job(file, cell), cell, truth)
-    run = Run(**{name: getattr(record, name) for name in Run.__dataclass_fields__})
-    found = judge(reference_of(read_job(program, cell), cell), run, record.stock)
+    found = judge(reference_of(read_job(program, cell), cell), record, record.stock)
     return found.variant.path.path.p997_m
 
 

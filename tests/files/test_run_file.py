@@ -17,8 +17,9 @@ from hypothesis import strategies as st
 from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.summary import FORMAT
 from counterflex.evaluate.summary import VERSION as SUMMARY_VERSION
-from counterflex.files.run_file import KIND, LAYOUT, VERSION, Run, read_run, write_run
+from counterflex.files.run_file import KIND, LAYOUT, VERSION, read_run, write_run
 from counterflex.files.summary_file import read_summary, write_summary
+from counterflex.path.run import Run
 
 
 def a_run(n: int, seed: int) -> Run:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from counterflex.core.arrays import Float, Int
 from counterflex.core.units import DEG, MM, URAD
 from counterflex.files.parquet_table import Column, columns, read, write
+from counterflex.path.run import Run
 
 KIND = "counterflex-run"
 VERSION = 1
@@ -30,41 +29,8 @@ LAYOUT = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
-    """What a machining recorded, however it was machined; n rows, part axes, SI.
-
-    Attributes:
-        time_s: (n,) controller time; stretches of air may be left out.
-        motion: (n,) program motion.
-        kind: (n,) RAPID or FEED.
-        progress: (n,) share 0..1 of the program's path length that is done.
-        p_part_command: (n, 3) m, interpolated set-point.
-        p_part_tcp: (n, 3) m, where the tool tip was.
-        tilt_part: (n, 3) rad, from the commanded to the true orientation.
-        force_part: (n, 3) N, mean force on the tool.
-        moment_part: (n, 3) N m.
-        force_peak_n: (n,) N.
-        depth_m: (n,) m, engaged axial depth, 0 in air.
-        q_motor: (n, 6) rad.
-    """
-
-    time_s: Float
-    motion: Int
-    kind: Int
-    progress: Float
-    p_part_command: Float
-    p_part_tcp: Float
-    tilt_part: Float
-    force_part: Float
-    moment_part: Float
-    force_peak_n: Float
-    depth_m: Float
-    q_motor: Float
-
-
-def write_run(path: Path, run: Any, about: Mapping[str, Any]) -> None:
-    """Write a run (any object with the attributes of :class:`Run`)."""
+def write_run(path: Path, run: Run, about: Mapping[str, Any]) -> None:
+    """Write a run."""
     write(path, KIND, VERSION, LAYOUT, run, about)
 
 

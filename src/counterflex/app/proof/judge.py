@@ -21,8 +21,9 @@ from counterflex.evaluate.path_deviation import PathDeviation, path_deviation, p
 from counterflex.evaluate.summary import SeedResult, TruthLevel, Variant, summary
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation, nominal_surface, surface_deviation
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.run_file import Run, read_run
+from counterflex.files.run_file import read_run
 from counterflex.files.summary_file import read_summary
+from counterflex.path.run import Run
 from counterflex.path.toolpath import FEED
 from counterflex.twin.truth.file import read_truth
 from counterflex.twin.truth.truth import Truth

@@ -28,7 +28,7 @@ from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.evaluate.summary import SeedResult, TruthLevel, summary
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import write_plan
-from counterflex.files.run_file import Run, write_run
+from counterflex.files.run_file import write_run
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.twin.plant.record import Record
@@ -111,7 +111,7 @@ def prove(
     reference = reference_of(job, cell)
     judged: dict[tuple[int, str], Judged] = {}
     for key, record in records.items():
-        judged[key] = judge(reference, _as_run(record), record.stock)
+        judged[key] = judge(reference, record, record.stock)
         parts[JUDGING](len(judged) / len(records))
     timing["judging"] = time.perf_counter() - begin
     results = [
@@ -264,7 +264,3 @@ def _machine_all(
 
 def _saying(progress: Progress, what: str) -> Progress:
     return lambda fraction, _="": progress(fraction, what)
-
-
-def _as_run(record: Record) -> Run:
-    return Run(**{name: getattr(record, name) for name in Run.__dataclass_fields__})

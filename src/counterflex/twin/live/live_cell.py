@@ -15,7 +15,6 @@ from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.geometry import rotation
 from counterflex.path.toolpath import ToolPath
 from counterflex.twin.devices.commanded_motion import CommandedMotion
 from counterflex.twin.devices.commanded_motion import Report as Report
@@ -24,7 +23,7 @@ from counterflex.twin.plant.controller import Controller
 from counterflex.twin.plant.drives import FollowingLag, following_gains
 from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.plant.process import Process
-from counterflex.twin.plant.record import Record
+from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
 from counterflex.twin.plant.setup import touched_part_frame
 from counterflex.twin.plant.simulate import as_delivered, hermite, near_stock
 from counterflex.twin.truth.truth import Truth
@@ -172,37 +171,20 @@ class LiveCell:
 
     def record(self) -> Record:
         """What was machined so far, as :func:`counterflex.twin.plant.simulate.simulate` gives it."""
-        log, reference = self._log, self.reference
-        k = np.array(log.k, dtype=np.int64)
-        Rs_part_command = self.motion.poses[k, :3, :3]
-        Rs_part_tcp = self.T_base_part[:3, :3].T @ np.array(log.R_base)
-        tilt = rotation.log(Rs_part_tcp @ np.swapaxes(Rs_part_command, -1, -2))
-        p_part: Float = (np.array(log.p_base) - self.T_base_part[:3, 3]) @ self.T_base_part[:3, :3]
-        sums = np.array(log.sums)
-        calls = np.maximum(sums[:, 8:9], 1.0)
-        source = reference.source[k]
-        run_length = np.cumsum(
-            np.linalg.norm(np.diff(reference.p_part_command, axis=0, prepend=self.path.p_part_tcp[:1]), axis=1)
+        log = self._log
+        cycles = SimulatedCycles(
+            np.array(log.k, dtype=np.int64),
+            *map(np.array, (log.time, log.p_base, log.R_base)),
+            *map(np.array, (log.q_ref, log.q_motor, log.sums)),
         )
-        return Record(
-            time_s=np.array(log.time),
-            row=source,
-            motion=self.path.motion[source],
-            progress=run_length[k] / max(run_length[-1], 1e-12),
-            kind=self.path.kind[source],
-            p_part_command=reference.p_part_command[k],
-            p_part_tcp=p_part,
-            tilt_part=tilt,
-            force_part=sums[:, :3] / calls,
-            moment_part=sums[:, 3:6] / calls,
-            force_peak_n=sums[:, 6],
-            depth_m=sums[:, 7],
-            engaged=np.array(sums[:, 7] > 0.0),
-            q_ref=np.array(log.q_ref),
-            q_motor=np.array(log.q_motor),
-            stock=self._process.finish(),
-            T_base_part=self.T_base_part,
-            datum_residual_m=self._residual,
+        return record_of(
+            cycles,
+            self.path,
+            self.reference,
+            self.motion.poses[cycles.k, :3, :3],
+            self._process.finish(),
+            self.T_base_part,
+            self._residual,
         )
 
     def _integrate(self, k: int, q_next: Float, qd_next: Float) -> None:

@@ -4,54 +4,111 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.cutting.stock import HeightMap
+from counterflex.geometry import rotation
+from counterflex.path.run import Run
+from counterflex.path.toolpath import ToolPath
+from counterflex.twin.plant.controller import Reference
 
 
-@dataclass(frozen=True)
-class Record:
-    """A machined program, one row per interpolation cycle of the controller.
+@dataclass(frozen=True, eq=False)
+class Record(Run):
+    """A simulated run, one row per interpolation cycle of the controller, with what nobody could measure.
 
     Stretches through air that were skipped leave gaps in ``time_s``. Forces are means over the cycle that begins at
-    the row, on the tool, about the tool tip, in axes of the part as it truly lies.
+    the row, on the tool, about the tool tip. Positions, tilt and forces are in the frame of the part as it truly lies,
+    set-points in the controller's part frame.
 
     Attributes:
-        time_s: (n,) s, controller time.
         row: (n,) row of the tool path being run.
-        motion: (n,) program motion being run.
-        progress: (n,) share 0..1 of the commanded path's length that is done.
-        kind: (n,) :data:`~counterflex.path.toolpath.RAPID` or ``FEED``.
-        p_part_command: (n, 3) m, tool tip the controller interpolates, in its part frame.
-        p_part_tcp: (n, 3) m, tool tip where it really is, in the frame of the part as it truly lies.
-        tilt_part: (n, 3) rad, rotation vector from the commanded to the true tool frame, part axes.
-        force_part: (n, 3) N.
-        moment_part: (n, 3) N m.
-        force_peak_n: (n,) N, largest mean-per-revolution force within the cycle.
-        depth_m: (n,) largest axial depth engaged within the cycle, 0 in air.
         engaged: (n,) whether the tool removes material.
         q_ref: (n, 6) rad.
-        q_motor: (n, 6) rad, what the encoders show.
         stock: The as-machined height map in the part frame.
         T_base_part: (4, 4) where the part truly lies.
         datum_residual_m: (k, 3) m, what the rigid fit to the touched datum points leaves, base axes; (0, 3) when the
             part frame was not touched.
     """
 
-    time_s: Float
     row: Int
-    motion: Int
-    progress: Float
-    kind: Int
-    p_part_command: Float
-    p_part_tcp: Float
-    tilt_part: Float
-    force_part: Float
-    moment_part: Float
-    force_peak_n: Float
-    depth_m: Float
     engaged: Bool
     q_ref: Float
-    q_motor: Float
     stock: HeightMap
     T_base_part: Float
     datum_residual_m: Float
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedCycles:
+    """Cycles of the controller that were simulated; m rows.
+
+    Attributes:
+        k: (m,) number of the cycle.
+        time_s: (m,) controller time.
+        p_base_tcp: (m, 3) m, tool tip.
+        R_base_tcp: (m, 3, 3).
+        q_ref: (m, 6) rad.
+        q_motor: (m, 6) rad.
+        sums: (m, 9) of the process over the cycle, see :class:`counterflex.twin.plant.process.Process`.
+    """
+
+    k: Int
+    time_s: Float
+    p_base_tcp: Float
+    R_base_tcp: Float
+    q_ref: Float
+    q_motor: Float
+    sums: Float
+
+
+def record_of(
+    cycles: SimulatedCycles,
+    path: ToolPath,
+    reference: Reference,
+    Rs_part_command: Float,
+    stock: HeightMap,
+    T_base_part: Float,
+    datum_residual_m: Float,
+) -> Record:
+    """The record of a program from its simulated cycles.
+
+    Args:
+        cycles: See there.
+        path: Tool path of the program.
+        reference: Interpolated by the controller, one row per cycle.
+        Rs_part_command: (m, 3, 3) commanded orientation of the tool in those cycles.
+        stock: As machined.
+        T_base_part: (4, 4) where the part truly lies.
+        datum_residual_m: See :class:`Record`.
+    """
+    k, sums = cycles.k, cycles.sums
+    Rs_part_tcp = T_base_part[:3, :3].T @ cycles.R_base_tcp
+    tilt = rotation.log(Rs_part_tcp @ np.swapaxes(Rs_part_command, -1, -2))
+    p_part: Float = (cycles.p_base_tcp - T_base_part[:3, 3]) @ T_base_part[:3, :3]
+    calls = np.maximum(sums[:, 8:9], 1.0)
+    source = reference.source[k]
+    run_length = np.cumsum(
+        np.linalg.norm(np.diff(reference.p_part_command, axis=0, prepend=path.p_part_tcp[:1]), axis=1)
+    )
+    return Record(
+        time_s=cycles.time_s,
+        row=source,
+        motion=path.motion[source],
+        progress=run_length[k] / max(run_length[-1], 1e-12),
+        kind=path.kind[source],
+        p_part_command=reference.p_part_command[k],
+        p_part_tcp=p_part,
+        tilt_part=tilt,
+        force_part=sums[:, :3] / calls,
+        moment_part=sums[:, 3:6] / calls,
+        force_peak_n=sums[:, 6],
+        depth_m=sums[:, 7],
+        engaged=np.array(sums[:, 7] > 0.0),
+        q_ref=cycles.q_ref,
+        q_motor=cycles.q_motor,
+        stock=stock,
+        T_base_part=T_base_part,
+        datum_residual_m=datum_residual_m,
+    )

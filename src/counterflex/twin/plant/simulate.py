@@ -11,13 +11,12 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.geometry import rotation
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.twin.plant.controller import Controller, Reference, interpolate
 from counterflex.twin.plant.drives import first_order_lag, following_gains
 from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.plant.process import Process
-from counterflex.twin.plant.record import Record
+from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
 from counterflex.twin.plant.setup import touched_part_frame
 from counterflex.twin.truth.truth import Truth
 
@@ -87,37 +86,8 @@ def simulate(
     for first, last in stretches:
         run.stretch(first, last, parts[str(first)])
     Rs_part_command = controller.tool_poses(reference.p_part_command, reference.axis_part)[:, :3, :3]
-    kept = run.kept
-    Rs_part_tcp = T_base_part[:3, :3].T @ run.R_base_tcp[kept]
-    tilt = rotation.log(Rs_part_tcp @ np.swapaxes(Rs_part_command[kept], -1, -2))
-    p_part: Float = (run.p_base_tcp[kept] - T_base_part[:3, 3]) @ T_base_part[:3, :3]
-    sums = run.sums[kept]
-    calls = np.maximum(sums[:, 8:9], 1.0)
-    source = reference.source[kept]
-    run_length = np.cumsum(
-        np.linalg.norm(np.diff(reference.p_part_command, axis=0, prepend=path.p_part_tcp[:1]), axis=1)
-    )
     progress(1.0, "machined")
-    return Record(
-        time_s=reference.time_s[kept],
-        row=source,
-        motion=path.motion[source],
-        progress=run_length[kept] / max(run_length[-1], 1e-12),
-        kind=path.kind[source],
-        p_part_command=reference.p_part_command[kept],
-        p_part_tcp=p_part,
-        tilt_part=tilt,
-        force_part=sums[:, :3] / calls,
-        moment_part=sums[:, 3:6] / calls,
-        force_peak_n=sums[:, 6],
-        depth_m=sums[:, 7],
-        engaged=np.array(sums[:, 7] > 0.0),
-        q_ref=reference.q_ref[kept],
-        q_motor=run.q_motor[kept],
-        stock=process.finish(),
-        T_base_part=T_base_part,
-        datum_residual_m=residual,
-    )
+    return record_of(run.cycles(), path, reference, Rs_part_command[run.kept], process.finish(), T_base_part, residual)
 
 
 def _as_driven(reference: Reference, truth: Truth, cycle_s: float) -> Reference:
@@ -195,6 +165,11 @@ class _Run:
     @property
     def kept(self) -> Int:
         return np.flatnonzero(self.done)
+
+    def cycles(self) -> SimulatedCycles:
+        k, reference = self.kept, self.reference
+        motion = self.p_base_tcp[k], self.R_base_tcp[k], reference.q_ref[k], self.q_motor[k]
+        return SimulatedCycles(k, reference.time_s[k], *motion, self.sums[k])
 
     def stretch(self, first: int, last: int, progress: Progress) -> None:
         plant, process, reference = self.plant, self.process, self.reference
