@@ -160,11 +160,10 @@ def jax_steps(chain: ElasticChain) -> tuple[Step, Step]:
         C = jnp.einsum("ndi,nd,ndj->ij", columns, soft, columns)
         axis = chain.sign[driven, None] * Rs[driven, :, 2]
         J = jnp.concatenate([jnp.cross(axis, lever[driven]), axis], 1).T
-        A = J @ J.T
         d = error = difference(R0, p0, Re, pe)
         q_c = q
         for _ in range(2):
-            q_c = q_c - J.T @ jnp.linalg.solve(A, error)
+            q_c = q_c - J.T @ jnp.linalg.solve(J @ J.T, error)
             _, _, Re, pe = bent(q_c, w)
             error = difference(R0, p0, Re, pe)
         return d, q_c, C

@@ -28,7 +28,7 @@ from counterflex.identify.data.changes import Change, ElementCompliance
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Proposal, Recipe
-from counterflex.identify.solver.holdout import cross_validate, score_separate
+from counterflex.identify.solver.holdout import Folds, cross_validate, score_separate
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import solve
 
@@ -96,7 +96,7 @@ def identify_springs(
     if holdout:
         judged = score_separate(parameters, [rows], [block(holdout)])
     else:
-        judged = cross_validate(parameters, [rows], folds=int(settings["folds"]), seed=int(settings["seed"]))
+        judged = cross_validate(parameters, [rows], folds=Folds(int(settings["folds"]), int(settings["seed"])))
     found, before = judged.mean()
     spindle = cell.end_effector.segments[1].compliance.copy()
     spindle[3:5] = fit.values[:2]

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.core.errors import InputError
-from counterflex.identify.solver.holdout import cross_validate, fold_of_groups, score_separate
+from counterflex.identify.solver.holdout import Folds, cross_validate, fold_of_groups, score_separate
 from counterflex.identify.solver.solve import solve
 
 FRAME = ("base.x", "base.y", "base.turn")
@@ -51,7 +51,7 @@ def test_a_row_is_predicted_without_its_group(arm: Any) -> None:
     rng = np.random.default_rng(1)
     parameters = arm.parameters()
     points = arm.points(arm.truth(parameters, rng), rng, count=40, repeats=2)
-    held = cross_validate(parameters, [points], needed=FRAME, seed=2)
+    held = cross_validate(parameters, [points], needed=FRAME, folds=Folds(seed=2))
     assert held.count == 40
     assert len(held.fits) == 5
     (fold,) = fold_of_groups([points.group], 5, 2)
@@ -67,7 +67,7 @@ def test_error_on_unused_data_exceeds_that_on_used_and_matches_noise(arm: Any) -
     parameters = arm.parameters()
     truth = arm.truth(parameters, rng)
     points = arm.points(truth, rng, count=24)
-    held = cross_validate(parameters, [points], needed=FRAME, folds=8)
+    held = cross_validate(parameters, [points], needed=FRAME, folds=Folds(8))
     fit = solve(parameters, [points])
     used = np.sqrt(np.mean(np.sum((fit.residuals[0] * points.sigma) ** 2, axis=1)))
     assert held.rms()[0] > used
@@ -115,7 +115,7 @@ def test_folds_tell_what_is_done_of_them_too(arm: Any) -> None:
         told.append((fraction, what))
 
     points = arm.points(arm.truth(parameters, rng), rng, count=24)
-    cross_validate(parameters, [points], needed=FRAME, folds=3, progress=progress)
+    cross_validate(parameters, [points], needed=FRAME, folds=Folds(3), progress=progress)
     fractions = [fraction for fraction, _ in told]
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1.0

@@ -12,7 +12,7 @@ from counterflex.core.units import DEG
 from counterflex.identify.data.data_checks import check_enough
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.same_postures import ALIKE_RAD, joined, leaders, regions
-from counterflex.identify.solver.holdout import cross_validate, fold_of_groups
+from counterflex.identify.solver.holdout import Folds, cross_validate, fold_of_groups
 
 
 def poses(q: np.ndarray, name: str = "poses", group: np.ndarray | None = None, kind: str = "tracker_poses") -> Dataset:
@@ -105,6 +105,6 @@ def test_parts_are_held_out_as_given(arm: object) -> None:
     parameters = arm.parameters()  # type: ignore[attr-defined]
     points = arm.points(arm.truth(parameters, rng), rng, count=30)  # type: ignore[attr-defined]
     part = np.arange(30) // 10
-    held = cross_validate(parameters, [points], parts={0: part}, needed=("base.x", "base.y", "base.turn"))
+    held = cross_validate(parameters, [points], folds=Folds(parts={0: part}), needed=("base.x", "base.y", "base.turn"))
     assert held.fold.tolist() == part.tolist()
     assert len(held.fits) == 3

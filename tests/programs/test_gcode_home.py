@@ -10,7 +10,7 @@ import pytest
 from counterflex.core.errors import FileFormatError, ProgramError
 from counterflex.core.units import MM
 from counterflex.programs.compensated import CompensatedPath
-from counterflex.programs.gcode.read.parameter_file import read_parameter_file
+from counterflex.programs.gcode.read.parameter_file import MillingMachine, read_parameter_file
 from counterflex.programs.gcode.read.reader import read_gcode, read_gcode_file
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import Program
@@ -32,7 +32,7 @@ VAR = (
 
 
 def read(text: str, *, machine_known: bool = False) -> Program:
-    return read_gcode(text, name="part.ngc", machine_known=machine_known)
+    return read_gcode(text, name="part.ngc", machine=MillingMachine(known=machine_known))
 
 
 @pytest.mark.parametrize("end", sorted(ENDS))
@@ -85,7 +85,7 @@ def with_file(folder: Path, text: str, parameters: str = VAR) -> Program:
     (folder / "machine.var").write_text(parameters, encoding="ascii")
     (folder / "part.ngc").write_text(text, encoding="ascii")
     machine = read_parameter_file(folder / "machine.var")
-    return read_gcode_file(folder / "part.ngc", machine=machine, machine_known=False)
+    return read_gcode_file(folder / "part.ngc", machine=machine)
 
 
 def test_places_of_the_machine_are_seen_from_g54(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import INCH, MM
+from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.read.scanner import scan_line, scan_plain
 from counterflex.programs.program import Program
@@ -47,6 +48,9 @@ odd = st.one_of(
 line = st.one_of(st.lists(st.one_of(code, word), max_size=6).map(" ".join), flow, odd)
 
 
+MACHINE = MillingMachine({5161: 0.0, 5162: 0.0, 5163: 9.0}, tool_lengths={1: 0.05})
+
+
 @settings(max_examples=600, deadline=None)
 @given(st.lists(line, max_size=14))
 def test_any_text_is_read_or_refused_in_one_line(lines: list[str]) -> None:
@@ -54,7 +58,7 @@ def test_any_text_is_read_or_refused_in_one_line(lines: list[str]) -> None:
     program: Program | None = None
     refusal: ProgramError | None = None
     try:
-        program = read_gcode(text, step_limit=300, tool_lengths={1: 0.05}, parameters={5161: 0.0, 5162: 0.0, 5163: 9.0})
+        program = read_gcode(text, step_limit=300, machine=MACHINE)
     except ProgramError as fault:
         refusal = fault
     if refusal is not None:
@@ -160,7 +164,9 @@ def test_a_shifted_program_is_shifted(
         "given": "G57",
     }[how]
     offsets = {"G57": (x * MM, y * MM, z * MM)}
-    shifted = read_gcode("\n".join(["G21 G90 F100", head, *text_of(rows)]), work_offsets=offsets)
+    shifted = read_gcode(
+        "\n".join(["G21 G90 F100", head, *text_of(rows)]), machine=MillingMachine(work_offsets=offsets)
+    )
     assert ends(shifted) == pytest.approx(ends(plain) + np.array(shift) * MM, abs=1e-12)
 
 

@@ -13,6 +13,7 @@ import pytest
 from counterflex.core.errors import OutputError, ProgramError
 from counterflex.core.units import MM, RPM
 from counterflex.path.toolpath import FEED, RAPID
+from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode, read_gcode_file
 from counterflex.programs.listing import SCHEMA, listing, write_listing
 from counterflex.programs.program import Program
@@ -106,9 +107,11 @@ def test_cycles_are_marked_and_hold_their_motions() -> None:
 def test_given_offsets_lengths_and_parameters() -> None:
     program = read_gcode(
         "G21 G90 T2 M6 G43 H2\nG0 X1 Z#<_safe>\nG53 G0 Z0\nG28\nM2",
-        work_offsets={"G54": (0.1, 0.2, 0.3)},
-        tool_lengths={2: 0.05},
-        parameters={"_safe": 7.0, 5161: 1.0, "#5162": 2.0, 5163: 90.0},
+        machine=MillingMachine(
+            work_offsets={"G54": (0.1, 0.2, 0.3)},
+            tool_lengths={2: 0.05},
+            parameters={"_safe": 7.0, 5161: 1.0, "#5162": 2.0, 5163: 90.0},
+        ),
     )
     assert ends_mm(program) == [[101, 0, 307 - 50 + 50], [101, 0, -50], [1, 2, 40]]
 

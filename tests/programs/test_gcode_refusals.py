@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from counterflex.core.errors import InputError, ProgramError
+from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode, read_gcode_file
 
 HEAD = "G21 G90 F100\n"
@@ -137,12 +138,12 @@ def test_unknown_dialect() -> None:
 @pytest.mark.parametrize(
     ("given", "match"),
     [
-        ({"tool_lengths": {1: 99.0}}, "length of tool 1"),
-        ({"work_offsets": {"G60": (0.0, 0.0, 0.0)}}, "unknown work offset"),
-        ({"work_offsets": {"G54": (0.0, 0.0)}}, "three or six"),
-        ({"work_offsets": {"G54": (0.0, 0.0, float("nan"))}}, "three or six"),
-        ({"parameters": {9000: 1.0}}, "no name of a parameter"),
-        ({"parameters": {"_a": float("nan")}}, "no finite value"),
+        ({"machine": MillingMachine(tool_lengths={1: 99.0})}, "length of tool 1"),
+        ({"machine": MillingMachine(work_offsets={"G60": (0.0, 0.0, 0.0)})}, "unknown work offset"),
+        ({"machine": MillingMachine(work_offsets={"G54": (0.0, 0.0)})}, "three or six"),
+        ({"machine": MillingMachine(work_offsets={"G54": (0.0, 0.0, float("nan"))})}, "three or six"),
+        ({"machine": MillingMachine(parameters={9000: 1.0})}, "no name of a parameter"),
+        ({"machine": MillingMachine(parameters={"_a": float("nan")})}, "no finite value"),
         ({"step_limit": 0}, "step limit"),
     ],
 )

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from counterflex.core.units import DEG, INCH, MM, MM_PER_MIN, RPM
+from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.program import Motion, Program
 
@@ -152,8 +153,9 @@ def read(path: Path, plain: bool = True) -> Program:
     return read_gcode(
         path.read_text(encoding="utf-8"),
         name=path.name,
-        tool_lengths={number: length * MM for number, length in TOOL.TOOL_LENGTHS_MM.items()},
-        parameters=TOOL.PARAMETERS,
+        machine=MillingMachine(
+            TOOL.PARAMETERS, tool_lengths={number: length * MM for number, length in TOOL.TOOL_LENGTHS_MM.items()}
+        ),
         complete=True,
         plain_lines=plain,
     )

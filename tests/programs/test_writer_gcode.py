@@ -18,6 +18,7 @@ from counterflex.core.units import INCH, MM
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.read import reader as gcode_reader
+from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.write.writer import GcodeText, write_gcode
 from counterflex.programs.program import Motion, Program
 from counterflex.programs.to_path import tool_path
@@ -32,7 +33,7 @@ ROUNDING = 4e-7  # m: start, end and centre each rounded to 0.1 um (0.25 um in i
 
 
 def read_gcode(text: str, name: str = "program") -> Program:
-    return gcode_reader.read_gcode(text, name=name, tool_lengths=LENGTHS_M)
+    return gcode_reader.read_gcode(text, name=name, machine=MillingMachine(tool_lengths=LENGTHS_M))
 
 
 def source(name: str) -> str:

@@ -18,7 +18,7 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.setting import Limits, Setting
-from counterflex.programs.gcode.read.parameter_file import read_parameter_file
+from counterflex.programs.gcode.read.parameter_file import MillingMachine, read_parameter_file
 from counterflex.programs.gcode.read.reader import read_gcode_file
 from counterflex.programs.program import Program
 from counterflex.programs.to_path import tool_path
@@ -72,8 +72,8 @@ class Reading:
             ProgramError: It cannot be read exactly.
             FileFormatError: The parameter file cannot be used.
         """
-        machine = None if self.parameters is None else read_parameter_file(self.parameters)
-        return read_gcode_file(file, dialect=self.dialect, complete=self.complete, machine=machine, machine_known=False)
+        machine = MillingMachine(known=False) if self.parameters is None else read_parameter_file(self.parameters)
+        return read_gcode_file(file, dialect=self.dialect, complete=self.complete, machine=machine)
 
 
 AS_IT_IS: Final = Reading()

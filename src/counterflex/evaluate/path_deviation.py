@@ -20,6 +20,9 @@ SPACING_M = 0.1 * MM
 
 WINDOW_M: Final = 2.0 * MM
 """How far ahead of where the machine's progress says a place on the nominal path may be."""
+CAPTURE_M: Final = 1.0 * MM
+LOST_M: Final = 5.0 * MM
+"""See :func:`counterflex.evaluate.path_matching.match`."""
 
 
 @dataclass(frozen=True)
@@ -108,8 +111,6 @@ def path_deviation(
     progress: Float | None = None,
     spacing_m: float = SPACING_M,
     gap_m: float = 2.0 * MM,
-    capture_m: float = 1.0 * MM,
-    lost_m: float = 5.0 * MM,
 ) -> PathDeviation:
     """Match a measured path to the nominal one and split its deviation.
 
@@ -135,8 +136,6 @@ def path_deviation(
             to the same spot is not taken for a later pass.
         spacing_m: Station spacing.
         gap_m: A longer step that is more than four times its neighbours is a hole in the samples.
-        capture_m: See :func:`counterflex.evaluate.path_matching.match`.
-        lost_m: See there.
 
     Raises:
         InputError: Lengths differ, values are not finite, time runs backwards, or the nominal path has no length.
@@ -148,8 +147,8 @@ def path_deviation(
     time = as_float("time_s", time_s, (n,))
     contact = as_float("engagement", np.asarray(engagement, dtype=np.float64), (n,))
     radius = as_positive("cutter_radius_m", cutter_radius_m)
-    for name, value in (("spacing_m", spacing_m), ("gap_m", gap_m), ("capture_m", capture_m), ("lost_m", lost_m)):
-        as_positive(name, value)
+    as_positive("spacing_m", spacing_m)
+    as_positive("gap_m", gap_m)
     if n == 0:
         raise InputError("the measured path holds no samples")
     if np.any(np.diff(time) < 0.0):
@@ -168,7 +167,7 @@ def path_deviation(
     touching: Bool = engaged_at > 0.0
     hint = np.full(n, np.nan) if progress is None else as_float("progress", progress, (n,)) * S[-1]
     near_hint: Float = np.interp(place, where, hint)
-    u, seg = path_matching.match(q, broken, touching, rows, S, spacing_m, capture_m, lost_m, near_hint, WINDOW_M)
+    u, seg = path_matching.match(q, broken, touching, rows, S, spacing_m, CAPTURE_M, LOST_M, near_hint, WINDOW_M)
     axis = np.ascontiguousarray(nominal.axis_part, dtype=np.float64)
     dev, tangent, left, near = path_matching.split(q, axis, u, seg, rows, S, feed)
     across: Float = dev - np.sum(dev * tangent, axis=1)[:, None] * tangent
@@ -180,7 +179,7 @@ def path_deviation(
         qc, placec, brokenc = path_matching.even_stations(command, spacing_m, gap_m)
         touchc: Bool = contact[np.ceil(placec).astype(np.int64)] > 0.0
         hintc: Float = np.interp(placec, where, hint)
-        uc, _ = path_matching.match(qc, brokenc, touchc, rows, S, spacing_m, capture_m, lost_m, hintc, WINDOW_M)
+        uc, _ = path_matching.match(qc, brokenc, touchc, rows, S, spacing_m, CAPTURE_M, LOST_M, hintc, WINDOW_M)
         due = np.interp(place, placec, uc)
     cutting: Bool = touching & feed[seg]
     runs = contact_runs(cutting, broken, spacing_m)
@@ -201,7 +200,7 @@ def path_deviation(
         cutting=cutting,
         entry=entry & cutting,
         exit=exit_ & cutting,
-        air=feed[seg] & ~touching & (np.linalg.norm(dev, axis=1) <= lost_m),
+        air=feed[seg] & ~touching & (np.linalg.norm(dev, axis=1) <= LOST_M),
         broken=broken,
     )
 

@@ -87,20 +87,11 @@ def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, accelera
         while following < n and reach[following] == 0.0 and dwell[following] == 0.0:
             following += 1
         stop = following >= n or dwell[following] > 0.0 or turning[i] or turning[following]
-        corner = 0.0
-        distance = angle = 0.0
+        corner = distance = angle = 0.0
         if not stop:
             angle = math.acos(min(1.0, max(-1.0, float(unit[i] @ unit[following]))))
-            if angle < _SMOOTH_RAD:
-                corner = min(speed[i], speed[following])
-            else:
-                distance = min(blending_m, 0.5 * length[i], 0.5 * length[following])
-                sharp = math.cos(0.5 * angle)
-                if distance > 1e-9 and sharp > 1e-3:
-                    curvature = math.sin(0.5 * angle) / (distance * sharp * sharp)
-                    corner = min(math.sqrt(acceleration_m_s2 / curvature), speed[i], speed[following])
-                else:
-                    distance = 0.0
+            blend = min(blending_m, 0.5 * length[i], 0.5 * length[following])
+            corner, distance = _rounded(angle, blend, min(speed[i], speed[following]), acceleration_m_s2)
         target = end - distance * unit[i]
         span = float(np.linalg.norm(target - begin)) if not turning[i] else float(reach[i])
         rows.append((target, end_axis, span, float(speed[i]), float(corner), 0.0, i, i))
@@ -124,6 +115,17 @@ def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, accelera
         source=np.array([r[6] for r in rows], dtype=np.int64),
         turned=np.array([r[7] for r in rows], dtype=np.int64),
     )
+
+
+def _rounded(angle: float, blend_m: float, speed_m_s: float, acceleration_m_s2: float) -> tuple[float, float]:
+    """Speed in a corner, m/s, and the distance from it at which its rounding starts, m; 0, 0 for an exact stop."""
+    if angle < _SMOOTH_RAD:
+        return speed_m_s, 0.0
+    sharp = math.cos(0.5 * angle)
+    if not (blend_m > 1e-9 and sharp > 1e-3):
+        return 0.0, 0.0
+    curvature = math.sin(0.5 * angle) / (blend_m * sharp * sharp)
+    return min(math.sqrt(acceleration_m_s2 / curvature), speed_m_s), blend_m
 
 
 def timed(track: Track, acceleration_m_s2: float, cycle_s: float) -> tuple[Float, Float, Float, Int]:

@@ -93,15 +93,7 @@ def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: flo
         joint = first[1:][jump]
         first[1:] += jump
     if n > 1:
-        ends = np.array([m.p_end for m in program.motions])[have]
-        gap = np.abs(ends - path.p_part_tcp[last[have]]).max(axis=1)
-        if gap.max() > 1e-7:
-            at = int(np.flatnonzero(have)[int(np.argmax(gap))])
-            raise InputError(
-                _NOT_THE_PROGRAM,
-                where=f"{program.name}:{program.blocks[program.motions[at].block].line}",
-                value=f"end point off by {gap.max() / MM:.6f} mm",
-            )
+        _check_ends(program, path, last)
     command = compensated.p_part_command.copy()
     command[:1] = path.p_part_tcp[:1]
     dwells = [index for index, source in enumerate(program.motions) if source.kind == "dwell"]
@@ -131,6 +123,20 @@ def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: flo
     vertex[:-1] |= share[1:] != share[:-1]
     vertex[simplify(way, command, tolerance_m, fixed=vertex)] = True
     return MotionRows(first, last, moved, path.p_part_tcp, command, shift, way, vertex, held, share)
+
+
+def _check_ends(program: Program, path: ToolPath, last: Int) -> None:
+    """Refuse a path whose motions end elsewhere than those of the program; ``last`` is the last row of each, or -1."""
+    have = np.flatnonzero(last >= 0)
+    ends = np.array([m.p_end for m in program.motions])[have]
+    gap = np.abs(ends - path.p_part_tcp[last[have]]).max(axis=1)
+    if gap.max() > 1e-7:
+        at = int(have[int(np.argmax(gap))])
+        raise InputError(
+            _NOT_THE_PROGRAM,
+            where=f"{program.name}:{program.blocks[program.motions[at].block].line}",
+            value=f"end point off by {gap.max() / MM:.6f} mm",
+        )
 
 
 def relieved_along_axis(path: ToolPath, command: Float, row: int) -> bool:

@@ -70,10 +70,10 @@ def path(
     if csv is not None:
         keep_inputs(csv, *inputs, option="--csv")
     from counterflex.programs.gcode.read.parameter_file import read_parameter_file
-    from counterflex.programs.gcode.read.reader import read_gcode_file
+    from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART, read_gcode_file
     from counterflex.programs.listing import listing, write_listing
 
-    machine = None if parameters is None else read_parameter_file(parameters)
+    machine = COORDINATES_OF_THE_PART if parameters is None else read_parameter_file(parameters)
     found = read_gcode_file(program, dialect=dialect, complete=not without_end, machine=machine)
     if as_json:
         rows = listing(found).to_dicts()

@@ -24,7 +24,7 @@ from counterflex.identify.pulls import checks as pull_checks
 from counterflex.identify.pulls.blocks import Layout, layout, with_honest_sigma
 from counterflex.identify.recipe import Figure, Identification, Proposal, Recipe
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.holdout import HeldOut, cross_validate, score_separate
+from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.residuals import Residuals
 from counterflex.identify.solver.solve import solve
 from counterflex.robot.elasticity.chain import ElasticChain
@@ -96,7 +96,7 @@ def identify(
     else:
         folds = int(options["folds"])
         held, measured = (
-            cross_validate(plan.parameters, blocks, error=rotation_error, folds=folds, progress=told),
+            cross_validate(plan.parameters, blocks, error=rotation_error, folds=Folds(folds), progress=told),
             blocks,
         )
     told(1.0)

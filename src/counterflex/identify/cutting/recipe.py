@@ -33,7 +33,7 @@ from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.recipe import Figure, Identification, Recipe
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.holdout import HeldOut, cross_validate, score_separate
+from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.jackknife import parts_of_groups, with_jackknife
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.residuals import Residuals
@@ -218,8 +218,7 @@ class _Problem:
                 [self.train(item)],
                 needed=self.needed(),
                 error=row_error,
-                folds=folds,
-                seed=seed,
+                folds=Folds(folds, seed),
                 progress=saying(told[f"held out: {item.text}"], f"held out: {item.text}"),
             )
             out.append(Trial(item, held.identified, held))

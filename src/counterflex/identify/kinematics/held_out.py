@@ -19,7 +19,7 @@ from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.kinematics.setup import Setup, used_places
 from counterflex.identify.recipe import Figure
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.holdout import HeldOut, cross_validate, position_error, score_separate
+from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.solver.solve import Stop
 
 _NO_WEIGHT = 1e-10
@@ -57,7 +57,7 @@ def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit, pro
     # What is a gross error has been decided with all rows; the folds only have to stay clear of it.
     weighted = _weighted(setup, fit)
     return cross_validate(
-        setup.parameters, weighted, needed=setup.needed, error=position_error, scored=judged, folds=folds,
+        setup.parameters, weighted, needed=setup.needed, error=position_error, scored=judged, folds=Folds(folds),
         start=fit.values, robust=False, stop=Stop(tolerance=1e-7), progress=progress,
     )  # fmt: skip
 
@@ -105,7 +105,7 @@ def held_apart(setup: Setup, fit: Fit, progress: Progress = silent) -> tuple[tup
                 if any(own)
                 else cross_validate(
                     setup.parameters, weighted, needed=setup.needed, error=position_error, scored=list(poses),
-                    parts=parts, start=fit.values, robust=False, stop=Stop(tolerance=1e-6), progress=told,
+                    folds=Folds(parts=parts), start=fit.values, robust=False, stop=Stop(tolerance=1e-6), progress=told,
                 )
             )  # fmt: skip
         except CounterflexError as fault:

@@ -22,7 +22,7 @@ from counterflex.identify.play.residuals import LARGE_RAD, AxisResiduals, Revers
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
 from counterflex.identify.reversals.data import Motion, motions, motor_friction
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.holdout import HeldOut, cross_validate, score_separate
+from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.residuals import Residuals
 from counterflex.identify.solver.solve import Stop, solve
 from counterflex.robot.model.description import Play
@@ -106,7 +106,7 @@ def identify(
                 rows,
                 needed=needed,
                 error=angle_error,
-                folds=folds,
+                folds=Folds(folds),
                 robust=False,
                 stop=_STOP,
                 start=fit.values,

@@ -29,7 +29,7 @@ from counterflex.identify.servo.residuals import ServoResiduals
 from counterflex.identify.servo.ringing import Mode, lowest_mode
 from counterflex.identify.solver.correlated import with_correlation
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.holdout import HeldOut, cross_validate, row_error, score_separate
+from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, row_error, score_separate
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import Stop, solve
 from counterflex.robot.model.description import Servo
@@ -156,7 +156,7 @@ def _gains(
         seen = np.concatenate([r.error for r in other.releases])
     else:
         folds, told = min(5, len(block.releases)), share_of(progress, 0.2, 1.0)
-        held = cross_validate(p, [block], error=row_error, robust=False, stop=_STOP, folds=folds, progress=told)
+        held = cross_validate(p, [block], error=row_error, robust=False, stop=_STOP, folds=Folds(folds), progress=told)
         seen = measured
     if not known:
         held = replace(held, nominal=np.abs(seen))

@@ -31,6 +31,25 @@ RowError = Callable[[Residuals, Float], Float]
 """``error(block, x)`` -> (rows,) error of each row in SI, for the score."""
 
 
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """How rows are dealt to the folds that hold them out.
+
+    Attributes:
+        count: How many.
+        seed: Of the dealing.
+        parts: Per scored block (rows,) the part 0.. that each row is held out with (regions, files), in place of
+            ``count`` folds of groups dealt at random.
+    """
+
+    count: int = FOLDS
+    seed: int = 0
+    parts: Mapping[int, Int] | None = None
+
+
+DEALT: Final = Folds()
+
+
 def row_error(block: Residuals, x: Float) -> Float:
     """Length of each row's residual in SI: (rows,) in the unit of the components, which must be one and the same."""
     out: Float = np.linalg.norm(block.evaluate(x) * block.sigma, axis=1)
@@ -148,9 +167,7 @@ def cross_validate(
     needed: Collection[str] = (),
     error: RowError = row_error,
     scored: Collection[int] | None = None,
-    folds: int = FOLDS,
-    seed: int = 0,
-    parts: Mapping[int, Int] | None = None,
+    folds: Folds = DEALT,
     robust: bool = True,
     start: Float | None = None,
     stop: Stop | None = None,
@@ -164,10 +181,7 @@ def cross_validate(
         needed: Names of parameters that any use has to find first (frames): fitted for the nominal error as well.
         error: Error of the rows of a block at given values.
         scored: Places of the blocks that are scored; None scores all. Blocks not scored always train.
-        folds: How many.
-        seed: Of the dealing.
-        parts: Per scored block (rows,) the part 0.. that each row is held out with (regions, files), in place of folds
-            of groups dealt at random.
+        folds: See there.
         robust: As for the solver.
         start: (p,) SI to start the fits from; None is nominal.
         stop: As for the solver.
@@ -180,10 +194,12 @@ def cross_validate(
         InputError: Too few groups, or a name in ``needed`` that is no parameter.
     """
     judged = range(len(blocks)) if scored is None else sorted(scored)
-    if parts is None:
-        dealt = dict(zip(judged, fold_of_groups([blocks[i].group for i in judged], folds, seed), strict=True))
+    if folds.parts is None:
+        dealt = dict(
+            zip(judged, fold_of_groups([blocks[i].group for i in judged], folds.count, folds.seed), strict=True)
+        )
     else:
-        dealt = {i: np.asarray(parts[i], dtype=np.int64) for i in judged}
+        dealt = {i: np.asarray(folds.parts[i], dtype=np.int64) for i in judged}
     count = 1 + max(int(np.max(f, initial=0)) for f in dealt.values())
     pieces: list[tuple[int, Int, int, Float, Float]] = []
     fits = []

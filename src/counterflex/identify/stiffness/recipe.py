@@ -27,7 +27,7 @@ from counterflex.identify.pulls.pulls import Pulls, read_pulls
 from counterflex.identify.pulls.residuals import PullResiduals
 from counterflex.identify.recipe import Identification, Proposal, Recipe
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.holdout import HeldOut, cross_validate, position_error, score_separate
+from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.solver.solve import solve
 from counterflex.identify.stiffness import piecewise_compliance
 from counterflex.identify.stiffness import report as pull_report
@@ -174,7 +174,7 @@ def _judged(
     parameters = plan.parameters if found is None else found.parameters
     if not unseen:
         held = cross_validate(
-            parameters, blocks, needed=plan.frame_names, error=position_error, folds=folds, progress=progress
+            parameters, blocks, needed=plan.frame_names, error=position_error, folds=Folds(folds), progress=progress
         )
         return held, [b.measured for b in blocks]
     others = [refreshed(block(chain, plan, p, R_base_tracker), chain, plan, p, fit.values) for p in unseen]

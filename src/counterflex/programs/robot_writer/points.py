@@ -168,13 +168,8 @@ def choose_points(
     moving = np.concatenate([[True], np.linalg.norm(np.diff(p, axis=0), axis=1) > 0.0])
     moving[1:] |= np.any(np.diff(turned, axis=0) != 0.0, axis=1)
     ends = np.concatenate([path.motion[1:] != path.motion[:-1], [True]])
-    exact = np.zeros(n, dtype=np.bool_)
-    exact[-1] = True
-    following = np.concatenate([path.motion[1:], [-1]])
-    exact |= ends & np.isin(following, np.fromiter(events, dtype=np.int64, count=len(events)))
-    relieved = np.zeros(n, dtype=np.bool_)  # the nominal path stands still while the commanded one moves back
-    relieved[:-1] = (way[1:] == way[:-1]) & moving[1:]
-    exact |= relieved
+    exact = _exact(path, ends, events)
+    exact[:-1] |= (way[1:] == way[:-1]) & moving[1:]  # the nominal path stands still, the commanded one moves back
     stays = exact | (rapid & ends)
     stays[:-1] |= (speed[1:] != speed[:-1]) | (rapid[1:] != rapid[:-1])
     stays[0] = True
@@ -219,6 +214,14 @@ def choose_points(
         cycle_s=cycle_s,
         feed_m_s=float(path.feed_m_s[fine.row[worst]]),
     )
+
+
+def _exact(path: ToolPath, ends: Bool, events: frozenset[int]) -> Bool:
+    """Rows (n,) that must be reached without blending: the last one, and those at which something else happens."""
+    following = np.concatenate([path.motion[1:], [-1]])
+    exact: Bool = ends & np.isin(following, np.fromiter(events, dtype=np.int64, count=len(events)))
+    exact[-1] = True
+    return exact
 
 
 class _Fine:

@@ -22,7 +22,6 @@ from counterflex.core.units import MS, NS
 from counterflex.protocols.kuka_rsi.config import RsiConfig
 from counterflex.protocols.kuka_rsi.link import RsiLink
 from counterflex.protocols.processes.control_array import CONTROL, Request
-from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
@@ -67,11 +66,8 @@ class Rig:
         seed: Of network and sensor.
         context: Settings of the controller; None: one that never stops by itself.
         settings: Of the loop; None: the measured force is undone within the default limits.
-        watch: When telegrams are no longer good enough.
         force: Force (3,) N on the tool by virtual time, once the program runs; part axes.
         config: RSI configuration; None: the demonstration's.
-        peer: The only address the loop listens to, or None.
-        sense: A force sensor is there and sends.
         holds_feed: The robot stands while a feed hold is asked for, and no force acts then; else it goes on.
         sensors: One of :data:`counterflex.validation.faults.scenario.SENSORS`; with a tracker its integrator
             corrects what is left, or the estimator of all sources takes it.
@@ -85,6 +81,7 @@ class Rig:
         tracker: The tracker's side, or None.
         seen: See :class:`Seen`.
         cycle_count: Cycles of the controller so far.
+        sense: The force sensor sends.
         frozen: The loop's process is stopped: it neither waits nor answers.
         enable: The robot program wants the correction.
         feed: The robot program runs: the force acts.
@@ -110,11 +107,8 @@ class Rig:
         seed: int = 0,
         context: RsiContext | None = None,
         settings: OnlineSettings | None = None,
-        watch: WatchSettings | None = None,
         force: Callable[[float], Float] = square,
         config: RsiConfig | None = None,
-        peer: tuple[str, int] | None = None,
-        sense: bool = True,
         holds_feed: bool = True,
         sensors: str = "force",
         **chosen: Any,
@@ -129,9 +123,7 @@ class Rig:
         self.robot_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.robot_socket.bind(("127.0.0.1", 0))
         self.robot_socket.setblocking(False)
-        if peer is None:
-            peer = self.robot_socket.getsockname()
-        self.link = RsiLink(self.config, port=0, peer=peer)
+        self.link = RsiLink(self.config, port=0, peer=self.robot_socket.getsockname())
         self.context = RsiContext(timeout=PATIENT) if context is None else context
         self.robot = FakeRsi(self.config, self.context, {"Enable": 0.0})
         self.sensor = NetftServer(http_port=None)
@@ -140,7 +132,7 @@ class Rig:
         self.control = np.zeros(CONTROL, dtype=np.int64)
         self.now_s = self.clock_offset_s = 0.0
         self.clock_rate = 1.0
-        chosen = {"control": self.control, "watch": watch, "clock_ns": self.clock_ns, **chosen}
+        chosen = {"control": self.control, "clock_ns": self.clock_ns, **chosen}
         self.session = open_session(self.link, self.force_link, self.settings, **chosen)
         self.loop = self.session.loop
         self.ways = (Schedule(telegrams or Impairment(), seed, 0), Schedule(answers or Impairment(), seed, 1))
@@ -155,7 +147,7 @@ class Rig:
         self.spoil: Callable[[bytes], bytes] | None = None
         self.shown: Callable[[Report], Report] | None = None
         self.sensed: Callable[[Float], Float] | None = None
-        self.sense = sense
+        self.sense = True
         self._force = force
         self._noise = np.random.default_rng([seed, 2])
         self._events: list[tuple[float, int, int, bytes]] = []

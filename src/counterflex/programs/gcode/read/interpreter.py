@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -14,6 +14,7 @@ from counterflex.programs.gcode.read.flow import Source
 from counterflex.programs.gcode.read.jumps import MOST_REPEATS, FlowRunner, Place
 from counterflex.programs.gcode.read.modes import apply_modes, apply_offsets, apply_rates
 from counterflex.programs.gcode.read.motion import FARTHEST_M, MotionMaker, point, radians
+from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.scanner import ScannedLine, scan_plain
 from counterflex.programs.gcode.read.state import State
 from counterflex.programs.program import Block, Modal, Motion, Word
@@ -27,13 +28,11 @@ class Interpreter(FlowRunner):
     Args:
         source: The program.
         state: Offsets and modes at the start.
-        parameters: Parameters known at the start.
-        tool_lengths: Length of each tool in m for G43; None where every length is already compensated.
+        machine: What is known of the machine at the start.
         includes: Returns the text of a subroutine's file by name, or None.
         step_limit: Largest number of lines executed.
         block_delete: Skip lines that begin with a slash.
         complete: Refuse a program that stops without M2, M30 or a closing ``%``.
-        machine_known: Where the part lies in the machine is known: G53 leads somewhere.
         plain: Use the short way for plain lines (the result is the same).
     """
 
@@ -41,23 +40,22 @@ class Interpreter(FlowRunner):
         self,
         source: Source,
         state: State,
-        parameters: Mapping[str | int, float] | None,
-        tool_lengths: Mapping[int, float] | None,
+        machine: MillingMachine,
         includes: Callable[[str], str | None] | None,
+        *,
         step_limit: int,
         block_delete: bool,
-        complete: bool = False,
-        plain: bool = True,
-        machine_known: bool = True,
+        complete: bool,
+        plain: bool,
     ) -> None:
-        super().__init__(source, state, parameters, includes)
+        super().__init__(source, state, machine.parameters, includes)
         self._state = state
-        self._tool_lengths = tool_lengths
+        self._tool_lengths = machine.tool_lengths
         self._step_limit = step_limit
         self._block_delete = block_delete
         self._complete = complete
         self._plain = plain
-        self._maker = MotionMaker(state, self._parameters, machine_known)
+        self._maker = MotionMaker(state, self._parameters, machine.known)
         self._modals: dict[Modal, Modal] = {}
         self._modal = state.modal()
         self._ended = False

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -24,19 +25,28 @@ _ROTATION: Final = 9
 
 
 @dataclass(frozen=True)
-class MachineParameters:
-    """What a reader of G-code takes from a machine.
+class MillingMachine:
+    """What a reader of G-code knows of the machine that a program was written for.
 
     Attributes:
-        parameters: By number; among them the stored positions of G28 (5161 to 5166) and G30 (5181 to 5186), mm and deg.
-        work_offsets: x, y, z in m and a, b, c in deg of every offset, by name; 0 where the file has none.
+        parameters: Known beforehand, by number or by global name, in program units; the positions stored for G28
+            (5161 to 5166) and G30 (5181 to 5186) in mm and degrees of the machine.
+        work_offsets: Offsets by name ``G54`` ... ``G59.3``: x, y, z in m and, optionally, a, b, c in degrees.
+        tool_lengths: Length by tool number for G43, m, positive away from the spindle. None: lengths are compensated
+            by the machine and G43 changes nothing here.
+        known: G53 leads to machine coordinates, which are those of the part where no work offset is given. False:
+            where the part lies in the machine is not known, G53 leads nowhere that anything may follow.
+        part_at_g54: The zero of the part is that of G54 as ``work_offsets`` has it, and not that of the machine.
     """
 
-    parameters: dict[str | int, float]
-    work_offsets: dict[str, tuple[float, ...]]
+    parameters: Mapping[str | int, float] = field(default_factory=dict)
+    work_offsets: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    tool_lengths: Mapping[int, float] | None = None
+    known: bool = True
+    part_at_g54: bool = False
 
 
-def read_parameter_file(path: str | os.PathLike[str]) -> MachineParameters:
+def read_parameter_file(path: str | os.PathLike[str]) -> MillingMachine:
     """Read a parameter file of LinuxCNC (``.var``).
 
     Each line holds a number and a value; lengths are in mm, because the file does not say its unit.
@@ -45,7 +55,7 @@ def read_parameter_file(path: str | os.PathLike[str]) -> MachineParameters:
         path: The file.
 
     Returns:
-        What it holds, in coordinates of the machine.
+        What it holds, in coordinates of the machine, with the zero of the part at G54.
 
     Raises:
         FileFormatError: It cannot be read, a line is no number and value, a number comes twice, or it holds what is not
@@ -80,7 +90,7 @@ def read_parameter_file(path: str | os.PathLike[str]) -> MachineParameters:
         name: tuple(found.get(start + axis, 0.0) * (MM if axis < 3 else 1.0) for axis in range(6))
         for name, start in _OFFSETS.items()
     }
-    return MachineParameters(parameters, offsets)
+    return MillingMachine(parameters, offsets, part_at_g54=True)
 
 
 def _understood(found: dict[int, float], file: Path) -> None:

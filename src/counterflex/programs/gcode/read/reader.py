@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import codecs
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -14,7 +14,7 @@ from counterflex.core.similar import missing_file
 from counterflex.programs.foreign_language import foreign_language
 from counterflex.programs.gcode.read.flow import Source, split_lines
 from counterflex.programs.gcode.read.interpreter import Interpreter
-from counterflex.programs.gcode.read.parameter_file import MachineParameters
+from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.state import State, work_offset_table
 from counterflex.programs.program import Block, Motion, Program
 
@@ -22,6 +22,8 @@ DIALECTS: Final = ("linuxcnc",)
 Point = tuple[float, float, float]
 _HERE: Final[Point] = (0.0, 0.0, 0.0)
 _LARGEST_FILE: Final = 500_000_000
+COORDINATES_OF_THE_PART: Final = MillingMachine()
+"""A machine whose coordinates are those of the part, with nothing else known."""
 
 
 def read_gcode(
@@ -29,15 +31,11 @@ def read_gcode(
     *,
     name: str = "program",
     dialect: str = "linuxcnc",
-    tool_lengths: Mapping[int, float] | None = None,
-    work_offsets: Mapping[str, Sequence[float]] | None = None,
-    parameters: Mapping[str | int, float] | None = None,
+    machine: MillingMachine = COORDINATES_OF_THE_PART,
     step_limit: int = 2_000_000,
     includes: Callable[[str], str | None] | None = None,
     block_delete: bool = False,
     complete: bool = False,
-    machine_known: bool = True,
-    part_at_g54: bool = False,
     plain_lines: bool = True,
 ) -> Program:
     """Execute a program's text and return the blocks passed and the motions made.
@@ -49,19 +47,12 @@ def read_gcode(
         text: The program.
         name: Its name, for errors.
         dialect: ``linuxcnc``.
-        tool_lengths: Length by tool number for G43, m, positive away from the spindle. None: lengths are compensated
-            by the machine and G43 changes nothing here.
-        work_offsets: Offsets by name ``G54`` ... ``G59.3``: x, y, z in m and, optionally, a, b, c in degrees.
-        parameters: Parameters known beforehand, by number or by global name, in program units; the positions stored
-            for G28 (5161-5166) and G30 (5181-5186) in mm and degrees of the machine.
+        machine: What is known of the machine that the program was written for.
         step_limit: Largest number of lines executed.
         includes: Given the name of a subroutine that the text does not define, returns the text of its file or None.
         block_delete: Skip lines that begin with a slash, as with the operator's switch on.
         complete: Refuse a text that stops without M2, M30 or a closing ``%``, as LinuxCNC does: it may have been
             cut off.
-        machine_known: G53 leads to machine coordinates, which are those of the part where no work offset is given.
-            False: where the part lies in the machine is not known, G53 leads nowhere that anything may follow.
-        part_at_g54: The zero of the part is that of G54 as ``work_offsets`` has it, and not that of the machine.
         plain_lines: Read plain lines the short way; False gives the same program more slowly.
 
     Returns:
@@ -77,7 +68,7 @@ def read_gcode(
         raise InputError("an unknown dialect of G-code", value=dialect, limit=" ".join(DIALECTS))
     if step_limit < 1:
         raise InputError("the step limit is out of range", value=step_limit, limit=">= 1")
-    for tool, length in (tool_lengths or {}).items():
+    for tool, length in (machine.tool_lengths or {}).items():
         if not -10.0 <= length <= 10.0:
             raise InputError(f"the length of tool {tool} is out of range", value=length, limit="-10 to 10 m")
     newline = "\r\n" if "\r\n" in text else "\n"
@@ -88,15 +79,15 @@ def read_gcode(
             where=f"{name}:1:1",
             hint="Give a file with G-code; post it again where the CAM system wrote nothing",
         )
-    state = State(work_offsets=work_offset_table(work_offsets))
-    if part_at_g54:
+    state = State(work_offsets=work_offset_table(machine.work_offsets))
+    if machine.part_at_g54:
         state.position = state.work_offsets["G54"]
     zero = state.position[:3]
     try:
         source = Source(name, lines)
         interpreter = Interpreter(
-            source, state, parameters, tool_lengths, includes, step_limit, block_delete, complete, plain_lines,
-            machine_known,
+            source, state, machine, includes, step_limit=step_limit, block_delete=block_delete, complete=complete,
+            plain=plain_lines,
         )  # fmt: skip
         straight = interpreter.run()
     except ProgramError as fault:
@@ -147,28 +138,20 @@ def read_gcode_file(
     path: str | os.PathLike[str],
     *,
     dialect: str = "linuxcnc",
-    tool_lengths: Mapping[int, float] | None = None,
-    work_offsets: Mapping[str, Sequence[float]] | None = None,
-    parameters: Mapping[str | int, float] | None = None,
+    machine: MillingMachine = COORDINATES_OF_THE_PART,
     step_limit: int = 2_000_000,
     block_delete: bool = False,
     complete: bool = True,
-    machine: MachineParameters | None = None,
-    machine_known: bool = True,
 ) -> Program:
     """Read a program from a file; subroutines it does not define are looked for beside it as ``name.ngc``.
 
     Args:
         path: The file, UTF-8 or Latin-1 (comments only may hold more than ASCII).
         dialect: As for :func:`read_gcode`, and so are the others.
-        tool_lengths: m by tool number.
-        work_offsets: By name.
-        parameters: By number or name.
+        machine: See :func:`read_gcode`.
         step_limit: Largest number of lines executed.
         block_delete: Skip lines that begin with a slash.
         complete: Refuse a file that stops without M2, M30 or a closing ``%``.
-        machine: Of the machine it was written for: stored positions and work offsets, with the part's zero at G54.
-        machine_known: As for :func:`read_gcode`.
 
     Returns:
         The program as executed.
@@ -188,15 +171,11 @@ def read_gcode_file(
         text,
         name=file.name,
         dialect=dialect,
-        tool_lengths=tool_lengths,
-        work_offsets=work_offsets if machine is None else machine.work_offsets,
-        parameters=parameters if machine is None else machine.parameters,
+        machine=machine,
         step_limit=step_limit,
         includes=include,
         block_delete=block_delete,
         complete=complete,
-        machine_known=machine_known or machine is not None,
-        part_at_g54=machine is not None,
     )
     return replace(program, encoding=encoding)
 
