@@ -29,6 +29,8 @@ BlockLines = Callable[[Block], Sequence[str]]
 _SPEED_STEP: Final = 0.02
 _CAUTION: Final = 0.8
 """Of the feed at which the tolerance would just be held."""
+_BACK: Final = -0.5
+"""Cosine of the angle between two steps beyond which the path turns back: 120 degrees."""
 _MODAL_ONLY: Final = frozenset("GXYZABCIJKRPQLFN")
 _STOPS: Final = frozenset((0.0, 1.0, 60.0))
 
@@ -130,10 +132,10 @@ def choose_points(
 
     Straight stretches are reduced within the tolerances at the same place of the way, with points at least
     ``DS = f DT`` apart (Berger2013 eq. 5); where the tolerance would need them closer, they lie at that distance, also
-    between rows. Ends of rapids, changes of
-    speed, dwells and rows before an event stay; so does the point from which a correction is taken back at the end of
-    a cut, and it is approached exactly. The first row is left out: it is where the program happens to start,
-    which G-code does not say, and a robot must not be sent there.
+    between rows. Ends of rapids, changes of speed, dwells and rows before an event stay; so does the point from which a
+    correction is taken back at the end of a cut, and it is approached exactly, as are the places where the path turns
+    back and the corners of canned cycles. The first row is left out: it is where the program happens to start, which
+    G-code does not say, and a robot must not be sent there.
 
     Args:
         program: The program the path was sampled from.
@@ -168,7 +170,7 @@ def choose_points(
     moving = np.concatenate([[True], np.linalg.norm(np.diff(p, axis=0), axis=1) > 0.0])
     moving[1:] |= np.any(np.diff(turned, axis=0) != 0.0, axis=1)
     ends = np.concatenate([path.motion[1:] != path.motion[:-1], [True]])
-    exact = _exact(path, ends, events)
+    exact = _exact(program, path, ends, events)
     exact[:-1] |= (way[1:] == way[:-1]) & moving[1:]  # the nominal path stands still, the commanded one moves back
     stays = exact | (rapid & ends)
     stays[:-1] |= (speed[1:] != speed[:-1]) | (rapid[1:] != rapid[:-1])
@@ -216,12 +218,31 @@ def choose_points(
     )
 
 
-def _exact(path: ToolPath, ends: Bool, events: frozenset[int]) -> Bool:
-    """Rows (n,) that must be reached without blending: the last one, and those at which something else happens."""
+def _exact(program: Program, path: ToolPath, ends: Bool, events: frozenset[int]) -> Bool:
+    """Rows (n,) that must be reached without blending: where something else happens, at turns back and at the end."""
     following = np.concatenate([path.motion[1:], [-1]])
     exact: Bool = ends & np.isin(following, np.fromiter(events, dtype=np.int64, count=len(events)))
+    exact |= ends & (_turns_back(path) | _in_cycle(program)[path.motion])
     exact[-1] = True
     return exact
+
+
+def _turns_back(path: ToolPath) -> Bool:
+    """(n,) rows from which the path goes back the way it came: a blended corner would not get there."""
+    step = np.diff(path.p_part_tcp, axis=0)
+    size = np.linalg.norm(step, axis=1)
+    out = np.zeros(len(path), dtype=np.bool_)
+    out[1:-1] = np.sum(step[:-1] * step[1:], axis=1) < _BACK * size[:-1] * size[1:]
+    return out
+
+
+def _in_cycle(program: Program) -> Bool:
+    """By motion: it is part of a canned cycle, which stops at every corner."""
+    out = np.zeros(len(program.motions), dtype=np.bool_)
+    for block in program.blocks:
+        if block.cycle:
+            out[block.first_motion : motions_end(block)] = True
+    return out
 
 
 class _Fine:

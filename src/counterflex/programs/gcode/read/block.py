@@ -94,8 +94,16 @@ class BlockWords:
         return letter in self._values
 
     def take(self, letter: str) -> float | None:
-        """Use a word; None where the block has none."""
+        """Use a word; None where the block has none.
+
+        Raises:
+            ProgramError: Something else of the block has used it: ``M62 P1`` beside the dwell P of a cycle.
+        """
         if letter not in self._unused:
+            if letter in self._values and letter not in AXES:
+                raise self.fault(
+                    f"two codes of one block both take the word {letter}", letter, hint="Put them on two lines"
+                )
             return None
         self._unused.discard(letter)
         return self._values[letter]

@@ -24,6 +24,8 @@ UNKNOWN_PLACE: Final = (
     "for G30, #5221 to #5226 for G54), or retract with a plain G0"
 )
 _LONGEST_DWELL_S: Final = 1e6
+_SAME_NUMBER: Final = 1e-6
+_SAME_HEIGHT_M: Final = 1e-9
 _CENTRE_LETTERS: Final = "IJK"
 _NORMALS: Final[dict[int, Float]] = {}
 for _plane, (_, _, _axis) in PLANE_AXES.items():
@@ -292,7 +294,9 @@ class MotionMaker:
         here = state.position[third]
         if state.cycle_initial is None:
             state.cycle_initial = here
+            state.cycle_began = (state.plane, (here - state.origin[third]) / state.unit_m)
         old = state.cycle_initial
+        self._same_series(block, name, (old - state.origin[third]) / state.unit_m)
         base = state.origin[third] if state.absolute else old
         r = base + sticky["R"] * state.unit_m
         bottom = (base if state.absolute else r) + sticky["Z"] * state.unit_m
@@ -310,12 +314,25 @@ class MotionMaker:
         clear = max(r, old) if state.retract_initial else r
         for _ in range(count):
             target = list(self.target(axes, machine=False))
-            target[third] = max(state.position[third], clear)  # clear is never below R
+            above = state.position[third] - r > _SAME_HEIGHT_M  # as LinuxCNC does: not up to clear first
+            target[third] = state.position[third] if above else clear
             self.straight(block, (target[0], target[1], target[2], target[3], target[4], target[5]), rapid=True)
             if state.position[third] != r:
                 self._along(block, third, r, rapid=True)
             for step in hole(code, r, bottom, clear, peck, dwell_s):
                 self._step(block, third, step)
+
+    def _same_series(self, block: BlockWords, name: str, initial: float) -> None:
+        """Refuse a series of cycles whose first height means another place since a change of plane, offset or unit."""
+        plane, began = self._state.cycle_began
+        if plane != self._state.plane or abs(initial - began) > _SAME_NUMBER:
+            raise block.fault(
+                f"{name} goes on with a series of cycles after a change of plane, offset or unit: controllers differ "
+                "in the height that the series began at",
+                f"G{self._state.motion}",
+                f"{began:.6g} in G{plane} then, {initial:.6g} in G{self._state.plane} now",
+                "End the series before the change with G80 and begin the next with G0",
+            )
 
     def _cycle_words(self, block: BlockWords, code: int, axes: dict[int, float], needed: str) -> int:
         """Take the words of a canned cycle into those that stay in force; returns the number of repetitions L."""

@@ -88,6 +88,7 @@ class State:
         prepared: Tool chosen by T; None before the first.
         cycle: Sticky words of the canned cycle by letter, in program units.
         cycle_initial: Height along the cycle's axis at which the running series of cycles began, m; None outside one.
+        cycle_began: The same as the program said it there: plane, and height in program units.
     """
 
     work_offsets: dict[str, Six]
@@ -113,6 +114,7 @@ class State:
     prepared: int | None = None
     cycle: dict[str, float] = field(default_factory=dict)
     cycle_initial: float | None = None
+    cycle_began: tuple[int, float] = (17, 0.0)
 
     @property
     def origin(self) -> Six:

@@ -118,9 +118,10 @@ def _emit_pieces(
 
 def _edit_words(line: WrittenLine, code: str, words: dict[str, str], keep_turns: bool) -> None:
     """Put centre or radius words on the source's line, or turn it into a straight move."""
+    kept = line.taken_elsewhere()
     for word in line.words:
         stale = word.letter in "IJKR" and word.letter not in words
-        if stale or (word.letter == "P" and not (keep_turns and words)):
+        if stale or (word.letter == "P" and word.letter not in kept and not (keep_turns and words)):
             line.remove(word)
         elif word.letter == "G" and word.value in (2.0, 3.0) and not words:
             line.replace(word, code)
@@ -141,7 +142,7 @@ def _arc_words(
     here = machine.here()
     end = np.array([machine.reach(own, modal, axis, float(points.p_part[piece.last, axis])) for axis in range(3)])
     sense = math.copysign(1.0, piece.turn_rad)
-    turns = line.find("P") if points.whole(piece) else None
+    turns = line.find("P") if points.whole(piece) and "P" not in line.taken_elsewhere() else None
     part = points.plane[piece.first : piece.last + 1].copy()
     part[0], part[-1] = here[list(axes)], end[list(axes)]
     share = points.share[piece.first : piece.last + 1]

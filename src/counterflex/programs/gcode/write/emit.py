@@ -10,6 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.programs.feed_hold import feed_factor
+from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.write.arcs import emit_arc
 from counterflex.programs.gcode.write.machine import MOTION_CODES, WrittenMachine
 from counterflex.programs.gcode.write.written_line import AXES, WrittenLine, evaluated, flatten, number
@@ -17,6 +18,9 @@ from counterflex.programs.motion_rows import MotionRows
 from counterflex.programs.program import Block, Modal, Motion, Program
 
 _NO_TARGET: Final = frozenset((4.0, 10.0, 28.0, 30.0, 43.1, 52.0, 53.0, 92.0, 92.1, 92.2, 92.3))
+_WRITTEN_OUT: Final = MOTION_CODES | {4.0, 28.0, 30.0}
+_CYCLE_NAMES: Final = frozenset(code_name("G", code) for code in CYCLES)
+_PATH_CONTROL: Final = frozenset((61.0, 61.1, 64.0))
 _POSITION_PARAMETER: Final = re.compile(r"#\s*(5[0-4]\d\d|<\s*_(abs_)?[xyz]\s*>)", re.IGNORECASE)
 
 
@@ -33,6 +37,7 @@ class Emitter(WrittenMachine):
     def __init__(self, program: Program, rows: MotionRows, tolerance_m: float, decimals: int) -> None:
         super().__init__(program, rows, tolerance_m, decimals)
         self._expanding = False
+        self._exact = False  # G61: the program stops at every corner anyway
         self._freeze = any(_POSITION_PARAMETER.search(line) for line in program.lines)
 
     def run(self) -> list[str]:
@@ -56,6 +61,9 @@ class Emitter(WrittenMachine):
         return self.lines
 
     def _block(self, block: Block, line: WrittenLine) -> None:
+        for word in line.words:
+            if word.letter == "G" and word.value in _PATH_CONTROL:
+                self._exact = word.value != 64.0
         if block.motion_count == 0:
             self.hold_feed(line, block.modal, 0.0, 1.0)
             self._still(block, line)
@@ -209,19 +217,23 @@ class Emitter(WrittenMachine):
         homing = any(w.letter == "G" and w.value in (28.0, 30.0) for w in line.words)
         moved = any(bool(self.rows.moved[i]) for i in indices)
         if homing and not moved:
-            self.off = [0.0, 0.0, 0.0]
+            named = {w.letter for w in line.words} & set(AXES) or set(AXES)
+            self.off = [0.0 if letter in named else off for letter, off in zip(AXES, self.off, strict=True)]
         elif moved or self.inherits(modal) or (self._expanding and not homing):
             self._expand(block, line, indices)
             return
-        self.completed_blocks += self.state_motion(block, line, block.modal.motion)
+        if not homing:
+            self.completed_blocks += self.state_motion(block, line, block.modal.motion)
         self._expanding = False
         self.lines.append(line.render())
         for i in indices:
             self.arrive(i, motions[i])
 
     def _expand(self, block: Block, line: WrittenLine, indices: range) -> None:
+        kept = line.taken_elsewhere()
         for word in line.words:
-            if word.letter in "XYZRLPQIJK" or (word.letter == "G" and (word.value in MOTION_CODES | {28.0, 30.0})):
+            of_motion = word.letter in "XYZRLPQIJK" and word.letter not in kept
+            if of_motion or (word.letter == "G" and word.value in _WRITTEN_OUT):
                 line.remove(word)
         stop = self.stop_word(line)
         rest = line.render().strip()
@@ -248,6 +260,8 @@ class Emitter(WrittenMachine):
                 if words:
                     self.lines.append(code + words)
                     self.written_motion = code
+                    if self._blends(block, i) and not (stop and i == indices[-1]):
+                        self.lines.append("G4 P0")
                 if motion.kind == "feed":
                     self.checked[first : last + 1] = True
             self.off = [self.current(axis) - float(motion.p_end[axis]) for axis in range(3)]
@@ -257,6 +271,16 @@ class Emitter(WrittenMachine):
             self.lines.append(stop)
         self._expanding = True
         self.cycles_expanded += 1
+
+    def _blends(self, block: Block, index: int) -> bool:
+        """Whether the end of a motion of a cycle needs a stop of its own once it is written out.
+
+        A cycle is run in exact path mode whatever the program has set. Moves of their own would be blended under
+        G64: the tool would turn back before the bottom, and go sideways before it is out of the hole.
+        """
+        motions = self.program.motions
+        dwells = index + 1 < block.first_motion + block.motion_count and motions[index + 1].kind == "dwell"
+        return not self._exact and not dwells and block.modal.motion in _CYCLE_NAMES
 
     def _spindle(self, block: Block, turning: bool, wanted: bool) -> bool:
         """Stop or restart the spindle inside a cycle (G86)."""
