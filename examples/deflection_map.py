@@ -8,7 +8,7 @@ import numpy as np
 
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import read_cell
-from counterflex.plan.tool_frame import tool_orientation, tool_poses
+from counterflex.path.toolpath import tool_orientation, tool_poses
 from counterflex.robot.elasticity import compliance, gravity
 from counterflex.robot.kinematics.inverse import inverse_path
 

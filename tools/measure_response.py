@@ -20,7 +20,7 @@ from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, MS
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.plan.tool_frame import tool_orientation, tool_poses
+from counterflex.path.toolpath import tool_orientation, tool_poses
 from counterflex.robot.elasticity.chain import jacobian
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.kinematics.inverse import inverse_path

@@ -7,8 +7,7 @@ from functools import cache
 import numpy as np
 
 from counterflex.app.proof.truth import truth_of
-from counterflex.core.arrays import Float
-from counterflex.core.batches import rows_of_each
+from counterflex.core.arrays import Float, rows_of_each
 from counterflex.core.units import UM, URAD
 from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.play import proposal as reversals_proposal

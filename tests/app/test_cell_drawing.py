@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import counterflex
-from counterflex.app.compensation.cell_drawing import corners, links_of, reach
+from counterflex.app.compensation.cell_facts import corners, links_of, reach
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.robot.elasticity.chain import forward, frames

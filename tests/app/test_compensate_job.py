@@ -21,8 +21,8 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.files.plan_file import read_plan
 from counterflex.path.toolpath import FEED
 from counterflex.plan.plan import Plan, across
+from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.to_path import tool_path
 
 ProgramFile = Callable[..., Path]
 TOLERANCE = 5 * UM

@@ -15,8 +15,8 @@ from counterflex.app.inputs import read_job
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import read_cell
 from counterflex.path.toolpath import FEED
+from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.reader import read_gcode_file
-from counterflex.programs.to_path import tool_path
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = sorted((ROOT / "examples" / "programs").glob("*.ngc"))

@@ -18,9 +18,8 @@ from counterflex.core.units import UM
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.tables import CellTables
 from counterflex.plan.inputs import solve_joints
-from counterflex.plan.lost_motion import corrected_joints
-from counterflex.plan.part_frame import residual_sag
 from counterflex.plan.plan import Plan
+from counterflex.plan.sag_and_play import corrected_joints, residual_sag
 from counterflex.robot.elasticity.chain import forward
 
 ProgramFile = Callable[..., Path]

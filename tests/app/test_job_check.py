@@ -17,8 +17,8 @@ from counterflex.app.run.job_check import check_job
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.plan_file import read_plan
-from counterflex.plan.job_hash import job_hash
-from counterflex.programs.job_mark import mark, marks
+from counterflex.plan.plan import job_hash
+from counterflex.programs.compensated import mark, marks
 from counterflex.programs.krl.rsi import RsiSwitching, with_correction
 
 ProgramFile = Callable[..., Path]

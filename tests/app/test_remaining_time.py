@@ -11,7 +11,7 @@ from counterflex.core.meter import Meter
 from counterflex.core.progress import in_parts
 from counterflex.identify.kinematics import recipe as kinematics
 from counterflex.identify.stiffness import recipe as stiffness
-from counterflex.plan.work import CORRECTION, JOINTS, MENDED, TRIAL, UNCOMPENSATED, UNDISTURBED, work_of
+from counterflex.plan.inputs import CORRECTION, JOINTS, MENDED, TRIAL, UNCOMPENSATED, UNDISTURBED, work_of
 
 # Seconds that the parts took on two busy cores: of the UR10 and the first two parts of a proof by the jobs' own clocks,
 # in earlier runs; of the others processor time as tools/measure_progress.py prints it, at a load of 4 to 5.

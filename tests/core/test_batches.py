@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from counterflex.core.batches import batches, rows_of_each
+from counterflex.core.arrays import batches, rows_of_each
 
 
 @given(count=st.integers(0, 200), size=st.integers(1, 70))

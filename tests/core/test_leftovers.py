@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from counterflex.core import atomic
-from counterflex.core.leftovers import SUFFIX, part_prefix
+from counterflex.core.output_place import SUFFIX, part_prefix
 
 HOLD = """
 import sys, time

@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 from counterflex.core.errors import FileFormatError
 from counterflex.files.plan_file import KIND, LAYOUT, VERSION, read_plan, write_plan
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.job_hash import job_hash
-from counterflex.plan.plan import Plan
+from counterflex.plan.plan import Plan, job_hash
 
 ABOUT = {"program": "part.ngc", "cell": "a cell"}
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.geometry import pose, registration, rotation, wrench
+from counterflex.geometry import pose, rotation, wrench
 
 seeds = st.integers(0, 2**32 - 1)
 regimes = st.sampled_from([3.0, 0.1, 1e-4, 1e-7])
@@ -103,7 +103,7 @@ def test_force_beside_the_point_makes_a_moment() -> None:
 def test_registration_recovers_a_known_pose(seed: int) -> None:
     T_a_b = _pose(seed)
     points_b = np.random.default_rng(seed).normal(size=(5, 3))
-    found, residuals = registration.register(pose.transform(T_a_b, points_b), points_b)
+    found, residuals = pose.register(pose.transform(T_a_b, points_b), points_b)
     np.testing.assert_allclose(found, T_a_b, atol=1e-10)
     assert np.max(np.abs(residuals)) < 1e-10
 
@@ -111,7 +111,7 @@ def test_registration_recovers_a_known_pose(seed: int) -> None:
 def test_registration_refuses_points_on_a_line() -> None:
     line = np.outer(np.arange(4.0), [1.0, 2.0, 3.0])
     with pytest.raises(InputError, match="one line"):
-        registration.register(line, line)
+        pose.register(line, line)
 
 
 def test_the_fast_cross_product_is_numpys_bit_for_bit() -> None:

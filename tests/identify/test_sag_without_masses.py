@@ -31,7 +31,7 @@ from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.kinematics.recipe import identify
 from counterflex.identify.recipe import Identification
 from counterflex.identify.solver.derivative_check import convergence_order
-from counterflex.plan.part_frame import residual_sag
+from counterflex.plan.sag_and_play import residual_sag
 from counterflex.robot.elasticity.axis_sag import AxisSag, unit_turns
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.elasticity.drive_error import DriveErrors

@@ -18,8 +18,8 @@ from counterflex.files.cell.cell import Cell, resolve
 from counterflex.files.cell.tables import CellTables
 from counterflex.files.schema import parse
 from counterflex.path.toolpath import ToolPath
+from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.to_path import tool_path
 
 CELL = Path(__file__).resolve().parents[1] / "data" / "cells" / "small.toml"
 HEAD = "G21 G17 G90 G94\nT1 M6\nM3 S13000\n"

@@ -8,7 +8,7 @@ import pytest
 from counterflex.core.errors import ModelError
 from counterflex.cutting.cutter import Cutter
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.flute_length import check_flutes, least_depth
+from counterflex.plan.undisturbed_cut import check_flutes, least_depth
 
 DIAMETER = 0.016
 

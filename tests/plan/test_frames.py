@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
-from counterflex.plan.part_frame import sag_deviation, true_part_frame
-from counterflex.plan.tool_frame import tool_orientation, tool_poses
+from counterflex.path.toolpath import tool_orientation, tool_poses
+from counterflex.plan.sag_and_play import sag_deviation, true_part_frame
 
 DATUM: Float = np.array([[0.0, 0, 0.04], [0.2, 0, 0.04], [0.2, 0.15, 0.04], [0, 0.15, 0.04]])
 POINTS: Float = np.array([[0.05, 0.02, 0.03], [0.1, 0.1, 0.0], [0.19, 0.14, 0.04]])

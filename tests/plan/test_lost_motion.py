@@ -15,8 +15,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import plan
 from counterflex.plan.inputs import solve_joints
-from counterflex.plan.lost_motion import corrected_joints, play_deviation
-from counterflex.plan.part_frame import touched_points
+from counterflex.plan.sag_and_play import corrected_joints, play_deviation, touched_points
 from counterflex.plan.setting import Setting
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.model.description import Play

@@ -15,12 +15,11 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, ModelError, ReachError
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell
-from counterflex.geometry import pose, registration, wrench
-from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.geometry import pose, wrench
+from counterflex.path.toolpath import FEED, ToolPath, tool_orientation, tool_poses
 from counterflex.plan.compensate import plan
 from counterflex.plan.plan import Plan, across
 from counterflex.plan.setting import Limits, Setting
-from counterflex.plan.tool_frame import tool_orientation, tool_poses
 from counterflex.robot.elasticity.chain import ElasticChain, forward_elastic
 from counterflex.robot.kinematics.inverse import inverse_path
 from counterflex.robot.model.description import Servo
@@ -98,7 +97,7 @@ def test_the_loaded_tool_lands_on_the_programmed_point(
         Rs = tool_orientation(np.tile([0.0, 0, 1], (len(datum), 1)), exact.rotation_about_tool_rad)
         q = inverse_path(exact.controller_chain, tool_poses(exact.T_base_part, datum, Rs), exact.branch).q
         touched = forward_elastic(chain, q, None, gravity=True, equilibrium=True)[:, :3, 3]
-        T_base_true, _ = registration.register(touched, datum)
+        T_base_true, _ = pose.register(touched, datum)
     found = planned(groove, cell, exact)
     rows: Int = np.flatnonzero(found.cutting)[::10].astype(np.int64)
     nominal = found.path.p_part_tcp[rows]

@@ -9,12 +9,11 @@ import pytest
 
 from counterflex.core.errors import FileFormatError, ProgramError
 from counterflex.core.units import MM
-from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine, read_parameter_file
 from counterflex.programs.gcode.read.reader import read_gcode, read_gcode_file
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import Program
-from counterflex.programs.to_path import tool_path
 
 CUT = "G21 G17 G90\nM3 S9000\nG0 X0 Y0 Z5\nG1 Z-1 F300\nG1 X40 F900\nG0 Z5\n"
 ENDS = {

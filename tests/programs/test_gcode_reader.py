@@ -13,11 +13,11 @@ import pytest
 from counterflex.core.errors import OutputError, ProgramError
 from counterflex.core.units import MM, RPM
 from counterflex.path.toolpath import FEED, RAPID
+from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode, read_gcode_file
 from counterflex.programs.listing import SCHEMA, listing, write_listing
 from counterflex.programs.program import Program
-from counterflex.programs.to_path import tool_path
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples" / "programs"

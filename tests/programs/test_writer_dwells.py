@@ -10,13 +10,12 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.write.writer import GcodeText, write_gcode
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.program import Program
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
-from counterflex.programs.to_path import tool_path
 
 SETTINGS = KrlSettings(name="hole", start_axes_rad=(0.0,) * 6)
 SPINDLE = MachineFunctions("krl", {3: (), 5: ()}).lines

@@ -16,12 +16,11 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import INCH, MM
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read import reader as gcode_reader
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.write.writer import GcodeText, write_gcode
 from counterflex.programs.program import Motion, Program
-from counterflex.programs.to_path import tool_path
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "tests" / "data" / "writer"

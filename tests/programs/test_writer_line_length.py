@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.path.toolpath import FEED
-from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.write.writer import write_gcode
-from counterflex.programs.to_path import tool_path
 
 
 def test_comments_leave_a_line_that_grows_too_long() -> None:

@@ -7,10 +7,9 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.path.toolpath import FEED
-from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.write.writer import write_gcode
-from counterflex.programs.to_path import tool_path
 
 PLANES = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
 

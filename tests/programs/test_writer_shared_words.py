@@ -9,13 +9,12 @@ import pytest
 
 from counterflex.core.errors import ProgramError
 from counterflex.path.toolpath import FEED
-from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.krl.writer import KrlSettings, write_krl
 from counterflex.programs.program import Program
-from counterflex.programs.to_path import tool_path
 
 STORED = MillingMachine(parameters={5161: 5.0, 5162: 6.0, 5163: 90.0})
 

@@ -11,14 +11,13 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.path.toolpath import ToolPath
-from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.program import Program
 from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import Dialect, MachineFunctions
 from counterflex.programs.robot_writer.points import RobotText
-from counterflex.programs.to_path import tool_path
 
 START = (0.0, -1.5, 1.6, 0.1, 0.5, -0.2)
 KRL = {

@@ -43,9 +43,9 @@ from counterflex.report import (
     report_page,
     write_page,
 )
-from counterflex.report.colours import edges_mm, scale_limit_mm
 from counterflex.report.data import CellDrawing
 from counterflex.report.distribution_figure import area_shares
+from counterflex.report.figure_data import edges_mm, scale_limit_mm
 
 CUTTER = Cutter(diameter_m=16e-3, flutes=3)
 FEED_M_S = 0.025

@@ -18,10 +18,10 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.setting import Limits, Setting
+from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine, read_parameter_file
 from counterflex.programs.gcode.read.reader import read_gcode_file
 from counterflex.programs.program import Program
-from counterflex.programs.to_path import tool_path
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode, Shaping
 

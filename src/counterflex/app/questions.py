@@ -14,7 +14,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.plausibility import unusual
 from counterflex.files.schema import ComplianceTable
 from counterflex.geometry import pose, rotation
-from counterflex.plan.tool_frame import tool_orientation, tool_poses
+from counterflex.path.toolpath import tool_orientation, tool_poses
 from counterflex.robot.elasticity import compliance, gravity
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics import inverse

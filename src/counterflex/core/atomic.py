@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import TextIO
 
 from counterflex.core.errors import OutputError
-from counterflex.core.leftovers import SUFFIX, clear_leftovers, part_prefix
-from counterflex.core.output_place import Place, place_of
+from counterflex.core.output_place import SUFFIX, Place, clear_leftovers, part_prefix, place_of
 
 _OTHER = "Choose another place"
 _FULL = (

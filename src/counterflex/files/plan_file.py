@@ -9,8 +9,7 @@ from typing import Any
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM, UM, URAD
 from counterflex.files.parquet_table import Column, columns, read, write
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.job_hash import job_hash
-from counterflex.plan.plan import Plan
+from counterflex.plan.plan import Plan, job_hash
 
 KIND = "counterflex-plan"
 VERSION = 1

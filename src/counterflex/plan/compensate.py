@@ -14,15 +14,13 @@ from counterflex.core.arrays import Int
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.dynamic_trial import dynamic_trial
-from counterflex.plan.inputs import Inputs, solve_joints
+from counterflex.plan.inputs import CORRECTION, JOINTS, UNDISTURBED, Inputs, solve_joints, work_of
 from counterflex.plan.plan import Plan
-from counterflex.plan.predict import predict_deviations
+from counterflex.plan.predict import dynamic_trial, predict_deviations
 from counterflex.plan.setting import Setting
 from counterflex.plan.static_correction import check_corrections, loaded_robot, static_correction
 from counterflex.plan.tool_deviation import can_move, lost_motion
 from counterflex.plan.undisturbed_cut import undisturbed_cut
-from counterflex.plan.work import CORRECTION, JOINTS, UNDISTURBED, work_of
 
 
 def plan(

@@ -12,8 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int, as_float
-from counterflex.core.batches import batches
+from counterflex.core.arrays import Float, Int, as_float, batches
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, MS
 from counterflex.plan.elastic_motion_kernel import AXES, STATE_ARRAYS, Motion, number_postures

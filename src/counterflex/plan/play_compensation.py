@@ -18,8 +18,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.lost_motion import corrected_joints, play_deviation
-from counterflex.plan.part_frame import touched_points
+from counterflex.plan.sag_and_play import corrected_joints, play_deviation, touched_points
 from counterflex.plan.setting import Setting
 from counterflex.signals.preview import Mode, Shaping, command_for
 

@@ -44,7 +44,7 @@ class Setting:
         datum_points_part: (k, 3) m where the robot touched the part to measure that frame, or None when it was
             measured from outside.
         branch: Posture of the arm, for example ``front up noflip``.
-        rotation_about_tool_rad: Free rotation, see :func:`counterflex.plan.tool_frame.tool_orientation`.
+        rotation_about_tool_rad: Free rotation, see :func:`counterflex.path.toolpath.tool_orientation`.
         law: Force law.
         cutter_of: Gives the cutter of a tool number.
         mode: Lowest structural mode of a tap test, for a chain without masses.

@@ -1,14 +1,92 @@
-"""A tool path together with what has to be commanded so that the loaded tool runs along it."""
+"""A program's motions as a sampled tool path, and with it what is commanded so that the loaded tool runs along it.
+
+A compensated program says in a comment which plan it was written from.
+"""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, as_float
+from counterflex.core.errors import InputError, ProgramError
+from counterflex.core.units import DEG
 from counterflex.geometry import rotation
+from counterflex.path.sampling import ARC_MOTION, DWELL_MOTION, FEED_MOTION, RAPID_MOTION, MotionTable, sample
 from counterflex.path.toolpath import ToolPath
+from counterflex.programs.program import Program
+
+_KIND: Final = {"rapid": RAPID_MOTION, "feed": FEED_MOTION, "arc": ARC_MOTION, "dwell": DWELL_MOTION}
+_ZERO: Final = (0.0, 0.0, 0.0)
+
+
+def motion_table(program: Program) -> MotionTable:
+    """Return the motions of a three-axis program as columns.
+
+    Args:
+        program: As read.
+
+    Returns:
+        One row for each of ``program.motions``.
+
+    Raises:
+        ProgramError: The program turns a rotary axis: how A, B and C turn the tool in the part frame belongs to the
+            machine that the program was written for and is not defined for a robot.
+    """
+    motions = program.motions
+    for motion in motions:
+        if motion.abc_end != _ZERO or motion.abc_start != _ZERO:
+            block = program.blocks[motion.block]
+            turned = [round(angle / DEG, 6) for angle in motion.abc_end]
+            raise ProgramError(
+                "the program moves a rotary axis, whose meaning for a robot is not defined",
+                where=f"{program.name}:{block.line}:1",
+                value=f"A B C = {turned} deg",
+                limit="A B C = 0",
+                hint="Post the program as three-axis milling",
+            )
+    n = len(motions)
+    centre, normal = np.zeros((n, 3)), np.zeros((n, 3))
+    for index, motion in enumerate(motions):
+        if motion.p_centre is not None and motion.normal is not None:
+            centre[index] = motion.p_centre
+            normal[index] = motion.normal
+    return MotionTable(
+        kind=np.array([_KIND[motion.kind] for motion in motions], dtype=np.int64),
+        p_start=np.array([motion.p_start for motion in motions], dtype=np.float64).reshape(n, 3),
+        p_end=np.array([motion.p_end for motion in motions], dtype=np.float64).reshape(n, 3),
+        feed_m_s=np.array([motion.feed_m_s for motion in motions], dtype=np.float64),
+        spindle_rad_s=np.array([motion.spindle_rad_s for motion in motions], dtype=np.float64),
+        tool=np.array([motion.tool for motion in motions], dtype=np.int64),
+        duration_s=np.array([motion.duration_s for motion in motions], dtype=np.float64),
+        p_centre=centre,
+        normal=normal,
+        turn_rad=np.array([motion.turn_rad for motion in motions], dtype=np.float64),
+    )
+
+
+def tool_path(
+    program: Program, *, step_m: float = 1e-3, rapid_speed_m_s: float = 0.5, chord_m: float = 5e-6
+) -> ToolPath:
+    """Sample the motions of a three-axis program.
+
+    Args:
+        program: As read.
+        step_m: Longest step of feed and arc motions, m, > 0.
+        rapid_speed_m_s: Speed assumed for rapids, m/s, > 0.
+        chord_m: Allowed chord error of arcs, m, > 0.
+
+    Returns:
+        The tool path; its column ``motion`` indexes ``program.motions``.
+
+    Raises:
+        ProgramError: The program turns a rotary axis.
+        InputError: An argument is out of range.
+    """
+    return sample(motion_table(program), step_m=step_m, rapid_speed_m_s=rapid_speed_m_s, chord_m=chord_m)
 
 
 @dataclass(frozen=True)
@@ -105,3 +183,41 @@ class CompensatedPath:
         Ts_part_tcp[:, :3, 3] = self.p_part_command
         Ts_part_tcp[:, 3, 3] = 1.0
         return Ts_part_tcp
+
+
+_HASH: Final = re.compile(r"[0-9a-f]{16}")
+_MARK: Final = re.compile(r"\bcounterflex job ([0-9a-f]{16})\b")
+
+
+def mark(job: str) -> str:
+    """Text of the comment, without the language's own signs.
+
+    Args:
+        job: Hash of the plan, 16 hexadecimal digits.
+
+    Raises:
+        InputError: It is none.
+    """
+    if not _HASH.fullmatch(job):
+        raise InputError("not the hash of a job", value=job, limit="16 hexadecimal digits")
+    return f"counterflex job {job}"
+
+
+def marks(text: str) -> tuple[str, ...]:
+    """Hashes that a program carries, in order, each once: none in an original program, one in a compensated one."""
+    return tuple(dict.fromkeys(_MARK.findall(text)))
+
+
+def job_number(job: str) -> int:
+    """Number by which a running robot program says of which job it is: 2 to 1048577, exact in a REAL of 32 bits.
+
+    The first 20 bits of the hash, above 1: 0 and 1 say no more than off and on.
+
+    Args:
+        job: Hash of the plan, 16 hexadecimal digits.
+
+    Raises:
+        InputError: It is none.
+    """
+    mark(job)
+    return 2 + int(job[:5], 16)

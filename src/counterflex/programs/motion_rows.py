@@ -1,4 +1,4 @@
-"""The rows of a compensated path sorted by program motion."""
+"""The rows of a compensated path sorted by program motion, and the feed of the corrected pieces."""
 
 from __future__ import annotations
 
@@ -14,6 +14,29 @@ from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.program import Program
 from counterflex.programs.simplify import simplify
+
+MOST_CHANGE: Final = 2.0
+"""Largest factor, up or down. Steeper pieces take a correction back while the tool hardly moves: no chip depends on
+their feed."""
+
+
+def feed_factor(nominal_m: Float, commanded_m: Float) -> Float:
+    """Factor for the feed of corrected pieces of path: commanded over nominal length.
+
+    The loaded tool covers the nominal piece while the controller runs along the commanded one.
+
+    Args:
+        nominal_m: (k,) m.
+        commanded_m: (k,) m.
+
+    Returns:
+        (k,) 0.5 to 2; 1 for pieces without nominal length.
+    """
+    whole = nominal_m > 0.0
+    ratio = np.where(whole, commanded_m / np.where(whole, nominal_m, 1.0), 1.0)
+    out: Float = np.clip(ratio, 1.0 / MOST_CHANGE, MOST_CHANGE)
+    return out
+
 
 _RELIEVED_M: Final = 2e-6
 """Less than that is not worth a block."""

@@ -9,8 +9,8 @@ from scipy.spatial import ConvexHull
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.report.arrays_json import numbers
 from counterflex.report.data import CellDrawing
+from counterflex.report.figure_data import numbers
 
 _ROBOT: Final = "#e2701c"
 _TOOL: Final = "#26384a"

@@ -10,8 +10,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.error_budget import REMAINDER, BudgetLine
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
-from counterflex.report.arrays_json import numbers
-from counterflex.report.colours import AFTER, BEFORE
+from counterflex.report.figure_data import AFTER, BEFORE, numbers
 
 
 def budget_figure(budget: tuple[BudgetLine, ...]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import MM
-from counterflex.report.arrays_json import numbers, thin
+from counterflex.report.figure_data import numbers, thin
 from counterflex.report.page import render
 
 COLOURS: Final = ("#6b7280", "#c2410c", "#d9a000", "#0369a1", "#7c3aed", "#15803d", "#be185d", "#0e7490")

@@ -10,8 +10,7 @@ from counterflex.core.arrays import Float
 from counterflex.identify.recipe import Picture
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.observability import DETERMINED
-from counterflex.report.arrays_json import numbers
-from counterflex.report.colours import AFTER, BEFORE
+from counterflex.report.figure_data import AFTER, BEFORE, numbers
 
 _PALETTE: Final = ("#0369a1", "#c2410c", "#15803d", "#7c3aed", "#b45309", "#0f766e", "#be185d", "#4b5563")
 _POINTS: Final = 4000

@@ -12,8 +12,7 @@ from scipy.spatial import cKDTree
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
-from counterflex.report.arrays_json import block
-from counterflex.report.colours import METROLOGY, NOT_MACHINED, STEPS, edges_mm, stepped
+from counterflex.report.figure_data import METROLOGY, NOT_MACHINED, STEPS, block, edges_mm, stepped
 
 LIMIT_CELLS: Final = 120_000
 _LIMIT_3D: Final = 16_000

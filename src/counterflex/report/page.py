@@ -16,11 +16,19 @@ from counterflex.core.atomic import write_text
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.evaluate.summary import check_summary, seed_rows, table_rows
-from counterflex.report.arrays_json import script_json
 from counterflex.report.cell_figure import cell_figure
-from counterflex.report.colours import COLOUR_BLIND, METROLOGY, NOT_MACHINED, STEPS, edges_mm, scale_limit_mm, stepped
 from counterflex.report.data import PredictionData, ReportData
 from counterflex.report.distribution_figure import budget_figure, histogram_figure
+from counterflex.report.figure_data import (
+    COLOUR_BLIND,
+    METROLOGY,
+    NOT_MACHINED,
+    STEPS,
+    edges_mm,
+    scale_limit_mm,
+    script_json,
+    stepped,
+)
 from counterflex.report.glossary import GLOSSARY
 from counterflex.report.map_figure import callouts, figure_3d, map_figure, map_picture
 from counterflex.report.remaining_figure import remaining_figure, space_figure

@@ -8,9 +8,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
-from counterflex.report.arrays_json import numbers, thin
-from counterflex.report.colours import AFTER, BEFORE
 from counterflex.report.data import PredictionData
+from counterflex.report.figure_data import AFTER, BEFORE, numbers, thin
 
 _POINTS: Final = 5000
 _POINTS_3D: Final = 12_000

@@ -10,9 +10,8 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.path_deviation import PathDeviation
-from counterflex.report.arrays_json import numbers, thin
-from counterflex.report.colours import AFTER, BEFORE
 from counterflex.report.data import PredictionData, ReportData, VariantData
+from counterflex.report.figure_data import AFTER, BEFORE, numbers, thin
 
 _POINTS: Final = 5000
 

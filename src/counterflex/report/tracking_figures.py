@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import DEG, MM, UM
-from counterflex.report.arrays_json import numbers, thin
+from counterflex.report.figure_data import numbers, thin
 
 COLOURS: Final = ("#8a8f98", "#c2410c", "#0369a1", "#15803d")
 NOMINAL: Final = "#1b2530"

@@ -18,7 +18,7 @@ from counterflex import __version__
 from counterflex.app.campaign.plan import Measurement, campaign_of
 from counterflex.app.campaign.proof import compared, compensated, machined, told
 from counterflex.app.campaign.step import CELL, RESULT, step
-from counterflex.app.compensation.assumptions import robot_name
+from counterflex.app.compensation.cell_facts import robot_name
 from counterflex.app.inputs import read_job
 from counterflex.app.long_jobs.step_cache import made_again
 from counterflex.app.long_jobs.task_graph import Task, run_tasks

@@ -15,7 +15,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, edge_force
 from counterflex.files.cell.cell import Cell
-from counterflex.geometry.registration import register
+from counterflex.geometry.pose import register
 from counterflex.robot.elasticity.chain import ElasticChain, forward_elastic
 from counterflex.robot.model.description import Play, Segment, Servo
 from counterflex.twin.plant.plant import Plant

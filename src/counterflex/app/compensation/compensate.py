@@ -23,14 +23,12 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import write_plan
 from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose
+from counterflex.path.toolpath import tool_orientation
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.feed_for_tolerance import FeedTolerance, at_feed
-from counterflex.plan.job_hash import job_hash
-from counterflex.plan.plan import Plan
-from counterflex.plan.tool_frame import tool_orientation
-from counterflex.programs.compensated import CompensatedPath
+from counterflex.plan.plan import Plan, job_hash
+from counterflex.programs.compensated import CompensatedPath, marks
 from counterflex.programs.gcode.write.writer import write_gcode
-from counterflex.programs.job_mark import marks
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.robot.model.elastic_region import beyond_regions

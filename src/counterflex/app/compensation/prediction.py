@@ -9,8 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.compensation.assumptions import assumptions, robot_name
-from counterflex.app.compensation.cell_drawing import drawing
+from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name
 from counterflex.app.compensation.next_steps import after_compensation, to_load
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM

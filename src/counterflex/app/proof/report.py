@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.compensation.assumptions import assumptions, robot_name, title_of
-from counterflex.app.compensation.cell_drawing import drawing
+from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name, title_of
 from counterflex.app.compensation.next_steps import after_proof
 from counterflex.app.compensation.prediction import figures
 from counterflex.app.inputs import setting_of

@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.similar import missing_file
 from counterflex.plan.plan import Plan
-from counterflex.programs.job_mark import job_number, marks
+from counterflex.programs.compensated import job_number, marks
 
 
 def check_job(program: Path, planned: tuple[Plan, Mapping[str, Any]] | None, *, compensated: bool) -> None:

@@ -15,8 +15,8 @@ from counterflex.files.cell.egm import EgmTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.geometry import pose
 from counterflex.path.stream import PoseStream
+from counterflex.path.toolpath import tool_orientation
 from counterflex.plan.plan import Plan
-from counterflex.plan.tool_frame import tool_orientation
 from counterflex.protocols.abb_egm.guidance_link import EgmGuidanceLink, commanded_poses
 from counterflex.protocols.abb_egm.path_link import EgmPathLink
 from counterflex.protocols.kuka_rsi.config import read_config

@@ -8,8 +8,7 @@ from typing import Final, Literal
 import numpy as np
 from scipy.stats import chi2
 
-from counterflex.core.arrays import Float, Int
-from counterflex.core.batches import rows_of_each
+from counterflex.core.arrays import Float, Int, rows_of_each
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.identify.data.dataset import Dataset

@@ -11,7 +11,7 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import INCH, MM
 from counterflex.geometry import pose, rotation
-from counterflex.geometry.registration import register
+from counterflex.geometry.pose import register
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.geometry.placed_frame import PlacedFrame
 
@@ -130,7 +130,7 @@ def robust_register(p_base: Float, p_tracker: Float, *, seed: int = 0) -> Float:
         seed: Of the triples.
 
     Raises:
-        InputError: As :func:`counterflex.geometry.registration.register`.
+        InputError: As :func:`counterflex.geometry.pose.register`.
     """
     best, residuals = register(p_base, p_tracker)
     errors = np.linalg.norm(residuals, axis=1)

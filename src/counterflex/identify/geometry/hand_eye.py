@@ -27,7 +27,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
-from counterflex.geometry.registration import register
+from counterflex.geometry.pose import register
 
 FEWEST: Final = 3
 TRIALS: Final = 200

@@ -8,8 +8,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from counterflex.core.arrays import Float
-from counterflex.core.batches import rows_of_each
+from counterflex.core.arrays import Float, rows_of_each
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import DEG, MM, MRAD, URAD
 from counterflex.identify.data.dataset import Dataset

@@ -8,8 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float
-from counterflex.core.batches import rows_of_each
+from counterflex.core.arrays import Bool, Float, rows_of_each
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MS, URAD
 from counterflex.identify.data.dataset import Dataset

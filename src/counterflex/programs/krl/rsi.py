@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.core.errors import InputError, ProgramError
-from counterflex.programs.job_mark import job_number, marks
+from counterflex.programs.compensated import job_number, marks
 from counterflex.programs.limits import KRL, check_name
 from counterflex.programs.robot_writer.machine_functions import krl_wait, refuse_only_said, stop_under_correction
 
@@ -76,7 +76,7 @@ def with_correction(text: str, switching: RsiSwitching, where: str, parts: Colle
     enabled when the loop says that it is armed, and switched off when the controller itself says that it has gone back
     to zero; where that takes too long the program stops and cannot be led past. Where the program carries the mark of
     a job, it says its number by what it sets the enabling variable to
-    (:func:`counterflex.programs.job_mark.job_number`). Where it does not initialise its motion itself
+    (:func:`counterflex.programs.compensated.job_number`). Where it does not initialise its motion itself
     (``BAS(#INITMOV,0)``, interrupt 3), it is made to.
 
     Args:

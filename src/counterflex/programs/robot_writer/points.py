@@ -15,8 +15,7 @@ from counterflex.core.units import MINUTE, MM, MS, UM
 from counterflex.geometry import rotation
 from counterflex.path.sampling import point_spacing
 from counterflex.path.toolpath import RAPID, ToolPath
-from counterflex.programs.feed_hold import feed_factor
-from counterflex.programs.motion_rows import relieved_along_axis
+from counterflex.programs.motion_rows import feed_factor, relieved_along_axis
 from counterflex.programs.program import Block, Program
 from counterflex.programs.robot_writer.implied_stops import implied_stops
 from counterflex.programs.robot_writer.machine_functions import BEHIND

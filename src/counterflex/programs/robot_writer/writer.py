@@ -11,7 +11,7 @@ from counterflex import __version__
 from counterflex.core.arrays import Float, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.path.toolpath import ToolPath
-from counterflex.programs.job_mark import mark
+from counterflex.programs.compensated import mark
 from counterflex.programs.limits import Limits
 from counterflex.programs.program import Block, Program
 from counterflex.programs.robot_writer.machine_functions import Dialect, MachineFunctions

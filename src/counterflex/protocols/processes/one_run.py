@@ -11,7 +11,7 @@ from typing import Final
 
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.held import own
-from counterflex.core.leftovers import process_lives
+from counterflex.core.output_place import process_lives
 from counterflex.protocols.processes.control_array import CONTROL, Life
 from counterflex.protocols.processes.operator_words import FILE
 from counterflex.protocols.processes.shared_words import SharedWords

@@ -66,7 +66,7 @@ class SessionChecks:
         hold_without_log: A log that is lost while the correction acts is a hold; else it is told, and goes on. It is
             never armed without one.
         job: Number of the job that the robot program must say it is of, where it says one
-            (:func:`counterflex.programs.job_mark.job_number`); 0: none, the program is not a compensated one.
+            (:func:`counterflex.programs.compensated.job_number`); 0: none, the program is not a compensated one.
             None: not tested.
         run_silent_s: The process that started the loop says many times a second that it lives; silent for so long it
             counts as lost. Not tested where nobody has ever said so, and None: never, a robot that waits for every

@@ -24,7 +24,7 @@ from counterflex.robot.elasticity.chain_checks import (
     joint_speeds,
     rigid_motion,
 )
-from counterflex.robot.elasticity.compact import Compact, compact
+from counterflex.robot.elasticity.compact import Compact, Segments, compact, frozen_int
 from counterflex.robot.elasticity.kernels.batch import (
     CHUNK,
     ON_RIGID,
@@ -34,7 +34,6 @@ from counterflex.robot.elasticity.kernels.batch import (
     pose_range,
     pose_threads,
 )
-from counterflex.robot.elasticity.segments import Segments, frozen_int
 from counterflex.robot.model.description import EndEffector, Robot
 from counterflex.robot.model.elastic_region import check_regions, growth
 

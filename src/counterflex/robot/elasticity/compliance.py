@@ -19,8 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int
-from counterflex.core.batches import batches
+from counterflex.core.arrays import Float, Int, batches
 from counterflex.core.errors import InputError, ModelError
 from counterflex.robot.elasticity.chain import ElasticChain, frames, points, require_settled
 from counterflex.robot.elasticity.kernels.batch import (

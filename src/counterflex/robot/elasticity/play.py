@@ -20,8 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from counterflex.core.arrays import Float, as_float
-from counterflex.core.batches import batches
+from counterflex.core.arrays import Float, as_float, batches
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
 from counterflex.robot.elasticity.chain import ElasticChain, frames, jacobian

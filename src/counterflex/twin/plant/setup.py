@@ -12,7 +12,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
-from counterflex.geometry import registration
+from counterflex.geometry import pose
 from counterflex.twin.plant.controller import Controller
 from counterflex.twin.plant.plant import Plant
 
@@ -37,4 +37,4 @@ def touched_part_frame(plant: Plant, controller: Controller, datum_points_part: 
         raise InputError("datum points", value=len(points), limit="3 or more")
     axis = np.tile(np.array([0.0, 0.0, 1.0]), (len(points), 1))
     touched = np.array([plant.equilibrium(q)[:3, 3] for q in controller.joints(points, axis)])
-    return registration.register(touched, points)
+    return pose.register(touched, points)

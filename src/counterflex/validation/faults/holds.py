@@ -10,7 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError
 from counterflex.core.units import MM
-from counterflex.programs.job_mark import job_number
+from counterflex.programs.compensated import job_number
 from counterflex.protocols.kuka_rsi.config import parse_config
 from counterflex.protocols.kuka_rsi.make.files import RsiFiles
 from counterflex.protocols.kuka_rsi.setup import OnlineLimits

@@ -24,7 +24,7 @@ from counterflex.core.atomic import write_text
 from counterflex.core.units import DEG, MM, MS
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.schema import write_toml
-from counterflex.geometry import pose, registration, rotation
+from counterflex.geometry import pose, rotation
 from counterflex.twin.laboratory.laboratory import Laboratory, laboratory
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.plant.setup import touched_part_frame
@@ -183,7 +183,7 @@ def _tracker_table(cell: Cell, lab: Laboratory, T_base_part: Float) -> dict[str,
     points = np.array([[-h, -h, 0.0], [h, -h, 0.0], [h, h, 0.0], [-h, h, 0.0], [0.0, 0.0, 0.2]])
     seen = pose.transform(pose.inverse(lab.T_base_tracker) @ T_base_part, points)
     seen = seen + lab.tracker_m / np.sqrt(_ROUNDS) * noise.standard_normal(seen.shape)
-    T_part_tracker, _ = registration.register(points, seen)
+    T_part_tracker, _ = pose.register(points, seen)
     T = cell.T_base_part @ T_part_tracker
     target = lab.T_tcp_target.copy()
     target[:3, 3] += lab.tracker_m / np.sqrt(_ROUNDS) * noise.standard_normal(3)

@@ -9,12 +9,11 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.programs.feed_hold import feed_factor
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.write.arcs import emit_arc
 from counterflex.programs.gcode.write.machine import MOTION_CODES, WrittenMachine
 from counterflex.programs.gcode.write.written_line import AXES, WrittenLine, evaluated, flatten, number
-from counterflex.programs.motion_rows import MotionRows
+from counterflex.programs.motion_rows import MotionRows, feed_factor
 from counterflex.programs.program import Block, Modal, Motion, Program
 
 _NO_TARGET: Final = frozenset((4.0, 10.0, 28.0, 30.0, 43.1, 52.0, 53.0, 92.0, 92.1, 92.2, 92.3))

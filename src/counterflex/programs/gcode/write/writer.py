@@ -10,10 +10,9 @@ from counterflex import __version__
 from counterflex.core.arrays import Bool, Float, as_positive
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import INCH, MM
-from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.compensated import CompensatedPath, mark
 from counterflex.programs.gcode.write.emit import Emitter
 from counterflex.programs.gcode.write.written_line import without_comments
-from counterflex.programs.job_mark import mark
 from counterflex.programs.limits import LINUXCNC
 from counterflex.programs.motion_rows import MotionRows, motion_rows
 from counterflex.programs.program import Program
@@ -92,7 +91,7 @@ def write_gcode(
         decimals: Decimals of written words in mm programs, 2 to 6; inch programs get one more.
         cell: Name of the cell, for the header comment.
         header: Write a comment that says what made the program; never written when nothing changed.
-        job: Hash of the plan, for the header comment: :func:`counterflex.plan.job_hash.job_hash`.
+        job: Hash of the plan, for the header comment: :func:`counterflex.plan.plan.job_hash`.
 
     Returns:
         Text and counts.
