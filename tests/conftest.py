@@ -29,8 +29,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         for report in terminalreporter.stats.get(kind, ()):
             path = PurePath(str(report.nodeid).split("::")[0])
             room = path.parts[1] if len(path.parts) > 2 else "."
-            rooms[room] += report.duration
-            files.setdefault(room, Counter())[path.name] += report.duration
+            seconds = getattr(report, "duration", 0)  # a file that could not be collected has none
+            rooms[room] += seconds
+            files.setdefault(room, Counter())[path.name] += seconds
     if len(rooms) < 2:
         return
     terminalreporter.section("seconds per room")

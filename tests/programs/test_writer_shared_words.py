@@ -13,7 +13,7 @@ from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.write.writer import write_gcode
-from counterflex.programs.krl.writer import KrlSettings, write_krl
+from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.program import Program
 
 STORED = MillingMachine(parameters={5161: 5.0, 5162: 6.0, 5163: 90.0})
@@ -132,5 +132,6 @@ def moves(program: Program) -> list[str]:
     path = tool_path(program)
     down = np.broadcast_to(np.diag([1.0, -1.0, -1.0]), (len(path), 3, 3))
     settings = KrlSettings(name="part", start_axes_rad=(0.0, -1.5, 1.6, 0.1, 0.5, -0.2))
-    text = write_krl(program, path, CompensatedPath.nominal(path).poses(down), settings, block_lines=lambda _: [])
+    poses = CompensatedPath.nominal(path).poses(down)
+    text = KrlWriter(program, path, poses, settings, block_lines=lambda _: []).text()
     return [line for line in text.files["part.src"].splitlines() if line.startswith("LIN")]
