@@ -13,7 +13,7 @@ import argparse
 import numpy as np
 
 from counterflex.core.units import MM
-from counterflex.runtime.monitoring.layout import Event
+from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.monitoring.settings import MonitorSettings
 from counterflex.validation.monitor_trial import EXPONENT, Incident, run_trial
 

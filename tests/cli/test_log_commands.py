@@ -60,9 +60,10 @@ def cycles(loop: Loop, states: dict[int, LoopState] | None = None, *, backwards:
         out[k, record.FLAGS : record.RESULTS] = loop.flags
         out[k, record.RESULTS : record.OUTCOME] = loop.results
         out[k, record.OUTCOME : record.MONITOR] = loop.outcome
-        out[k, record.FAST : record.SENSOR] = loop.monitor.fast
-        out[k, record.MONITOR : record.MONITOR_OUTCOME] = loop.monitor.results
-        out[k, record.MONITOR_OUTCOME : record.CYCLE] = loop.monitor.outcome
+        fast, found, events = loop.monitor.columns
+        out[k, record.FAST : record.SENSOR] = fast
+        out[k, record.MONITOR : record.MONITOR_OUTCOME] = found
+        out[k, record.MONITOR_OUTCOME : record.CYCLE] = events
         out[k, record.CYCLE] = loop.cycle
         if states is not None and loop.cycle % 50 == 0:
             words = words_of(other_way(loop) if backwards else loop.memory)

@@ -9,21 +9,20 @@ from scipy import stats
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.evaluate.process_record import FIRST_EVENTS, LAST_EVENTS, ProcessRecord
-from counterflex.runtime import record_ring as record
-from counterflex.runtime.monitoring import layout as ml
-from counterflex.runtime.monitoring.layout import Event
+from counterflex.runtime.monitoring.events import EVENTS, Event
+from counterflex.runtime.record_ring import WIDTH, column
 
 
 def rows(first: int, count: int) -> Float:
     """Records in each of which chatter begins, and in every third an overload too."""
-    out = np.zeros((count, record.WIDTH))
+    out = np.zeros((count, WIDTH))
     cycle = np.arange(first, first + count)
-    out[:, record.CYCLE] = cycle
+    out[:, column("cycle")] = cycle
     out[:, 1] = 4e6 * cycle
     bits = (1 << Event.CHATTER) | (1 << Event.OVERLOAD) * (cycle % 3 == 0)
-    out[:, record.MONITOR_OUTCOME + ml.O_NEW] = bits
-    out[:, record.MONITOR + ml.R_SPEED] = 1.0
-    out[:, record.MONITOR + ml.R_DISTANCE] = 1e-4 * cycle
+    out[:, column("event_new")] = bits
+    out[:, column("speed_asked")] = 1.0
+    out[:, column("path_m")] = 1e-4 * cycle
     return out
 
 
@@ -44,7 +43,7 @@ def test_every_event_is_counted_and_few_are_kept() -> None:
 def test_few_events_are_all_kept_once(count: int) -> None:
     kept = ProcessRecord()
     one = rows(1, count)
-    one[:, record.MONITOR_OUTCOME + ml.O_NEW] = 1 << Event.CHATTER
+    one[:, column("event_new")] = 1 << Event.CHATTER
     kept.add(one)
     assert [event.cycle for event in kept.figures().events] == list(range(1, count + 1))
 
@@ -52,13 +51,13 @@ def test_few_events_are_all_kept_once(count: int) -> None:
 def test_a_trend_is_stated_with_the_range_of_student() -> None:
     kept = ProcessRecord()
     one = rows(1, 1)
-    monitor = one[0, record.MONITOR : record.MONITOR_OUTCOME]
-    monitor[ml.R_CUT], monitor[ml.R_TREND], monitor[ml.R_TREND_SIGMA] = 0.2, 0.0, 0.0
+    trend = [column(name) for name in ("wear_trend", "wear_trend_sigma", "wear_degrees")]
+    one[0, column("cut_m")] = 0.2
     kept.add(one)
     short = kept.figures().wear
     assert short is not None
     assert not short.known
-    monitor[ml.R_TREND], monitor[ml.R_TREND_SIGMA], monitor[ml.R_TREND_DEGREES] = 0.1, 0.02, 3.5
+    one[0, trend] = 0.1, 0.02, 3.5
     kept.add(one)
     long = kept.figures().wear
     assert long is not None
@@ -68,6 +67,6 @@ def test_a_trend_is_stated_with_the_range_of_student() -> None:
 
 def test_an_event_that_does_not_exist_is_refused() -> None:
     one = rows(1, 1)
-    one[0, record.MONITOR_OUTCOME + ml.O_NEW] = 1 << ml.EVENTS
+    one[0, column("event_new")] = 1 << EVENTS
     with pytest.raises(InputError, match="event that does not exist"):
         ProcessRecord().add(one)

@@ -19,7 +19,6 @@ from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.compliance import deflection
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.monitoring import layout as ml
 from counterflex.runtime.monitoring.override_kernel import falling
 from counterflex.runtime.monitoring.override_plan import slowed_time, speed_plan, within_rate
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
@@ -172,7 +171,7 @@ def test_nothing_is_asked_for_while_only_watching() -> None:
         loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=np.zeros(6))
         loop.run()
         assert loop.monitor.speed == 1.0
-        assert loop.monitor.outcome[ml.O_SLOWED] == 0
+        assert loop.monitor.outcome.slowed == 0
     assert loop.outcome[at.O_STATE] == State.READY
 
 

@@ -14,16 +14,17 @@ from scipy import stats
 import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.records import Record, records
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.monitoring import layout as ml
-from counterflex.runtime.monitoring.fast_force import COUNTS, MEMORY, folded, take_samples
+from counterflex.runtime.monitoring.events import Event
+from counterflex.runtime.monitoring.fast_force import folded, take_samples
 from counterflex.runtime.monitoring.feed_frame import feed_frame
-from counterflex.runtime.monitoring.layout import Event
 from counterflex.runtime.monitoring.plan import bounds, lost_tooth
+from counterflex.runtime.monitoring.records import MEMORY, RESULTS, SETTINGS, WEAR
 from counterflex.runtime.monitoring.settings import MonitorSettings, Reaction, decision_interval, run_length
 from counterflex.runtime.monitoring.wear import add_ratio, normal_of_student, trend
 from counterflex.runtime.settings import ForceMode, OnlineSettings
@@ -126,20 +127,18 @@ def test_student_values_become_normal_ones() -> None:
 def wear_alarms(seed: int, metres: float, rise_per_m: float, interval: float) -> tuple[bool, float, float]:
     """Ratios of two kinds of cut with errors of model and scatter that the detector does not know."""
     rng = np.random.default_rng(seed)
-    classes = np.zeros((ml.CLASSES, ml.CLASS))
-    serial = np.zeros(4)
-    total, alarm = 0.0, False
+    wear, found = records(WEAR)[0], records(RESULTS)[0]
+    alarm = False
     offsets, scatter = rng.uniform(0.8, 1.2, 2), rng.uniform(0.01, 0.04)
-    found = np.zeros(4)
     s = 0.0
     while s < metres:
         s += 0.02
         kind = int(rng.random() < 0.5)
         ratio = offsets[kind] * (1.0 + rise_per_m * s) + scatter * rng.standard_normal()
-        total = add_ratio(classes, serial, 3 + kind, s, ratio, total)
-        alarm = alarm or total > interval
-    trend(classes, serial, s, found)
-    return alarm, found[0], found[1]
+        add_ratio(wear, 3 + kind, s, ratio)
+        alarm = alarm or wear.cusum > interval
+    trend(wear, s, found)
+    return alarm, found.trend, found.trend_sigma
 
 
 def test_wear_alarms_at_the_stated_rate_and_sees_a_rise() -> None:
@@ -157,15 +156,15 @@ def test_wear_trend_and_its_deviation_are_those_of_least_squares() -> None:
     rng = np.random.default_rng(3)
     s = np.sort(rng.uniform(0.0, 3.0, 40))
     y = 1.1 + 0.07 * s + 0.02 * rng.standard_normal(40)
-    classes, serial = np.zeros((ml.CLASSES, ml.CLASS)), np.zeros(4)
+    wear, found = records(WEAR)[0], records(RESULTS)[0]
     for a, b in zip(s, y, strict=True):
-        add_ratio(classes, serial, 2, a, b, 0.0)
-    out = np.zeros(4)
-    trend(classes, serial, 3.0, out)
+        add_ratio(wear, 2, a, b)
+    trend(wear, 3.0, found)
     line = stats.linregress(s, y)
-    assert out[0] == pytest.approx(line.slope, rel=1e-9)
-    assert line.stderr <= out[1] < 1.5 * line.stderr  # neighbours may be alike: never more certain than least squares
-    assert 10.0 < out[3] <= 38.0
+    assert found.trend == pytest.approx(line.slope, rel=1e-9)
+    # Neighbours may be alike: never more certain than least squares.
+    assert line.stderr <= found.trend_sigma < 1.5 * line.stderr
+    assert 10.0 < found.trend_degrees <= 38.0
 
 
 @pytest.mark.parametrize(("alike", "metres"), [(0.0, 0.4), (0.0, 2.0), (0.8, 0.6), (0.8, 3.0)])
@@ -177,23 +176,23 @@ def test_wear_trend_is_as_uncertain_as_it_says(alike: float, metres: float) -> N
         x = rng.standard_normal(n)
         for k in range(1, n):
             x[k] = alike * x[k - 1] + np.sqrt(1.0 - alike**2) * x[k]
-        classes, serial, out = np.zeros((ml.CLASSES, ml.CLASS)), np.zeros(4), np.zeros(4)
+        wear, found = records(WEAR)[0], records(RESULTS)[0]
         for k in range(n):
-            add_ratio(classes, serial, 2, 0.02 * (k + 0.5), 1.0 + 0.03 * x[k], 0.0)
-        trend(classes, serial, metres, out)
-        if out[3] > 0.0:
+            add_ratio(wear, 2, 0.02 * (k + 0.5), 1.0 + 0.03 * x[k])
+        trend(wear, metres, found)
+        if found.trend_degrees > 0.0:
             told += 1
-            covered += abs(out[0]) <= stats.t.ppf(0.975, out[3]) * out[1]
+            covered += abs(found.trend) <= stats.t.ppf(0.975, found.trend_degrees) * found.trend_sigma
     assert told > 30
     assert told - covered <= stats.binom.ppf(0.995, 300, 0.05)
 
 
 def test_a_few_stretches_of_cut_tell_no_trend() -> None:
-    classes, serial, out = np.zeros((ml.CLASSES, ml.CLASS)), np.zeros(4), np.zeros(4)
+    wear, found = records(WEAR)[0], records(RESULTS)
     for k in range(8):
-        add_ratio(classes, serial, 2, 0.02 * k, 1.0 + 0.02 * k, 0.0)
-    trend(classes, serial, 0.16, out)
-    assert not out.any()
+        add_ratio(wear, 2, 0.02 * k, 1.0 + 0.02 * k)
+    trend(wear, 0.16, found[0])
+    assert found.tobytes() == records(RESULTS).tobytes()
 
 
 @pytest.mark.parametrize(("turns", "expected"), [(650.0, 350.0), (216.7, 216.7), (1300.0, 300.0), (1000.0, 0.0)])
@@ -204,13 +203,17 @@ def test_a_line_above_half_the_rate_folds_back(turns: float, expected: float) ->
     assert np.argmax(spectrum) / 2000.0 == pytest.approx(expected * 1e-3, abs=1e-3)
 
 
-def fast(signal: Float, turn: float, teeth: int = 3) -> Float:
+SAMPLING = records(SETTINGS)
+SAMPLING[0].sample_period, SAMPLING[0].energy_time = 1e-3, 0.04
+
+
+def fast(signal: Float, turn: float, teeth: int = 3) -> Record:
     """What the fast samples say at the end of a signal along y."""
-    memory, counts, out = np.zeros(MEMORY), np.zeros(COUNTS, dtype=np.int64), np.zeros(ml.FAST)
-    samples = np.zeros((4, 6))
+    memory, samples = records(MEMORY), np.zeros((4, 6))
     for k in range(len(signal) // 4):
         samples[:, 1] = signal[4 * k : 4 * k + 4]
-        take_samples(samples, 4, 4 * k, turn, teeth, 1e-3, 0.04, memory, counts, out)
+        take_samples(samples, 4, 4 * k, turn, teeth, SAMPLING, memory)
+    out: Record = memory[0].fast
     return out
 
 
@@ -220,36 +223,36 @@ def test_harmonics_of_the_spindle_are_told_from_what_does_not_turn_with_it() -> 
     of_spindle = 50.0 * np.sin(2.0 * np.pi * turn * k) + 120.0 * np.sin(2.0 * np.pi * 3.0 * turn * k + 1.0)
     quiet = fast(of_spindle + 300.0, turn)
     loud = fast(of_spindle + 300.0 + 60.0 * np.sin(2.0 * np.pi * 180.0 * k), turn)
-    assert quiet[ml.F_READY] == quiet[ml.F_SEPARATE] == 1.0
-    assert quiet[ml.F_RESIDUAL] < 2.0
-    assert quiet[ml.F_TOOTH] == pytest.approx(120.0, rel=0.1)
-    assert quiet[ml.F_TURN] == pytest.approx(50.0, rel=0.15)
-    assert loud[ml.F_RESIDUAL] == pytest.approx(60.0 / np.sqrt(2.0), rel=0.25)
+    assert quiet.ready == quiet.separate == 1.0
+    assert quiet.residual < 2.0
+    assert quiet.tooth == pytest.approx(120.0, rel=0.1)
+    assert quiet.turn == pytest.approx(50.0, rel=0.15)
+    assert loud.residual == pytest.approx(60.0 / np.sqrt(2.0), rel=0.25)
 
 
 def test_once_per_turn_that_falls_on_the_tooth_passing_is_not_told_apart() -> None:
     """15 000 rpm, three teeth: 750 Hz folds to 250 Hz, which is once per turn."""
     found = fast(np.ones(1200), 250.0)
-    assert found[ml.F_SEPARATE] == 0.0
-    assert fast(np.ones(1200), 216.7)[ml.F_SEPARATE] == 1.0
+    assert found.separate == 0.0
+    assert fast(np.ones(1200), 216.7).separate == 1.0
 
 
 def test_missing_samples_are_waited_out() -> None:
-    memory, counts, out = np.zeros(MEMORY), np.zeros(COUNTS, dtype=np.int64), np.zeros(ml.FAST)
+    memory = records(MEMORY)
     samples = np.random.default_rng(0).standard_normal((4, 6))
     for k in range(100):
-        take_samples(samples, 4, 4 * k, 216.7, 3, 1e-3, 0.04, memory, counts, out)
-    assert out[ml.F_READY] == 1.0
-    take_samples(samples, 4, 408, 216.7, 3, 1e-3, 0.04, memory, counts, out)
-    assert out[ml.F_READY] == 0.0
+        take_samples(samples, 4, 4 * k, 216.7, 3, SAMPLING, memory)
+    assert memory[0].fast.ready == 1.0
+    take_samples(samples, 4, 408, 216.7, 3, SAMPLING, memory)
+    assert memory[0].fast.ready == 0.0
 
 
 def test_samples_that_were_not_kept_are_not_looked_at() -> None:
     """After a pause more samples come than there are rows: the rest enters the mean only."""
     loop = active()
     loop.take(np.full((512, 6), 3.0), 700, 0)
-    assert loop.monitor.fast[ml.F_SAMPLES] == 512
-    assert np.all(np.isfinite(loop.monitor.fast))
+    assert loop.monitor.fast.samples == 512
+    assert np.all(np.isfinite(loop.monitor.columns[0]))
 
 
 def slot() -> LoopPlan:
@@ -296,7 +299,7 @@ def mill(
         w[:3] += rng.standard_normal(3)
         loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True)
         loop.run()
-        met |= {e for e in Event if int(loop.monitor.outcome[ml.O_NEW]) >> e & 1}
+        met |= {e for e in Event if int(loop.monitor.outcome.new) >> e & 1}
         if obey and loop.outcome[at.O_FEED_HOLD]:
             break
     return met
@@ -306,11 +309,11 @@ def test_force_in_the_feed_frame_is_the_force_and_beside_it_the_predicted_one() 
     loop = active()
     assert mill(loop, 1.0, 0.08) == set()
     found = loop.monitor.results
-    np.testing.assert_allclose(found[ml.R_FORCE : ml.R_FORCE + 3], [-100.0, 300.0, -60.0], atol=4.0)
-    np.testing.assert_allclose(found[ml.R_EXPECTED : ml.R_EXPECTED + 3], [-100.0, 300.0, -60.0], atol=0.5)
-    assert found[ml.R_RATIO] == pytest.approx(1.0, abs=0.02)
-    assert found[ml.R_RATE] == pytest.approx(1.0, abs=1e-3)
-    assert found[ml.R_DISTANCE] == pytest.approx(0.08, abs=0.2 * MM)
+    np.testing.assert_allclose(found.force, [-100.0, 300.0, -60.0], atol=4.0)
+    np.testing.assert_allclose(found.expected, [-100.0, 300.0, -60.0], atol=0.5)
+    assert found.ratio == pytest.approx(1.0, abs=0.02)
+    assert found.rate == pytest.approx(1.0, abs=1e-3)
+    assert found.distance == pytest.approx(0.08, abs=0.2 * MM)
 
 
 def test_a_sound_cut_and_pairs_of_what_can_go_wrong() -> None:
@@ -369,7 +372,7 @@ def test_a_feed_that_stands_still_is_no_missing_cut() -> None:
         w = np.array([-100.0, 300.0, -60.0, 0.0, 0.0, 0.0]) * np.exp(-k / 10.0)
         loop.feed(T_part_tcp=held, q=Q, w_tcp_part=w, enable=True)
         loop.run()
-        assert loop.monitor.outcome[ml.O_NEW] == 0
+        assert loop.monitor.outcome.new == 0
 
 
 @pytest.mark.parametrize("bad", [{"filter_s": 0.0}, {"exponent": 1.5}, {"model_probability": 0.7}, {"margin_n": -1.0}])
@@ -392,7 +395,7 @@ def shaken(amplitude_n: float, hz: float, decay_s: float = np.inf, until: float 
         w[1] += amplitude_n * cutting * np.sin(2.0 * np.pi * hz * since) * np.exp(-since / decay_s)
         loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True)
         loop.run()
-        met |= {e for e in Event if int(loop.monitor.outcome[ml.O_NEW]) >> e & 1}
+        met |= {e for e in Event if int(loop.monitor.outcome.new) >> e & 1}
     return met
 
 
@@ -418,7 +421,7 @@ def events_of_samples(signal: Float) -> set[Event]:
         loop.take(samples, 4, 4 * k)
         loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True)
         loop.run()
-        met |= {e for e in Event if int(loop.monitor.outcome[ml.O_NEW]) >> e & 1}
+        met |= {e for e in Event if int(loop.monitor.outcome.new) >> e & 1}
     return met
 
 
@@ -456,7 +459,7 @@ def test_inertia_out_of_the_cut_does_not_blind_the_cut() -> None:
             w[:3] += rng.standard_normal(3)
             loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True)
             loop.run()
-            met |= {e for e in Event if int(loop.monitor.outcome[ml.O_NEW]) >> e & 1}
+            met |= {e for e in Event if int(loop.monitor.outcome.new) >> e & 1}
         return met
 
     assert run(False) == set()

@@ -22,7 +22,7 @@ from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.monitoring.layout import Event
+from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.record_ring import COLUMNS, WIDTH, RecordRing
 from counterflex.runtime.replay import Gap, Replay
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode

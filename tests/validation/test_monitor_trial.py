@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from counterflex.core.units import MM
-from counterflex.runtime.monitoring.layout import Event
+from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.monitoring.settings import MonitorSettings
 from counterflex.validation.monitor_trial import EXPONENT, Incident, run_trial
 

@@ -23,8 +23,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 
-Record: TypeAlias = np.record
-"""One record: its fields are attributes."""
+Record: TypeAlias = Any
+"""One record, open: its fields are attributes."""
 Records: TypeAlias = np.ndarray[tuple[int], np.dtype[np.record]]
 """Array of records."""
 Field: TypeAlias = "type | np.dtype[Any] | tuple[type | np.dtype[Any], int | tuple[int, ...]]"
@@ -50,6 +50,17 @@ def record(**fields: Field) -> np.dtype[np.record]:
 def records(kind: np.dtype[np.record], count: int = 1) -> Records:
     """(count,) records, every number zero."""
     return np.zeros(count, kind)
+
+
+def count_of(kind: np.dtype[np.record]) -> int:
+    """Numbers that a record of this type holds."""
+    return kind.itemsize // 8
+
+
+def place_of(kind: np.dtype[np.record], name: str) -> int:
+    """Which of the record's numbers is the first of a field."""
+    assert kind.fields is not None
+    return int(kind.fields[name][1]) // 8
 
 
 def as_reals(array: np.ndarray[Any, Any]) -> Float:

@@ -11,14 +11,12 @@ from scipy.special import stdtrit
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.runtime import record_ring as record
-from counterflex.runtime.monitoring import layout as ml
-from counterflex.runtime.monitoring.layout import Event
+from counterflex.runtime.monitoring.events import EVENTS, Event
+from counterflex.runtime.record_ring import WIDTH, column
 
 FIRST_EVENTS: Final = 200
 LAST_EVENTS: Final = 50
 """So many events of a run are kept one by one, from its beginning and from its end; all are counted."""
-_RECEIVED: Final = 1
 
 
 @dataclass(frozen=True)
@@ -110,19 +108,19 @@ class ProcessRecord:
         Raises:
             InputError: Another shape, or an event that does not exist.
         """
-        if rows.ndim != 2 or rows.shape[1] != record.WIDTH:
-            raise InputError("records have the wrong shape", value=rows.shape, limit=("n", record.WIDTH))
+        if rows.ndim != 2 or rows.shape[1] != WIDTH:
+            raise InputError("records have the wrong shape", value=rows.shape, limit=("n", WIDTH))
         if len(rows) == 0:
             return ()
         if self._begin is None:
-            self._begin = float(rows[0, _RECEIVED])
-        asked = rows[:, record.MONITOR + ml.R_SPEED]
+            self._begin = float(rows[0, column("received_ns")])
+        asked = rows[:, column("speed_asked")]
         slow = (asked > 0.0) & (asked < 1.0)
         self._cycles += len(rows)
         self._slowed += int(slow.sum())
         self._least = min(self._least, float(asked[slow].min(initial=1.0)))
-        bits = rows[:, record.MONITOR_OUTCOME + ml.O_NEW]
-        good = (bits >= 0) & (bits < 1 << ml.EVENTS) & (bits == np.floor(bits))
+        bits = rows[:, column("event_new")]
+        good = (bits >= 0) & (bits < 1 << EVENTS) & (bits == np.floor(bits))
         if not good.all():
             raise InputError("a record holds a process event that does not exist", value=float(bits[~good][0]))
         found = [
@@ -136,28 +134,26 @@ class ProcessRecord:
         room = FIRST_EVENTS - len(self._first)
         self._first += found[:room]
         self._latest.extend(found[room:])
-        self._last = rows[-1, record.MONITOR : record.MONITOR_OUTCOME].copy()
+        self._last = rows[-1].copy()
         return tuple(found)
 
     def _event(self, row: Float, event: Event) -> ProcessEvent:
         begin = self._begin if self._begin is not None else 0.0
         return ProcessEvent(
             event,
-            int(row[record.CYCLE]),
-            (float(row[_RECEIVED]) - begin) * 1e-9,
-            float(row[record.MONITOR + ml.R_DISTANCE]),
-            float(row[record.MONITOR + ml.R_VALUE + event]),
-            float(row[record.MONITOR + ml.R_LIMIT + event]),
+            int(row[column("cycle")]),
+            (float(row[column("received_ns")]) - begin) * 1e-9,
+            float(row[column("path_m")]),
+            float(row[column(f"value_{event.name.lower()}")]),
+            float(row[column(f"limit_{event.name.lower()}")]),
         )
 
     def figures(self) -> ProcessFigures:
         """Figures of what was taken so far."""
         wear = None
-        if self._last is not None and self._last[ml.R_CUT] > 0.0:
-            last = self._last
-            cut, slope, sigma, degrees = (
-                float(last[k]) for k in (ml.R_CUT, ml.R_TREND, ml.R_TREND_SIGMA, ml.R_TREND_DEGREES)
-            )
+        if self._last is not None and self._last[column("cut_m")] > 0.0:
+            names = ("cut_m", "wear_trend", "wear_trend_sigma", "wear_degrees")
+            cut, slope, sigma, degrees = (float(self._last[column(name)]) for name in names)
             wide = sigma * float(stdtrit(degrees, 0.975)) if degrees >= 1.0 else 0.0
             wear = Wear(cut, slope, sigma, degrees, wide)
         return ProcessFigures(

@@ -17,7 +17,6 @@ from counterflex.runtime.estimator import fusion_kernel as fk
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.loop_constants import SCALE_VARIANCE, pack_choices, pack_constants
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.monitoring.layout import P_SPEED
 from counterflex.runtime.monitoring.monitor import Monitor
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
 from counterflex.runtime.monitoring.settings import MonitorSettings, unwatched
@@ -161,7 +160,6 @@ class Loop:
                 *(self.results, self.outcome, self._work),
                 *self.plausibility.arrays(),
                 *(none if play is None else play.arrays()),
-                *self.monitor.arrays(),
             )
         )
 
@@ -190,7 +188,7 @@ class Loop:
         }
         if play is not None:
             own |= {"axis_play.memory": play.memory, "axis_play.begun": play.begun}
-        return own | {f"monitor.{name}": array for name, array in self.monitor.memory().items()}
+        return own | self.monitor.memory()
 
     @property
     def layout(self) -> Layout:
@@ -211,7 +209,7 @@ class Loop:
 
     def take(self, samples: Float, count: int, number: int) -> None:
         """Hand over the force sensor's own samples of the cycle, see :meth:`Monitor.take`; before :meth:`run`."""
-        take_fast(self._table.rows, samples, count, number)
+        take_fast(self._table.rows, samples, count, number, *self.monitor.records)
 
     def feed(
         self,
@@ -282,7 +280,7 @@ class Loop:
 
     def run(self) -> None:
         """One cycle."""
-        cycle(self._table.rows)
+        cycle(self._table.rows, *self.monitor.records)
 
     @property
     def compliance(self) -> Float:
@@ -381,5 +379,5 @@ def _monitor(
         raise InputError("the monitor has another cycle", value=monitor.period_s, limit=settings.period_s)
     watched = None if plan is None else plan.watched(monitor)
     if watched is not None and plan is not None and plan.speed is not None:
-        watched[:, P_SPEED] = plan.speed
+        watched["speed"] = plan.speed
     return Monitor(monitor, override, path, watched, settings.off_path_m, settings.translation.radius)

@@ -8,6 +8,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
+from counterflex.core.records import Records
 from counterflex.runtime.monitoring.override_plan import SpeedPlan, speed_plan
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
 from counterflex.runtime.monitoring.plan import monitor_plan
@@ -99,7 +100,7 @@ class LoopPlan:
         out[-1, PLAN_V : PLAN_V + 3] = out[-2, PLAN_V : PLAN_V + 3]
         return out
 
-    def watched(self, settings: MonitorSettings) -> Float:
+    def watched(self, settings: MonitorSettings) -> Records:
         """The plan as the monitor needs it, see :func:`counterflex.runtime.monitoring.plan.monitor_plan`."""
         n = len(self.p_part)
         turn = np.zeros(n) if self.turn_per_s is None else as_float("plan: turn_per_s", self.turn_per_s, (n,))

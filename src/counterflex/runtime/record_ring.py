@@ -19,7 +19,9 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.held import clear_unheld, share
-from counterflex.runtime.monitoring import layout as ml
+from counterflex.core.records import count_of
+from counterflex.runtime.monitoring import records as monitor
+from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.state import layout as at
 from counterflex.runtime.state_slots import BYTES as STATE_BYTES
 from counterflex.runtime.state_slots import StateSlots
@@ -71,7 +73,7 @@ def _columns() -> tuple[str, ...]:
     feed = ("feed", "across", "tool")
     names += [f"force_{a}" for a in feed] + [f"expected_{a}" for a in feed]
     names += ["force_size", "force_least", "force_most", "force_ratio"]
-    watched = [event.name.lower() for event in ml.Event]
+    watched = [event.name.lower() for event in Event]
     names += [f"value_{e}" for e in watched] + [f"limit_{e}" for e in watched]
     names += [
         "wear_trend",
@@ -88,7 +90,13 @@ def _columns() -> tuple[str, ...]:
 
 COLUMNS: Final = _columns()
 """Names of a record's numbers: SI, part axes, angles in rad."""
+_PLACES: Final = {name: place for place, name in enumerate(COLUMNS)}
 _WHOLE: Final = ("counter_ms", "received_ns", "sent_ns", "elapsed", "w_good", "slowed", "cycle")
+
+
+def column(name: str) -> int:
+    """Place of a number in a record by its name, see :data:`COLUMNS`."""
+    return _PLACES[name]
 
 
 def is_whole(column: str) -> bool:
@@ -98,14 +106,14 @@ def is_whole(column: str) -> bool:
 
 FAST: Final = 5
 """Place of what the force sensor's own samples said: given."""
-SENSOR: Final = FAST + ml.FAST
+SENSOR: Final = FAST + count_of(monitor.FAST)
 GIVEN: Final = SENSOR + 6
 FLAGS: Final = GIVEN + at.GIVEN
 RESULTS: Final = FLAGS + at.FLAGS
 OUTCOME: Final = RESULTS + at.RESULTS
 MONITOR: Final = OUTCOME + at.OUTCOME
-MONITOR_OUTCOME: Final = MONITOR + ml.RESULTS
-CYCLE: Final = MONITOR_OUTCOME + ml.OUTCOME
+MONITOR_OUTCOME: Final = MONITOR + count_of(monitor.RESULTS)
+CYCLE: Final = MONITOR_OUTCOME + count_of(monitor.OUTCOME)
 """Place of the loop's own count of cycles: 1 in its first, one more in each; a step says that records are lost."""
 WIDTH: Final = CYCLE + 1
 RING_BYTES: Final = _HEAD + ROWS * WIDTH * 8 + STATE_BYTES

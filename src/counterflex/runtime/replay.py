@@ -112,12 +112,13 @@ class Replay:
                 continue
             loop.given[:] = rows[k, record.GIVEN : record.FLAGS]
             loop.flags[:] = rows[k, record.FLAGS : record.RESULTS]
-            loop.monitor.fast[:] = rows[k, record.FAST : record.SENSOR]
+            fast, results, outcome = loop.monitor.columns
+            fast[:] = rows[k, record.FAST : record.SENSOR]
             loop.run()
             answers[k, : record.OUTCOME - record.RESULTS] = loop.results
             answers[k, record.OUTCOME - record.RESULTS : record.MONITOR - record.RESULTS] = loop.outcome
-            answers[k, record.MONITOR - record.RESULTS : record.MONITOR_OUTCOME - record.RESULTS] = loop.monitor.results
-            answers[k, record.MONITOR_OUTCOME - record.RESULTS :] = loop.monitor.outcome
+            answers[k, record.MONITOR - record.RESULTS : record.MONITOR_OUTCOME - record.RESULTS] = results
+            answers[k, record.MONITOR_OUTCOME - record.RESULTS :] = outcome
             done.append(k)
             if len(done) >= 256:
                 self._compare(rows, answers, done)

@@ -16,8 +16,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM, UM
 from counterflex.geometry import rotation
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.monitoring import layout as ml
-from counterflex.runtime.monitoring.layout import Event
+from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.monitoring.monitor import Monitor
 from counterflex.runtime.monitoring.settings import MonitorSettings
 from counterflex.runtime.state import layout as at
@@ -203,9 +202,9 @@ def run_trial(settings: MonitorSettings, cut_m: float, incident: Incident, seed:
         monitor.take(mine, per_cycle, cycle * per_cycle, place)
         given[at.G_W : at.G_W + 3] = mine[:, :3].mean(axis=0)
         monitor.after(given, flags, results, outcome, place)
-        new = int(monitor.outcome[ml.O_NEW])
+        new = int(monitor.outcome.new)
         if new:
             for event in Event:
                 if new >> event & 1:
                     found.setdefault(event, x - AIR_M)
-    return Outcome(found, float(monitor.results[ml.R_TREND]), float(monitor.results[ml.R_TREND_SIGMA]))
+    return Outcome(found, float(monitor.results.trend), float(monitor.results.trend_sigma))

@@ -6,7 +6,7 @@ from typing import Any
 
 from counterflex.core.units import MM
 from counterflex.evaluate.process_record import ProcessEvent, ProcessFigures
-from counterflex.runtime.monitoring.layout import Event
+from counterflex.runtime.monitoring.events import Event
 
 _SHOWN: dict[Event, tuple[float, str]] = {
     Event.MISSING_CUT: (MM, "mm without force"),

@@ -14,8 +14,7 @@ from counterflex.files.logs.place import trouble_said
 from counterflex.protocols.processes.control_array import Kept, Life, Shown, Tally
 from counterflex.protocols.session.tracker_off import off_said, tracker_off
 from counterflex.runtime.estimator.fusion import Source
-from counterflex.runtime.monitoring.layout import R_SPEED
-from counterflex.runtime.record_ring import MONITOR, OUTCOME, RESULTS, RecordRing
+from counterflex.runtime.record_ring import OUTCOME, RESULTS, RecordRing, column
 from counterflex.runtime.state.layout import O_CAUSE, O_DEGRADED, O_FEED_HOLD, O_REJECTED, O_SOFT, O_SOURCES, O_STATE
 from counterflex.runtime.state.supervisor import Cause, State
 
@@ -125,7 +124,7 @@ class StatusReader:
             Source(int(last[OUTCOME + O_SOURCES])),
             Cause(int(last[OUTCOME + O_DEGRADED])),
             tuple(events),
-            float(last[MONITOR + R_SPEED]),
+            float(last[column("speed_asked")]),
             bool(last[OUTCOME + O_FEED_HOLD]),
             int(control[Tally.TARES]),
             control[Tally.IDLE_MN] * 1e-3,

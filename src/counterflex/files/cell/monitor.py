@@ -10,7 +10,7 @@ from pydantic import Field
 from counterflex.core.units import MM, MS, UM
 from counterflex.cutting.coefficients import ForceLaw, edge_force
 from counterflex.files.schema import Table
-from counterflex.runtime.monitoring.layout import Event
+from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
 from counterflex.runtime.monitoring.settings import MonitorSettings, Reaction, low_chatter_time
 from counterflex.runtime.settings import OnlineSettings

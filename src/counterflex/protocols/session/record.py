@@ -31,9 +31,10 @@ def write_record(
     row[record.FLAGS : record.RESULTS] = loop.flags
     row[record.RESULTS : record.OUTCOME] = loop.results
     row[record.OUTCOME : record.MONITOR] = loop.outcome
-    row[record.FAST : record.SENSOR] = loop.monitor.fast
-    row[record.MONITOR : record.MONITOR_OUTCOME] = loop.monitor.results
-    row[record.MONITOR_OUTCOME : record.CYCLE] = loop.monitor.outcome
+    fast, found, events = loop.monitor.columns
+    row[record.FAST : record.SENSOR] = fast
+    row[record.MONITOR : record.MONITOR_OUTCOME] = found
+    row[record.MONITOR_OUTCOME : record.CYCLE] = events
     row[record.CYCLE] = loop.cycle
     ring.commit()
     if loop.cycle % loop.state_cycles == 0:

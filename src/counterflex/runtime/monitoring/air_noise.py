@@ -16,9 +16,10 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.runtime.monitoring import layout as ml
+from counterflex.core.records import Record
+from counterflex.runtime.monitoring.records import MEMORY, SETTINGS
 from counterflex.runtime.state import layout as at
 
 IDLE_LEARNT: Final = 50
@@ -33,80 +34,77 @@ CREST: Final = 3.0
 """Peak of a swing by its root mean square."""
 
 
-@kernel("void(float64[::1], int64, float64, float64)")
-def two_stages(state: Float, place: int, value: float, keep: float) -> None:
-    """Two first-order stages: ``state[place]``, then ``state[place + 1]``."""
-    state[place] = keep * state[place] + (1.0 - keep) * value
-    state[place + 1] = keep * state[place + 1] + (1.0 - keep) * state[place]
+@kernel("void(float64[::1], float64, float64)")
+def two_stages(stages: Float, value: float, keep: float) -> None:
+    """Two first-order stages one behind the other, (2,)."""
+    stages[0] = keep * stages[0] + (1.0 - keep) * value
+    stages[1] = keep * stages[1] + (1.0 - keep) * stages[0]
 
 
-@kernel("void(float64[::1], float64[::1], int64, float64[::1], float64[::1], int64[::1])")
-def follow_motion(given: Float, step_results: Float, elapsed: int, constants: Float, state: Float, whole: Int) -> None:
-    """How strongly the tool was accelerated recently; changes S_PLACE, S_VELOCITY, S_MOVED.
+@kernel("void(Memory, Settings, float64[::1], float64[::1], int64)", Memory=MEMORY, Settings=SETTINGS)
+def follow_motion(m: Record, s: Record, given: Float, step_results: Float, elapsed: int) -> None:
+    """How strongly the tool was accelerated recently; changes place, velocity and acceleration.
 
     Args:
+        m: MEMORY; changed.
+        s: SETTINGS.
         given: (at.GIVEN,) inputs of the step.
         step_results: (at.RESULTS,) of the step.
         elapsed: Cycles since the last telegram, at least 1.
-        constants: (CONSTANTS,).
-        state: (STATE,); changed.
-        whole: (WHOLE,); changed.
     """
-    time, keep = elapsed * constants[ml.C_PERIOD], constants[ml.C_KEEP] ** elapsed
+    time, keep = elapsed * s.period, s.keep**elapsed
     square = 0.0
     for k in range(3):
         place = given[at.G_NOMINAL + 9 + k] + step_results[at.R_CORRECTION + k]
-        first = ml.S_VELOCITY + 2 * k
-        before = state[first + 1]
-        if whole[ml.N_PLACED] == 1:
-            two_stages(state, first, (place - state[ml.S_PLACE + k]) / time, keep)
-        state[ml.S_PLACE + k] = place
-        square += ((state[first + 1] - before) / time) ** 2
-    whole[ml.N_PLACED] = 1
-    state[ml.S_MOVED] = max(math.sqrt(square), state[ml.S_MOVED] * math.exp(-time / SWING_S))
+        before = m.velocity[k, 1]
+        if m.placed == 1:
+            two_stages(m.velocity[k], (place - m.place[k]) / time, keep)
+        m.place[k] = place
+        square += ((m.velocity[k, 1] - before) / time) ** 2
+    m.placed = 1
+    m.acceleration = max(math.sqrt(square), m.acceleration * math.exp(-time / SWING_S))
 
 
-@kernel("float64(float64[::1], float64[::1], int64[::1])")
-def noise(constants: Float, state: Float, whole: Int) -> float:
+@kernel("float64(Memory, Settings)", Memory=MEMORY, Settings=SETTINGS)
+def noise(m: Record, s: Record) -> float:
     """Standard deviation of the filtered force while the tool moves evenly, N."""
-    learnt = math.sqrt(state[ml.S_IDLE]) if whole[ml.N_IDLE] >= IDLE_LEARNT else 0.0
-    return float(max(constants[ml.C_NOISE], learnt))
+    learnt = math.sqrt(m.idle) if m.idle_cycles >= IDLE_LEARNT else 0.0
+    return float(max(s.noise, learnt))
 
 
-@kernel("float64(float64[::1], float64[::1], int64[::1])")
-def swing_mass(constants: Float, state: Float, whole: Int) -> float:
+@kernel("float64(Memory, Settings)", Memory=MEMORY, Settings=SETTINGS)
+def swing_mass(m: Record, s: Record) -> float:
     """Largest force that no cut needs by the recent acceleration, kg: ``3 k``."""
-    mass = constants[ml.C_INERTIA]
-    if whole[ml.N_SWUNG] >= IDLE_LEARNT:
-        mass = math.sqrt(state[ml.S_SWUNG] / max(state[ml.S_SWUNG + 1], EVEN_M_S2 * EVEN_M_S2))
+    mass = s.inertia_mass
+    if m.swing_cycles >= IDLE_LEARNT:
+        mass = math.sqrt(m.swing_force / max(m.swing_acceleration, EVEN_M_S2 * EVEN_M_S2))
     return float(CREST * mass)
 
 
-@kernel("float64(float64[::1], float64[::1], int64[::1])")
-def quiet_force(constants: Float, state: Float, whole: Int) -> float:
+@kernel("float64(Memory, Settings)", Memory=MEMORY, Settings=SETTINGS)
+def quiet_force(m: Record, s: Record) -> float:
     """Largest filtered force that is no cut, N."""
-    swing = swing_mass(constants, state, whole) * state[ml.S_MOVED]
-    return float(constants[ml.C_Z] * noise(constants, state, whole) + swing)
+    swing = swing_mass(m, s) * m.acceleration
+    return float(s.noise_z * noise(m, s) + swing)
 
 
-@kernel("void(float64, float64[::1], float64[::1], int64[::1])")
-def learn_quiet(force: float, constants: Float, state: Float, whole: Int) -> None:
+@kernel("void(Memory, Settings, float64)", Memory=MEMORY, Settings=SETTINGS)
+def learn_quiet(m: Record, s: Record, force: float) -> None:
     """Take a cycle out of the cut.
 
     Args:
+        m: MEMORY; changed.
+        s: SETTINGS.
         force: Filtered size of the measured force, N.
-        constants: (CONSTANTS,).
-        state: (STATE,); changed.
-        whole: (WHOLE,); changed.
     """
-    moved = state[ml.S_MOVED]
-    least = constants[ml.C_PERIOD] / IDLE_S
+    moved = m.acceleration
+    least = s.period / IDLE_S
     if moved <= EVEN_M_S2:
-        whole[ml.N_IDLE] += 1
-        share = max(least, 1.0 / whole[ml.N_IDLE])
-        state[ml.S_IDLE] += share * (force * force - state[ml.S_IDLE])
+        m.idle_cycles += 1
+        share = max(least, 1.0 / m.idle_cycles)
+        m.idle += share * (force * force - m.idle)
         return
-    whole[ml.N_SWUNG] += 1
-    share = max(least, 1.0 / whole[ml.N_SWUNG])
-    state[ml.S_SWUNG] += share * (force * force - state[ml.S_SWUNG])
-    state[ml.S_SWUNG + 1] += share * (moved * moved - state[ml.S_SWUNG + 1])
+    m.swing_cycles += 1
+    share = max(least, 1.0 / m.swing_cycles)
+    m.swing_force += share * (force * force - m.swing_force)
+    m.swing_acceleration += share * (moved * moved - m.swing_acceleration)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.runtime.monitoring import layout as ml
+from counterflex.core.records import Record
 from counterflex.runtime.monitoring.air_noise import IDLE_LEARNT, IDLE_S
+from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.monitoring.fast_force import SLOWER
+from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
 from counterflex.runtime.monitoring.wear import add_ratio, force_class, normal_of_student, trend
 from counterflex.runtime.state import layout as at
 
@@ -21,201 +23,151 @@ SLOW_S: Final = 0.12
 """Memory of the energy of slow vibration."""
 _SLOW_S: Final = 1.0
 _DOUBT: Final = 250  # cycles after which a lower ratio that was no event becomes the new reference
-_WEAR, _BREAKAGE, _CHATTER = int(ml.Event.WEAR), int(ml.Event.BREAKAGE), int(ml.Event.CHATTER)
-_LOW_CHATTER = int(ml.Event.LOW_CHATTER)
+_WEAR, _BREAKAGE, _CHATTER = int(Event.WEAR), int(Event.BREAKAGE), int(Event.CHATTER)
+_LOW_CHATTER = int(Event.LOW_CHATTER)
 _LATCHED = (1 << _BREAKAGE) | (1 << _WEAR)
 
 
-@kernel("void(float64[::1], int64[::1], int64[::1], int64[::1], int64, float64, float64, int64)")
-def judge(
-    results: Float,
-    outcome: Int,
-    whole: Int,
-    choices: Int,
-    event: int,
-    value: float,
-    limit: float,
-    cycles: int,
-) -> None:
+@kernel("void(Memory, Settings, int64, float64, float64, int64)", Memory=MEMORY, Settings=SETTINGS)
+def judge(m: Record, s: Record, event: int, value: float, limit: float, cycles: int) -> None:
     """One detector: value above limit for so many cycles in a row is an event; it may come again after a pause.
 
     Args:
-        results: (RESULTS,) value and limit are written.
-        outcome: (OUTCOME,) bits are written.
-        whole: (WHOLE,) counters; changed.
-        choices: (CHOICES,).
+        m: MEMORY; value, limit, counters and bits are changed.
+        s: SETTINGS.
         event: Which.
         value: What is watched.
         limit: Not above 0: cannot be seen at present, the counter stands still.
         cycles: In a row.
     """
     bit = 1 << event
-    results[ml.R_VALUE + event] = value
+    m.results.value[event] = value
     if limit <= 0.0:
-        results[ml.R_LIMIT + event] = 0.0
+        m.results.limit[event] = 0.0
         return
-    results[ml.R_LIMIT + event] = limit
-    outcome[ml.O_SEEN] |= bit
+    m.results.limit[event] = limit
+    m.outcome.seen |= bit
     if value > limit:
-        whole[ml.N_COUNT + event] += 1
-        whole[ml.N_GONE + event] = 0
-        if whole[ml.N_COUNT + event] >= cycles and not whole[ml.N_ON] & bit:
-            whole[ml.N_ON] |= bit
-            outcome[ml.O_NEW] |= bit
+        m.lasted[event] += 1
+        m.gone[event] = 0
+        if m.lasted[event] >= cycles and not m.events & bit:
+            m.events |= bit
+            m.outcome.new |= bit
     else:
-        whole[ml.N_COUNT + event] = 0
-        whole[ml.N_GONE + event] += 1
-        if whole[ml.N_GONE + event] >= choices[ml.W_CLEAR] and not bit & _LATCHED:
-            whole[ml.N_ON] &= ~bit
+        m.lasted[event] = 0
+        m.gone[event] += 1
+        if m.gone[event] >= s.clear_cycles and not bit & _LATCHED:
+            m.events &= ~bit
 
 
-@kernel(
-    "void(float64[::1], float64[::1], int64[::1], float64[::1], int64[::1], int64[::1], float64, float64, float64,"
-    " float64, float64)"
-)
-def wear(
-    constants: Float,
-    state: Float,
-    whole: Int,
-    results: Float,
-    outcome: Int,
-    choices: Int,
-    ratio: float,
-    product: float,
-    square: float,
-    moved: float,
-    rate: float,
-) -> None:
-    """Collect ratios by length of cut; judge the rise once sum and trend both say that there is one."""
-    classes = state[ml.S_CLASS : ml.S_CLASS + ml.CLASSES * ml.CLASS].reshape((ml.CLASSES, ml.CLASS))
-    serial = state[ml.S_SERIAL : ml.S_SERIAL + 4]
-    if ratio != 0.0 and moved > 0.0 and 0.8 < rate < 1.2:
-        state[ml.S_BIN] += product * moved
-        state[ml.S_BIN + 1] += square * moved
-        state[ml.S_BIN + 2] += moved
-        if state[ml.S_BIN + 2] >= constants[ml.C_BIN]:
-            force = math.sqrt(state[ml.S_BIN + 1] / state[ml.S_BIN + 2])
-            middle = state[ml.S_CUT] - 0.5 * state[ml.S_BIN + 2]
-            found = state[ml.S_BIN] / state[ml.S_BIN + 1]
-            state[ml.S_CUSUM] = add_ratio(classes, serial, force_class(force), middle, found, state[ml.S_CUSUM])
-            for k in range(3):
-                state[ml.S_BIN + k] = 0.0
-    trend(classes, serial, state[ml.S_CUT], results[ml.R_TREND : ml.R_TREND + 4])
-    rise = results[ml.R_RISE]
-    seen = results[ml.R_TREND_DEGREES] > 0.0 and state[ml.S_CUSUM] > constants[ml.C_CUSUM]
+@kernel("void(Memory, Settings, float64)", Memory=MEMORY, Settings=SETTINGS)
+def wear(m: Record, s: Record, moved: float) -> None:
+    """Collect ratios by length of cut; judge the rise once sum and trend both say that there is one.
+
+    Args:
+        m: MEMORY; changed.
+        s: SETTINGS.
+        moved: Length of cut since the last cycle, m.
+    """
+    w, now = m.wear, m.now
+    if now.ratio != 0.0 and moved > 0.0 and 0.8 < m.rate < 1.2:
+        square = now.predicted**2
+        w.bin_product += now.ratio * square * moved
+        w.bin_square += square * moved
+        w.bin_length += moved
+        if w.bin_length >= s.bin_length:
+            force = math.sqrt(w.bin_square / w.bin_length)
+            add_ratio(w, force_class(force), w.cut - 0.5 * w.bin_length, w.bin_product / w.bin_square)
+            w.bin_product = w.bin_square = w.bin_length = 0.0
+    r = m.results
+    trend(w, w.cut, r)
+    seen = r.trend_degrees > 0.0 and w.cusum > s.cusum_interval
     if seen:
-        t = results[ml.R_TREND] / results[ml.R_TREND_SIGMA]
-        seen = normal_of_student(t, results[ml.R_TREND_DEGREES]) > constants[ml.C_TREND]
-    judge(results, outcome, whole, choices, _WEAR, rise, constants[ml.C_RISE] if seen else 0.0, 1)
+        t = r.trend / r.trend_sigma
+        seen = normal_of_student(t, r.trend_degrees) > s.trend_z
+    judge(m, s, _WEAR, r.rise, s.least_rise if seen else 0.0, 1)
     if not seen:
-        results[ml.R_VALUE + _WEAR] = rise
+        r.value[_WEAR] = r.rise
 
 
-@kernel(
-    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], float64[::1],"
-    " float64, float64, float64, boolean)"
-)
-def breakage(
-    constants: Float,
-    choices: Int,
-    state: Float,
-    whole: Int,
-    results: Float,
-    outcome: Int,
-    here: Float,
-    fast: Float,
-    ratio: float,
-    predicted: float,
-    noise: float,
-    steady: bool,
-) -> None:
-    """A drop of the ratio against its own past in a steady stretch."""
-    turn = fast[ml.F_TURN] / predicted if predicted > 0.0 else 0.0
+@kernel("void(Memory, Settings, PlanRow, float64, boolean)", Memory=MEMORY, Settings=SETTINGS, PlanRow=PLAN_ROW)
+def breakage(m: Record, s: Record, here: Record, noise: float, steady: bool) -> None:
+    """A drop of the ratio against its own past in a steady stretch.
+
+    Args:
+        m: MEMORY; changed.
+        s: SETTINGS.
+        here: Row of the plan.
+        noise: Of the filtered force.
+        steady: The plan is.
+    """
+    fast, past, ratio, predicted = m.fast, m.reference, m.now.ratio, m.now.predicted
+    turn = fast.turn / predicted if predicted > 0.0 else 0.0
     if not steady:
-        whole[ml.N_STEADY] = 0
-        judge(results, outcome, whole, choices, _BREAKAGE, 0.0, 0.0, choices[ml.W_CYCLES + 1])
+        m.steady_cycles = 0
+        judge(m, s, _BREAKAGE, 0.0, 0.0, s.breakage_cycles)
         return
-    whole[ml.N_STEADY] += 1
-    n = whole[ml.N_STEADY]
+    m.steady_cycles += 1
+    n = m.steady_cycles
     if n == 1:
-        state[ml.S_RATIO], state[ml.S_TURN] = ratio, turn
-        state[ml.S_RATIO_VARIANCE] = state[ml.S_TURN_VARIANCE] = 0.0
+        past.ratio, past.turn = ratio, turn
+        past.ratio_variance = past.turn_variance = 0.0
     floor = noise / predicted
-    spread = math.sqrt(state[ml.S_RATIO_VARIANCE] + floor * floor)
-    turn_spread = math.sqrt(state[ml.S_TURN_VARIANCE] + (constants[ml.C_FAST_NOISE] * 0.3 / predicted) ** 2)
-    reference = state[ml.S_RATIO]
+    spread = math.sqrt(past.ratio_variance + floor * floor)
+    turn_spread = math.sqrt(past.turn_variance + (s.fast_noise * 0.3 / predicted) ** 2)
+    reference = past.ratio
     drop, limit = 0.0, 0.0
-    ready = n > choices[ml.W_SETTLE] and reference > 0.1
+    ready = n > s.settle_cycles and reference > 0.1
     if ready:
         drop = 1.0 - ratio / reference
-        scatter = constants[ml.C_Z] * spread / reference
-        tooth = here[ml.P_DROP] if here[ml.P_TEETH] > 0.0 else 0.25
-        told = fast[ml.F_READY] > 0.5 and fast[ml.F_SEPARATE] > 0.5
-        rose = told and turn > state[ml.S_TURN] + constants[ml.C_Z] * turn_spread
+        scatter = s.noise_z * spread / reference
+        tooth = here.lost_tooth if here.teeth > 0.0 else 0.25
+        separate = fast.ready > 0.5 and fast.separate > 0.5
+        rose = separate and turn > past.turn + s.noise_z * turn_spread
         limit = min(0.5, max(0.5 * tooth if rose else 2.0 * tooth, scatter))
         if limit < scatter:
             limit = 0.0
-    judge(results, outcome, whole, choices, _BREAKAGE, drop, limit, choices[ml.W_CYCLES + 1])
-    suspicious = limit > 0.0 and drop > 0.4 * here[ml.P_DROP] and drop > 0.5 * constants[ml.C_Z] * spread / reference
-    whole[ml.N_DOUBT] = whole[ml.N_DOUBT] + 1 if suspicious else 0
-    if not suspicious or whole[ml.N_DOUBT] > _DOUBT:
-        share = max(constants[ml.C_PERIOD] / _SLOW_S, 1.0 / n)
-        state[ml.S_RATIO_VARIANCE] += share * ((ratio - reference) ** 2 - state[ml.S_RATIO_VARIANCE])
-        state[ml.S_TURN_VARIANCE] += share * ((turn - state[ml.S_TURN]) ** 2 - state[ml.S_TURN_VARIANCE])
-        state[ml.S_RATIO] += share * (ratio - reference)
-        state[ml.S_TURN] += share * (turn - state[ml.S_TURN])
+    judge(m, s, _BREAKAGE, drop, limit, s.breakage_cycles)
+    suspicious = limit > 0.0 and drop > 0.4 * here.lost_tooth and drop > 0.5 * s.noise_z * spread / reference
+    m.doubtful_cycles = m.doubtful_cycles + 1 if suspicious else 0
+    if not suspicious or m.doubtful_cycles > _DOUBT:
+        share = max(s.period / _SLOW_S, 1.0 / n)
+        past.ratio_variance += share * ((ratio - reference) ** 2 - past.ratio_variance)
+        past.turn_variance += share * ((turn - past.turn) ** 2 - past.turn_variance)
+        past.ratio += share * (ratio - reference)
+        past.turn += share * (turn - past.turn)
 
 
-@kernel(
-    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], float64, boolean)"
-)
-def chatter(
-    constants: Float,
-    choices: Int,
-    state: Float,
-    whole: Int,
-    results: Float,
-    outcome: Int,
-    fast: Float,
-    force: float,
-    idle: bool,
-) -> None:
-    """Energy that does not turn with the spindle against that out of the cut, a share of the force, what is slower."""
-    ready = fast[ml.F_READY] > 0.5
-    energy = fast[ml.F_RESIDUAL] ** 2
-    slower = (SLOWER * fast[ml.F_SLOWER]) ** 2
-    floor = constants[ml.C_FAST_NOISE] ** 2
+@kernel("void(Memory, Settings, float64, boolean)", Memory=MEMORY, Settings=SETTINGS)
+def chatter(m: Record, s: Record, force: float, idle: bool) -> None:
+    """Energy that does not turn with the spindle against that out of the cut, a share of the force, what is slower.
+
+    Args:
+        m: MEMORY; changed.
+        s: SETTINGS.
+        force: Largest force to be expected.
+        idle: Out of the cut.
+    """
+    fast = m.fast
+    ready = fast.ready > 0.5
+    energy = fast.residual**2
+    slower = (SLOWER * fast.slower) ** 2
+    floor = s.fast_noise**2
     if ready and idle:
-        whole[ml.N_IDLE_FAST] += 1
-        share = max(constants[ml.C_PERIOD] / IDLE_S, 1.0 / whole[ml.N_IDLE_FAST])
-        state[ml.S_IDLE_FAST] += share * (max(0.0, energy - slower) - state[ml.S_IDLE_FAST])
-    if whole[ml.N_IDLE_FAST] >= IDLE_LEARNT:
-        floor = max(floor, state[ml.S_IDLE_FAST])
+        m.idle_fast_cycles += 1
+        share = max(s.period / IDLE_S, 1.0 / m.idle_fast_cycles)
+        m.idle_fast += share * (max(0.0, energy - slower) - m.idle_fast)
+    if m.idle_fast_cycles >= IDLE_LEARNT:
+        floor = max(floor, m.idle_fast)
     # The vibration is remembered longer than the force: at an exit it is judged by the force it comes from.
-    state[ml.S_PEAK] = max(force, state[ml.S_PEAK] * math.exp(-constants[ml.C_PERIOD] / PEAK_S))
-    quiet = floor + (constants[ml.C_CHATTER] * state[ml.S_PEAK]) ** 2
-    limit = math.sqrt(quiet * constants[ml.C_QUANTILE] + slower) if ready else 0.0
-    judge(results, outcome, whole, choices, _CHATTER, fast[ml.F_RESIDUAL], limit, choices[ml.W_CYCLES + 2]
-    )  # fmt: skip
+    m.peak = max(force, m.peak * math.exp(-s.period / PEAK_S))
+    quiet = floor + (s.chatter_share * m.peak) ** 2
+    limit = math.sqrt(quiet * s.energy_quantile + slower) if ready else 0.0
+    judge(m, s, _CHATTER, fast.residual, limit, s.chatter_cycles)
 
 
-@kernel(
-    "void(float64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1],"
-    " float64, float64, boolean)"
-)
-def low_chatter(
-    given: Float,
-    constants: Float,
-    choices: Int,
-    state: Float,
-    whole: Int,
-    results: Float,
-    outcome: Int,
-    expected: Float,
-    predicted: float,
-    noise: float,
-    steady: bool,
-) -> None:
+@kernel("void(Memory, Settings, float64[::1], float64, boolean)", Memory=MEMORY, Settings=SETTINGS)
+def low_chatter(m: Record, s: Record, given: Float, noise: float, steady: bool) -> None:
     """Slow vibration of the force that goes on and on where the plan is steady.
 
     Measured minus predicted force less its own mean of :data:`LEVEL_S`: what vibrates between 1 Hz and half the rate of
@@ -223,30 +175,23 @@ def low_chatter(
     with the arm's damping; what stays above the limit for the whole of the stated time does not.
 
     Args:
+        m: MEMORY; changed.
+        s: SETTINGS.
         given: (at.GIVEN,) of the step.
-        constants: (CONSTANTS,).
-        choices: (CHOICES,).
-        state: (STATE,); changed.
-        whole: (WHOLE,); changed.
-        results: (RESULTS,) written.
-        outcome: (OUTCOME,) written.
-        expected: (3,) predicted force of this cycle, part axes, N.
-        predicted: Its filtered size.
         noise: Of the filtered force.
         steady: The plan is.
     """
-    least = constants[ml.C_PERIOD] / LEVEL_S
+    least = s.period / LEVEL_S
     square = 0.0
     for k in range(3):
-        left = given[at.G_W + k] - expected[k]
-        state[ml.S_LEVEL + k] += least * (left - state[ml.S_LEVEL + k])
-        square += (left - state[ml.S_LEVEL + k]) ** 2
-    state[ml.S_SLOW] += constants[ml.C_PERIOD] / SLOW_S * (square - state[ml.S_SLOW])
+        left = given[at.G_W + k] - m.now.force[k]
+        m.level[k] += least * (left - m.level[k])
+        square += (left - m.level[k]) ** 2
+    m.slow += s.period / SLOW_S * (square - m.slow)
     if not steady:
-        whole[ml.N_COUNT + _LOW_CHATTER] = 0
-        state[ml.S_SLOW] = 0.0
+        m.lasted[_LOW_CHATTER] = 0
+        m.slow = 0.0
         for k in range(3):
-            state[ml.S_LEVEL + k] = given[at.G_W + k] - expected[k]
-    limit = math.hypot(constants[ml.C_LOW_CHATTER] * predicted, constants[ml.C_Z] * noise) if steady else 0.0
-    judge(results, outcome, whole, choices, _LOW_CHATTER, math.sqrt(state[ml.S_SLOW]), limit, choices[ml.W_CYCLES + 3]
-    )  # fmt: skip
+            m.level[k] = given[at.G_W + k] - m.now.force[k]
+    limit = math.hypot(s.low_chatter_share * m.now.predicted, s.noise_z * noise) if steady else 0.0
+    judge(m, s, _LOW_CHATTER, math.sqrt(m.slow), limit, s.low_chatter_cycles)

@@ -26,12 +26,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.runtime.monitoring import layout as ml
+from counterflex.core.records import Record, Records
+from counterflex.runtime.monitoring.records import HARMONICS, MEMORY, SAMPLES, SETTINGS
 
-HARMONICS: Final = 8
-"""Lines that are followed: one to six times per turn, and the tooth passing with its first harmonic."""
 GAIN: Final = 0.06
 """mu of the notches: 9.5 Hz on each side at 1 kHz, memory 33 ms."""
 SLOW_HZ: Final = 60.0
@@ -42,23 +41,6 @@ SLOWER: Final = 1.2
 """Residual that a force slower than 54 Hz or a step of the force leaves at most, by what lies about the corner."""
 _CLOSE: Final = 0.025  # lines closer than this share of the sampling rate are one line
 
-# Memory, float64: 6 of the high-passes, 3, 3 x HARMONICS x 2 amplitudes, two energies, speed
-_SLOWER: Final = 6  # 3: third low-pass
-_LINES: Final = 9
-_ENERGY: Final = _LINES + 3 * HARMONICS * 2
-_SLOWER_ENERGY: Final = _ENERGY + 1
-_SPEED: Final = _ENERGY + 2
-_FREQUENCY: Final = _SPEED + 1  # HARMONICS, turns of the line per sample, folded; -1 unused
-_WAVE: Final = _FREQUENCY + HARMONICS  # cos and sin of each line, this sample
-MEMORY: Final = _WAVE + 2 * HARMONICS
-# Memory, int64
-_SINCE: Final = 0
-_NEXT: Final = 1
-_TURN_AT: Final = 2  # place of the line once per turn, -1
-_TOOTH_AT: Final = 3
-_SEPARATE: Final = 4
-COUNTS: Final = 5
-
 
 @kernel("float64(float64)")
 def folded(turns: float) -> float:
@@ -67,23 +49,20 @@ def folded(turns: float) -> float:
     return min(rest, 1.0 - rest)
 
 
-@kernel("void(float64, int64, float64, float64[::1], int64[::1])")
-def set_lines(turn: float, teeth: int, slow: float, memory: Float, counts: Int) -> None:
+@kernel("void(Samples, float64, int64, float64)", Samples=SAMPLES)
+def set_lines(d: Record, turn: float, teeth: int, slow: float) -> None:
     """Choose the lines of a spindle speed: those that fall apart, above the high-pass and below half the rate.
 
     Args:
+        d: SAMPLES; changed.
         turn: Turns of the spindle per sample.
         teeth: Of the tool.
         slow: Corner of the high-pass by the sampling rate.
-        memory: (MEMORY,); changed.
-        counts: (COUNTS,); changed.
     """
-    for k in range(_LINES, _ENERGY):
-        memory[k] = 0.0
-    for k in range(HARMONICS):
-        memory[_FREQUENCY + k] = -1.0
-    memory[_SPEED] = turn
-    counts[_SINCE], counts[_TURN_AT], counts[_TOOTH_AT], counts[_SEPARATE] = 0, -1, -1, 0
+    d.lines[:] = 0.0
+    d.frequency[:] = -1.0
+    d.turn = turn
+    d.settled, d.turn_line, d.tooth_line, d.separate = 0, -1, -1, 0
     if turn <= 0.0:
         return
     z = max(1, teeth)
@@ -95,51 +74,92 @@ def set_lines(turn: float, teeth: int, slow: float, memory: Float, counts: Int) 
             continue
         place = -1
         for j in range(used):
-            if abs(memory[_FREQUENCY + j] - f) < _CLOSE:
+            if abs(d.frequency[j] - f) < _CLOSE:
                 place = j
         if place < 0:
-            memory[_FREQUENCY + used] = turn * order - math.floor(turn * order)
-            if memory[_FREQUENCY + used] > 0.5:
-                memory[_FREQUENCY + used] = 1.0 - memory[_FREQUENCY + used]
+            own = turn * order - math.floor(turn * order)
+            d.frequency[used] = 1.0 - own if own > 0.5 else own
             place = used
             used += 1
             if order == 1:
-                counts[_SEPARATE] = 1
+                d.separate = 1
         if order == 1:
-            counts[_TURN_AT] = place
+            d.turn_line = place
         if order == z:
-            counts[_TOOTH_AT] = place
+            d.tooth_line = place
     if z == 1:
-        counts[_SEPARATE] = 0
+        d.separate = 0
 
 
-@kernel("float64(float64[::1], int64, float64)")
-def _amplitude(memory: Float, line: int, share: float) -> float:
+@kernel("float64(Samples, int64, float64)", Samples=SAMPLES)
+def _amplitude(d: Record, line: int, share: float) -> float:
     """Amplitude of a line over the three axes, before the high-passes; 0 for no line."""
     if line < 0:
         return 0.0
     total = 0.0
     for axis in range(3):
-        base = _LINES + axis * HARMONICS * 2 + 2 * line
-        total += memory[base] * memory[base] + memory[base + 1] * memory[base + 1]
+        cosine, sine = d.lines[axis, 2 * line], d.lines[axis, 2 * line + 1]
+        total += cosine * cosine + sine * sine
     # |(1 - s/2) (1 - 1/z) / (1 - (1 - s) / z)| of each high-pass at the line.
-    cosine, keep = math.cos(2.0 * math.pi * memory[_FREQUENCY + line]), 1.0 - share
+    cosine, keep = math.cos(2.0 * math.pi * d.frequency[line]), 1.0 - share
     gain = (1.0 - 0.5 * share) ** 2 * (2.0 - 2.0 * cosine) / (1.0 - 2.0 * keep * cosine + keep * keep)
     return math.sqrt(total) / gain
 
 
-@kernel("void(float64[:, ::1], int64, int64, float64, int64, float64, float64, float64[::1], int64[::1], float64[::1])")
+@kernel("int64(Samples, int64)", Samples=SAMPLES)
+def _set_wave(d: Record, number: int) -> int:
+    """Cosine and sine of every line at a sample; returns the number of lines."""
+    lines = 0
+    for k in range(HARMONICS):
+        f = d.frequency[k]
+        if f < 0.0:
+            break
+        angle = number * f
+        angle = 2.0 * math.pi * (angle - math.floor(angle))
+        d.wave[2 * k], d.wave[2 * k + 1] = math.cos(angle), math.sin(angle)
+        lines += 1
+    return lines
+
+
+@kernel("void(Samples, float64[::1], int64, float64, float64)", Samples=SAMPLES)
+def _take_sample(d: Record, sample: Float, lines: int, share: float, forget: float) -> None:
+    """One sample through high-passes and notches; the energies of the rest and of what lies about the corner.
+
+    Args:
+        d: SAMPLES; changed.
+        sample: (>= 3,) N.
+        lines: Number of lines.
+        share: Of the new value in the low-passes.
+        forget: Of the new value in the energies.
+    """
+    whole = (1.0 - 0.5 * share) / (1.0 - share)  # gain 1 at half the sampling rate
+    energy = slower = 0.0
+    for axis in range(3):
+        stages, line = d.high_pass[axis], d.lines[axis]
+        stages[0] += share * (sample[axis] - stages[0])
+        x = whole * (sample[axis] - stages[0])
+        stages[1] += share * (x - stages[1])
+        e = whole * (x - stages[1])
+        d.slower[axis] += share * (stages[1] - d.slower[axis])
+        slower += d.slower[axis] ** 2
+        for k in range(2 * lines):
+            e -= line[k] * d.wave[k]
+        for k in range(2 * lines):
+            line[k] += GAIN * e * d.wave[k]
+        energy += e * e
+    d.settled += 1
+    if d.settled > SETTLED // 3:
+        d.energy += forget * (energy - d.energy)
+        d.slower_energy += forget * (slower - d.slower_energy)
+    else:
+        d.energy, d.slower_energy = energy, slower
+
+
+@kernel(
+    "void(float64[:, ::1], int64, int64, float64, int64, Settings[::1], Memory[::1])", Settings=SETTINGS, Memory=MEMORY
+)
 def take_samples(
-    samples: Float,
-    count: int,
-    number: int,
-    turn_per_s: float,
-    teeth: int,
-    sample_s: float,
-    memory_s: float,
-    memory: Float,
-    counts: Int,
-    out: Float,
+    samples: Float, count: int, number: int, turn_per_s: float, teeth: int, settings: Records, memories: Records
 ) -> None:
     """The samples of a cycle.
 
@@ -149,61 +169,30 @@ def take_samples(
         number: Sequence number of the first one.
         turn_per_s: Spindle speed, turns per second; 0 where not known.
         teeth: Of the tool.
-        sample_s: Sampling period.
-        memory_s: Of the energy of the rest.
-        memory: (MEMORY,); changed.
-        counts: (COUNTS,); changed.
-        out: (FAST,) written, see :mod:`counterflex.runtime.monitoring.layout`.
+        settings: (1,) SETTINGS.
+        memories: (1,) MEMORY; samples and fast are changed.
     """
-    turn = turn_per_s * sample_s
-    if turn != memory[_SPEED]:
-        set_lines(turn, teeth, SLOW_HZ * sample_s, memory, counts)
-    if count > 0 and number != counts[_NEXT]:
-        counts[_SINCE] = 0
-    counts[_NEXT] = number + count
-    share = 1.0 - math.exp(-2.0 * math.pi * SLOW_HZ * sample_s)
-    whole = (1.0 - 0.5 * share) / (1.0 - share)  # gain 1 at half the sampling rate
-    forget = 1.0 - math.exp(-sample_s / memory_s)
+    s, d, out = settings[0], memories[0].samples, memories[0].fast
+    turn = turn_per_s * s.sample_period
+    if turn != d.turn:
+        set_lines(d, turn, teeth, SLOW_HZ * s.sample_period)
+    if count > 0 and number != d.following:
+        d.settled = 0
+    d.following = number + count
+    share = 1.0 - math.exp(-2.0 * math.pi * SLOW_HZ * s.sample_period)
+    forget = 1.0 - math.exp(-s.sample_period / s.energy_time)
     for i in range(count):
         if not (math.isfinite(samples[i, 0]) and math.isfinite(samples[i, 1]) and math.isfinite(samples[i, 2])):
-            counts[_SINCE] = 0
+            d.settled = 0
             continue
-        if counts[_SINCE] == 0:
+        if d.settled == 0:
             for axis in range(3):
-                memory[2 * axis], memory[2 * axis + 1], memory[_SLOWER + axis] = samples[i, axis], 0.0, 0.0
-        lines = 0
-        for k in range(HARMONICS):
-            f = memory[_FREQUENCY + k]
-            if f < 0.0:
-                break
-            angle = (number + i) * f
-            angle = 2.0 * math.pi * (angle - math.floor(angle))
-            memory[_WAVE + 2 * k], memory[_WAVE + 2 * k + 1] = math.cos(angle), math.sin(angle)
-            lines += 1
-        energy = slower = 0.0
-        for axis in range(3):
-            memory[2 * axis] += share * (samples[i, axis] - memory[2 * axis])
-            x = whole * (samples[i, axis] - memory[2 * axis])
-            memory[2 * axis + 1] += share * (x - memory[2 * axis + 1])
-            e = whole * (x - memory[2 * axis + 1])
-            memory[_SLOWER + axis] += share * (memory[2 * axis + 1] - memory[_SLOWER + axis])
-            slower += memory[_SLOWER + axis] ** 2
-            base = _LINES + axis * HARMONICS * 2
-            for k in range(2 * lines):
-                e -= memory[base + k] * memory[_WAVE + k]
-            for k in range(2 * lines):
-                memory[base + k] += GAIN * e * memory[_WAVE + k]
-            energy += e * e
-        counts[_SINCE] += 1
-        if counts[_SINCE] > SETTLED // 3:
-            memory[_ENERGY] += forget * (energy - memory[_ENERGY])
-            memory[_SLOWER_ENERGY] += forget * (slower - memory[_SLOWER_ENERGY])
-        else:
-            memory[_ENERGY], memory[_SLOWER_ENERGY] = energy, slower
-    out[ml.F_SAMPLES] = count
-    out[ml.F_RESIDUAL] = math.sqrt(memory[_ENERGY])
-    out[ml.F_SLOWER] = math.sqrt(memory[_SLOWER_ENERGY])
-    out[ml.F_TURN] = _amplitude(memory, counts[_TURN_AT], share)
-    out[ml.F_TOOTH] = _amplitude(memory, counts[_TOOTH_AT], share)
-    out[ml.F_READY] = 1.0 if count > 0 and counts[_SINCE] >= SETTLED else 0.0
-    out[ml.F_SEPARATE] = 1.0 if counts[_SEPARATE] == 1 else 0.0
+                d.high_pass[axis, 0], d.high_pass[axis, 1], d.slower[axis] = samples[i, axis], 0.0, 0.0
+        _take_sample(d, samples[i], _set_wave(d, number + i), share, forget)
+    out.samples = count
+    out.residual = math.sqrt(d.energy)
+    out.slower = math.sqrt(d.slower_energy)
+    out.turn = _amplitude(d, d.turn_line, share)
+    out.tooth = _amplitude(d, d.tooth_line, share)
+    out.ready = 1.0 if count > 0 and d.settled >= SETTLED else 0.0
+    out.separate = 1.0 if d.separate == 1 else 0.0

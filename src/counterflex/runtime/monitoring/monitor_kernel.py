@@ -26,10 +26,13 @@ from typing import Final
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
-from counterflex.runtime.monitoring import layout as ml
+from counterflex.core.records import Record, Records
 from counterflex.runtime.monitoring.air_noise import follow_motion, learn_quiet, noise, quiet_force, two_stages
 from counterflex.runtime.monitoring.detectors import breakage, chatter, judge, low_chatter, wear
+from counterflex.runtime.monitoring.events import EVENTS, Event
 from counterflex.runtime.monitoring.feed_frame import feed_frame
+from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
+from counterflex.runtime.monitoring.wear import new_tool
 from counterflex.runtime.primitives.localize import PLAN_V
 from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
@@ -39,21 +42,15 @@ AIR_N: Final = 1.0
 LEAP_M: Final = 10e-3
 """The place on the plan was sought anew where it went farther than this in a cycle."""
 RATE_S: Final = 0.04
-_MISSING, _OVERLOAD, _WEAR = int(ml.Event.MISSING_CUT), int(ml.Event.OVERLOAD), int(ml.Event.WEAR)
+_MISSING, _OVERLOAD, _WEAR = int(Event.MISSING_CUT), int(Event.OVERLOAD), int(Event.WEAR)
 _FIRST_CAUSE = int(Cause.PROCESS_MISSING_CUT)
 _ARMED, _FAULT = int(State.ARMED), int(State.FAULT)
-# Places in the work space.
-_FRAME: Final = 0  # 9
-_NOW: Final = 9  # 3: predicted force of this cycle, part axes
-_LOWEST, _HIGHEST = 12, 13  # its bounds
-_PREDICTED, _RATIO = 14, 15
-WORK: Final = 16
 
 
-@kernel("boolean(float64[::1], int64[::1], int64[::1])")
-def _whole(given: Float, flags: Int, choices: Int) -> bool:
+@kernel("boolean(float64[::1], int64[::1], Settings)", Settings=SETTINGS)
+def _complete(given: Float, flags: Int, s: Record) -> bool:
     """A telegram came, and force and pose are numbers and fresh."""
-    good = flags[at.F_ELAPSED] > 0 and flags[at.F_FORCE_AGE] < choices[ml.W_STALE]
+    good = flags[at.F_ELAPSED] > 0 and flags[at.F_FORCE_AGE] < s.stale_cycles
     for k in range(6):
         good = good and math.isfinite(given[at.G_W + k])
     for k in range(12):
@@ -61,109 +58,174 @@ def _whole(given: Float, flags: Int, choices: Int) -> bool:
     return bool(good)
 
 
-@kernel("float64(float64, float64, int64, float64, float64[::1], int64[::1])")
-def _progress(time: float, distance: float, elapsed: int, period: float, state: Float, whole: Int) -> float:
+@kernel(
+    "float64(Memory, Settings, PlanRow, PlanRow, float64, int64)", Memory=MEMORY, Settings=SETTINGS, PlanRow=PLAN_ROW
+)
+def _progress(m: Record, s: Record, here: Record, there: Record, u: float, elapsed: int) -> float:
     """Way along the plan since the last cycle, m; follows its speed by the programmed one."""
+    time = (1.0 - u) * here.time + u * there.time
+    distance = (1.0 - u) * here.distance + u * there.distance
     moved = 0.0
-    if whole[ml.N_STARTED] == 1:
-        moved = max(0.0, distance - state[ml.S_LAST_DISTANCE])
+    if m.started == 1:
+        moved = max(0.0, distance - m.last_distance)
         moved = moved if moved < LEAP_M else 0.0
-        rate = max(0.0, time - state[ml.S_LAST_TIME]) / (elapsed * period)
-        kept = math.exp(-period / RATE_S)
-        state[ml.S_RATE] = kept * state[ml.S_RATE] + (1.0 - kept) * min(rate, 2.0)
+        rate = max(0.0, time - m.last_time) / (elapsed * s.period)
+        kept = math.exp(-s.period / RATE_S)
+        m.rate = kept * m.rate + (1.0 - kept) * min(rate, 2.0)
     else:
-        state[ml.S_RATE], whole[ml.N_STARTED] = 1.0, 1
-    state[ml.S_LAST_TIME], state[ml.S_LAST_DISTANCE] = time, distance
+        m.rate, m.started = 1.0, 1
+    m.last_time, m.last_distance = time, distance
+    m.results.distance = distance
     return moved
 
 
-@kernel("void(float64[::1], int64, float64[::1], float64[::1], float64, float64, float64[::1])")
-def _expect(here: Float, planned: int, there: Float, constants: Float, u: float, rate: float, work: Float) -> None:
+@kernel(
+    "void(Memory, Settings, PlanRow, PlanRow, float64, boolean)", Memory=MEMORY, Settings=SETTINGS, PlanRow=PLAN_ROW
+)
+def _expect(m: Record, s: Record, here: Record, there: Record, u: float, planned: bool) -> None:
     """Predicted force of this cycle and its bounds at the present speed."""
-    for k in range(5):
-        work[_NOW + k] = 0.0
-    if planned == 1:
-        slower = min(max(rate, 0.0), 1.5) ** constants[ml.C_EXPONENT]
+    now = m.now
+    now.force[:] = 0.0
+    now.lowest = now.highest = 0.0
+    if planned:
+        slower = min(max(m.rate, 0.0), 1.5) ** s.exponent
         for k in range(3):
-            work[_NOW + k] = ((1.0 - u) * here[ml.P_FORCE + k] + u * there[ml.P_FORCE + k]) * slower
-        work[_LOWEST] = min(here[ml.P_LOW], there[ml.P_LOW]) * slower
+            now.force[k] = ((1.0 - u) * here.force[k] + u * there.force[k]) * slower
+        now.lowest = min(here.lowest, there.lowest) * slower
         # going slower never narrows the bound
-        work[_HIGHEST] = max(here[ml.P_HIGH], there[ml.P_HIGH]) * max(1.0, slower)
+        now.highest = max(here.highest, there.highest) * max(1.0, slower)
 
 
-@kernel("float64(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])")
-def _filter_forces(given: Float, constants: Float, state: Float, results: Float, work: Float) -> float:
+@kernel("float64(Memory, Settings, float64[::1])", Memory=MEMORY, Settings=SETTINGS)
+def _filter_forces(m: Record, s: Record, given: Float) -> float:
     """Forces through the filter, in the feed frame, and their ratio; returns the size of the measured one, N."""
-    keep = constants[ml.C_KEEP]
+    now, keep = m.now, s.keep
     size = 0.0
     for k in range(3):
         w = given[at.G_W + k]
         size += w * w
-        two_stages(state, ml.S_FORCE + 2 * k, w, keep)
-        two_stages(state, ml.S_EXPECTED + 2 * k, work[_NOW + k], keep)
+        two_stages(m.force[k], w, keep)
+        two_stages(m.expected[k], now.force[k], keep)
     size = math.sqrt(size)
-    two_stages(state, ml.S_SIZE, size, keep)
-    two_stages(state, ml.S_LOW, work[_LOWEST], keep)
-    two_stages(state, ml.S_HIGH, work[_HIGHEST], keep)
+    two_stages(m.force_size[:], size, keep)
+    two_stages(m.lowest[:], now.lowest, keep)
+    two_stages(m.highest[:], now.highest, keep)
     product = square = 0.0
     for k in range(3):
         f = e = 0.0
         for j in range(3):
-            f += work[_FRAME + 3 * k + j] * state[ml.S_FORCE + 2 * j + 1]
-            e += work[_FRAME + 3 * k + j] * state[ml.S_EXPECTED + 2 * j + 1]
-        results[ml.R_FORCE + k], results[ml.R_EXPECTED + k] = f, e
+            f += now.frame[3 * k + j] * m.force[j, 1]
+            e += now.frame[3 * k + j] * m.expected[j, 1]
+        m.results.force[k], m.results.expected[k] = f, e
         product += f * e
         square += e * e
-    work[_PREDICTED] = math.sqrt(square)
-    work[_RATIO] = product / square if work[_PREDICTED] > constants[ml.C_LEAST] else 0.0
-    results[ml.R_SIZE], results[ml.R_RATIO] = state[ml.S_SIZE + 1], work[_RATIO]
+    now.predicted = math.sqrt(square)
+    now.ratio = product / square if now.predicted > s.least_force else 0.0
+    m.results.force_size, m.results.ratio = m.force_size[1], now.ratio
     return size
 
 
-@kernel("void(float64[::1], float64, float64, int64, float64[::1], int64[::1], int64[::1], float64[::1], int64[::1])")
-def _overload(
-    given: Float,
-    size: float,
-    ceiling: float,
-    planned: int,
-    constants: Float,
-    choices: Int,
-    whole: Int,
-    results: Float,
-    outcome: Int,
-) -> None:
+@kernel("void(Memory, Settings, float64, boolean, float64, float64)", Memory=MEMORY, Settings=SETTINGS)
+def _missing_cut(m: Record, s: Record, least: float, planned: bool, quiet: float, moved: float) -> None:
+    """No force over a length of path where the plan's least force, less the model's error, lies above the noise."""
+    visible = planned and least * (1.0 - s.model_error) > 2.0 * quiet
+    m.results.least = quiet if visible else 0.0
+    if visible:
+        m.without_force = m.without_force + moved if m.force_size[1] < quiet else 0.0
+    judge(m, s, _MISSING, m.without_force, s.missing_length if visible else 0.0, 1)
+
+
+@kernel("void(Memory, Settings, float64[::1], float64, float64, boolean)", Memory=MEMORY, Settings=SETTINGS)
+def _overload(m: Record, s: Record, given: Float, size: float, ceiling: float, planned: bool) -> None:
     """Filtered force above what the plan explains, or force or moment of the cycle above what is allowed."""
     moment = 0.0
     for k in range(3):
         moment += given[at.G_W + 3 + k] ** 2
     moment = math.sqrt(moment)
-    value, limit = results[ml.R_SIZE], ceiling if planned == 1 else 0.0
-    top = max(size / constants[ml.C_LIMIT_N], moment / constants[ml.C_LIMIT_NM])
-    if top > 1.0 or (planned == 0 and top > 0.0):  # the tighter of both bounds is shown
-        value, limit = top * constants[ml.C_LIMIT_N], constants[ml.C_LIMIT_N]
+    value, limit = m.results.force_size, ceiling if planned else 0.0
+    top = max(size / s.force_limit, moment / s.moment_limit)
+    if top > 1.0 or (not planned and top > 0.0):  # the tighter of both bounds is shown
+        value, limit = top * s.force_limit, s.force_limit
         if not math.isfinite(limit):
-            value, limit = top * constants[ml.C_LIMIT_NM], constants[ml.C_LIMIT_NM]
-    judge(results, outcome, whole, choices, _OVERLOAD, value, limit, choices[ml.W_CYCLES])
-
-
-@kernel("void(int64[::1], int64[::1], int64[::1], int64[::1])")
-def _react(step_outcome: Int, choices: Int, whole: Int, outcome: Int) -> None:
-    """Ask for what the events of the cycle are to do, if the loop is armed; until a person resets."""
-    before = step_outcome[at.O_STATE]
-    for event in range(ml.EVENTS):
-        if outcome[ml.O_NEW] & (1 << event) and _ARMED <= before < _FAULT:
-            if choices[ml.W_REACTION + event] == 1 and whole[ml.N_HOLD] == 0:
-                whole[ml.N_HOLD] = _FIRST_CAUSE + event
-            elif choices[ml.W_REACTION + event] == 2 and whole[ml.N_STOP] == 0:
-                whole[ml.N_STOP] = _FIRST_CAUSE + event
-    if whole[ml.N_HOLD] != 0:
-        step_outcome[at.O_FEED_HOLD] = 1
-    outcome[ml.O_ON] = whole[ml.N_ON]
+            value, limit = top * s.moment_limit, s.moment_limit
+    judge(m, s, _OVERLOAD, value, limit, s.overload_cycles)
 
 
 @kernel(
-    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], float64[:, ::1], float64[:, ::1],"
-    " float64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1])"
+    "void(Memory, Settings, float64[::1], PlanRow, PlanRow, float64, float64, boolean)",
+    Memory=MEMORY,
+    Settings=SETTINGS,
+    PlanRow=PLAN_ROW,
+)
+def _detect(
+    m: Record, s: Record, given: Float, here: Record, there: Record, size: float, moved: float, planned: bool
+) -> None:
+    """All detectors on the forces of this cycle, against what no cut needs and what no cut explains.
+
+    Args:
+        m: MEMORY; changed.
+        s: SETTINGS.
+        given: (at.GIVEN,) inputs of the step.
+        here: Row of the plan.
+        there: The next one.
+        size: Of the measured force, unfiltered, N.
+        moved: Way along the plan since the last cycle, m.
+        planned: The plan is believed.
+    """
+    filtered, least, most = m.force_size[1], m.lowest[1], m.highest[1]
+    quiet, rest = quiet_force(m, s), noise(m, s)
+    ceiling = most * (1.0 + s.model_error) + quiet + s.margin
+    idle = planned and most < AIR_N and m.now.highest < AIR_N
+    if idle and filtered < ceiling:
+        learn_quiet(m, s, filtered)
+    m.results.most = ceiling if planned else 0.0
+    _missing_cut(m, s, least, planned, quiet, moved)
+    _overload(m, s, given, size, ceiling, planned)
+    cutting = planned and least > s.least_force
+    if cutting:
+        m.wear.cut += moved
+    m.results.cut = m.wear.cut
+    steady = planned and here.steady > 0.5 and there.steady > 0.5 and m.now.predicted > s.least_force
+    steady = steady and 0.8 < m.rate < 1.2
+    if planned and int(here.tool) != m.tool:
+        m.tool = int(here.tool)
+        new_tool(m.wear)
+        m.events &= ~(1 << _WEAR)
+    wear(m, s, moved if cutting else 0.0)
+    breakage(m, s, here, rest, steady)
+    chatter(m, s, max(most, filtered), idle)
+    low_chatter(m, s, given, rest, steady)
+
+
+@kernel("void(Memory, Settings, int64[::1])", Memory=MEMORY, Settings=SETTINGS)
+def _react(m: Record, s: Record, step_outcome: Int) -> None:
+    """Ask for what the events of the cycle are to do, if the loop is armed; until a person resets."""
+    before = step_outcome[at.O_STATE]
+    for event in range(EVENTS):
+        if m.outcome.new & (1 << event) and _ARMED <= before < _FAULT:
+            if s.reaction[event] == 1 and m.hold_cause == 0:
+                m.hold_cause = _FIRST_CAUSE + event
+            elif s.reaction[event] == 2 and m.stop_cause == 0:
+                m.stop_cause = _FIRST_CAUSE + event
+    if m.hold_cause != 0:
+        step_outcome[at.O_FEED_HOLD] = 1
+    m.outcome.on = m.events
+
+
+@kernel("void(Memory)", Memory=MEMORY)
+def _reset_events(m: Record) -> None:
+    """A person has reset: no event, nothing asked for, sums of missing force and wear zero."""
+    m.events = m.hold_cause = m.stop_cause = m.steady_cycles = 0
+    m.lasted[:] = 0
+    m.wear.cusum = m.without_force = 0.0
+
+
+@kernel(
+    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], float64[:, ::1], PlanRow[::1],"
+    " Settings[::1], Memory[::1])",
+    PlanRow=PLAN_ROW,
+    Settings=SETTINGS,
+    Memory=MEMORY,
 )
 def watch(
     given: Float,
@@ -172,17 +234,11 @@ def watch(
     step_outcome: Int,
     place: Float,
     path: Float,
-    plan: Float,
-    fast: Float,
-    constants: Float,
-    choices: Int,
-    state: Float,
-    whole: Int,
-    results: Float,
-    outcome: Int,
-    work: Float,
+    plan: Records,
+    settings: Records,
+    memories: Records,
 ) -> None:
-    """One cycle; see the module and :class:`counterflex.runtime.monitoring.monitor.Monitor`, which owns the arrays.
+    """One cycle; see the module and :class:`counterflex.runtime.monitoring.monitor.Monitor`, which owns the records.
 
     Args:
         given: (at.GIVEN,) inputs of the step.
@@ -191,93 +247,42 @@ def watch(
         step_outcome: (at.OUTCOME,) likewise; a feed hold that is asked for is written.
         place: (2,) on the plan, row and fraction.
         path: (n, PLAN_COLUMNS) the plan as the step has it.
-        plan: (n, P_COLUMNS) of :func:`counterflex.runtime.monitoring.plan.monitor_plan`.
-        fast: (FAST,) of the force sensor's samples.
-        constants: (CONSTANTS,).
-        choices: (CHOICES,).
-        state: (STATE,); changed.
-        whole: (WHOLE,); changed.
-        results: (RESULTS,) written.
-        outcome: (OUTCOME,) written.
-        work: (WORK,) work space.
+        plan: (n,) PLAN_ROW of :func:`counterflex.runtime.monitoring.plan.monitor_plan`.
+        settings: (1,) SETTINGS.
+        memories: (1,) MEMORY; changed.
     """
-    outcome[ml.O_NEW] = outcome[ml.O_SEEN] = 0
+    s, m = settings[0], memories[0]
+    m.outcome.new = m.outcome.seen = 0
     if flags[at.F_RESET] == 1:
-        whole[ml.N_ON] = whole[ml.N_HOLD] = whole[ml.N_STOP] = whole[ml.N_STEADY] = 0
-        for k in range(ml.EVENTS):
-            whole[ml.N_COUNT + k] = 0
-        state[ml.S_CUSUM] = state[ml.S_BLIND] = 0.0
-    if _whole(given, flags, choices):
-        planned = choices[ml.W_PLAN] == 1 and place[0] >= 0.0 and step_results[at.R_PATH] <= constants[ml.C_OFF_PATH]
-        row = max(0, int(place[0])) if choices[ml.W_PLAN] == 1 else 0
-        u = place[1]
-        here, there = plan[row], plan[min(row + 1, plan.shape[0] - 1)]
+        _reset_events(m)
+    if _complete(given, flags, s):
+        planned = s.planned == 1 and place[0] >= 0.0 and step_results[at.R_PATH] <= s.off_path
+        row = max(0, int(place[0])) if s.planned == 1 else 0
+        here, there, u = plan[row], plan[min(row + 1, plan.shape[0] - 1)], place[1]
         feed_frame(
             path[row, PLAN_V], path[row, PLAN_V + 1], path[row, PLAN_V + 2],
             -given[at.G_NOMINAL + 2], -given[at.G_NOMINAL + 5], -given[at.G_NOMINAL + 8],
-            state[ml.S_FEED : ml.S_FEED + 6], work,
+            m.directions[:], m.now.frame[:],
         )  # fmt: skip
-        moved = 0.0
-        if planned:
-            time = (1.0 - u) * here[ml.P_TIME] + u * there[ml.P_TIME]
-            results[ml.R_DISTANCE] = (1.0 - u) * here[ml.P_DISTANCE] + u * there[ml.P_DISTANCE]
-            moved = _progress(
-                time, results[ml.R_DISTANCE], flags[at.F_ELAPSED], constants[ml.C_PERIOD], state, whole
-            )  # fmt: skip
-        rate = state[ml.S_RATE]
-        results[ml.R_RATE] = rate
-        _expect(here, int(planned), there, constants, u, rate, work)
-        highest = work[_HIGHEST]
-        size = _filter_forces(given, constants, state, results, work)
-        filtered, least, most = state[ml.S_SIZE + 1], state[ml.S_LOW + 1], state[ml.S_HIGH + 1]
-        predicted, ratio = work[_PREDICTED], work[_RATIO]
-        # What no cut needs, and what no cut explains.
-        follow_motion(given, step_results, flags[at.F_ELAPSED], constants, state, whole)
-        quiet, rest = quiet_force(constants, state, whole), noise(constants, state, whole)
-        ceiling = most * (1.0 + constants[ml.C_MODEL]) + quiet + constants[ml.C_MARGIN]
-        idle = planned and most < AIR_N and highest < AIR_N
-        if idle and filtered < ceiling:
-            learn_quiet(filtered, constants, state, whole)
-        results[ml.R_MOST] = ceiling if planned else 0.0
-        visible = planned and least * (1.0 - constants[ml.C_MODEL]) > 2.0 * quiet
-        results[ml.R_LEAST] = quiet if visible else 0.0
-        if visible:
-            state[ml.S_BLIND] = state[ml.S_BLIND] + moved if filtered < quiet else 0.0
-        judge(results, outcome, whole, choices, _MISSING, state[ml.S_BLIND],
-            constants[ml.C_MISSING] if visible else 0.0, 1,
-        )  # fmt: skip
-        _overload(given, size, ceiling, int(planned), constants, choices, whole, results, outcome)
-        cutting = planned and least > constants[ml.C_LEAST]
-        if cutting:
-            state[ml.S_CUT] += moved
-        results[ml.R_CUT] = state[ml.S_CUT]
-        steady = planned and here[ml.P_STEADY] > 0.5 and there[ml.P_STEADY] > 0.5 and predicted > constants[ml.C_LEAST]
-        steady = steady and 0.8 < rate < 1.2
-        if planned and int(here[ml.P_TOOL]) != whole[ml.N_TOOL]:
-            whole[ml.N_TOOL] = int(here[ml.P_TOOL])
-            for k in range(ml.S_CUT, ml.S_PEAK):
-                state[k] = 0.0
-            whole[ml.N_ON] &= ~(1 << _WEAR)
-        wear(constants, state, whole, results, outcome, choices, ratio, ratio * predicted**2, predicted**2,
-            moved if cutting else 0.0, rate,
-        )  # fmt: skip
-        breakage(constants, choices, state, whole, results, outcome, here, fast, ratio, predicted, rest, steady)
-        chatter(constants, choices, state, whole, results, outcome, fast, max(most, filtered), idle)
-        low_chatter(
-            given, constants, choices, state, whole, results, outcome, work[_NOW : _NOW + 3], predicted, rest, steady
-        )  # fmt: skip
-    _react(step_outcome, choices, whole, outcome)
+        moved = _progress(m, s, here, there, u, flags[at.F_ELAPSED]) if planned else 0.0
+        m.results.rate = m.rate
+        _expect(m, s, here, there, u, planned)
+        size = _filter_forces(m, s, given)
+        follow_motion(m, s, given, step_results, flags[at.F_ELAPSED])
+        _detect(m, s, given, here, there, size, moved, planned)
+    _react(m, s, step_outcome)
 
 
-@kernel("void(int64[::1], int64[::1])")
-def hand_over(whole: Int, flags: Int) -> None:
+@kernel("void(Memory[::1], int64[::1])", Memory=MEMORY)
+def hand_over(memories: Records, flags: Int) -> None:
     """Hand what was found before to the supervisor: causes of hold and fault, where there are no others.
 
     Args:
-        whole: (WHOLE,) of :func:`watch`.
+        memories: (1,) MEMORY as :func:`watch` left it.
         flags: (at.FLAGS,) inputs of the step; changed.
     """
-    if whole[ml.N_HOLD] != 0 and flags[at.F_SOFT] == 0:
-        flags[at.F_SOFT] = whole[ml.N_HOLD]
-    if whole[ml.N_STOP] != 0 and flags[at.F_HARD] == 0:
-        flags[at.F_HARD] = whole[ml.N_STOP]
+    m = memories[0]
+    if m.hold_cause != 0 and flags[at.F_SOFT] == 0:
+        flags[at.F_SOFT] = m.hold_cause
+    if m.stop_cause != 0 and flags[at.F_HARD] == 0:
+        flags[at.F_HARD] = m.stop_cause

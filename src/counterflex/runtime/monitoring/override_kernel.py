@@ -19,7 +19,9 @@ from typing import Final
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
-from counterflex.runtime.monitoring import layout as ml
+from counterflex.core.records import Records
+from counterflex.runtime.monitoring.events import Event, Slowed
+from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
 from counterflex.runtime.primitives.frames import size_of
 from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import State
@@ -29,18 +31,9 @@ NEAR_REACH: Final = 0.8
 NEAR_FORCE: Final = 0.85
 _BUSY: Final = 0.05  # share of a cycle in the memory of the limiter: 80 ms at 4 ms
 _ACTIVE, _HOLD = int(State.ACTIVE), int(State.HOLD)
-_PLAN, _LIMITER = int(ml.Slowed.PLAN), int(ml.Slowed.LIMITER)
-_REACH, _FORCE = int(ml.Slowed.REACH), int(ml.Slowed.FORCE)
-
-# Constants.
-K_LEAST: Final = 0  # share of the programmed speed; 1 leaves it alone
-K_STEP: Final = 1  # largest change per cycle
-K_RADIUS: Final = 2  # largest correction, m
-OVERRIDE_CONSTANTS: Final = 3
-# State.
-V_SPEED: Final = 0
-V_BUSY: Final = 1
-OVERRIDE_STATE: Final = 2
+_PLAN, _LIMITER = int(Slowed.PLAN), int(Slowed.LIMITER)
+_OVERLOAD = int(Event.OVERLOAD)
+_REACH, _FORCE = int(Slowed.REACH), int(Slowed.FORCE)
 
 
 @kernel("float64(float64, float64, float64)")
@@ -50,56 +43,48 @@ def falling(value: float, near: float, least: float) -> float:
 
 
 @kernel(
-    "void(float64[::1], int64[::1], float64[:, ::1], float64[::1], int64, float64[::1], float64[::1], float64[::1],"
-    " int64[::1])"
+    "void(float64[::1], int64[::1], float64[::1], PlanRow[::1], Settings[::1], Memory[::1])",
+    PlanRow=PLAN_ROW,
+    Settings=SETTINGS,
+    Memory=MEMORY,
 )
 def ask_speed(
-    step_results: Float,
-    step_outcome: Int,
-    plan: Float,
-    place: Float,
-    planned: int,
-    constants: Float,
-    state: Float,
-    results: Float,
-    outcome: Int,
+    step_results: Float, step_outcome: Int, place: Float, plan: Records, settings: Records, memories: Records
 ) -> None:
     """One cycle.
 
     Args:
         step_results: (at.RESULTS,) of the step.
         step_outcome: (at.OUTCOME,) likewise.
-        plan: (n, P_COLUMNS) of the monitor.
-        place: (2,) on it.
-        planned: 1: there is a plan.
-        constants: (OVERRIDE_CONSTANTS,).
-        state: (OVERRIDE_STATE,); changed.
-        results: (RESULTS,) of the monitor; R_SPEED is written.
-        outcome: (OUTCOME,) of the monitor; O_SLOWED is written.
+        place: (2,) on the plan.
+        plan: (n,) PLAN_ROW.
+        settings: (1,) SETTINGS.
+        memories: (1,) MEMORY, force and limits of this cycle in it; speed asked for and its reason are written.
     """
-    least = constants[K_LEAST]
+    s, m = settings[0], memories[0]
+    least = s.least_speed
     now = step_outcome[at.O_STATE]
     held_back = now == _ACTIVE and step_outcome[at.O_LIMITS] & AT_SPEED
-    state[V_BUSY] += _BUSY * ((1.0 if held_back else 0.0) - state[V_BUSY])
+    m.busy += _BUSY * ((1.0 if held_back else 0.0) - m.busy)
     wanted, why = 1.0, 0
     if now in (_ACTIVE, _HOLD) and least < 1.0:
-        if planned == 1 and place[0] >= 0.0:
+        if s.planned == 1 and place[0] >= 0.0:
             row, u = int(place[0]), place[1]
-            speed = (1.0 - u) * plan[row, ml.P_SPEED] + u * plan[min(row + 1, plan.shape[0] - 1), ml.P_SPEED]
+            speed = (1.0 - u) * plan[row].speed + u * plan[min(row + 1, plan.shape[0] - 1)].speed
             if speed < wanted:
                 wanted, why = max(least, speed), _PLAN
-        busy = 1.0 - max(0.0, state[V_BUSY] - 0.5) * 2.0 * (1.0 - least)
+        busy = 1.0 - max(0.0, m.busy - 0.5) * 2.0 * (1.0 - least)
         if busy < wanted:
             wanted, why = busy, _LIMITER
-        reach = falling(size_of(step_results, at.R_WANTED) / constants[K_RADIUS], NEAR_REACH, least)
+        reach = falling(size_of(step_results, at.R_WANTED) / s.largest_correction, NEAR_REACH, least)
         if reach < wanted:
             wanted, why = reach, _REACH
-        limit = results[ml.R_LIMIT + 1]
+        limit = m.results.limit[_OVERLOAD]
         if limit > 0.0:
-            force = falling(results[ml.R_VALUE + 1] / limit, NEAR_FORCE, least)
+            force = falling(m.results.value[_OVERLOAD] / limit, NEAR_FORCE, least)
             if force < wanted:
                 wanted, why = force, _FORCE
-    change = min(constants[K_STEP], max(-constants[K_STEP], wanted - state[V_SPEED]))
-    state[V_SPEED] += change
-    results[ml.R_SPEED] = state[V_SPEED]
-    outcome[ml.O_SLOWED] = why
+    change = min(s.speed_step, max(-s.speed_step, wanted - m.speed))
+    m.speed += change
+    m.results.speed = m.speed
+    m.outcome.slowed = why

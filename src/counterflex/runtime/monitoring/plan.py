@@ -12,7 +12,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
-from counterflex.runtime.monitoring import layout as ml
+from counterflex.core.records import Records, records
+from counterflex.runtime.monitoring.records import PLAN_ROW
 from counterflex.runtime.monitoring.settings import MonitorSettings
 from counterflex.runtime.primitives.localize import PLAN_CUT, PLAN_P, PLAN_TIME, PLAN_W
 
@@ -99,7 +100,7 @@ def lost_tooth(teeth: Int, exponent: float) -> Float:
     return out
 
 
-def monitor_plan(plan: Float, settings: MonitorSettings, turn_per_s: Float, teeth: Int, tool: Int) -> Float:
+def monitor_plan(plan: Float, settings: MonitorSettings, turn_per_s: Float, teeth: Int, tool: Int) -> Records:
     """The plan as the monitor needs it.
 
     Args:
@@ -110,10 +111,10 @@ def monitor_plan(plan: Float, settings: MonitorSettings, turn_per_s: Float, teet
         tool: (n,) its number.
 
     Returns:
-        (n, P_COLUMNS).
+        (n,) PLAN_ROW.
     """
     n = len(plan)
-    out = np.zeros((n, ml.P_COLUMNS))
+    out = records(PLAN_ROW, n)
     time = np.ascontiguousarray(plan[:, PLAN_TIME])
     cutting = plan[:, PLAN_CUT] > 0.0
     touching = cutting.copy()
@@ -123,14 +124,14 @@ def monitor_plan(plan: Float, settings: MonitorSettings, turn_per_s: Float, teet
     distance = np.ascontiguousarray(np.cumsum(step))
     found = np.empty((n, 3))
     bounds(time, distance, force, settings.follow_s, settings.timing_s, settings.place_m, found)
-    out[:, ml.P_TIME], out[:, ml.P_DISTANCE] = time, distance
+    out["time"], out["distance"] = time, distance
     for k in range(3):
-        out[:, ml.P_FORCE + k] = np.interp(time - settings.follow_s, time, force[:, k])
-    out[:, ml.P_LOW], out[:, ml.P_HIGH] = found[:, 0], found[:, 1]
+        out["force"][:, k] = np.interp(time - settings.follow_s, time, force[:, k])
+    out["lowest"], out["highest"] = found[:, 0], found[:, 1]
     wide = settings.timing_s + 4.0 * settings.filter_s + settings.breakage_s
     bounds(time, distance, force, settings.follow_s, wide, settings.place_m, found)
-    out[:, ml.P_STEADY] = (found[:, 0] >= (1.0 - STEADY_SHARE) * found[:, 1]) & (found[:, 2] >= STEADY_COSINE)
-    out[:, ml.P_TURN], out[:, ml.P_TEETH], out[:, ml.P_TOOL] = turn_per_s, teeth, tool
-    out[:, ml.P_DROP] = lost_tooth(teeth, settings.exponent)
-    out[:, ml.P_SPEED] = 1.0
+    out["steady"] = (found[:, 0] >= (1.0 - STEADY_SHARE) * found[:, 1]) & (found[:, 2] >= STEADY_COSINE)
+    out["turn_per_s"], out["teeth"], out["tool"] = turn_per_s, teeth, tool
+    out["lost_tooth"] = lost_tooth(teeth, settings.exponent)
+    out["speed"] = 1.0
     return out

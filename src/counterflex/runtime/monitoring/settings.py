@@ -8,12 +8,12 @@ from enum import IntEnum
 from statistics import NormalDist
 from typing import Final
 
-import numpy as np
-
-from counterflex.core.arrays import Float, Int, as_positive
+from counterflex.core.arrays import as_positive
 from counterflex.core.errors import InputError
+from counterflex.core.records import Records, records
 from counterflex.core.units import MINUTE, MM, MS
-from counterflex.runtime.monitoring import layout as ml
+from counterflex.runtime.monitoring.events import Event
+from counterflex.runtime.monitoring.records import SETTINGS
 from counterflex.runtime.settings import OnlineSettings
 
 CUSUM_SLACK: Final = 0.5
@@ -35,9 +35,9 @@ class Reaction(IntEnum):
     """A fault: the robot is told to stop."""
 
 
-def _reactions() -> dict[ml.Event, Reaction]:
-    held = (ml.Event.OVERLOAD, ml.Event.BREAKAGE)
-    return {event: Reaction.FEED_HOLD if event in held else Reaction.WARN for event in ml.Event}
+def _reactions() -> dict[Event, Reaction]:
+    held = (Event.OVERLOAD, Event.BREAKAGE)
+    return {event: Reaction.FEED_HOLD if event in held else Reaction.WARN for event in Event}
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class MonitorSettings:
         sample_s: Period of the force sensor.
     """
 
-    reaction: dict[ml.Event, Reaction] = field(default_factory=_reactions)
+    reaction: dict[Event, Reaction] = field(default_factory=_reactions)
     force_limit_n: float | None = None
     moment_limit_nm: float | None = None
     margin_n: float = 40.0
@@ -132,7 +132,7 @@ class MonitorSettings:
             raise InputError("monitor: wear_probability is out of range", value=self.wear_probability, limit="< 0.5")
         if self.exponent > 1.0:
             raise InputError("monitor: the force grows faster than the feed", value=self.exponent, limit="<= 1")
-        if set(self.reaction) != set(ml.Event):
+        if set(self.reaction) != set(Event):
             raise InputError("monitor: a reaction is missing", value=sorted(e.name for e in self.reaction))
         if self.stale_cycles < 1:
             raise InputError("monitor: cycles without data", value=self.stale_cycles, limit=">= 1")
@@ -175,39 +175,38 @@ class MonitorSettings:
         z = NormalDist().inv_cdf(1.0 - self.false_alarms_per_h * 2.0 * FAST_S / _HOUR)
         return float((1.0 - 2.0 / (9.0 * nu) + z * math.sqrt(2.0 / (9.0 * nu))) ** 3)
 
-    def constants(self, off_path_m: float) -> Float:
-        """(C...,) for the kernel.
+    def record(self, off_path_m: float, planned: bool) -> Records:
+        """(1,) SETTINGS for the kernels; the program's speed is left alone.
 
         Args:
             off_path_m: Distance from the plan at which it is not believed.
+            planned: There is a plan.
         """
-        out = np.zeros(ml.CONSTANTS)
-        out[ml.C_PERIOD], out[ml.C_KEEP] = self.period_s, self.keep
-        out[ml.C_NOISE], out[ml.C_FAST_NOISE] = self.noise_n, math.sqrt(3.0) * self.fast_noise_n
-        out[ml.C_Z], out[ml.C_MODEL], out[ml.C_MARGIN] = self.z, self.model_error, self.margin_n
-        out[ml.C_LIMIT_N] = math.inf if self.force_limit_n is None else self.force_limit_n
-        out[ml.C_LIMIT_NM] = math.inf if self.moment_limit_nm is None else self.moment_limit_nm
-        out[ml.C_MISSING], out[ml.C_BIN] = self.missing_m, self.wear_bin_m
-        out[ml.C_CUSUM], out[ml.C_RISE] = self.cusum, self.wear_rise
-        out[ml.C_CHATTER], out[ml.C_QUANTILE] = self.chatter_share, self.energy_quantile
-        out[ml.C_EXPONENT], out[ml.C_OFF_PATH] = self.exponent, off_path_m
-        out[ml.C_INERTIA], out[ml.C_LOW_CHATTER] = self.inertia_kg, self.low_chatter_share
-        out[ml.C_TREND] = NormalDist().inv_cdf(1.0 - self.wear_probability)
-        out[ml.C_LEAST] = max(20.0, 4.0 * self.noise_n)
+        out = records(SETTINGS)
+        s = out[0]
+        s.period, s.keep, s.exponent, s.off_path = self.period_s, self.keep, self.exponent, off_path_m
+        s.noise, s.fast_noise, s.noise_z = self.noise_n, math.sqrt(3.0) * self.fast_noise_n, self.z
+        s.model_error, s.margin, s.least_force = self.model_error, self.margin_n, max(20.0, 4.0 * self.noise_n)
+        s.force_limit = math.inf if self.force_limit_n is None else self.force_limit_n
+        s.moment_limit = math.inf if self.moment_limit_nm is None else self.moment_limit_nm
+        s.missing_length, s.inertia_mass = self.missing_m, self.inertia_kg
+        s.bin_length, s.cusum_interval, s.least_rise = self.wear_bin_m, self.cusum, self.wear_rise
+        s.trend_z = NormalDist().inv_cdf(1.0 - self.wear_probability)
+        s.chatter_share, s.energy_quantile = self.chatter_share, self.energy_quantile
+        s.low_chatter_share = self.low_chatter_share
+        s.planned = planned
+        for event, reaction in self.reaction.items():
+            s.reaction[event] = reaction
+        s.overload_cycles, s.breakage_cycles = self._cycles(self.overload_s), self._cycles(self.breakage_s)
+        s.chatter_cycles, s.low_chatter_cycles = self._cycles(self.chatter_s), self._cycles(self.low_chatter_s)
+        s.settle_cycles, s.clear_cycles = self._cycles(self.settle_s), self._cycles(self.clear_s)
+        s.stale_cycles = self.stale_cycles
+        s.least_speed = 1.0
+        s.sample_period, s.energy_time = self.sample_s, FAST_S
         return out
 
-    def choices(self, planned: bool) -> Int:
-        """(W...,) for the kernel."""
-        out = np.zeros(ml.CHOICES, dtype=np.int64)
-        out[ml.W_PLAN] = planned
-        for event, reaction in self.reaction.items():
-            out[ml.W_REACTION + event] = reaction
-        for k, time in enumerate((self.overload_s, self.breakage_s, self.chatter_s, self.low_chatter_s)):
-            out[ml.W_CYCLES + k] = max(1, round(time / self.period_s))
-        out[ml.W_SETTLE] = max(1, round(self.settle_s / self.period_s))
-        out[ml.W_CLEAR] = max(1, round(self.clear_s / self.period_s))
-        out[ml.W_STALE] = self.stale_cycles
-        return out
+    def _cycles(self, time_s: float) -> int:
+        return max(1, round(time_s / self.period_s))
 
 
 def run_length(interval: float, shift: float = 0.0) -> float:
@@ -256,7 +255,7 @@ def unwatched(
         ring_s: Over which a swing of the arm dies away to 1/e.
     """
     return MonitorSettings(
-        reaction=dict.fromkeys(ml.Event, Reaction.WARN),
+        reaction=dict.fromkeys(Event, Reaction.WARN),
         period_s=online.period_s,
         follow_s=online.delays.follow_s,
         stale_cycles=online.stale_cycles,

@@ -28,9 +28,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.runtime.monitoring import layout as ml
+from counterflex.core.records import Record
+from counterflex.runtime.monitoring.records import CLASSES, NEIGHBOURS, RESULTS, WEAR
 
 FIRST: Final = 3
 """Ratios of a class before the next one is judged."""
@@ -41,8 +41,6 @@ LEAST_SPREAD: Final = 0.002
 _SUPPOSED: Final = 0.5  # correlation of neighbours as long as nothing is known
 _SUPPOSED_WEIGHT: Final = 4.0  # ratios that it counts as
 _MOST_ALIKE: Final = 0.98
-# Places of the memory of neighbours.
-_LAST, _PRODUCTS, _SQUARES, _PAIRS = 0, 1, 2, 3
 
 
 @kernel("int64(float64)")
@@ -50,7 +48,7 @@ def force_class(force_n: float) -> int:
     """Class of a force: one for each factor of the square root of two from 20 N on, the last for all above."""
     if force_n <= 20.0:
         return 0
-    return min(ml.CLASSES - 1, int(2.0 * math.log2(force_n / 20.0)))
+    return min(CLASSES - 1, int(2.0 * math.log2(force_n / 20.0)))
 
 
 @kernel("float64(float64, float64)")
@@ -60,17 +58,13 @@ def normal_of_student(t: float, degrees: float) -> float:
     return size if t >= 0.0 else -size
 
 
-@kernel("float64(float64[::1])")
-def worth(serial: Float) -> float:
-    """By how many ratios one independent one is outweighed, ``(1 + rho) / (1 - rho)``, at least 1.
-
-    Args:
-        serial: (4,) last residual, sum of products of neighbours, sum of squares, number of pairs.
-    """
-    n = serial[_PAIRS]
+@kernel("float64(Neighbours)", Neighbours=NEIGHBOURS)
+def worth(neighbours: Record) -> float:
+    """By how many ratios one independent one is outweighed, ``(1 + rho) / (1 - rho)``, at least 1."""
+    n = neighbours.pairs
     rho = 0.0
-    if n > 0.0 and serial[_SQUARES] > 0.0:
-        rho = serial[_PRODUCTS] / serial[_SQUARES]
+    if n > 0.0 and neighbours.squares > 0.0:
+        rho = neighbours.products / neighbours.squares
         rho += (1.0 + 3.0 * max(0.0, rho)) / n  # that of a short record is too low (Kendall 1954)
         rho += math.sqrt(max(0.0, 1.0 - rho * rho) / n)  # doubt counts against certainty
     rho = (n * rho + _SUPPOSED_WEIGHT * _SUPPOSED) / (n + _SUPPOSED_WEIGHT)
@@ -78,87 +72,92 @@ def worth(serial: Float) -> float:
     return float((1.0 + rho) / (1.0 - rho))
 
 
-@kernel("void(float64[:, ::1], float64[::1], float64, float64, float64)")
-def _add_residual(classes: Float, serial: Float, n: float, dx: float, dy: float) -> None:
+@kernel("void(Wear, float64, float64, float64)", Wear=WEAR)
+def _add_residual(w: Record, n: float, dx: float, dy: float) -> None:
     """Residual of a ratio from the regression of those before it, in units of its own spread; beside its neighbour."""
     sxx = sxy = 0.0
-    for k in range(classes.shape[0]):
-        sxx += classes[k, 3]
-        sxy += classes[k, 4]
+    for k in range(CLASSES):
+        sxx += w.classes[k].cut_cut
+        sxy += w.classes[k].cut_ratio
     slope = sxy / sxx if sxx > 0.0 and n >= FIRST else 0.0
     wide = 1.0 + 1.0 / n + (dx * dx / sxx if sxx > 0.0 and n >= FIRST else 0.0)
     residual = (dy - slope * dx) / math.sqrt(wide)
-    if serial[_SQUARES] > 0.0:
-        serial[_PRODUCTS] += residual * serial[_LAST]
-        serial[_PAIRS] += 1.0
-    serial[_SQUARES] += residual * residual
-    serial[_LAST] = residual
+    neighbours = w.neighbours
+    if neighbours.squares > 0.0:
+        neighbours.products += residual * neighbours.last
+        neighbours.pairs += 1.0
+    neighbours.squares += residual * residual
+    neighbours.last = residual
 
 
-@kernel("float64(float64[:, ::1], float64[::1], int64, float64, float64, float64)")
-def add_ratio(classes: Float, serial: Float, which: int, cut_m: float, ratio: float, total: float) -> float:
+@kernel("void(Wear, int64, float64, float64)", Wear=WEAR)
+def add_ratio(w: Record, which: int, cut_m: float, ratio: float) -> None:
     """Take one ratio.
 
     Args:
-        classes: (CLASSES, 6) n, mean length of cut, mean ratio, Sxx, Sxy, Syy; changed.
-        serial: (4,) see :func:`worth`; changed.
+        w: WEAR; classes, neighbours and cumulative sum are changed.
         which: Class.
         cut_m: Length of cut at the middle of its stretch, m.
         ratio: Measured by predicted force.
-        total: Cumulative sum so far.
-
-    Returns:
-        The new cumulative sum.
     """
-    c = classes[which]
-    n = c[0]
-    dx, dy = cut_m - c[1], ratio - c[2]
+    c = w.classes[which]
+    n = c.number
+    dx, dy = cut_m - c.cut, ratio - c.ratio
     if n > 0.0:
-        _add_residual(classes, serial, n, dx, dy)
+        _add_residual(w, n, dx, dy)
     if n >= FIRST:
-        spread = max(math.sqrt(c[5] / (n - 1.0)), LEAST_SPREAD)
+        spread = max(math.sqrt(c.ratio_ratio / (n - 1.0)), LEAST_SPREAD)
         u = normal_of_student(dy / spread * math.sqrt(n / (n + 1.0)), n - 1.0)
-        total = max(0.0, total + min(LARGEST_U, u / math.sqrt(worth(serial))) - 0.5)
-    c[0] = n + 1.0
-    c[1] += dx / c[0]
-    c[2] += dy / c[0]
-    c[3] += dx * (cut_m - c[1])
-    c[4] += dx * (ratio - c[2])
-    c[5] += dy * (ratio - c[2])
-    return total
+        w.cusum = max(0.0, w.cusum + min(LARGEST_U, u / math.sqrt(worth(w.neighbours))) - 0.5)
+    c.number = n + 1.0
+    c.cut += dx / c.number
+    c.ratio += dy / c.number
+    c.cut_cut += dx * (cut_m - c.cut)
+    c.cut_ratio += dx * (ratio - c.ratio)
+    c.ratio_ratio += dy * (ratio - c.ratio)
 
 
-@kernel("void(float64[:, ::1], float64[::1], float64, float64[::1])")
-def trend(classes: Float, serial: Float, cut_m: float, out: Float) -> None:
+@kernel("void(Wear, float64, Results)", Wear=WEAR, Results=RESULTS)
+def trend(w: Record, cut_m: float, r: Record) -> None:
     """Regression over all classes: ``b = sum Sxy / sum Sxx``.
 
     Args:
-        classes: (CLASSES, 6).
-        serial: (4,) see :func:`worth`.
+        w: WEAR.
         cut_m: Length of cut now.
-        out: (4,) written: trend per metre, its standard deviation, rise since the first cut relative to the ratio
+        r: RESULTS; written: trend per metre, its standard deviation, rise since the first cut relative to the ratio
             there, degrees of freedom of the standard deviation; all 0 where the cut is too short to tell.
     """
     n = used = sxx = sxy = syy = mean = 0.0
-    for k in range(classes.shape[0]):
-        n += classes[k, 0]
-        used += 1.0 if classes[k, 0] > 0.0 else 0.0
-        mean += classes[k, 0] * classes[k, 2]
-        sxx += classes[k, 3]
-        sxy += classes[k, 4]
-        syy += classes[k, 5]
-    for k in range(4):
-        out[k] = 0.0
-    f = worth(serial)
+    for k in range(CLASSES):
+        c = w.classes[k]
+        n += c.number
+        used += 1.0 if c.number > 0.0 else 0.0
+        mean += c.number * c.ratio
+        sxx += c.cut_cut
+        sxy += c.cut_ratio
+        syy += c.ratio_ratio
+    r.trend = r.trend_sigma = r.rise = r.trend_degrees = 0.0
+    f = worth(w.neighbours)
     degrees = n / f - used - 1.0
     if degrees < 1.0 or sxx <= 0.0:
         return
     slope = sxy / sxx
     variance = max(max(0.0, syy - slope * sxy) / (f * degrees), LEAST_SPREAD * LEAST_SPREAD)
     middle = 0.0
-    for k in range(classes.shape[0]):
-        middle += classes[k, 0] * classes[k, 1]
+    for k in range(CLASSES):
+        middle += w.classes[k].number * w.classes[k].cut
     first = mean / n - slope * middle / n
-    out[0], out[1] = slope, math.sqrt(f * variance / sxx)
-    out[2] = slope * cut_m / first if first > 0.0 else 0.0
-    out[3] = degrees
+    r.trend, r.trend_sigma = slope, math.sqrt(f * variance / sxx)
+    r.rise = slope * cut_m / first if first > 0.0 else 0.0
+    r.trend_degrees = degrees
+
+
+@kernel("void(Wear)", Wear=WEAR)
+def new_tool(w: Record) -> None:
+    """Forget all: another tool."""
+    w.cut = w.bin_product = w.bin_square = w.bin_length = w.cusum = 0.0
+    for k in range(CLASSES):
+        c = w.classes[k]
+        c.number = c.cut = c.ratio = c.cut_cut = c.cut_ratio = c.ratio_ratio = 0.0
+    n = w.neighbours
+    n.last = n.products = n.squares = n.pairs = 0.0
