@@ -40,3 +40,15 @@ def test_compensate_names_every_file_that_it_writes(folder: Path, counterflex: A
         last = ended.out.strip().splitlines()[-1]
         assert all(path.name in last for path in (folder / f"out{page}").iterdir()), last
         assert ("report.html" in last) == page
+
+
+def test_a_dwell_of_minutes_is_said_by_path_and_compensate(folder: Path, counterflex: Any) -> None:
+    text = (folder / "part.ngc").read_text(encoding="utf-8").replace("M2\n", "G4 P500\nM2\n")
+    (folder / "long.ngc").write_text(text, encoding="ascii")
+    listed = counterflex("path", "long.ngc")
+    assert (listed.status, "waits 500 s" in listed.err) == (0, True)
+    written = counterflex(
+        "compensate", "long.ngc", "--cell", "cell.toml", "--no-predict", "--no-report", "--out", "long"
+    )
+    assert "P500 in line" in written.out
+    assert "write P0.5" in written.out

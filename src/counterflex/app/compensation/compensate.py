@@ -30,6 +30,7 @@ from counterflex.plan.plan import Plan, job_hash
 from counterflex.programs.compensated import CompensatedPath, marks
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
+from counterflex.programs.long_dwells import long_dwells
 from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.robot.model.elastic_region import beyond_regions
 
@@ -133,7 +134,7 @@ def compensate(
     written["lines_in"] = len("\n".join(job.program.lines).splitlines())
     written["lines_out"] = sum(len(text.splitlines()) for name, text in files.items() if not name.endswith(".dat"))
     predicted = figures(plan)
-    said = (*_beyond_measured(cell, plan), *chatter_said(predicted["chatter"]))
+    said = (*long_dwells(job.program), *_beyond_measured(cell, plan), *chatter_said(predicted["chatter"]))
     written["warnings"] = [*written.get("warnings", ()), *said]
     parts[WRITING](1.0)
     about = {
