@@ -30,8 +30,8 @@ class ArrayTable:
     """A table of arrays.
 
     Args:
-        arrays: In the order in which the kernel counts them: float64 or int64 or uint8, of one or two dimensions, C
-            order.
+        arrays: In the order in which the kernel counts them: float64 or int64 or uint8, of one or two dimensions, or
+            records (:mod:`counterflex.core.records`) of one; C order.
 
     Attributes:
         rows: (n, COLUMNS) to be given to the kernel.
@@ -44,7 +44,8 @@ class ArrayTable:
         self._kept = tuple(arrays)
         self.rows: Int = np.zeros((len(self._kept), COLUMNS), dtype=np.int64)
         for k, array in enumerate(self._kept):
-            if array.dtype.str not in ("<f8", "<i8", "|u1") or array.ndim not in (1, 2) or not array.flags.c_contiguous:
+            plain = array.dtype.str in ("<f8", "<i8", "|u1") and array.ndim in (1, 2)
+            if not (plain or (array.dtype.fields and array.ndim == 1)) or not array.flags.c_contiguous:
                 raise InputError(
                     "a kernel's array", where=f"number {k}", value=f"{array.dtype}{array.shape}", limit="C order"
                 )
@@ -57,9 +58,9 @@ def _pointer(kind: Any) -> Any:
         """Address as a pointer."""
 
         def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-            return builder.inttoptr(arguments[0], context.get_value_type(types.CPointer(kind)))
+            return builder.inttoptr(arguments[0], context.get_value_type(kind))
 
-        return types.CPointer(kind)(types.int64), generate
+        return kind(types.int64), generate
 
     return pointer
 
@@ -68,8 +69,14 @@ if numba.config.DISABLE_JIT:
     _to_float: Any = lambda address: ctypes.cast(int(address), ctypes.POINTER(ctypes.c_double))  # noqa: E731
     _to_int: Any = lambda address: ctypes.cast(int(address), ctypes.POINTER(ctypes.c_int64))  # noqa: E731
     _to_byte: Any = lambda address: ctypes.cast(int(address), ctypes.POINTER(ctypes.c_uint8))  # noqa: E731
+    to_pointer: Any = lambda address: ctypes.c_void_p(int(address))  # noqa: E731
 else:
-    _to_float, _to_int, _to_byte = _pointer(types.float64), _pointer(types.int64), _pointer(types.uint8)
+    _to_float, _to_int, _to_byte = (
+        _pointer(types.CPointer(kind)) for kind in (types.float64, types.int64, types.uint8)
+    )
+    to_pointer = _pointer(types.voidptr)
+"""Address as a pointer to anything: ``carray(to_pointer(table[k, 0]), (table[k, 1],), KIND)`` are the records of array
+``k``."""
 
 
 @kernel("float64[::1](int64[:, ::1], int64)")

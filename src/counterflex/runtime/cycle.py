@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from counterflex.core.array_table import matrix, reals, whole_matrix, wholes
+from numba import carray
+
+from counterflex.core.array_table import matrix, reals, to_pointer, whole_matrix, wholes
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.core.records import Records
@@ -41,20 +43,34 @@ A_OUTCOME: Final = 24
 A_WORK: Final = 25
 A_TESTS: Final = 26  # 6: PlausibilityStage.arrays
 A_PLAY: Final = 32  # 3: AxisPlay.arrays
-ARRAYS: Final = 35
+A_PROCESS: Final = 35  # 3: Monitor.records
+ARRAYS: Final = 38
 
 
-@kernel(
-    "void(int64[:, ::1], PlanRow[::1], Settings[::1], Memory[::1])", PlanRow=PLAN_ROW, Settings=SETTINGS, Memory=MEMORY
-)
-def cycle(table: Int, watched: Records, settings: Records, memories: Records) -> None:
+@kernel("PlanRow[::1](int64[:, ::1])", PlanRow=PLAN_ROW)
+def _watched_plan(table: Int) -> Records:
+    out: Records = carray(to_pointer(table[A_PROCESS, 0]), (table[A_PROCESS, 1],), PLAN_ROW)
+    return out
+
+
+@kernel("Settings[::1](int64[:, ::1])", Settings=SETTINGS)
+def _monitor_settings(table: Int) -> Records:
+    out: Records = carray(to_pointer(table[A_PROCESS + 1, 0]), (1,), SETTINGS)
+    return out
+
+
+@kernel("Memory[::1](int64[:, ::1])", Memory=MEMORY)
+def _monitor_memory(table: Int) -> Records:
+    out: Records = carray(to_pointer(table[A_PROCESS + 2, 0]), (1,), MEMORY)
+    return out
+
+
+@kernel("void(int64[:, ::1])")
+def cycle(table: Int) -> None:
     """One cycle; see :class:`counterflex.runtime.loop.Loop`, which owns the arrays.
 
     Args:
-        table: (ARRAYS, 3) of the arrays; what the step and the tests change is changed.
-        watched: (n,) PLAN_ROW of the monitor.
-        settings: (1,) SETTINGS of the monitor.
-        memories: (1,) MEMORY of the monitor; changed.
+        table: (ARRAYS, 3) of the arrays; what the step, the tests and the monitor change is changed.
     """
     given, flags = reals(table, A_GIVEN), wholes(table, A_FLAGS)
     choices, state, whole = wholes(table, A_CHOICES), reals(table, A_STATE), wholes(table, A_WHOLE)
@@ -62,6 +78,7 @@ def cycle(table: Int, watched: Records, settings: Records, memories: Records) ->
     plan, place = matrix(table, A_PLAN), state[at.S_PLACE : at.S_PLACE + 2]
     limits, times = reals(table, A_TESTS), wholes(table, A_TESTS + 1)
     memory, counts, work = reals(table, A_TESTS + 2), wholes(table, A_TESTS + 3), matrix(table, A_TESTS + 4)
+    watched, settings, memories = _watched_plan(table), _monitor_settings(table), _monitor_memory(table)
     monitor, monitored = settings[0], memories[0]
     hand_over(memories, flags)
     constants, scratch = reals(table, A_CONSTANTS), matrix(table, A_ELASTIC + 3)
@@ -115,15 +132,8 @@ def cycle(table: Int, watched: Records, settings: Records, memories: Records) ->
         state[at.S_SLOWER] = monitored.results.speed**monitor.exponent
 
 
-@kernel(
-    "void(int64[:, ::1], float64[:, ::1], int64, int64, PlanRow[::1], Settings[::1], Memory[::1])",
-    PlanRow=PLAN_ROW,
-    Settings=SETTINGS,
-    Memory=MEMORY,
-)
-def take_fast(
-    table: Int, samples: Float, count: int, number: int, watched: Records, settings: Records, memories: Records
-) -> None:
+@kernel("void(int64[:, ::1], float64[:, ::1], int64, int64)")
+def take_fast(table: Int, samples: Float, count: int, number: int) -> None:
     """Hand over the force sensor's own samples since the last cycle, ahead of :func:`cycle`.
 
     Args:
@@ -131,10 +141,8 @@ def take_fast(
         samples: (n, >= 3) force in any fixed axes, N, in time.
         count: Samples that are new; those beyond the rows were not kept.
         number: Sequence number of the first.
-        watched: (n,) PLAN_ROW of the monitor.
-        settings: (1,) SETTINGS of the monitor.
-        memories: (1,) MEMORY of the monitor; changed.
     """
-    row = watched[max(0, int(reals(table, A_STATE)[at.S_PLACE]))]
+    row = _watched_plan(table)[max(0, int(reals(table, A_STATE)[at.S_PLACE]))]
     count = min(count, samples.shape[0])
+    settings, memories = _monitor_settings(table), _monitor_memory(table)
     take_samples(samples, count, number, row.turn_per_s, int(row.teeth), settings, memories)

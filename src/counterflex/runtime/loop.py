@@ -160,6 +160,7 @@ class Loop:
                 *(self.results, self.outcome, self._work),
                 *self.plausibility.arrays(),
                 *(none if play is None else play.arrays()),
+                *self.monitor.records,
             )
         )
 
@@ -209,7 +210,7 @@ class Loop:
 
     def take(self, samples: Float, count: int, number: int) -> None:
         """Hand over the force sensor's own samples of the cycle, see :meth:`Monitor.take`; before :meth:`run`."""
-        take_fast(self._table.rows, samples, count, number, *self.monitor.records)
+        take_fast(self._table.rows, samples, count, number)
 
     def feed(
         self,
@@ -280,7 +281,7 @@ class Loop:
 
     def run(self) -> None:
         """One cycle."""
-        cycle(self._table.rows, *self.monitor.records)
+        cycle(self._table.rows)
 
     @property
     def compliance(self) -> Float:
