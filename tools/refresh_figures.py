@@ -41,7 +41,7 @@ def block(summary: dict[str, Any]) -> str:
         "| the planner knows | seeds | 99.7 %, median seed | worst seed | largest, worst seed |",
         "|---|---|---|---|---|",
     ]
-    for level, name in (("seeded", "the cell file only"), ("same", "the exact parameters of the simulated cell")):
+    for level, name in (("catalogue", "the cell file only"), ("exact", "the exact parameters of the simulated cell")):
         if level in summary["over_seeds"]:
             over = summary["over_seeds"][level]
             path = over["path"]

@@ -14,16 +14,16 @@ from counterflex.app import examples
 from counterflex.app.proof import prove
 
 GOALS = {
-    ("seeded", "path"): 0.113,
-    ("seeded", "entry"): 0.121,
-    ("seeded", "plateau"): 0.102,
-    ("seeded", "exit"): 0.215,
-    ("seeded", "surface"): 0.108,
-    ("same", "path"): 0.061,
-    ("same", "entry"): 0.079,
-    ("same", "plateau"): 0.057,
-    ("same", "exit"): 0.101,
-    ("same", "surface"): 0.025,
+    ("catalogue", "path"): 0.113,
+    ("catalogue", "entry"): 0.121,
+    ("catalogue", "plateau"): 0.102,
+    ("catalogue", "exit"): 0.215,
+    ("catalogue", "surface"): 0.108,
+    ("exact", "path"): 0.061,
+    ("exact", "entry"): 0.079,
+    ("exact", "plateau"): 0.057,
+    ("exact", "exit"): 0.101,
+    ("exact", "surface"): 0.025,
 }
 
 
@@ -32,12 +32,12 @@ def variants(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """Figures before and after, for a planner that knows the cell file and for one that knows the cell."""
     folder = tmp_path_factory.mktemp("goals")
     examples.write(folder / "cell.toml")
-    found = prove.run(folder / "part.ngc", folder / "cell.toml", folder / "out", seeds=1, told=True, workers=1)
+    found = prove.run(folder / "part.ngc", folder / "cell.toml", folder / "out", seeds=1, exact=True, workers=1)
     return {item["truth_level"]: item["variants"] for item in found["seeds"]}
 
 
 def test_there_is_an_error_to_take_away(variants: dict[str, Any]) -> None:
-    for level in ("seeded", "same"):
+    for level in ("catalogue", "exact"):
         assert variants[level]["nominal"]["path"]["p997_mm"] == pytest.approx(1.51, abs=0.02)
 
 

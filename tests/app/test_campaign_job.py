@@ -27,7 +27,7 @@ def done(tmp_path_factory: pytest.TempPathFactory, small: Path) -> tuple[Path, P
     program = folder / "groove.ngc"
     program.write_text(SHORT, encoding="ascii")
     out = folder / "out"
-    found = campaign.run(small, out, program=program, seeds=1, recipes=[RECIPE], with_told=True, workers=1)
+    found = campaign.run(small, out, program=program, seeds=1, recipes=[RECIPE], with_exact=True, workers=1)
     return program, out, found
 
 
@@ -50,7 +50,7 @@ def test_the_summary_names_its_levels(done: tuple[Path, Path, dict[str, Any]]) -
     _, out, found = done
     stored = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert stored["job"] == "campaign"
-    assert {entry["truth_level"] for entry in stored["seeds"]} == {"identified", "seeded", "same"}
+    assert {entry["truth_level"] for entry in stored["seeds"]} == {"identified", "catalogue", "exact"}
     assert stored["seeds"] == json.loads(json.dumps(found["seeds"]))
     first = stored["campaigns"][0]["recipes"][0]
     assert first["recipe"] == RECIPE
@@ -63,16 +63,16 @@ def test_the_table_is_what_the_summary_says(done: tuple[Path, Path, dict[str, An
     _, _, found = done
     (row,) = rows_of(found)
     by = {entry["truth_level"]: entry["variants"] for entry in found["seeds"]}
-    before = by["seeded"]["nominal"]["path"]["p997_mm"]
+    before = by["catalogue"]["nominal"]["path"]["p997_mm"]
     assert row[0] == "1"
     assert float(row[1]) == pytest.approx(before, abs=5e-4)
-    assert float(row[2]) == pytest.approx(by["seeded"]["compensated"]["path"]["p997_mm"], abs=5e-4)
-    assert float(row[3].rstrip(" %")) == pytest.approx(100.0 * remaining(found, "seeded")[0], abs=0.05)
-    assert float(row[7].rstrip(" %")) == pytest.approx(100.0 * remaining(found, "same")[0], abs=0.05)
+    assert float(row[2]) == pytest.approx(by["catalogue"]["compensated"]["path"]["p997_mm"], abs=5e-4)
+    assert float(row[3].rstrip(" %")) == pytest.approx(100.0 * remaining(found, "catalogue")[0], abs=0.05)
+    assert float(row[7].rstrip(" %")) == pytest.approx(100.0 * remaining(found, "exact")[0], abs=0.05)
     assert f"{100.0 * remaining(found, 'identified')[0]:.1f} %" in verdict(found)
     assert headline_rows(found)[0][:2] == ["1", RECIPE]
     # where the tracker stands changes nothing that a plan uses
-    assert remaining(found, "identified") == pytest.approx(remaining(found, "seeded"), rel=1e-6)
+    assert remaining(found, "identified") == pytest.approx(remaining(found, "catalogue"), rel=1e-6)
 
 
 def test_what_is_done_is_not_done_again(
@@ -85,7 +85,7 @@ def test_what_is_done_is_not_done_again(
 
     monkeypatch.setattr(simulate, "machine", fail)
     monkeypatch.setattr(laboratory, "measure", fail)
-    again = campaign.run(small, out, program=program, seeds=1, recipes=[RECIPE], with_told=True, workers=1)
+    again = campaign.run(small, out, program=program, seeds=1, recipes=[RECIPE], with_exact=True, workers=1)
     assert again["seeds"] == found["seeds"]
     assert again["campaigns"] == found["campaigns"]
 

@@ -44,7 +44,7 @@ def test_runs_on_different_blanks_are_not_compared(tmp_path: Path, small: Path) 
         evaluate.run(runs, None)
 
 
-@pytest.mark.parametrize(("seed", "level"), [(None, "same"), (0, "seeded")])
+@pytest.mark.parametrize(("seed", "level"), [(None, "exact"), (0, "catalogue")])
 def test_truth_level_follows_from_the_truth(seed: int | None, level: str, small: Path, tmp_path: Path) -> None:
     (tmp_path / "part.ngc").write_text(SHORT, encoding="ascii")
     make_truth(read_cell(small), seed, tmp_path / "truth.toml")

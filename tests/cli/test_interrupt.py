@@ -90,7 +90,7 @@ if sys.platform != "win32":  # where a terminal's Ctrl-C is a signal to a proces
         [
             ("compensate part.ngc --cell cell.toml --out new/out", "0.2", "SIGINT"),
             ("compensate part.ngc --cell cell.toml --out new/out", "0.2", "SIGTERM"),
-            ("prove part.ngc --cell cell.toml --out new/out --workers 2 --no-told", "0.2", "SIGINT"),
+            ("prove part.ngc --cell cell.toml --out new/out --workers 2 --no-exact", "0.2", "SIGINT"),
             ("demo --out new/out", "0.0", "SIGINT"),
         ],
         ids=["compensate", "request to terminate", "prove with workers", "demo"],

@@ -25,11 +25,13 @@ def path_figures(scale: float) -> PathFigures:
 
 def job() -> dict[str, Any]:
     results = [
-        SeedResult(seed, "seeded", {"nominal": Variant(path_figures(1.0)), "compensated": Variant(path_figures(share))})
+        SeedResult(
+            seed, "catalogue", {"nominal": Variant(path_figures(1.0)), "compensated": Variant(path_figures(share))}
+        )
         for seed, share in ((1, 0.2), (2, 0.1), (3, 0.3))
     ]
     results.append(
-        SeedResult(1, "same", {"nominal": Variant(path_figures(1.0)), "compensated": Variant(path_figures(0.05))})
+        SeedResult(1, "exact", {"nominal": Variant(path_figures(1.0)), "compensated": Variant(path_figures(0.05))})
     )
     return summary(results, {"program": "grooves.ngc"})
 
@@ -37,7 +39,7 @@ def job() -> dict[str, Any]:
 def test_layout_and_units() -> None:
     data = json.loads(json.dumps(job()))
     assert data["format"] == "counterflex-summary"
-    assert data["version"] == 1
+    assert data["version"] == 2
     assert data["variants"]["nominal"]["path"]["max_mm"] == pytest.approx(1.4)
     assert data["variants"]["compensated"]["exit"]["max_mm"] == pytest.approx(0.24)
     assert data["variants"]["nominal"]["path"]["length_mm"] == pytest.approx(250.0)
@@ -50,8 +52,8 @@ def test_reduction_is_of_the_same_figure_and_seed() -> None:
     data = job()
     assert data["reduction"]["path"]["p997_mm"] == pytest.approx(0.8)
     assert [seed["reduction"]["path"]["max_mm"] for seed in data["seeds"]] == pytest.approx([0.8, 0.9, 0.7, 0.95])
-    assert data["over_seeds"]["seeded"]["path"]["p997"] == {"median_remaining": 0.2, "worst_remaining": 0.3}
-    assert data["over_seeds"]["same"]["count"] == 1
+    assert data["over_seeds"]["catalogue"]["path"]["p997"] == {"median_remaining": 0.2, "worst_remaining": 0.3}
+    assert data["over_seeds"]["exact"]["count"] == 1
 
 
 def test_rows_show_the_summary() -> None:
@@ -59,14 +61,14 @@ def test_rows_show_the_summary() -> None:
     rows = {row[0]: row[1:] for row in table_rows(data)}
     assert rows["path.max_mm"] == ("1.400", "0.280", "80 %")
     assert "surface.max_mm" not in rows
-    assert seed_rows(data)[1] == ("2", "seeded", "1.260", "0.126", "10.0 %", "10.0 %")
+    assert seed_rows(data)[1] == ("2", "catalogue", "1.260", "0.126", "10.0 %", "10.0 %")
 
 
 def test_other_files_are_refused() -> None:
     data = job()
     with pytest.raises(FileFormatError, match="not a counterflex summary"):
         check_summary({"a": 1})
-    newer = {**data, "version": 2}
+    newer = {**data, "version": 3}
     with pytest.raises(FileFormatError, match="another version"):
         check_summary(newer)
     holed = copy.deepcopy(data)
@@ -76,7 +78,7 @@ def test_other_files_are_refused() -> None:
     with pytest.raises(InputError, match="at least one"):
         summary([])
     with pytest.raises(InputError, match="hide"):
-        summary([SeedResult(1, "same", {})], {"seeds": 3})
+        summary([SeedResult(1, "exact", {})], {"seeds": 3})
 
 
 def test_quantile_is_a_value_that_was_met() -> None:

@@ -81,6 +81,19 @@ def test_summary_round_trip(tmp_path_factory: pytest.TempPathFactory, data: dict
     assert read_summary(path) == {"format": FORMAT, "version": SUMMARY_VERSION, **data}
 
 
+def test_truth_levels_of_version_1_get_their_present_names(tmp_path: Path) -> None:
+    old = {
+        "truth_level": "seeded",
+        "seeds": [{"seed": 1, "truth_level": "same"}],
+        "over_seeds": {"seeded": {}, "same": {}},
+    }
+    path = tmp_path / "summary.json"
+    path.write_text(json.dumps({"format": FORMAT, "version": 1, **old}), encoding="utf-8")
+    now = read_summary(path)
+    assert (now["truth_level"], now["seeds"][0]["truth_level"]) == ("catalogue", "exact")
+    assert list(now["over_seeds"]) == ["catalogue", "exact"]
+
+
 def test_summary_holds_no_number_that_json_lacks(tmp_path: Path) -> None:
     write_summary(tmp_path / "summary.json", {"a": float("nan"), "b": [float("inf"), {"c": -float("inf")}]})
     data = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)

@@ -148,9 +148,9 @@ def job() -> tuple[ReportData, dict[str, Any]]:
     features = measure_features(surface, path.p_part_tcp, find_features(path, CUTTER.radius_m), parts)
     figures = summary(
         [
-            SeedResult(1, "seeded", variants),
-            SeedResult(2, "seeded", variants),
-            SeedResult(1, "same", variants),
+            SeedResult(1, "catalogue", variants),
+            SeedResult(2, "catalogue", variants),
+            SeedResult(1, "exact", variants),
         ]
     )
     cutting = shown["nominal"].deviation.cutting

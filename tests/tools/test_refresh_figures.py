@@ -29,7 +29,7 @@ def _summary() -> dict[str, Any]:
         "counterflex": "1.2.3",
         "seeds": [{"seed": 1}, {"seed": 1}, {"seed": 2}],
         "variants": {"nominal": variant(1.5), "compensated": variant(0.3)},
-        "over_seeds": {"seeded": {"count": 2, "path": {"p997": over, "max": over}}},
+        "over_seeds": {"catalogue": {"count": 2, "path": {"p997": over, "max": over}}},
         "prediction": {
             "peak_force_n": {"value": 546.2, "line": 14},
             "peak_deflection_um": {"value": 1400.0, "line": 14, "joints_deg": [1.0, -90.4, 120.0, 0.0, 30.0, 0.0]},

@@ -74,10 +74,10 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]
         }
         for name in ("uncompensated", "hybrid"):
             milled(place, edge, name)
-        rows.append({"seed": 1, "edge": edge, "truth_level": "seeded", "variants": found})
+        rows.append({"seed": 1, "edge": edge, "truth_level": "catalogue", "variants": found})
     total = over_seeds(rows)
     summary = {
-        "truth_level": "seeded",
+        "truth_level": "catalogue",
         "seeds": rows,
         "variants": total,
         "goals": {name: goal(total.get(name, {}), limit) for name, limit in GOALS_MM.items()},

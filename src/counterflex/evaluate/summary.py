@@ -19,8 +19,9 @@ from counterflex.evaluate.path_deviation import PathFigures
 from counterflex.evaluate.surface import SurfaceDeviation
 
 FORMAT: Final = "counterflex-summary"
-VERSION: Final = 1
-TruthLevel = Literal["same", "seeded", "identified"]
+VERSION: Final = 2
+TruthLevel = Literal["exact", "catalogue", "identified"]
+"""What the planner knew of the simulated cell: its exact constants, the cell file, or identified constants."""
 _FIGURES = ("max_mm", "p997_mm", "rms_mm")
 _PARTS = ("path", "entry", "exit", "plateau", "air", "along", "surface", "floor", "wall")
 
@@ -46,8 +47,8 @@ class SeedResult:
 
     Attributes:
         seed: Of the truth, None for a truth that agrees with the cell file.
-        truth_level: What the planner was given: ``same`` constants as the truth, ``seeded`` (off as documented) or
-            ``identified``.
+        truth_level: What the planner was given: ``exact`` constants of the truth, ``catalogue`` (the cell file only) or
+            ``identified`` constants.
         variants: By name: ``nominal`` and ``compensated``.
     """
 

@@ -33,8 +33,8 @@ GLOSSARY: Final = (
     ("reduction", "1 - compensated / uncompensated of the same figure, same truth, same seed."),
     (
         "truth level",
-        "What the planner knew: 'same' = the truth's own constants (shows the method's error), 'seeded' = constants "
-        "off as listed (what a user gets), 'identified' = constants from a measuring campaign.",
+        "What the planner knew: 'exact' = the truth's own constants (shows the method's error), 'catalogue' = the "
+        "cell file only (what a user gets), 'identified' = constants from a measuring campaign.",
     ),
     ("AT_p", "Path accuracy in the sense of ISO 9283: largest distance over all feed motion, in contact or not."),
     (

@@ -262,8 +262,8 @@ def _figure_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _levels(summary: Mapping[str, Any]) -> list[dict[str, str]]:
     """What remains per truth level, over its seeds."""
     names = {
-        "same": "method error: planner given the truth's constants",
-        "seeded": "method + model error: constants off as listed",
+        "exact": "method error: planner given the truth's constants",
+        "catalogue": "method + model error: constants off as listed",
         "identified": "after a measuring campaign",
     }
     rows = []

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app.campaign.plan import Measurement, campaign_of
-from counterflex.app.campaign.proof import compared, compensated, machined, told
+from counterflex.app.campaign.proof import compared, compensated, compensated_exact, machined
 from counterflex.app.campaign.step import CELL, RESULT, step
 from counterflex.app.compensation.cell_facts import robot_name
 from counterflex.app.inputs import read_job
@@ -35,7 +35,7 @@ from counterflex.twin.truth.file import read_truth, write_truth
 from counterflex.twin.truth.truth import Truth
 
 TRUTH: Final = "truth.toml"
-_LEVELS: Final[dict[str, TruthLevel]] = {"seeded": "seeded", "identified": "identified", "told": "same"}
+_LEVELS: Final[tuple[TruthLevel, ...]] = ("identified", "catalogue", "exact")
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def run(
     seeds: int | None = None,
     truth_file: str | Path | None = None,
     recipes: Sequence[str] | None = None,
-    with_told: bool = False,
+    with_exact: bool = False,
     workers: int | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
@@ -84,7 +84,7 @@ def run(
         seeds: Number of truth seeds, from 1 on.
         truth_file: The one truth to do it for, instead of ``seeds``.
         recipes: Only these; None is all that the cell allows.
-        with_told: Also machine what a planner told the truth's constants would command.
+        with_exact: Also machine the program planned with the truth's exact constants.
         workers: Processes; None is one per core.
         progress: Progress callback, fraction 0 to 1.
 
@@ -113,7 +113,7 @@ def run(
     if program is not None:
         part = _keep(Path(program).read_bytes(), folder / "original" / Path(program).name)
     places = _places(start, folder, seeds or 0, truth, steps)
-    tasks = _tasks(places, start, part, with_told=with_told)
+    tasks = _tasks(places, start, part, with_exact=with_exact)
     results = run_tasks(tasks, workers, progress)
     for place in places:
         if steps:
@@ -149,7 +149,7 @@ def _places(start: Path, out: Path, seeds: int, truth: Truth | None, steps: tupl
     return places
 
 
-def _tasks(places: Sequence[_Place], start: Path, part: Path | None, *, with_told: bool) -> list[Task]:
+def _tasks(places: Sequence[_Place], start: Path, part: Path | None, *, with_exact: bool) -> list[Task]:
     """Recipes of every truth first, one waiting for the other; machining fills the gaps."""
     tasks: list[Task] = []
     for place in places:
@@ -184,11 +184,11 @@ def _tasks(places: Sequence[_Place], start: Path, part: Path | None, *, with_tol
         0, Task("compensated", "planning", compensated, (str(part), str(start), str(shared)), (), 0.2, tells=True)
     )
     for place in places:
-        tasks += _machining(place, start, part, shared, with_told=with_told)
+        tasks += _machining(place, start, part, shared, with_exact=with_exact)
     return tasks
 
 
-def _machining(place: _Place, start: Path, part: Path, shared: Path, *, with_told: bool) -> list[Task]:
+def _machining(place: _Place, start: Path, part: Path, shared: Path, *, with_exact: bool) -> list[Task]:
     last = (f"{place.name}/{place.steps[-1].recipe}",) if place.steps else ()
     own = place.folder / "compensated"
     end = place.cell_after(len(place.steps) - 1, start)
@@ -203,19 +203,22 @@ def _machining(place: _Place, start: Path, part: Path, shared: Path, *, with_tol
             tells=True,
         )
     ]
-    variants = [("nominal", part, ()), ("seeded", shared / part.name, ("compensated",))]
+    variants = [("nominal", part, ()), ("catalogue", shared / part.name, ("compensated",))]
     if place.steps:
         variants.append(("identified", own / part.name, (f"{place.name}/plan",)))
     else:
         planned = []
-    if with_told:
-        knows = place.folder / "told"
+    if with_exact:
+        knows = place.folder / "exact"
         planned.append(
             Task(
-                f"{place.name}/tell", f"{place.name}: planning", told, (str(part), str(start), place.truth, str(knows))
+                f"{place.name}/exact",
+                f"{place.name}: planning",
+                compensated_exact,
+                (str(part), str(start), place.truth, str(knows)),
             )
         )
-        variants.append(("told", knows / part.name, (f"{place.name}/tell",)))
+        variants.append(("exact", knows / part.name, (f"{place.name}/exact",)))
     runs = [
         Task(
             f"{place.name}/machined {name}",
@@ -266,13 +269,13 @@ def _summary(
     found = [
         SeedResult(
             place.seed,
-            _LEVELS[name],
+            name,
             {
                 "nominal": results[f"{place.name}/machined nominal"],
                 "compensated": results[f"{place.name}/machined {name}"],
             },
         )
-        for name in ("identified", "seeded", "told")
+        for name in _LEVELS
         for place in places
         if f"{place.name}/machined {name}" in results
     ]

@@ -55,10 +55,10 @@ def compensated(program: str, cell_file: str, folder: str, *, progress: Progress
     return found
 
 
-def told(program: str, cell_file: str, truth_file: str, folder: str) -> dict[str, Any]:
-    """Compensate a program with a planner that was told the truth's constants, unless that was done before."""
+def compensated_exact(program: str, cell_file: str, truth_file: str, folder: str) -> dict[str, Any]:
+    """Compensate a program with the truth's exact constants, unless that was done before."""
     out = Path(folder)
-    mark = fingerprint(program, cell_file, truth_file, code=(*_PLANNING, _TRUTH), code_without=ONLINE, job="told")
+    mark = fingerprint(program, cell_file, truth_file, code=(*_PLANNING, _TRUTH), code_without=ONLINE, job="exact")
     before = finished(out, mark)
     if before is not None:
         return before
@@ -78,7 +78,7 @@ def machined(
 ) -> Variant:
     """Machine a program on a truth, unless that was done before, and judge it against the original.
 
-    The fraction done is told of the machining, which takes nine tenths of the time.
+    Progress is that of the machining, which takes nine tenths of the time.
 
     Returns:
         Its figures.
@@ -87,8 +87,8 @@ def machined(
     mark = fingerprint(program, original, cell_file, truth_file, code=_MACHINING, code_without=ONLINE, job="simulate")
     if finished(out, mark) is None:
         begin(out, mark)
-        told = share_of(progress, 0.0, 0.9)
-        simulate.run(program, cell_file, truth_file, out, original=original, progress=told)
+        machining = share_of(progress, 0.0, 0.9)
+        simulate.run(program, cell_file, truth_file, out, original=original, progress=machining)
         finish(out, mark, {})
     run, _ = read_run(out / simulate.RUN)
     return judge(_reference(original, cell_file), run, HeightMap.load(out / simulate.SURFACE)).variant

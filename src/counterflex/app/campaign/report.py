@@ -28,7 +28,7 @@ COLUMNS: Final = (
     "remains",
     "identified cell mm",
     "remains",
-    "told the truth mm",
+    "exact constants mm",
     "remains",
 )
 _GROUPS: Final = {
@@ -44,7 +44,7 @@ _LIBRARIES: Final = ("numpy", "scipy", "numba", "mujoco", "polars")
 def campaign_page_of(found: Mapping[str, Any]) -> str:
     """The page of a campaign's summary, as HTML."""
     rows = rows_of(found)
-    told = any(row[-1] != "-" for row in rows)
+    with_exact = any(row[-1] != "-" for row in rows)
     return campaign_page(
         CampaignData(
             title=f"Campaign: {found['cell']}",
@@ -52,8 +52,8 @@ def campaign_page_of(found: Mapping[str, Any]) -> str:
             created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
             verdict=verdict(found),
             cards=_cards(found),
-            columns=COLUMNS if told else COLUMNS[:-2],
-            rows=[row if told else row[:-2] for row in rows],
+            columns=COLUMNS if with_exact else COLUMNS[:-2],
+            rows=[row if with_exact else row[:-2] for row in rows],
             seeds=tuple(_campaign(item) for item in found["campaigns"]),
             facts=(
                 Fact("Cell", str(found["cell"])),
@@ -74,7 +74,7 @@ def rows_of(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Rows of the table of a campaign, one per truth, as printed.
 
     Seed; 99.7 % path error of the uncompensated program, mm; then mm and what remains, %, of the program compensated
-    with the cell file as it was, with the identified cell, and by a planner told the truth's constants.
+    with the cell file as it was, with the identified cell, and with the truth's exact constants.
     """
     by: dict[Any, dict[str, Any]] = {}
     for entry in found.get("seeds", []):
@@ -83,7 +83,7 @@ def rows_of(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
     for seed, levels in by.items():
         before = next(iter(levels.values()))["variants"]["nominal"]["path"]["p997_mm"]
         cells = ["none" if seed is None else str(seed), f"{before:.3f}"]
-        for level in ("seeded", "identified", "same"):
+        for level in ("catalogue", "identified", "exact"):
             if level not in levels:
                 cells += ["-", "-"]
                 continue
@@ -104,21 +104,25 @@ def remaining(found: Mapping[str, Any], level: str) -> list[float]:
 
 def verdict(found: Mapping[str, Any]) -> str:
     """The result in one sentence; empty where nothing was machined with an identified cell."""
-    identified, seeded = remaining(found, "identified"), remaining(found, "seeded")
+    identified, catalogue = remaining(found, "identified"), remaining(found, "catalogue")
     if not identified:
         return ""
     cells = f"{len(identified)} simulated cells" if len(identified) > 1 else "one simulated cell"
     text = f"On {cells}, {100.0 * statistics.median(identified):.1f} % of the 99.7 % path error remains"
     text += " in the median" if len(identified) > 1 else ""
     text += (
-        f" after compensation with the identified cell, {100.0 * statistics.median(seeded):.1f} % with the cell file"
+        f" after compensation with the identified cell, {100.0 * statistics.median(catalogue):.1f} % with the cell file"
     )
     return text + " as it was."
 
 
 def _cards(found: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     cards = []
-    for level, name in (("seeded", "with the cell file"), ("identified", "with the identified cell"), ("same", "told")):
+    for level, name in (
+        ("catalogue", "with the cell file"),
+        ("identified", "with the identified cell"),
+        ("exact", "with exact constants"),
+    ):
         shares = remaining(found, level)
         if shares:
             worst = f"worst {100.0 * max(shares):.1f} %, best {100.0 * min(shares):.1f} %"

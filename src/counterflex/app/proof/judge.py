@@ -168,7 +168,7 @@ def compare(folders: Sequence[str | Path]) -> Comparison:
         "counterflex": __version__,
     }
     variants = {name: item.variant for name, item in judged.items()}
-    level: TruthLevel = "same" if truth.seed is None else "seeded"
+    level: TruthLevel = "exact" if truth.seed is None else "catalogue"
     return Comparison(reference, judged, truth, summary([SeedResult(truth.seed, level, variants)], about))
 
 

@@ -1,8 +1,8 @@
 """The whole main job, proven: compensate a program, machine it before and after on simulated cells, judge, report.
 
 For every truth seed the original and the compensated program are machined on the same simulated cell. The planner knows
-the cell file only (truth level ``seeded``). As a second figure the program is compensated again by a planner that was
-told the truth's constants (truth level ``same``): what then remains is the error of the method, not of the model.
+the cell file only (truth level ``catalogue``). As a second figure the program is compensated again with the
+truth's exact constants (truth level ``exact``): the remaining error is that of the method, not of the model.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from counterflex.twin.plant.record import Record
 from counterflex.twin.truth.file import write_truth
 from counterflex.twin.truth.truth import Truth
 
-_LEVELS: tuple[tuple[TruthLevel, str], ...] = (("seeded", "compensated"), ("same", "told"))
+_LEVELS: tuple[tuple[TruthLevel, str], ...] = (("catalogue", "compensated"), ("exact", "exact"))
 
 
 PLANNING, STARTING, MACHINING, JUDGING = "planning", "starting the simulated cells", "machining", "judging"
@@ -54,7 +54,7 @@ def prove(
     scratch: Path,
     *,
     seeds: int = 1,
-    told: bool = True,
+    exact: bool = True,
     workers: int | None = None,
     reading: Reading = AS_IT_IS,
     progress: Progress = silent,
@@ -66,7 +66,7 @@ def prove(
         cell_file: Cell file: all the planner knows.
         scratch: Folder for programs handed to the simulated cells.
         seeds: Number of truth seeds, from 1 on.
-        told: Also machine what a planner told the truth's constants would command.
+        exact: Also machine the program planned with the truth's exact constants.
         workers: Processes; None is one per core.
         reading: How the program is read.
         progress: Progress callback, fraction 0 to 1.
@@ -80,8 +80,8 @@ def prove(
     cell = read_cell(cell_file)
     job = read_job(program, cell, reading=reading)
     begin = time.perf_counter()
-    count = seeds * (3 if told else 2)
-    parts = in_parts(progress, _work(float(job.path.time_s[-1]), seeds, count, count_of(workers, count), told=told))
+    count = seeds * (3 if exact else 2)
+    parts = in_parts(progress, _work(float(job.path.time_s[-1]), seeds, count, count_of(workers, count), exact=exact))
     parts[PLANNING](0.0)
     with faults_in(job):
         plan = make_plan(
@@ -100,9 +100,9 @@ def prove(
     tasks: list[tuple[tuple[int, str], Path]] = []
     for seed, truth in truths.items():
         tasks += [((seed, "nominal"), Path(program)), ((seed, "compensated"), compensated)]
-        if told:
-            part = _saying(parts[_told_part(seed)], PLANNING)
-            tasks.append(((seed, "told"), _told_program(job, cell, truth, scratch / f"told-{seed}", part)))
+        if exact:
+            part = _saying(parts[_exact_part(seed)], PLANNING)
+            tasks.append(((seed, "exact"), _exact_program(job, cell, truth, scratch / f"exact-{seed}", part)))
     begin = time.perf_counter()
     records = _machine_all(tasks, cell_file, truths, workers, reading, parts)
     timing["machining"] = time.perf_counter() - begin
@@ -140,7 +140,7 @@ def run(
     out: str | Path,
     *,
     seeds: int = 1,
-    told: bool = True,
+    exact: bool = True,
     workers: int | None = None,
     reading: Reading = AS_IT_IS,
     progress: Progress = silent,
@@ -159,9 +159,9 @@ def run(
 
     with atomic.atomic_folder(out) as staging:
         proof = prove(
-            program, cell_file, staging, seeds=seeds, told=told, workers=workers, reading=reading, progress=progress
+            program, cell_file, staging, seeds=seeds, exact=exact, workers=workers, reading=reading, progress=progress
         )
-        for folder in staging.glob("told-*"):
+        for folder in staging.glob("exact-*"):
             for file in folder.iterdir():
                 file.unlink()
             folder.rmdir()
@@ -189,26 +189,26 @@ def _program(folder: Path, files: dict[str, str], encoding: str) -> Path:
     return folder / next(iter(files))
 
 
-def _work(time_s: float, seeds: int, tasks: int, workers: int, *, told: bool) -> dict[str, float]:
+def _work(time_s: float, seeds: int, tasks: int, workers: int, *, exact: bool) -> dict[str, float]:
     """Seconds that the parts of a proof take, for a program that takes ``time_s``; only their shares count."""
     first = {PLANNING: 1.0 + _PLANNING_S * time_s}
-    told_parts = {_told_part(FIRST_SEED + i): 1.0 + 0.5 * _PLANNING_S * time_s for i in range(seeds)} if told else {}
+    exact_parts = {_exact_part(FIRST_SEED + i): 1.0 + 0.5 * _PLANNING_S * time_s for i in range(seeds)} if exact else {}
     starting = {STARTING: _START_S} if workers > 1 else {}
     return {
         **first,
-        **told_parts,
+        **exact_parts,
         **starting,
         MACHINING: 0.5 + _MACHINING_S * time_s * math.ceil(tasks / workers),
         JUDGING: 0.3 + _JUDGING_S * time_s * tasks,
     }
 
 
-def _told_part(seed: int) -> str:
+def _exact_part(seed: int) -> str:
     return f"{PLANNING}, seed {seed}"
 
 
-def _told_program(job: Job, cell: Cell, truth: Truth, folder: Path, progress: Progress) -> Path:
-    """The program compensated by a planner that was told the truth's constants."""
+def _exact_program(job: Job, cell: Cell, truth: Truth, folder: Path, progress: Progress) -> Path:
+    """The program compensated with the truth's exact constants."""
     chain, law = knowing(cell, truth)
     setting = setting_of(cell, chain=chain, law=law)
     plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, predict=False, progress=progress)
@@ -218,13 +218,13 @@ def _told_program(job: Job, cell: Cell, truth: Truth, folder: Path, progress: Pr
 def _machine_one(
     program: Path, cell_file: Path, truth: Truth, reading: Reading, task: int, progress: Progress | None = None
 ) -> Record:
-    told = progress
-    if told is None:
-        told = share(task)
-        told(_BEGUN)
+    report = progress
+    if report is None:
+        report = share(task)
+        report(_BEGUN)
     cell = read_cell(cell_file)
     job = read_job(program, cell, reading=reading)
-    return simulate.machine(job, cell, truth, progress=told)
+    return simulate.machine(job, cell, truth, progress=report)
 
 
 def _machine_all(

@@ -20,7 +20,7 @@ class Proof:
         reference: Original program, cell, undisturbed part.
         plan: What the planner decided, knowing the cell file.
         truths: By seed.
-        judged: By (seed, variant): ``nominal``, ``compensated``, ``told`` (planner told the truth's constants).
+        judged: By (seed, variant): ``nominal``, ``compensated``, ``exact`` (planned with the truth's exact constants).
         program_files: Compensated program.
         summary: What ``summary.json`` holds.
         timing: Seconds per step.

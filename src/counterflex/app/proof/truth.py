@@ -1,4 +1,4 @@
-"""Truth files: the simulated cell, made from a cell file and put off by seeded, documented amounts."""
+"""Truth files: the simulated cell, made from a cell file and with documented random deviations (seeded)."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ def make_truth(cell: Cell, seed: int | None, out: str | Path) -> Truth:
 
 
 def knowing(cell: Cell, truth: Truth) -> tuple[ElasticChain, ForceLaw]:
-    """What a planner would have that was told the truth's constants: elastic chain and force law.
+    """The truth's exact constants as a planner takes them: elastic chain and force law.
 
     Inertia and runout have no place in a cell file and stay unknown.
     """
-    robot, end_effector = _told(cell, truth)
+    robot, end_effector = _exact(cell, truth)
     law = cell.force_law
     if not isinstance(law, KienzleLaw):
         return ElasticChain.build(robot, end_effector), law
@@ -73,5 +73,5 @@ def knowing(cell: Cell, truth: Truth) -> tuple[ElasticChain, ForceLaw]:
     return ElasticChain.build(robot, end_effector), at_reference
 
 
-def _told(cell: Cell, truth: Truth) -> tuple[Robot, EndEffector]:
+def _exact(cell: Cell, truth: Truth) -> tuple[Robot, EndEffector]:
     return described(truth, cell.nominal_robot, cell.nominal_end_effector)

@@ -52,8 +52,8 @@ def campaign(
             "--recipe", help="Only this recipe; may be given several times.", callback=given.one_of(FOLDERS, "recipe")
         ),
     ] = None,
-    told: Annotated[
-        bool, typer.Option("--told/--no-told", help="Also show what a planner that knew the truth would leave.")
+    exact: Annotated[
+        bool, typer.Option("--exact/--no-exact", help="Also plan with the truth's exact constants.")
     ] = False,
     workers: Workers = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
@@ -92,7 +92,7 @@ def campaign(
                 seeds=seeds,
                 truth_file=twin,
                 recipes=recipe or None,
-                with_told=told,
+                with_exact=exact,
                 workers=workers,
                 progress=progress,
             )
@@ -119,11 +119,11 @@ def show(summary: dict[str, Any], out: Path) -> None:
         )
     rows = rows_of(summary)
     if rows:
-        told = any(row[-1] != "-" for row in rows)
+        with_exact = any(row[-1] != "-" for row in rows)
         print_table(
             "99.7 % path error before and after",
-            list(COLUMNS if told else COLUMNS[:-2]),
-            [list(row if told else row[:-2]) for row in rows],
+            list(COLUMNS if with_exact else COLUMNS[:-2]),
+            [list(row if with_exact else row[:-2]) for row in rows],
         )
         typer.echo(verdict(summary))
     print_made_again(summary)

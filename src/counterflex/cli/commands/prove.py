@@ -161,8 +161,8 @@ def prove(
     cell: CellFile,
     out: Out,
     seeds: Seeds = 1,
-    told: Annotated[
-        bool, typer.Option("--told/--no-told", help="Also show what a planner that knew the truth's constants leaves.")
+    exact: Annotated[
+        bool, typer.Option("--exact/--no-exact", help="Also plan with the truth's exact constants.")
     ] = True,
     workers: Workers = None,
     parameters: Parameters = None,
@@ -180,7 +180,7 @@ def prove(
     reading = Reading(parameters=parameters, complete=not without_end)
     with progress_bar(f"proving {program.name}") as progress:
         summary = job.run(
-            program, cell, out, seeds=seeds, told=told, workers=workers, reading=reading, progress=progress
+            program, cell, out, seeds=seeds, exact=exact, workers=workers, reading=reading, progress=progress
         )
     if as_json:
         print_json(summary)
@@ -206,7 +206,7 @@ def show_proof(summary: dict[str, Any], out: Path) -> None:
 
     show_figures(summary)
     print_table(
-        "Per truth seed (seeded: the planner knows the cell file; same: it was told the truth's constants)",
+        "Per truth seed (catalogue: the planner knows the cell file only; exact: it knows the truth's constants)",
         ["seed", "truth", "p99.7 nominal mm", "p99.7 compensated mm", "p99.7 remains", "max remains"],
         [list(row) for row in seed_rows(summary)],
     )

@@ -37,8 +37,8 @@ def haehn2020(
         str,
         typer.Option(
             "--level",
-            help="identified: each simulated cell is measured first; seeded: the cell file as it is, constants off.",
-            callback=given.one_of(("identified", "seeded"), "level"),
+            help="identified: each simulated cell is measured first; catalogue: the cell file as it is.",
+            callback=given.one_of(("identified", "catalogue"), "level"),
         ),
     ] = "identified",
     quick: Annotated[
@@ -58,7 +58,7 @@ def haehn2020(
     with progress_bar("haehn2020") as progress:
         try:
             summary = job.run(
-                out, seeds=1 if quick else seeds, level="seeded" if quick else level, quick=quick, progress=progress
+                out, seeds=1 if quick else seeds, level="catalogue" if quick else level, quick=quick, progress=progress
             )
         except KeyboardInterrupt as stop:
             raise Interrupted(

@@ -31,7 +31,7 @@ from counterflex.report.page import write_page
 from counterflex.validation.reproduce import closed_loop, haehn_case, haehn_report
 
 RECIPES: Final[dict[str, tuple[str, ...]]] = {
-    "seeded": ("payload",),
+    "catalogue": ("payload",),
     "identified": ("tracker-frame", "stiffness", "payload", "play", "servo", "cutting"),
 }
 """What is identified of each simulated cell first. The weight on the sensor always is: a run is not armed without."""
@@ -63,7 +63,7 @@ def run(
         out: Folder; what is there and was made from the same inputs is not done again.
         seeds: Number of truth seeds, from 1 on.
         level: ``identified``: the cell's stiffness, play, drives, payload and cutting constants are measured on the
-            simulated cell first; ``seeded``: its payload only.
+            simulated cell first; ``catalogue``: its payload only.
         quick: Straight edge and Cartesian corrections only.
         workers: Runs at a time; None is one per core.
         progress: Progress callback, fraction 0 to 1.

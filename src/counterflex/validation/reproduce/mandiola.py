@@ -262,7 +262,7 @@ def _summary(found: Mapping[tuple[int, str, str], dict[str, Any]], scale: float,
     ]
     return {
         "job": "reproduce mandiola2023",
-        "truth_level": "seeded",
+        "truth_level": "catalogue",
         "scale": scale,
         "seeds": rows,
         "reductions": reductions(rows),
