@@ -46,5 +46,5 @@ def stiffness_of_cubes(seed: int, *, errors: bool) -> list[Counted]:
         ]
         channels["w_tcp_base"] = channels["w_tcp_base"] + np.hstack([np.cross(turned, force), 0.0 * force])
     data = of_arrays("cubes", "cubes", channels, m.sigma, group=m.group, settings=m.settings)
-    found = cubes.identify(cell(), [data], [], {"folds": 2, "as_stated": True})
+    found = cubes.RECIPE.identify(cell(), [data], [], {"folds": 2, "as_stated": True})
     return counted(found.fits["cubes"], compliances_of(truth))

@@ -108,7 +108,7 @@ def apart(name: str, T: Float, T_true: Float, sigma: Float) -> list[Counted]:
 def frames_of_data(seed: int, data: Sequence[Dataset], truth: Truth, moved: Float | None = None) -> list[Counted]:
     """Tracker and target identified from some data; the tracker moved by (6,) m, rad since they began."""
     lab, none = laboratory(seed), truth_of(cell_file(), None)
-    known = frames_of(tracker_frame.identify(cell(), data, [], {}, silent))
+    known = frames_of(tracker_frame.RECIPE.identify(cell(), data, [], {}, silent))
     assert known.sigma is not None
     assert known.target_sigma is not None
     T_base_tracker = lab.T_base_tracker

@@ -98,5 +98,5 @@ def stiffness_of_pulls(seed: int, *, errors: bool) -> list[Counted]:
             + np.einsum("nab,nb->na", cartesian_compliance(chain, q), aside)
         )
     data = of_arrays("pulls", "pulls", channels, m.sigma, group=m.group, settings=m.settings)
-    found = stiffness.identify(cell(), [data], [], {"regions": False, "folds": 2, "as_stated": True})
+    found = stiffness.RECIPE.identify(cell(), [data], [], {"regions": False, "folds": 2, "as_stated": True})
     return counted(found.fits["stiffness"], compliances_of(truth))

@@ -90,7 +90,7 @@ def gains_of_steps(seed: int, *, errors: bool, known: bool = False) -> list[Coun
     arrays = {key: np.concatenate(value) for key, value in rows.items()}
     sigma = {"q_motor": 0.5 * URAD, "tau_motor": 2.0}
     data = of_arrays("steps", "servo_steps", arrays, sigma, group=np.repeat(np.arange(STEPS), len(t)))
-    found = servo.identify(cell, [data], [], {"as_stated": True, "torque_share": TORQUE * errors})
+    found = servo.RECIPE.identify(cell, [data], [], {"as_stated": True, "torque_share": TORQUE * errors})
     out: list[Counted] = []
     for axis, s in enumerate(true):
         name = f"axis{axis + 1}"

@@ -108,6 +108,6 @@ def play_of_reversals(seed: int, *, errors: bool, axes: tuple[int, ...] = AXES) 
     if errors:
         channels["p_tracker_target"] = disturbed(seed, {**channels, "group": numbers})
     data = of_arrays("reversals", "reversals", channels, {"p_tracker_target": sigma}, group=numbers.astype(np.int64))
-    found = reversals.identify(cell(), [data], [], {"as_stated": True})
+    found = reversals.RECIPE.identify(cell(), [data], [], {"as_stated": True})
     known = plays_of(truth_of(cell_file(), seed), axes)
     return [c for fit in found.fits.values() for c in counted(fit, known)]

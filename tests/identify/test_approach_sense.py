@@ -24,7 +24,7 @@ from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.kinematics import stages as kinematics_stages
 from counterflex.identify.kinematics.approach_sense import CHANNEL, as_play, better, in_order, senses
 from counterflex.identify.kinematics.proposal import propose
-from counterflex.identify.kinematics.recipe import identify
+from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.recipe import Identification
 from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.identify.solver.holdout import HeldOut
@@ -73,7 +73,7 @@ def measured(q: Float, T: Float, approach: Float | None, rng: np.random.Generato
 
 @cache
 def found(seed: int, friction: bool, play: str) -> Identification:
-    return identify(CELL, [cube(seed, friction)], [], {**PLAIN, "play": play}, silent)
+    return RECIPE.identify(CELL, [cube(seed, friction)], [], {**PLAIN, "play": play}, silent)
 
 
 def mean_mm(result: Identification) -> float:
@@ -131,18 +131,18 @@ def test_nobody_knows_the_sense() -> None:
     data = cube(41, True)
     bare = replace(data, channels={k: c for k, c in data.channels.items() if k != CHANNEL})
     with pytest.raises(InputError, match="from which side"):
-        identify(CELL, [bare], [], {**PLAIN, "play": "known"}, silent)
+        RECIPE.identify(CELL, [bare], [], {**PLAIN, "play": "known"}, silent)
     with pytest.raises(InputError, match="off, known, order"):
-        identify(CELL, [bare], [], {**PLAIN, "play": "yes"}, silent)
+        RECIPE.identify(CELL, [bare], [], {**PLAIN, "play": "yes"}, silent)
     with pytest.raises(InputError, match="row order"):
-        identify(CELL, [replace(bare, settings={"approach": "down"})], [], {**PLAIN, "play": "known"}, silent)
+        RECIPE.identify(CELL, [replace(bare, settings={"approach": "down"})], [], {**PLAIN, "play": "known"}, silent)
 
 
 def test_from_one_side_only_nothing_is_found() -> None:
     data = cube(41, True)
     one = replace(data.channels[CHANNEL], values=np.abs(data.values(CHANNEL)))
-    result = identify(CELL, [replace(data, channels={**data.channels, CHANNEL: one})], [], {**PLAIN, "play": "known"},
-                      silent)  # fmt: skip
+    changed = replace(data, channels={**data.channels, CHANNEL: one})
+    result = RECIPE.identify(CELL, [changed], [], {**PLAIN, "play": "known"}, silent)
     assert any("not seen in any axis" in r for r in result.remarks)
 
 
@@ -166,7 +166,7 @@ def test_better_is_judged_pose_by_pose_and_beyond_chance() -> None:
 
 def test_what_poses_held_out_do_not_bear_out_is_told_and_left(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kinematics_stages, "better", lambda *_: (False, "no better"))
-    result = identify(CELL, [cube(41, True)], [], {**PLAIN, "play": "known"}, silent)
+    result = RECIPE.identify(CELL, [cube(41, True)], [], {**PLAIN, "play": "known"}, silent)
     assert plays(result) == {}
     assert mean_mm(result) == pytest.approx(mean_mm(found(41, True, "off")), rel=1e-9)
     assert sum("was not kept" in r and "no better" in r for r in result.remarks) == 1

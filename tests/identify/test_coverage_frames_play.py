@@ -31,7 +31,7 @@ def test_poses_of_an_uncalibrated_arm_place_the_part_no_better_than_they_say() -
     for seed in (100, 101):
         truth, lab = frames.uncalibrated(truth_of(cell_file(), seed), errors=True), laboratory(seed)
         data = frames.scaled(seen(truth, lab, frames.angles(), errors=True), seed)
-        found = tracker_frame.identify(cell(), [data], [], {}, silent)
+        found = tracker_frame.RECIPE.identify(cell(), [data], [], {}, silent)
         fit, known = found.fits["tracker-frame"], frames.frames_of(found)
         index = np.array([fit.parameters.index(f"T_base_tracker.{c}") for c in COMPONENTS])
         T0 = known.T_base_tracker @ pose.inverse(PlacedFrame(np.eye(4), index).at(fit.values))

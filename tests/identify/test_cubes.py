@@ -112,7 +112,7 @@ def test_all_pairs_together_make_the_deflection_of_the_tool(cell: CellModel) -> 
 
 def test_compliances_of_the_simulated_structure_are_found(cell: CellModel, measured: tuple[Truth, Dataset]) -> None:
     truth, data = measured
-    result = cubes.identify(cell, [data], [], {})
+    result = cubes.RECIPE.identify(cell, [data], [], {})
     fit = result.fits["cubes"]
     true = {b.name: b.compliance for b in truth.bodies}
     off, size = [], []
@@ -149,7 +149,7 @@ def test_a_sum_is_split_by_the_known_sensor(cell: CellModel) -> None:
     exact = np.where(sensor.compliance > 0.0, sensor.compliance, 0.0)
     hand = tuple(replace(s, compliance=exact) if s.name == "sensor" else s for s in cell.end_effector.segments)
     known = replace(cell, end_effector=replace(cell.end_effector, segments=hand))
-    result = cubes.identify(known, [data], [], {"known": "sensor", "known_prior": 0.02})
+    result = cubes.RECIPE.identify(known, [data], [], {"known": "sensor", "known_prior": 0.02})
     fit = result.fits["cubes"]
     wanted = next(b for b in truth.bodies if b.name == "axis6").compliance
     for place, letter in ((3, "rx"), (4, "ry")):
@@ -163,8 +163,8 @@ def test_wrong_data_are_named(cell: CellModel, measured: tuple[Truth, Dataset]) 
     data = measured[1].rows(np.arange(len(measured[1])) < 30)
     turned = replace(data.channel("w_tcp_base"), values=-data.values("w_tcp_base"))
     with pytest.raises(CounterflexError, match="sign"):
-        cubes.identify(cell, [replace(data, channels={**data.channels, "w_tcp_base": turned})], [], {})
+        cubes.RECIPE.identify(cell, [replace(data, channels={**data.channels, "w_tcp_base": turned})], [], {})
     with pytest.raises(FileFormatError, match="names the body before"):
-        cubes.identify(cell, [replace(data, settings={**data.settings, "pairs": ["axis2/axis1"] * 10})], [], {})
+        cubes.RECIPE.identify(cell, [replace(data, settings={**data.settings, "pairs": ["axis2/axis1"] * 10})], [], {})
     with pytest.raises(FileFormatError, match="does not name"):
-        cubes.identify(cell, [replace(data, settings={**data.settings, "pairs": ["base/axis1"]})], [], {})
+        cubes.RECIPE.identify(cell, [replace(data, settings={**data.settings, "pairs": ["base/axis1"]})], [], {})

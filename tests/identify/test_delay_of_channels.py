@@ -213,7 +213,7 @@ def test_elastic_torsion_and_delay_are_told_apart(cell: CellModel) -> None:
 def test_recorded_robot_has_a_delay_between_its_encoders_and_not_that_much_elasticity(
     cell: CellModel, kuka: Dataset
 ) -> None:
-    result = timing.identify(cell, [kuka], [], {})
+    result = timing.RECIPE.identify(cell, [kuka], [], {})
     assert result.headline[0].value < 0.1 * (result.headline[0].nominal or 0.0)
     fit = result.fits["link_encoder"]
     for axis, stiffness in zip("123", ((7.5e6, 3.5e7), (6.0e6, 1.6e7), (5.5e6, 1.3e7)), strict=True):
@@ -234,15 +234,15 @@ def changed(data: Dataset, name: str, values: Float) -> Dataset:
 def test_exchanged_encoders_are_named(cell: CellModel, kuka: Dataset) -> None:
     wrong = changed(changed(kuka, "q_motor", kuka.values("q_link")), "q_link", kuka.values("q_motor"))
     with pytest.raises(InputError, match="Exchange the columns of q_motor and q_link"):
-        timing.identify(cell, [wrong], [], {})
+        timing.RECIPE.identify(cell, [wrong], [], {})
 
 
 def test_a_torque_turned_round_is_named(cell: CellModel, kuka: Dataset) -> None:
     settings = {k: v for k, v in kuka.settings.items() if k != "rotor_inertia_kg_m2"}
     wrong = replace(changed(kuka, "tau_motor", -kuka.values("tau_motor")), settings=settings)
     with pytest.raises(InputError, match="sign of 'tau_motor'"):
-        timing.identify(cell, [wrong], [], {})
-    said = timing.identify(cell, [wrong], [], {"as_stated": True})
+        timing.RECIPE.identify(cell, [wrong], [], {})
+    said = timing.RECIPE.identify(cell, [wrong], [], {"as_stated": True})
     assert any("used as stated" in remark for remark in said.remarks)
 
 
@@ -250,7 +250,7 @@ def test_a_torque_turned_round_is_named(cell: CellModel, kuka: Dataset) -> None:
 def test_degrees_for_radians_and_a_sign_are_named(cell: CellModel, kuka: Dataset, factor: float) -> None:
     wrong = changed(kuka, "q_link", factor * kuka.values("q_link"))
     with pytest.raises(InputError, match="sign is turned round" if factor < 0.0 else "is in .* stated as"):
-        timing.identify(cell, [wrong], [], {})
+        timing.RECIPE.identify(cell, [wrong], [], {})
 
 
 def test_damaged_stamps_are_named(kuka: Dataset) -> None:

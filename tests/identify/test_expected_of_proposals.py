@@ -33,7 +33,7 @@ def test_frame_from_fiducials_is_known_as_well_as_promised() -> None:
     proposal = recipe("tracker-frame").propose(CELL, 8, {"measure": "fiducials"})
     measured = measure_fiducials.measure(truth_of(FILE, 0), laboratory(1), proposal.columns, {}, silent)
     data = of_arrays("fiducials", "fiducials", measured.channels, measured.sigma, group=measured.group)
-    fit = tracker_frame.identify(CELL, [data], [], {}, silent).fits["tracker-frame"]
+    fit = tracker_frame.RECIPE.identify(CELL, [data], [], {}, silent).fits["tracker-frame"]
     # The tracker stands at its own place, not at the robot's foot as foreseen: turns have the same standard
     # deviations, of which those about x, y and z swap with the tracker's heading.
     promised = sorted(proposal.expected[f"T_base_tracker.r{axis}"] for axis in "xyz")

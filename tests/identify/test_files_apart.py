@@ -17,7 +17,7 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.geometry.arm_geometry import ArmGeometry, ArmLayout
-from counterflex.identify.kinematics.recipe import identify
+from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.recipe import Identification
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.kinematics.inverse import inverse
@@ -69,7 +69,7 @@ def _file(
 
 
 def _found(data: Sequence[Dataset], holdout: Sequence[Dataset] = (), **options: object) -> Identification:
-    return identify(CELL, list(data), list(holdout), {**OPTIONS, **options}, silent)
+    return RECIPE.identify(CELL, list(data), list(holdout), {**OPTIONS, **options}, silent)
 
 
 AWAY = (0.1, -0.05, 0.2, 0.5, -1.0, 2.0)

@@ -122,7 +122,7 @@ def plain(folder: Path, q: Float, f: Float, d: Float) -> Dataset:
 
 
 def found_by(cell: CellModel, data: Dataset) -> Identification:
-    return stiffness.identify(cell, [data], [], {"regions": False, "folds": 3}, silent)
+    return stiffness.RECIPE.identify(cell, [data], [], {"regions": False, "folds": 3}, silent)
 
 
 @pytest.mark.parametrize("axes", ["tcp", "frame"])

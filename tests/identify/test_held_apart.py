@@ -16,7 +16,7 @@ from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.design.pose_candidates import measurable
 from counterflex.identify.geometry.arm_parameters import arm_model
 from counterflex.identify.kinematics.held_out import held_apart
-from counterflex.identify.kinematics.recipe import RECIPE, identify
+from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.kinematics.setup import set_up
 from counterflex.identify.kinematics.stages import priors_of
 from counterflex.identify.recipe import Identification
@@ -53,7 +53,7 @@ EAST, WEST = np.array([4.0, 1.0, 0.8]), np.array([-1.0, 4.0, 0.8])
 def test_frames_that_only_the_part_held_out_fixes_are_found_anew_and_not_taken_from_the_whole_fit() -> None:
     """Two trackers of their own: what starts from the whole fit would have seen the file that it judges."""
     apart = [station(EAST, "east", 1), station(WEST, "west", 3, tracker="west")]
-    found = identify(CELL, apart, [], OPTIONS, silent)
+    found = RECIPE.identify(CELL, apart, [], OPTIONS, silent)
     assert {"region_mean_mm", "file_mean_mm"} <= names(found)
     assert sum("Frames that only one of the whole files fixes were found anew" in r for r in found.remarks) == 1
     setup = set_up(CELL, arm_model(CELL, priors_of(RECIPE.settings), sag="off"), apart)
@@ -69,12 +69,12 @@ def test_frames_that_only_the_part_held_out_fixes_are_found_anew_and_not_taken_f
 def test_a_file_too_small_to_find_its_tracker_from_is_not_judged_and_it_is_said() -> None:
     few = station(WEST, "west", 3, tracker="west")
     small = few.rows(np.arange(len(few)) < 6)
-    found = identify(CELL, [station(EAST, "east", 1), small], [], OPTIONS, silent)
+    found = RECIPE.identify(CELL, [station(EAST, "east", 1), small], [], OPTIONS, silent)
     assert "file_mean_mm" not in names(found)
     assert sum("No error is given for whole files held out" in r for r in found.remarks) == 1
 
 
 def test_files_of_one_tracker_are_held_out_and_nothing_is_said() -> None:
-    found = identify(CELL, [station(EAST, "a", 1), station(EAST, "b", 3)], [], OPTIONS, silent)
+    found = RECIPE.identify(CELL, [station(EAST, "a", 1), station(EAST, "b", 3)], [], OPTIONS, silent)
     assert {"region_mean_mm", "file_mean_mm"} <= names(found)
     assert not any("held out" in r and "No error is given" in r for r in found.remarks)

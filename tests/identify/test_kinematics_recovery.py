@@ -21,7 +21,7 @@ from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.design.line_of_sight import seen
 from counterflex.identify.design.pose_candidates import measurable
 from counterflex.identify.kinematics.proposal import propose
-from counterflex.identify.kinematics.recipe import identify
+from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.recipe import Identification
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics.inverse import inverse
@@ -52,7 +52,7 @@ def _poses(seed: int, count: int = 45) -> Dataset:
 
 @cache
 def _found(seed: int) -> Identification:
-    return identify(CELL, [_poses(seed)], [], {"folds": 3}, silent)
+    return RECIPE.identify(CELL, [_poses(seed)], [], {"folds": 3}, silent)
 
 
 def _chain(found: Identification) -> ElasticChain:
@@ -105,7 +105,7 @@ def test_commands_by_the_calibrated_inverse_meet_their_poses_better(seed: int) -
 def test_points_of_three_reflectors_do_nearly_as_well_as_poses() -> None:
     request = propose(CELL, 45, {"seed": 0}).columns
     measured = measure_tracker_points.measure(truth_of(FILE, 0), laboratory(0), request, {"reflectors": 3}, silent)
-    found = identify(CELL, [_dataset("tracker_points", measured)], [], {"folds": 3}, silent)
+    found = RECIPE.identify(CELL, [_dataset("tracker_points", measured)], [], {"folds": 3}, silent)
     assert found.headline[0].nominal is not None
     assert found.headline[0].value < 0.6 * found.headline[0].nominal
 
@@ -125,10 +125,10 @@ def test_distances_and_planes_alone_and_mixed_with_poses() -> None:
     table = {"planes": [[0.0, 0.0, z, 0.0, 0.0, 1.0]]}
     touched = measure_planes.measure(truth, lab, {f"q{i + 1}_rad": np.array(q)[:, i] for i in range(6)}, table, silent)
     plane = _dataset("planes", touched)
-    alone = identify(CELL, [bar, plane], [], {"folds": 3}, silent)
+    alone = RECIPE.identify(CELL, [bar, plane], [], {"folds": 3}, silent)
     assert alone.headline[0].nominal is not None
     assert alone.headline[0].value < alone.headline[0].nominal
-    both = identify(CELL, [_poses(0), bar, plane], [], {"folds": 3}, silent)
+    both = RECIPE.identify(CELL, [_poses(0), bar, plane], [], {"folds": 3}, silent)
     assert both.headline[0].nominal is not None
     assert both.headline[0].value < 0.6 * both.headline[0].nominal
     assert {c.segment for c in both.changes if isinstance(c, Calibration)} >= {"axis1", "axis6", "tcp"}
@@ -140,7 +140,7 @@ def test_gross_errors_in_a_twentieth_of_the_poses_do_no_harm_and_are_named() -> 
     p[::20] += np.array([0.3, -0.3, 0.26])
     old = data.channel("p_tracker_target")
     bad = replace(data, channels={**data.channels, "p_tracker_target": replace(old, values=p)})
-    found = identify(CELL, [bad], [], {"folds": 3}, silent)
+    found = RECIPE.identify(CELL, [bad], [], {"folds": 3}, silent)
     assert found.headline[0].value < 1.3 * _found(0).headline[0].value + 0.02
     assert sum("is off by" in r for r in found.remarks) >= 3
     assert {o.row for o in found.fits["kinematics"].outliers[:3]} == {0, 20, 40}
@@ -150,11 +150,11 @@ def test_repeated_and_too_few_poses_are_refused() -> None:
     data = _poses(0)
     one = data.rows(np.arange(len(data)) < 3)
     with pytest.raises(InputError, match="too few different poses"):
-        identify(CELL, [one], [], {}, silent)
+        RECIPE.identify(CELL, [one], [], {}, silent)
     with pytest.raises(InputError, match="unknown treatment"):
-        identify(CELL, [data], [], {"sag": "much"}, silent)
+        RECIPE.identify(CELL, [data], [], {"sag": "much"}, silent)
     with pytest.raises(InputError, match="free or known"):
-        identify(CELL, [data], [], {"frames": "held"}, silent)
+        RECIPE.identify(CELL, [data], [], {"frames": "held"}, silent)
 
 
 def test_proposed_poses_are_within_limits_seen_and_better_than_random() -> None:

@@ -15,7 +15,7 @@ from counterflex.identify.data.changes import Calibration, ElementCompliance, Ta
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.geometry.arm_parameters import ArmPriors
 from counterflex.identify.geometry.tracker_data import arm_as_known, start_frames
-from counterflex.identify.kinematics.recipe import identify
+from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.kinematics.setup import set_up
 from counterflex.identify.kinematics.stages import model_of_data
 from counterflex.identify.solver.solve import solve
@@ -49,7 +49,7 @@ def test_a_twentieth_of_the_rows_off_by_half_a_metre_leaves_a_quarter_of_a_milli
     p[bad] += 0.5 * way / np.linalg.norm(way, axis=1, keepdims=True)
     old = train.channel("p_tracker_target")
     train = replace(train, channels={**train.channels, "p_tracker_target": replace(old, values=p)})
-    found = identify(CELL, [train], [unseen], {}, silent)
+    found = RECIPE.identify(CELL, [train], [unseen], {}, silent)
     mean = found.headline[0]
     assert mean.nominal is not None
     assert 0.95 < mean.nominal < 1.1
@@ -85,7 +85,7 @@ def test_poses_that_turn_about_the_vertical_only_are_calibrated_as_a_plain_solve
     """Series D: frames from rotations alone were off by 30 mm; a plain solver reaches 0.30 mm on unseen poses."""
     cubes = read_dataset("examples/data/ur10_ipa_tmac/series_d.toml")
     rows = np.arange(len(cubes)) % 3
-    found = identify(CELL, [cubes.rows(rows == 0)], [cubes.rows(rows == 1)], {"periodic": "off"}, silent)
+    found = RECIPE.identify(CELL, [cubes.rows(rows == 0)], [cubes.rows(rows == 1)], {"periodic": "off"}, silent)
     mean = found.headline[0]
     assert mean.nominal is not None
     assert 0.65 < mean.nominal < 0.85

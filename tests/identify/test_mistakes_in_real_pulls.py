@@ -49,4 +49,4 @@ ROWS = _with("d_tcp_base", lambda d: np.roll(d, 1, axis=0))
 )
 def test_mistake_is_refused(data: Dataset, prior: Mapping[str, str | bool], says: str) -> None:
     with pytest.raises(InputError, match=says):
-        stiffness.identify(CELL, [data], [], {"regions": False, **prior}, silent)
+        stiffness.RECIPE.identify(CELL, [data], [], {"regions": False, **prior}, silent)

@@ -17,7 +17,7 @@ from counterflex.identify.data.changes import TableValues
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.geometry.arm_geometry import ArmGeometry, ArmLayout
 from counterflex.identify.geometry.known_drives import known_drive_errors
-from counterflex.identify.kinematics.recipe import identify
+from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.recipe import Identification
 
 CELL = model_of(read_cell("examples/cells/kr300_d10_ball.toml"))
@@ -48,7 +48,7 @@ def _poses(count: int, seed: int, errors: bool = True) -> Dataset:
 
 
 def _found(data: Dataset, holdout: Dataset, **options: object) -> Identification:
-    return identify(CELL, [data], [holdout], {**OPTIONS, **options}, silent)
+    return RECIPE.identify(CELL, [data], [holdout], {**OPTIONS, **options}, silent)
 
 
 def _harmonics(found: Identification) -> set[tuple[int, int]]:

@@ -69,7 +69,7 @@ def pulls(seed: int, count: int, regions: tuple[ElasticRegion, ...], draw: int) 
 def found(seed: int, changing: bool, regions: bool) -> tuple[Identification, Dataset]:
     true = (TRUE,) if changing else ()
     judge = pulls(seed, JUDGE, true, 1)
-    result = stiffness.identify(cell(), [pulls(seed, FIT, true, 0)], [judge], {"regions": regions})
+    result = stiffness.RECIPE.identify(cell(), [pulls(seed, FIT, true, 0)], [judge], {"regions": regions})
     return result, judge
 
 
@@ -134,7 +134,7 @@ def test_the_plans_model_meets_the_pulls_as_the_identification_said() -> None:
 def test_a_second_identification_starts_from_the_regions_of_the_first() -> None:
     """Its nominal error is the identified one of the first, and it finds nothing more to change."""
     result, judge = found(21, True, True)
-    again = stiffness.identify(as_written(result), [pulls(21, FIT, (TRUE,), 0)], [judge], {"regions": True})
+    again = stiffness.RECIPE.identify(as_written(result), [pulls(21, FIT, (TRUE,), 0)], [judge], {"regions": True})
     nominal = next(f.nominal for f in again.headline if f.name == "holdout_unexplained_percent")
     assert nominal == pytest.approx(unexplained(21, True, True), rel=0.1)
     first = sum(isinstance(c, ElementRegion) for c in result.changes)

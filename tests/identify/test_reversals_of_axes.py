@@ -131,7 +131,7 @@ def test_jacobian_is_the_derivative(by: str) -> None:
 @pytest.mark.parametrize(("by", "axis"), [("tracker", 0), ("encoder", 0), ("tracker", 3)])
 def test_play_friction_and_delay_are_recovered(cell: CellModel, by: str, axis: int) -> None:
     data = campaign(cell, axis, by=by)
-    result = reversals.identify(cell, [data], [], {})
+    result = reversals.RECIPE.identify(cell, [data], [], {})
     fit = result.fits[f"axis {axis + 1}"]
     name = f"axis{axis + 1}"
     assert fit.value(f"{name}.half_band") == pytest.approx(
@@ -149,12 +149,14 @@ def test_play_friction_and_delay_are_recovered(cell: CellModel, by: str, axis: i
 
 
 def test_other_motions_are_predicted(cell: CellModel) -> None:
-    result = reversals.identify(cell, [campaign(cell, 0, by="tracker")], [campaign(cell, 0, by="tracker", seed=9)], {})
+    result = reversals.RECIPE.identify(
+        cell, [campaign(cell, 0, by="tracker")], [campaign(cell, 0, by="tracker", seed=9)], {}
+    )
     assert result.headline[0].value < 0.7 * (result.headline[0].nominal or 0.0)
 
 
 def test_friction_of_link_and_motor_together_is_seen_by_the_torque(cell: CellModel) -> None:
-    result = reversals.identify(cell, [campaign(cell, 0, by="encoder")], [], {})
+    result = reversals.RECIPE.identify(cell, [campaign(cell, 0, by="encoder")], [], {})
     figures = {f.name: f.value for f in result.figures}
     assert figures["axis1_motor_loop_nm"] == pytest.approx(380.0, rel=0.03)
     t = np.arange(0.0, 4.0, 0.02)
@@ -180,7 +182,7 @@ def test_a_loaded_axis_says_that_its_dead_band_was_not_seen(cell: CellModel) -> 
         {"q_motor": 1e-7, "q_link": 1e-6},
         group=np.repeat([0, 1], [len(p[0]) for p in parts]),
     )  # fmt: skip
-    result = reversals.identify(cell, [data], [], {})
+    result = reversals.RECIPE.identify(cell, [data], [], {})
     assert any("dead band was not seen" in r for r in result.remarks)
     assert result.fits["axis 3"].sigma_of("axis3.half_band") > 20.0 * URAD
 
@@ -203,7 +205,7 @@ def test_bad_input_is_named(cell: CellModel) -> None:
         both[:, 1] += both[:, 0] - both[0, 0]
         motions(cell, [changed(data, "q_motor", both)])
     with pytest.raises(InputError, match="pushes against its own motion"):
-        reversals.identify(cell, [changed(data, "tau_motor", -data.values("tau_motor"))], [], {})
+        reversals.RECIPE.identify(cell, [changed(data, "tau_motor", -data.values("tau_motor"))], [], {})
     with pytest.raises(FileFormatError, match="not a number"):
         motions(cell, [changed(data, "q_link", np.full(q.shape, np.nan))])
     with pytest.raises(FileFormatError, match="runs backwards"):
@@ -211,7 +213,7 @@ def test_bad_input_is_named(cell: CellModel) -> None:
     with pytest.raises(InputError, match="too few rows"):
         motions(cell, [data.rows(np.arange(len(data)) < 10)])
     with pytest.raises(InputError, match="none can be held out"):
-        reversals.identify(cell, [data.rows(data.group == 0)], [], {})
+        reversals.RECIPE.identify(cell, [data.rows(data.group == 0)], [], {})
     tracker = campaign(cell, 0, by="tracker", count=2)
     with pytest.raises(InputError, match="wrong unit"):
         motions(cell, [changed(tracker, "p_tracker_target", 1000.0 * tracker.values("p_tracker_target"))])

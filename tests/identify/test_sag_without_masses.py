@@ -28,7 +28,7 @@ from counterflex.identify.geometry.arm_geometry import ArmGeometry
 from counterflex.identify.geometry.arm_parameters import ArmPriors, arm_model, sag_as_known, sag_of
 from counterflex.identify.geometry.placed_frame import PlacedFrame
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
-from counterflex.identify.kinematics.recipe import identify
+from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.recipe import Identification
 from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.plan.sag_and_play import residual_sag
@@ -117,7 +117,7 @@ def _data(robot: str, folder: Path, *, weight: bool) -> tuple[Dataset, Dataset]:
 def _found(robot: str, folder: Path, sag: str, *, weight: bool = True) -> Identification:
     fit, held = _data(robot, folder, weight=weight)
     model = model_of(_cell(folder, robot))
-    return identify(model, [fit], [held], {"periodic": "off", "sag": sag, "folds": 2}, silent)
+    return RECIPE.identify(model, [fit], [held], {"periodic": "off", "sag": sag, "folds": 2}, silent)
 
 
 def _table(found: Identification) -> TableValues | None:
@@ -172,7 +172,7 @@ def test_the_identified_cell_file_knows_where_the_unloaded_tool_is(folder: Path,
     unknown = replace(setting, drive_errors=DriveErrors())
     assert np.max(np.abs(residual_sag(p_part, q, setting) - residual_sag(p_part, q, unknown))) > 0.1 * MM
     # Identified once more on the new file, nothing is left to find and the table stays.
-    again = identify(
+    again = RECIPE.identify(
         model_of(cell), [_data(STAUBLI, folder, weight=True)[0]], [], {"periodic": "off", "folds": 2}, silent
     )
     assert _table(again) is None

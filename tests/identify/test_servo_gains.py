@@ -93,7 +93,7 @@ def test_jacobian_is_the_derivative_and_gains_act_alike() -> None:
 
 
 def test_gains_are_recovered_and_other_steps_predicted(cell: CellModel) -> None:
-    result = servo.identify(cell, [campaign()], [campaign(seed=5, count=2)], {})
+    result = servo.RECIPE.identify(cell, [campaign()], [campaign(seed=5, count=2)], {})
     assert result.headline[0].value < 0.1 * (result.headline[0].nominal or 0.0)
     for axis in range(6):
         fit, name = result.fits[f"axis {axis + 1}"], f"axis{axis + 1}"
@@ -109,8 +109,8 @@ def test_gains_are_recovered_and_other_steps_predicted(cell: CellModel) -> None:
 
 def test_the_scale_of_the_torque_is_in_the_standard_deviation_of_the_gain(cell: CellModel) -> None:
     data = campaign(count=2)
-    narrow = {f.name: f.value for f in servo.identify(cell, [data], [], {"torque_share": 0.0}).figures}
-    wide = {f.name: f.value for f in servo.identify(cell, [data], [], {"torque_share": 0.05}).figures}
+    narrow = {f.name: f.value for f in servo.RECIPE.identify(cell, [data], [], {"torque_share": 0.0}).figures}
+    wide = {f.name: f.value for f in servo.RECIPE.identify(cell, [data], [], {"torque_share": 0.05}).figures}
     key = "axis1_speed_gain"
     assert wide[f"{key}_nm_s"] == narrow[f"{key}_nm_s"]
     assert wide[f"{key}_sigma_nm_s"] == pytest.approx(
@@ -146,7 +146,7 @@ def test_the_mode_goes_into_the_cell_file(cell: CellModel) -> None:
         {"q_motor": 0.5 * URAD, "tau_motor": 2.0, "p_tracker_target": 1e-5},
         group=data.group,
     )
-    result = servo.identify(cell, [whole], [], {})
+    result = servo.RECIPE.identify(cell, [whole], [], {})
     (table,) = [c for c in result.changes if isinstance(c, TableValues)]
     assert table.table == "dynamics"
     assert table.values["mode_hz"] == pytest.approx(50.0 / (2.0 * np.pi), rel=0.01)
@@ -162,7 +162,7 @@ def changed(data: Dataset, name: str, values: Float) -> Dataset:
 def test_bad_input_is_named(cell: CellModel) -> None:
     data = campaign()
     with pytest.raises(InputError, match="sign of 'tau_motor'"):
-        servo.identify(cell, [changed(data, "tau_motor", -data.values("tau_motor"))], [], {})
+        servo.RECIPE.identify(cell, [changed(data, "tau_motor", -data.values("tau_motor"))], [], {})
     with pytest.raises(InputError, match="far from their commands"):
         load_steps([changed(data, "q_motor", np.degrees(data.values("q_motor")))])
     with pytest.raises(FileFormatError, match="even times"):

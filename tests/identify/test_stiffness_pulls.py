@@ -149,7 +149,7 @@ def test_known_compliances_are_found_and_used(cell: CellModel) -> None:
     chain = quiet.chain
     factor = np.exp(0.25 * np.random.default_rng(3).standard_normal(chain.compliance.shape))
     true = with_compliance(chain, chain.compliance * factor)
-    result = stiffness.identify(quiet, [synthetic(true, 90)], [synthetic(true, 30, seed=50)], {"bearing_mm": 0})
+    result = stiffness.RECIPE.identify(quiet, [synthetic(true, 90)], [synthetic(true, 30, seed=50)], {"bearing_mm": 0})
     explained = {f.name: f.value for f in result.headline}
     assert explained["holdout_explained_percent"] > 98.5
     assert result.headline[0].value < 0.2 * (result.headline[0].nominal or 0.0)
@@ -171,7 +171,7 @@ def test_simulated_cell_without_dry_friction(cell: CellModel, proposal: Proposal
     n = 25
     request = columns(spread_poses(n, 100 + seed), forces(n, 100 + seed))
     unseen = taken(truth, replace(lab, session="hold-out"), request, settings)
-    result = stiffness.identify(cell, [data], [unseen], {"regions": False})
+    result = stiffness.RECIPE.identify(cell, [data], [unseen], {"regions": False})
     figures = {f.name: f.value for f in result.headline}
     assert figures["holdout_explained_percent"] >= 97.0
     assert figures["holdout_worst_mm"] <= 0.15
@@ -189,7 +189,7 @@ def test_simulated_cell_with_friction_and_a_tracker(cell: CellModel) -> None:
     data = taken(truth, lab, proposal.columns, {**proposal.settings})
     q, f = spread_poses(8, 400), forces(8, 400)
     unseen = taken(truth, replace(lab, session="hold-out"), columns(q, f), {**proposal.settings})
-    result = stiffness.identify(known, [data], [unseen], {"regions": False})
+    result = stiffness.RECIPE.identify(known, [data], [unseen], {"regions": False})
     figures = {f.name: f.value for f in result.headline}
     assert figures["holdout_explained_percent"] >= 97.0
     assert figures["holdout_worst_mm"] <= 0.15
@@ -268,7 +268,7 @@ def test_wrong_data_are_named_not_fitted_away(cell: CellModel, fault: str) -> No
     good = synthetic(quiet.chain, 24)
     change, words = WRONG[fault]
     with pytest.raises(CounterflexError, match=words):
-        stiffness.identify(quiet, [change(good)], [], {"regions": False})
+        stiffness.RECIPE.identify(quiet, [change(good)], [], {"regions": False})
 
 
 def test_sensor_axes_taken_for_base_axes_are_named(cell: CellModel) -> None:
@@ -277,7 +277,7 @@ def test_sensor_axes_taken_for_base_axes_are_named(cell: CellModel) -> None:
     R = forward(quiet.chain, good.values("q"))[:, :3, :3]
     turned = np.einsum("nji,nj->ni", R, good.values("f_tcp_base"))
     with pytest.raises(InputError, match="axes of the tool|axes of the flange"):
-        stiffness.identify(quiet, [of_changed(good, "f_tcp_base", turned)], [], {"regions": False})
+        stiffness.RECIPE.identify(quiet, [of_changed(good, "f_tcp_base", turned)], [], {"regions": False})
 
 
 def test_single_rows_of_negative_work_are_listed(cell: CellModel) -> None:
@@ -287,7 +287,7 @@ def test_single_rows_of_negative_work_are_listed(cell: CellModel) -> None:
     d[7] = -d[7]
     bad = of_changed(good, "d_tcp_base", d)
     assert np.flatnonzero(impossible(quiet.chain, read_pulls(quiet.chain, bad), None)).tolist() == [7]
-    result = stiffness.identify(quiet, [bad], [], {"regions": False})
+    result = stiffness.RECIPE.identify(quiet, [bad], [], {"regions": False})
     assert any("negative work" in r and "lines 8" in r for r in result.remarks)
 
 
@@ -296,11 +296,11 @@ def test_missing_standard_deviation_and_history_are_refused(cell: CellModel) -> 
     good = synthetic(quiet.chain, 12)
     bare = replace(good, channels={**good.channels, "d_tcp_base": replace(good.channel("d_tcp_base"), sigma=None)})
     with pytest.raises(FileFormatError, match="sigma"):
-        stiffness.identify(quiet, [bare], [], {})
+        stiffness.RECIPE.identify(quiet, [bare], [], {})
     with pytest.raises(FileFormatError, match="approach"):
         read_pulls(quiet.chain, replace(good, settings={"history": AGAIN}))
     with pytest.raises(InputError, match="no load"):
-        stiffness.identify(quiet, [of_changed(good, "f_tcp_base", 0.0 * good.values("f_tcp_base"))], [], {})
+        stiffness.RECIPE.identify(quiet, [of_changed(good, "f_tcp_base", 0.0 * good.values("f_tcp_base"))], [], {})
 
 
 def test_names_of_directions(cell: CellModel) -> None:
@@ -365,7 +365,7 @@ def test_real_cable_pulls() -> None:
     """FANUC R-2000iC, 43 pulls: axes 1, 3, 4 and 5 as published within a fifth, axis 6 is not for use."""
     cell = model_of(read_cell(EXAMPLES / "cells" / "fanuc_r2000ic.toml"))
     data = read_dataset(EXAMPLES / "data" / "fanuc_r2000ic_stiffness" / "pulls.toml")
-    result = stiffness.identify(cell, [data], [], {"wide": "all", "regions": False})
+    result = stiffness.RECIPE.identify(cell, [data], [], {"wide": "all", "regions": False})
     fit = result.fits["stiffness"]
     for axis, published in ((1, 9.339e5), (3, 1.908e6), (4, 2.332e5), (5, 4.044e5)):
         assert 1.0 / fit.value(f"axis{axis}.rz") == pytest.approx(published, rel=0.21)
@@ -373,5 +373,5 @@ def test_real_cable_pulls() -> None:
     assert figures["holdout_median_percent"] < 20.0
     assert any("not to be used" in r and "axis6.rz" in r for r in result.remarks)
     assert COUNTED["stiffness"].text in result.remarks
-    tilting = stiffness.identify(cell, [data], [], {"wide": "all", "free": "tilting", "regions": False})
+    tilting = stiffness.RECIPE.identify(cell, [data], [], {"wide": "all", "free": "tilting", "regions": False})
     assert {f.name: f.value for f in tilting.headline}["holdout_median_percent"] < 16.0

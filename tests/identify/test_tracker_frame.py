@@ -53,7 +53,7 @@ def _poses(seed: int, count: int = 24) -> Dataset:
 
 
 def _identify(*data: Dataset) -> Identification:
-    return tracker_frame.identify(CELL, data, [], {}, silent)
+    return tracker_frame.RECIPE.identify(CELL, data, [], {}, silent)
 
 
 def _frames(found: Identification) -> KnownFrames:
@@ -201,7 +201,7 @@ def test_bad_poses_are_named(change: Any, says: str) -> None:
 def test_hand_eye_set_of_the_ur10() -> None:
     cell = model_of(read_cell("examples/cells/ur10_ipa_tmac.toml"))
     data = read_dataset("examples/data/ur10_ipa_tmac/hand_eye.toml")
-    result = tracker_frame.identify(cell, [data], [], {}, silent)
+    result = tracker_frame.RECIPE.identify(cell, [data], [], {}, silent)
     assert result.headline[0].value < 1.5
     known = known_frames(replace(cell, tables={"tracker": result.changes[0].values}))  # type: ignore[union-attr]
     assert known is not None

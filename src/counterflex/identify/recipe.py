@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from counterflex.core.arrays import Float
-from counterflex.core.progress import Progress
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, silent
 from counterflex.identify.data.changes import Change
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
@@ -102,8 +103,24 @@ class Proposal:
     files: Mapping[str, str] = field(default_factory=dict)
 
 
-Identify = Callable[[CellModel, Sequence[Dataset], Sequence[Dataset], Mapping[str, Any], Progress], Identification]
-"""``identify(cell, data, holdout, settings, progress)``; an empty ``holdout`` means k-fold on ``data``."""
+class Inputs(NamedTuple):
+    """What every recipe identifies from; :meth:`Recipe.identify` has checked and completed it.
+
+    Attributes:
+        cell: What is known before: the prior of every parameter, and all that the recipe does not identify.
+        data: Datasets that parameters are fitted to, one or more, of the recipe's kinds.
+        holdout: Datasets that are predicted only and judge the result; empty means parts of ``data`` held out in turn.
+        settings: Every setting of the recipe: what the user set in the place of the defaults.
+        progress: Progress callback, fraction 0 to 1.
+    """
+
+    cell: CellModel
+    data: tuple[Dataset, ...]
+    holdout: tuple[Dataset, ...]
+    settings: Mapping[str, Any]
+    progress: Progress
+
+
 Propose = Callable[[CellModel, int, Mapping[str, Any]], Proposal]
 """``propose(cell, count, settings)``; ``settings["seed"]`` makes it repeatable."""
 
@@ -117,7 +134,7 @@ class Recipe:
         title: One line for help and report.
         kinds: Kinds of datasets it uses.
         settings: Options with their defaults (``--set key=value`` on the command line); SI or plain.
-        identify: See :data:`Identify`.
+        find: The physics: the result of :class:`Inputs`.
         propose: See :data:`Propose`.
     """
 
@@ -125,5 +142,51 @@ class Recipe:
     title: str
     kinds: tuple[str, ...]
     settings: Mapping[str, float | int | str | bool]
-    identify: Identify
+    find: Callable[[Inputs], Identification]
     propose: Propose
+
+    def identify(
+        self,
+        cell: CellModel,
+        data: Sequence[Dataset],
+        holdout: Sequence[Dataset] = (),
+        settings: Mapping[str, Any] | None = None,
+        progress: Progress = silent,
+    ) -> Identification:
+        """Find what the recipe is for. The head of all recipes: it checks and completes what they get.
+
+        Args:
+            cell: What is known before.
+            data: Datasets that parameters are fitted to.
+            holdout: Datasets that are predicted only; empty means parts of ``data`` held out in turn.
+            settings: Those that differ from the defaults.
+            progress: Progress callback, fraction 0 to 1.
+
+        Returns:
+            Fits, the error on data not used, and what goes into the cell file.
+
+        Raises:
+            InputError: No data, a dataset of a kind that the recipe does not use, or data that look wrong: units,
+                signs, columns or axes mixed up, too little to tell the parameters apart.
+            FileFormatError: A channel or a standard deviation is missing, or a value is not a number.
+        """
+        self.require_usable((*data, *holdout))
+        if not data:
+            raise InputError(f"the recipe '{self.name}' needs at least one dataset", limit=", ".join(self.kinds))
+        complete = {**self.settings, **(settings or {})}
+        return self.find(Inputs(cell, tuple(data), tuple(holdout), complete, progress))
+
+    def require_usable(self, datasets: Sequence[Dataset]) -> None:
+        """Refuse a dataset of a kind that the recipe does not use.
+
+        Raises:
+            InputError: It names the file and the kinds that are used.
+        """
+        for dataset in datasets:
+            if dataset.kind not in self.kinds:
+                raise InputError(
+                    f"the recipe '{self.name}' does not use such data",
+                    where=f"{dataset.where}: kind",
+                    value=dataset.kind,
+                    limit=", ".join(self.kinds),
+                )

@@ -21,7 +21,7 @@ from counterflex.app.identification.history import keep
 from counterflex.app.identification.propose import propose as propose
 from counterflex.app.identification.recipe_settings import Setting, read_settings
 from counterflex.core import atomic
-from counterflex.core.errors import CounterflexError, InputError, ModelError
+from counterflex.core.errors import CounterflexError, ModelError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
@@ -104,14 +104,7 @@ def prepare(
     chosen = read_settings(recipe, settings or {}, seed)
     known = read_cell(cell)
     fitted, unseen = _named_apart(*(tuple(read_dataset(path) for path in paths) for paths in (data, holdout)))
-    for dataset in (*fitted, *unseen):
-        if dataset.kind not in recipe.kinds:
-            raise InputError(
-                f"the recipe '{name}' does not use such data",
-                where=f"{dataset.where}: kind",
-                value=dataset.kind,
-                limit=", ".join(recipe.kinds),
-            )
+    recipe.require_usable((*fitted, *unseen))
     require_apart(fitted, unseen)
     return Task(recipe, known, joined_by_rows(joined(fitted)), unseen, chosen)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.progress import in_parts
 from counterflex.core.units import URAD
 from counterflex.identify.counted_coverage import COUNTED
 from counterflex.identify.cubes import proposal as cube_proposal
@@ -22,7 +22,7 @@ from counterflex.identify.geometry import compliances
 from counterflex.identify.geometry.compliances import DIRECTIONS, bearing_of, springs
 from counterflex.identify.pulls import checks as pull_checks
 from counterflex.identify.pulls.blocks import Layout, layout, with_honest_sigma
-from counterflex.identify.recipe import Figure, Identification, Proposal, Recipe
+from counterflex.identify.recipe import Figure, Identification, Inputs, Proposal, Recipe
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.residuals import Residuals
@@ -50,21 +50,11 @@ WORK: Final = {CHECKING: 0.07, FITTING: 0.31, HELD_OUT: 0.26}
 """Parts of the work with what they cost (processor time of two data sets, ``tools/measure_progress.py``)."""
 
 
-def identify(
-    cell: CellModel,
-    data: Sequence[Dataset],
-    holdout: Sequence[Dataset],
-    settings: Mapping[str, Any],
-    progress: Progress = silent,
-) -> Identification:
+def identify(inputs: Inputs) -> Identification:
     """Find compliances from cubes.
 
     Args:
-        cell: Geometry, compliances, masses, play.
-        data: Datasets of the kind ``cubes``.
-        holdout: Loads that only judge; empty is k-fold over loads.
-        settings: See :data:`SETTINGS`.
-        progress: Told about rounds.
+        inputs: Geometry, compliances, masses, play; datasets of the kind ``cubes``, held out by loads.
 
     Returns:
         The identification; its headline is the share of held-out relative rotation that is not explained.
@@ -73,8 +63,7 @@ def identify(
         InputError: Data that look wrong, or nothing to fit.
         FileFormatError: A channel or standard deviation is missing, or a pair names no bodies of the cell.
     """
-    if not data:
-        raise InputError("cubes need at least one dataset")
+    cell, data, holdout, settings, progress = inputs
     chain, options = cell.chain, cube_options(cell.chain, settings)
     parts = in_parts(progress, WORK)
     motions, unseen = ([read_cubes(chain, d) for d in some] for some in (data, holdout))
@@ -111,9 +100,9 @@ def identify(
 
 
 def cube_options(chain: ElasticChain, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Defaults, with ``known`` empty where the cell has no element of the default's name."""
+    """Settings, with the default of ``known`` empty where the cell has no element of that name."""
     options = {**SETTINGS, **settings}
-    if "known" not in settings and SETTINGS["known"] not in chain.names:
+    if options["known"] == SETTINGS["known"] not in chain.names:
         options["known"] = ""
     return options
 

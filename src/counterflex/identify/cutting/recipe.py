@@ -10,15 +10,15 @@ Sources: Berger2013 (tests, Kienzle's law); Altintas, Manufacturing Automation (
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, as_positive
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, in_parts, saying, silent
+from counterflex.core.progress import Progress, in_parts, saying
 from counterflex.core.units import MM
 from counterflex.identify.cutting.checks import check
 from counterflex.identify.cutting.considered import RUNOUT_M, WEAR, force_sensor, with_shared
@@ -31,7 +31,7 @@ from counterflex.identify.cutting.steady_cuts import Cutting, Found, pieces_of
 from counterflex.identify.data.changes import CuttingLaw
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.recipe import Figure, Identification, Recipe
+from counterflex.identify.recipe import Figure, Identification, Inputs, Recipe
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.jackknife import parts_of_groups, with_jackknife
@@ -62,19 +62,16 @@ WORK: Final = {READING: 0.1, HELD_OUT: 0.7, FITTING: 0.03}
 """Parts of the work with what they cost (processor time of two data sets, ``tools/measure_progress.py``)."""
 
 
-def identify(
-    cell: CellModel,
-    data: Sequence[Dataset],
-    holdout: Sequence[Dataset],
-    settings: Mapping[str, Any],
-    progress: Progress = silent,
-) -> Identification:
-    """Find the force constants from test cuts; see :data:`counterflex.identify.recipe.Identify`.
+def identify(inputs: Inputs) -> Identification:
+    """Find the force constants from test cuts.
+
+    Args:
+        inputs: The force law before; test slots, held out by cuts.
 
     Raises:
         InputError: Too few settled cuts, cuts of several tools, or data that another reading explains far better.
     """
-    options = {**SETTINGS, **settings}
+    cell, data, holdout, options, progress = inputs
     parts = in_parts(progress, WORK)
     tool = int(options["tool"]) or None
     sensor = force_sensor(data)
@@ -288,6 +285,6 @@ RECIPE = Recipe(
     title="Force constants of tool and material from test cuts",
     kinds=(KIND,),
     settings={**PROPOSAL, **SETTINGS},
-    identify=identify,
+    find=identify,
     propose=propose,
 )

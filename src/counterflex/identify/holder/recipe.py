@@ -30,7 +30,7 @@ from counterflex.identify.holder.residuals import (
     sensitivity_of,
     with_honest_sigma,
 )
-from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
+from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate, fold_of_groups, score_separate
 from counterflex.identify.solver.parameters import Parameters
@@ -60,27 +60,17 @@ WORK = {CHECKING: 1.0, FITTING: 1.0, HELD_OUT: 5.0, COMPARING: 0.3}
 """Parts of the work with what they cost (share of processor time), as the progress tells them."""
 
 
-def identify(
-    cell: CellModel,
-    data: Sequence[Dataset],
-    holdout: Sequence[Dataset],
-    settings: Mapping[str, Any],
-    progress: Progress,
-) -> Identification:
+def identify(inputs: Inputs) -> Identification:
     """Find the bridges' sensitivities to force and moment from known loads.
 
     Args:
-        cell: Before; its holder's drawing is what is known.
-        data: Kind ``holder_loads``.
-        holdout: Likewise, or empty for folds.
-        settings: Of :data:`SETTINGS`.
-        progress: Told about fits.
+        inputs: The holder before, whose drawing is what is known; datasets of the kind ``holder_loads``.
 
     Raises:
         InputError: Too few loads or directions, or data that fit far better when read otherwise.
         FileFormatError: A channel is missing or not a number.
     """
-    s = {**SETTINGS, **settings}
+    cell, data, holdout, s, progress = inputs
     parts = in_parts(progress, WORK)
     holder, blocks = prepared(cell, data, holdout)
     unseen = [readings(d, holder, reference_c=holder.reference_c) for d in holdout]
@@ -342,6 +332,6 @@ RECIPE = Recipe(
     title="sensitivity of a strain-gauge spindle holder to force and moment, for any tool length",
     kinds=("holder_loads",),
     settings=SETTINGS,
-    identify=identify,
+    find=identify,
     propose=propose,
 )

@@ -41,7 +41,7 @@ from counterflex.identify.kinematics.setup import (
     tool_of,
 )
 from counterflex.identify.kinematics.stages import model_of_data, priors_of, refitted, with_lost, with_turns
-from counterflex.identify.recipe import Identification, Recipe
+from counterflex.identify.recipe import Identification, Inputs, Recipe
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut
 from counterflex.identify.solver.solve import solve
@@ -60,28 +60,19 @@ WORK: Final = {CHECKING: 1.0, GEOMETRY: 2.0, SAG: 0.3, PERIODIC: 4.5, HELD_OUT: 
 """Parts of the work with what they cost: between those of a published UR10 and of 400 poses of the simulated cell."""
 
 
-def identify(
-    cell: CellModel,
-    data: Sequence[Dataset],
-    holdout: Sequence[Dataset],
-    settings: Mapping[str, Any],
-    progress: Progress,
-) -> Identification:
+def identify(inputs: Inputs) -> Identification:
     """Find the displacements behind the segments, what the sag needs, and periodic errors of the drives.
 
     Args:
-        cell: The cell; earlier calibrations are where the displacements start.
-        data: Datasets of the kinds :data:`counterflex.identify.kinematics.setup.KINDS`, mixed.
-        holdout: Of the same kinds, or empty for folds.
-        settings: See :data:`RECIPE`.
-        progress: Told about steps.
+        inputs: The cell, whose earlier calibrations are where the displacements start; datasets of the kinds
+            :data:`counterflex.identify.kinematics.setup.KINDS`, mixed.
 
     Raises:
         InputError: Unusable data (see :func:`counterflex.identify.geometry.tracker_data.check_tracker_data`) or
             settings.
         FileFormatError: A channel is missing.
     """
-    options = {**RECIPE.settings, **settings}
+    cell, data, holdout, options, progress = inputs
     parts = in_parts(progress, WORK)
     prepared = with_approach([*data, *holdout], str(options["play"]))
     data, holdout = prepared[: len(data)], prepared[len(data) :]
@@ -295,6 +286,6 @@ RECIPE: Final = Recipe(
         "as_stated": False,
         "seed": 0,
     },
-    identify=identify,
+    find=identify,
     propose=propose,
 )

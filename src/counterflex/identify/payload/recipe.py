@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.progress import Progress, in_parts, share_of
+from counterflex.core.progress import in_parts, share_of
 from counterflex.core.units import DEG, MINUTE, MM
 from counterflex.geometry import pose, rotation
 from counterflex.identify.data.changes import BodyMass, Change, TableValues
@@ -44,7 +44,7 @@ from counterflex.identify.payload.parameters import (
 from counterflex.identify.payload.proposal import FORCE_N, HEIGHT_M, MOMENT_NM, NEAR_SHARE, propose
 from counterflex.identify.payload.residuals import SensorReadings, force_error
 from counterflex.identify.payload.sensor import sensor_before
-from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
+from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, score_separate
 from counterflex.identify.solver.jackknife import parts_of_groups, with_groups_once, with_jackknife
@@ -77,28 +77,19 @@ SETTINGS: Mapping[str, float | int | str | bool] = {
 }
 
 
-def identify(
-    cell: CellModel,
-    data: Sequence[Dataset],
-    holdout: Sequence[Dataset],
-    settings: Mapping[str, Any],
-    progress: Progress,
-) -> Identification:
+def identify(inputs: Inputs) -> Identification:
     """Find the constants of the flange sensor from readings without a process.
 
     Args:
-        cell: Before.
-        data: Kinds ``sensor_poses`` and ``sensor_motion``.
-        holdout: Likewise, or empty for folds.
-        settings: Of :data:`SETTINGS`; ``hose`` is ``auto``, ``none``, ``1`` or ``2`` (degree of its functions),
-            ``hose_from`` ``auto``, ``base`` or the body that the hose pack comes from.
-        progress: Told about fits.
+        inputs: The sensor before; ``sensor_poses`` and ``sensor_motion``. Setting ``hose`` is ``auto``, ``none``,
+            ``1`` or ``2`` (degree of its functions), ``hose_from`` ``auto``, ``base`` or the body that the hose pack
+            comes from.
 
     Raises:
         InputError: Too few orientations, or data that fit far better when read otherwise.
         FileFormatError: A channel is missing or not a number.
     """
-    s = {**SETTINGS, **settings}
+    cell, data, holdout, s, progress = inputs
     sensor = sensor_before(cell)
     start_s, reference_c = clock(data, sensor.reference_c)
     window_s = float(s["window_s"])
@@ -381,6 +372,6 @@ RECIPE = Recipe(
     title="zero, weight, centre of gravity and mounting of the flange force sensor, drift, hose pack, inertia",
     kinds=KINDS,
     settings=SETTINGS,
-    identify=identify,
+    find=identify,
     propose=propose,
 )

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, in_parts, share_of, silent
+from counterflex.core.progress import in_parts, share_of
 from counterflex.core.units import MRAD, MS, URAD
 from counterflex.identify.data.changes import AxisPlay
-from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.play.considered import compliance_share, with_honest_sigma, with_spread
 from counterflex.identify.play.parameters import axis_play, blocks, compliance, parameters
 from counterflex.identify.play.proposal import propose
 from counterflex.identify.play.residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
-from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
+from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.reversals.data import Motion, motions, motor_friction
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
@@ -40,21 +39,11 @@ def angle_error(block: Residuals, x: Float) -> Float:
     return block.angle_error(x)
 
 
-def identify(
-    cell: CellModel,
-    data: Sequence[Dataset],
-    holdout: Sequence[Dataset],
-    settings: Mapping[str, Any],
-    progress: Progress = silent,
-) -> Identification:
+def identify(inputs: Inputs) -> Identification:
     """Find play and friction axis by axis; see :mod:`counterflex.identify.play.residuals` for the model.
 
     Args:
-        cell: Compliance and weights; play known before.
-        data: Of kind ``reversals``.
-        holdout: Motions to predict; empty means motions of ``data`` held out in turn.
-        settings: ``bearing_m``: see :data:`BEARING_M`; ``as_stated``.
-        progress: Told about axes.
+        inputs: Compliance and weights, play known before; ``reversals``, held out by motions.
 
     Returns:
         A fit for each axis that moved, ``[[robot.play]]`` of these.
@@ -63,6 +52,7 @@ def identify(
         FileFormatError: See :func:`counterflex.identify.reversals.data.motions`.
         InputError: See there; or torque and motion contradict each other.
     """
+    cell, data, holdout, settings, progress = inputs
     found = motions(cell, data)
     unseen = motions(cell, holdout, len(found))
     axes = sorted({m.axis for m in found})
@@ -78,7 +68,7 @@ def identify(
         told = parts[f"axis {axis + 1}"]
         mine = [m for m in found if m.axis == axis]
         other = [m for m in unseen if m.axis == axis]
-        remarks += _turned_torque(mine, bool(settings.get("as_stated", False)))
+        remarks += _turned_torque(mine, bool(settings["as_stated"]))
         large = any(m.by == "encoder" and float(np.ptp(m.q)) > LARGE_RAD for m in mine)
         p, places = parameters(cell, axis, free_compliance=large, delay=all(m.time_s is not None for m in mine))
         rows = [AxisResiduals(tuple(blocks(mine, places)))]
@@ -115,7 +105,7 @@ def identify(
             errors.append(held)
             fit = _at_least(fit, jackknife([part.values for part in held.fits]))
             turn_spread = float(jackknife([np.array([turn(part, axis)]) for part in held.fits])[0])
-        share = float(settings.get("bearing_m", BEARING_M)) / min(m.lever_m for m in mine)
+        share = float(settings["bearing_m"]) / min(m.lever_m for m in mine)
         fit = with_spread(_with_bearing(fit, share), compliance_share(plain, rows[0]))
         fits[f"axis {axis + 1}"] = fit
         play = _play(fit, axis)
@@ -307,6 +297,6 @@ RECIPE: Final = Recipe(
     title="Dead band and dry friction of the axes from slow reversals",
     kinds=("reversals",),
     settings={"bearing_m": BEARING_M, "as_stated": False},
-    identify=identify,
+    find=identify,
     propose=propose,
 )

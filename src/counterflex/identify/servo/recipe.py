@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
-from counterflex.core.progress import Progress, share_of, silent
+from counterflex.core.progress import Progress, share_of
 from counterflex.core.units import MS, URAD
 from counterflex.identify.data.changes import AxisServo, Change, TableValues
 from counterflex.identify.data.dataset import Dataset
@@ -20,7 +20,7 @@ from counterflex.identify.delays.cell_table import lag_of
 from counterflex.identify.delays.checks import check_delay
 from counterflex.identify.delays.delay import Delay, find_delay
 from counterflex.identify.delays.pairs import FOLLOWING, pairs
-from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
+from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.reversals.data import motions, motor_friction
 from counterflex.identify.servo.data import LoadStep, load_steps
 from counterflex.identify.servo.exchange import together, with_exchange
@@ -45,22 +45,13 @@ _MOVES: Final = 4.0
 _RINGS_S = 0.02
 
 
-def identify(
-    cell: CellModel,
-    data: Sequence[Dataset],
-    holdout: Sequence[Dataset],
-    settings: Mapping[str, Any],
-    progress: Progress = silent,
-) -> Identification:
+def identify(inputs: Inputs) -> Identification:
     """Find loop gains, the lowest mode, and lags of drives and corrections.
 
     Args:
-        cell: Gains, play and friction known before.
-        data: ``servo_steps`` (see :func:`counterflex.identify.servo.data.load_steps`); ``reversals`` with
-            ``tau_motor`` for the friction of the motors; ``record`` for lags.
-        holdout: Load steps to predict; empty means steps of ``data`` held out in turn.
-        settings: ``torque_share``: relative standard deviation of the motors' torque (K shares it); ``as_stated``.
-        progress: Told about axes.
+        inputs: Gains, play and friction known before; ``servo_steps`` (see
+            :func:`counterflex.identify.servo.data.load_steps`), ``reversals`` with ``tau_motor`` for the friction of
+            the motors, ``record`` for lags.
 
     Returns:
         Fits by axis and pair; ``[[robot.servo]]``, ``[dynamics]`` mode and damping, ``[timing]``.
@@ -69,13 +60,14 @@ def identify(
         FileFormatError: Damaged rows, missing channels or standard deviations.
         InputError: No load step moves any motor, or torque and motion contradict each other.
     """
+    cell, data, holdout, settings, progress = inputs
     steps = load_steps([d for d in data if d.kind == "servo_steps"])
     unseen = load_steps([d for d in holdout if d.kind == "servo_steps"], len(steps))
     records = [d for d in data if d.kind == "record"]
     if not steps and not records:
         raise InputError("servo needs load steps or records", value=", ".join(d.kind for d in data))
-    share = float(settings.get("torque_share", 0.03))
-    as_stated = bool(settings.get("as_stated", False))
+    share = float(settings["torque_share"])
+    as_stated = bool(settings["as_stated"])
     friction = _friction(cell, [d for d in data if d.kind == "reversals"])
     fits: dict[str, Fit] = {}
     changes: list[Change] = []
@@ -345,6 +337,6 @@ RECIPE: Final = Recipe(
     title="Loop gains of the drives, the lowest mode, and lags of drives and corrections",
     kinds=("servo_steps", "reversals", "record"),
     settings={"torque_share": 0.03, "force_n": FORCE_N, "as_stated": False},
-    identify=identify,
+    find=identify,
     propose=propose,
 )

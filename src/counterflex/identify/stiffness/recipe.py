@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, in_parts, saying, share_of, silent
+from counterflex.core.progress import Progress, in_parts, saying, share_of
 from counterflex.core.units import UM
 from counterflex.identify.data.changes import ElementRegion
 from counterflex.identify.data.dataset import Dataset
@@ -25,7 +25,7 @@ from counterflex.identify.pulls.blocks import Layout, block, layout, refreshed, 
 from counterflex.identify.pulls.proposal import propose_pulls
 from counterflex.identify.pulls.pulls import Pulls, read_pulls
 from counterflex.identify.pulls.residuals import PullResiduals
-from counterflex.identify.recipe import Identification, Proposal, Recipe
+from counterflex.identify.recipe import Identification, Inputs, Proposal, Recipe
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.solver.solve import solve
@@ -51,21 +51,11 @@ WORK: Final = {CHECKING: 0.07, COMPLIANCES: 0.15, REGIONS: 0.2, HELD_OUT: 0.16}
 """Parts of the work with what they cost (processor time of two data sets, ``tools/measure_progress.py``)."""
 
 
-def identify(
-    cell: CellModel,
-    data: Sequence[Dataset],
-    holdout: Sequence[Dataset],
-    settings: Mapping[str, Any],
-    progress: Progress = silent,
-) -> Identification:
+def identify(inputs: Inputs) -> Identification:
     """Find compliances from pulls.
 
     Args:
-        cell: Geometry, compliances, masses, play; the tracker where displacements are in its axes.
-        data: Datasets of the kind ``pulls``.
-        holdout: Pulls that only judge; empty is k-fold on ``data``.
-        settings: See :data:`SETTINGS`.
-        progress: Told about rounds.
+        inputs: Geometry, compliances, masses, play, and the tracker where displacements are in its axes; ``pulls``.
 
     Returns:
         The identification; its headline is the share of held-out deflection that is not explained.
@@ -74,10 +64,8 @@ def identify(
         InputError: Data that look wrong (negative work, other units, signs, columns or axes), or nothing to fit.
         FileFormatError: A channel or standard deviation is missing.
     """
-    options = {**SETTINGS, **settings}
+    cell, data, holdout, options, progress = inputs
     parts = in_parts(progress, WORK)
-    if not data:
-        raise InputError("stiffness needs at least one dataset of pulls")
     chain, stated = cell.chain, bool(options["as_stated"])
     data, said = _moved(chain, data, as_stated=stated)
     holdout, of_holdout = _moved(chain, holdout, as_stated=stated)

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final, cast
 
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.progress import in_parts
 from counterflex.core.units import MS, UM, URAD
-from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.data.model import CellModel
 from counterflex.identify.delays.cell_table import PPM, changes, delay_names, delay_sigmas, delays, lag_of
 from counterflex.identify.delays.checks import check_delay
 from counterflex.identify.delays.delay import Delay, Pair, build, find_delay
 from counterflex.identify.delays.pairs import pairs
-from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
+from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.solver.holdout import HeldOut, score_separate
 from counterflex.identify.timing.proposal import propose
 
@@ -25,21 +23,11 @@ _ORDERS: Final = ("auto", "none", "first", "second")
 _SHOWN = 1500
 
 
-def identify(
-    cell: CellModel,
-    data: Sequence[Dataset],
-    holdout: Sequence[Dataset],
-    settings: Mapping[str, Any],
-    progress: Progress = silent,
-) -> Identification:
+def identify(inputs: Inputs) -> Identification:
     """Find delays in records; see :mod:`counterflex.identify.delays.delay` for the model.
 
     Args:
-        cell: What is known before.
-        data: Of kind ``record``.
-        holdout: Records to predict; empty means stretches of ``data`` held out in turn.
-        settings: ``pairs``, ``lag``, ``as_stated``.
-        progress: Told about pairs.
+        inputs: What is known before; datasets of the kind ``record``, held out by stretches.
 
     Returns:
         Fits by pair, changes to ``[timing]``.
@@ -48,11 +36,12 @@ def identify(
         FileFormatError: Damaged stamps or values, no standard deviations.
         InputError: Nothing moves, or a unit, a sign or which channel is which looks wrong.
     """
-    order = str(settings.get("lag", "auto"))
+    cell, data, holdout, settings, progress = inputs
+    order = str(settings["lag"])
     if order not in _ORDERS:
         raise InputError("order of the lag", value=order, limit=", ".join(_ORDERS))
-    wanted = str(settings.get("pairs", "auto"))
-    as_stated = bool(settings.get("as_stated", False))
+    wanted = str(settings["pairs"])
+    as_stated = bool(settings["as_stated"])
     found: list[tuple[Delay, HeldOut]] = []
     remarks: list[str] = []
     every = [(pair, dataset) for dataset in data for pair in pairs(cell, dataset, wanted)]
@@ -242,6 +231,6 @@ RECIPE: Final = Recipe(
     title="Dead time, lag and clock of each channel against the one it follows",
     kinds=("record",),
     settings={"pairs": "auto", "lag": "auto", "through": "program", "as_stated": False},
-    identify=identify,
+    find=identify,
     propose=propose,
 )

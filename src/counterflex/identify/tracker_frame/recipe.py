@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.core.progress import Progress, in_parts
+from counterflex.core.progress import in_parts
 from counterflex.core.units import MM, UM, URAD
 from counterflex.identify.data.data_checks import check_finite, check_spread
 from counterflex.identify.data.dataset import Dataset
@@ -29,7 +29,7 @@ from counterflex.identify.geometry.known_frames import KnownFrames, known_frames
 from counterflex.identify.geometry.placed_frame import COMPONENTS, PlacedFrame, frame_parameters
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.geometry.tracker_data import arm_of, check_tracker_data, start_frames, tracker_residuals
-from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Recipe
+from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.solver.parameters import Parameters
@@ -45,26 +45,18 @@ TRACKER: Final = "T_base_tracker"
 TARGET: Final = "T_tcp_target"
 
 
-def identify(
-    cell: CellModel,
-    data: Sequence[Dataset],
-    holdout: Sequence[Dataset],
-    settings: Mapping[str, Any],
-    progress: Progress,
-) -> Identification:
+def identify(inputs: Inputs) -> Identification:
     """Find T_base_tracker from fiducials, poses or both, and T_tcp_target from poses.
 
     Args:
-        cell: The cell; its robot predicts the poses, sag under own weight included.
-        data: Datasets of the kinds ``fiducials`` and ``tracker_poses``.
-        holdout: Of the same kinds, or empty for folds.
-        settings: See :data:`RECIPE`.
-        progress: Told about steps.
+        inputs: The cell, whose robot predicts the poses, sag under own weight included; ``fiducials`` and
+            ``tracker_poses``.
 
     Raises:
         InputError: Too few or collinear fiducials, a mirrored frame, units mixed up, poses that do not turn.
     """
-    told = _check(cell, [*data, *holdout], as_stated=bool(settings.get("as_stated", False)))
+    cell, data, holdout, options, progress = inputs
+    told = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]))
     known = known_frames(cell)
     start_tracker, start_target = _start(cell, data)
     T0 = start_tracker if known is None else known.T_base_tracker
@@ -87,7 +79,6 @@ def identify(
     parts = in_parts(progress, {"registering": 2.0, "fitting": 1.0, "held out": 5.0})
     parts["registering"](1.0)
     fit = solve(parameters, blocks, start=start, progress=parts["fitting"])
-    options = {**RECIPE.settings, **settings}
     fit = with_frame_sigma(
         fit,
         blocks,
@@ -366,6 +357,6 @@ RECIPE: Final = Recipe(
         "as_stated": False,
         "seed": 0,
     },
-    identify=identify,
+    find=identify,
     propose=propose,
 )
