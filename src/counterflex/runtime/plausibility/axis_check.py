@@ -6,7 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int, as_float, as_positive
+from counterflex.core.arrays import Float, as_float, as_positive
+from counterflex.core.records import Record, records
 from counterflex.geometry import pose
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.runtime.plausibility import axis_check_kernel as ak
@@ -44,23 +45,14 @@ class AxisCheck:
         chosen = AxisTolerance() if tolerance is None else tolerance
         self._real, self._kind = chain.compact.real, chain.compact.kind
         T_part_base = pose.inverse(as_float("T_base_part", T_base_part, (4, 4)))
-        self._T_part_base: Float = np.concatenate([T_part_base[:3, :3].reshape(-1), T_part_base[:3, 3]])
-        self._limits: Float = np.zeros(ak.LIMITS)
-        for place, value in (
-            (ak.L_M, chosen.position_m),
-            (ak.L_RAD, chosen.rotation_rad),
-            (ak.L_OFFSET_M, chosen.offset_m),
-            (ak.L_OFFSET_RAD, chosen.offset_rad),
-        ):
-            self._limits[place] = value
         rows = max(2, round(_TRAIL_S / as_positive("period_s", period_s)))
-        self._trail: Float = np.zeros((rows, 24))
-        self._trig: Float = np.zeros(12)
         self._frame: Float = np.zeros((chain.compact.stations + 1, 12))
-        self._work: Float = np.zeros((5, 12))
-        self._nothing: Float = np.zeros(6)
-        self._memory: Float = np.zeros(ak.REMEMBERED)
-        self._counts: Int = np.zeros(ak.NUMBERS, dtype=np.int64)
+        self._trail, self._checks = records(ak.TRAIL, rows), records(ak.CHECK)
+        c = self._checks[0]
+        c.T_part_base = np.concatenate([T_part_base[:3, :3].reshape(-1), T_part_base[:3, 3]])
+        c.limit_m, c.limit_rad = chosen.position_m, chosen.rotation_rad
+        c.offset_limit_m, c.offset_limit_rad = chosen.offset_m, chosen.offset_rad
+        self._check: Record = c
 
     def __call__(
         self,
@@ -88,37 +80,24 @@ class AxisCheck:
         Returns:
             Cause of a hold, or 0.
         """
+        c = self._check
+        c.commanded_is, c.learn = commanded_is, learn
+        c.measured_is = ABSENT if measured is None else measured_is
+        reported = commanded if measured is None else measured
         found = ak.angles_agree(
-            q,
-            correction,
-            commanded,
-            commanded_is,
-            commanded if measured is None else measured,
-            ABSENT if measured is None else measured_is,
-            self._T_part_base,
-            learn,
-            self._real,
-            self._kind,
-            self._limits,
-            self._trig,
-            self._frame,
-            self._trail,
-            self._work,
-            self._nothing,
-            self._memory,
-            self._counts,
+            q, correction, commanded, reported, self._real, self._kind, self._frame, self._trail, self._checks
         )
-        if found == ak.DISAGREE and self._counts[ak.N_GOOD] == 1:
-            q[:] = self._memory[ak.M_Q : ak.M_Q + 6]
+        if found == ak.DISAGREE and c.good == 1:
+            q[:] = c.angles
         return _CAUSES[int(found)]
 
     @property
     def offset(self) -> Float:
         """(6,) pose of the telegrams minus that of their angles, m and rotation vector, part axes: as learnt."""
-        out: Float = self._memory[ak.M_OFFSET : ak.M_OFFSET + 6].copy()
+        out: Float = self._check.offset.copy()
         return out
 
     @property
     def found(self) -> tuple[float, float]:
         """Disagreement of the last telegram, offset taken off, m and rad."""
-        return float(self._memory[ak.M_FOUND]), float(self._memory[ak.M_FOUND + 1])
+        return float(self._check.apart_m), float(self._check.apart_rad)

@@ -12,29 +12,43 @@ from typing import Final
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
+from counterflex.core.records import Record, Records, record
 from counterflex.robot.elasticity.kernels.scalar import chain_pass, joint_trig
 from counterflex.runtime.primitives.frames import all_finite, pose_deviation
 
-# Limits, float64.
-L_M: Final = 0  # m, by which a pose may differ from that of the angles
-L_RAD: Final = 1
-L_OFFSET_M: Final = 2  # largest frame offset
-L_OFFSET_RAD: Final = 3
-LIMITS: Final = 4
+CHECK: Final = record(
+    T_part_base=(float, 12),  # robot base in the part frame, rotation by rows and position
+    limit_m=float,  # by which a pose may differ from that of the angles
+    limit_rad=float,
+    offset_limit_m=float,  # largest frame offset
+    offset_limit_rad=float,
+    # Given with each telegram.
+    commanded_is=int,  # how the commanded pose belongs to the angles: EXACT, ABOUT or ABSENT
+    measured_is=int,  # likewise the pose that the controller reports
+    learn=int,  # 1: nothing is corrected and the loop is not armed: the offset is learnt
+    # Remembered.
+    offset=(float, 6),  # pose of the telegram minus that of the angles, m and rotation vector, part axes
+    place=(float, 12),  # pose at which it was learnt
+    angles=(float, 6),  # that agreed last
+    apart_m=float,  # disagreement found last, offset taken off
+    apart_rad=float,
+    learnt=int,  # 1: there is an offset
+    trail_next=int,  # next row of the trail
+    trail_rows=int,  # rows of it that are filled
+    good=int,  # 1: there are angles that agreed
+    # Of this telegram alone.
+    own=(float, 12),  # pose of the angles, part frame
+    lead=(float, 12),  # pose that is the better one for the offset
+    found=(float, 6),  # pose of the telegram minus that of the angles
+    way_m=float,  # way and turn of the last poses that agreed, over the trail
+    way_rad=float,
+    trig=(float, 12),
+    nothing=(float, 6),  # zeros
+)
+"""Limits and memory of the check of axis angles."""
 
-# What is remembered, float64.
-M_OFFSET: Final = 0  # 6: pose of the telegram minus that of the angles, m and rotation vector, part axes
-M_PLACE: Final = 6  # 12: pose at which it was learnt
-M_Q: Final = 18  # 6: angles that agreed last
-M_FOUND: Final = 24  # 2: disagreement found last, offset taken off, m and rad
-REMEMBERED: Final = 26
-
-# Whole numbers remembered.
-N_LEARNT: Final = 0  # 1: there is an offset
-N_NEXT: Final = 1  # next row of the trail
-N_TRAIL: Final = 2  # rows of it that are filled
-N_GOOD: Final = 3  # 1: there are angles that agreed
-NUMBERS: Final = 4
+TRAIL: Final = record(commanded=(float, 12), own=(float, 12))
+"""Poses that agreed: commanded and that of the angles."""
 
 # How a pose belongs to the angles.
 ABSENT: Final = 0
@@ -51,46 +65,130 @@ _LEARN = 0.1
 _STANDS_M = 0.1e-3
 
 
-@kernel("void(float64[:, ::1], int64, int64, float64[::1])")
-def _travelled(trail: Float, rows: int, last: int, out: Float) -> None:
-    """How far the last pose of the trail is from any before it, the commanded or that of the angles: (2,) m and rad."""
+@kernel("float64(float64[::1], int64)")
+def _length(x: Float, begin: int) -> float:
+    """Length of the vector ``x[begin : begin + 3]``."""
+    return math.sqrt(x[begin] ** 2 + x[begin + 1] ** 2 + x[begin + 2] ** 2)
+
+
+@kernel("UniTuple(float64, 2)(float64[::1], float64[::1])")
+def _square_apart(a: Float, b: Float) -> tuple[float, float]:
+    """Squared differences of two poses: of the positions, and of the rotation matrices."""
+    p = t = 0.0
+    for k in range(9):
+        t += (a[k] - b[k]) ** 2
+    for k in range(9, 12):
+        p += (a[k] - b[k]) ** 2
+    return p, t
+
+
+@kernel("float64(float64)")
+def _angle(square: float) -> float:
+    """Angle of a rotation whose matrix differs by this square from the unit matrix: ``|R - I|^2 = 8 sin^2(a / 2)``."""
+    return 2.0 * math.asin(min(1.0, math.sqrt(square / 8.0)))
+
+
+@kernel("void(Check, Trail[::1])", Check=CHECK, Trail=TRAIL)
+def _travelled(c: Record, trail: Records) -> None:
+    """How far the last pose of the trail is from any before it, the commanded or that of the angles; way and turn."""
+    last = trail[(c.trail_next + trail.shape[0] - 1) % trail.shape[0]]
     way = turned = 0.0
-    for i in range(rows):
-        for begin in (0, 12):
-            p = t = 0.0
-            for k in range(begin, begin + 9):
-                t += (trail[last, k] - trail[i, k]) ** 2
-            for k in range(begin + 9, begin + 12):
-                p += (trail[last, k] - trail[i, k]) ** 2
-            way, turned = max(way, p), max(turned, t)
-    out[0] = math.sqrt(way)
-    out[1] = 2.0 * math.asin(min(1.0, math.sqrt(turned / 8.0)))
+    for i in range(c.trail_rows):
+        p, t = _square_apart(last.commanded[:], trail[i].commanded[:])
+        way, turned = max(way, p), max(turned, t)
+        p, t = _square_apart(last.own[:], trail[i].own[:])
+        way, turned = max(way, p), max(turned, t)
+    c.way_m, c.way_rad = math.sqrt(way), _angle(turned)
+
+
+@kernel("void(Check, float64[::1])", Check=CHECK)
+def _place_in_part(c: Record, tip: Float) -> None:
+    """Pose of the tip (12,), base frame, in the part frame: into ``own``."""
+    for i in range(3):
+        a, b, d = c.T_part_base[3 * i], c.T_part_base[3 * i + 1], c.T_part_base[3 * i + 2]
+        for j in range(3):
+            c.own[3 * i + j] = a * tip[j] + b * tip[3 + j] + d * tip[6 + j]
+        c.own[9 + i] = c.T_part_base[9 + i] + (a * tip[9] + b * tip[10] + d * tip[11])
+
+
+@kernel("void(Check, Trail[::1], boolean)", Check=CHECK, Trail=TRAIL)
+def _learn_offset(c: Record, trail: Records, exact: bool) -> None:
+    """Learn the offset from a pose of the angles' own instant, or while the robot stands."""
+    stands = exact
+    if not exact:
+        _travelled(c, trail)
+        stands = c.way_m < _STANDS_M
+    if not stands:
+        return
+    pose_deviation(c.lead[:], 0, c.own[:], c.nothing[:], c.found[:])
+    share = _LEARN if c.learnt == 1 else 1.0
+    for k in range(6):
+        c.offset[k] += share * (c.found[k] - c.offset[k])
+    for k in range(12):
+        c.place[k] = c.lead[k]
+    c.learnt = 1
+
+
+@kernel("UniTuple(float64, 2)(Check, float64[::1])", Check=CHECK)
+def _allowed(c: Record, correction: Float) -> tuple[float, float]:
+    """By how much a pose may be off that of the angles, m and rad, what the robot trails apart."""
+    large_m, large_rad = _length(c.offset[:], 0), _length(c.offset[:], 3)
+    way = turned = 0.0
+    if c.learnt == 1:
+        way, turned = _square_apart(c.lead[:], c.place[:])
+    turned, way = _angle(turned), math.sqrt(way)
+    least_m = c.limit_m if c.learnt == 1 else c.offset_limit_m
+    least_rad = c.limit_rad if c.learnt == 1 else c.offset_limit_rad
+    least_m += _length(correction, 0)
+    least_rad += _length(correction, 3)
+    least_m += large_m * turned + large_rad * way
+    least_rad += large_rad * turned
+    return least_m, least_rad
+
+
+@kernel("boolean(Check, Trail[::1], float64[::1], int64, float64, float64)", Check=CHECK, Trail=TRAIL)
+def _agrees(c: Record, trail: Records, pose: Float, belongs: int, least_m: float, least_rad: float) -> bool:
+    """Whether one pose of the telegram is that of the angles; the largest disagreement is remembered."""
+    if belongs == ABSENT:
+        return True
+    pose_deviation(pose, 0, c.own[:], c.nothing[:], c.found[:])
+    for k in range(6):
+        c.found[k] -= c.offset[k]
+    apart_m, apart_rad = _length(c.found[:], 0), _length(c.found[:], 3)
+    c.apart_m, c.apart_rad = max(c.apart_m, apart_m), max(c.apart_rad, apart_rad)
+    agrees = apart_m <= least_m and apart_rad <= least_rad
+    if belongs == ABOUT and not agrees:
+        _travelled(c, trail)
+        agrees = apart_m <= least_m + c.way_m and apart_rad <= least_rad + c.way_rad
+    return bool(agrees)
+
+
+@kernel("void(Check, Trail[::1], float64[::1])", Check=CHECK, Trail=TRAIL)
+def _follow(c: Record, trail: Records, commanded: Float) -> None:
+    """Take the poses of this telegram into the trail."""
+    row = trail[c.trail_next]
+    for k in range(12):
+        row.commanded[k], row.own[k] = commanded[k], c.own[k]
+    c.trail_next = (c.trail_next + 1) % trail.shape[0]
+    c.trail_rows = min(c.trail_rows + 1, trail.shape[0])
 
 
 @kernel(
-    "int64(float64[::1], float64[::1], float64[::1], int64, float64[::1], int64, float64[::1], boolean,"
-    " float64[:, ::1], int64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1],"
-    " float64[::1], float64[::1], int64[::1])"
+    "int64(float64[::1], float64[::1], float64[::1], float64[::1], float64[:, ::1], int64[:, ::1], float64[:, ::1],"
+    " Trail[::1], Check[::1])",
+    Trail=TRAIL,
+    Check=CHECK,
 )
 def angles_agree(
     q: Float,
     correction: Float,
     commanded: Float,
-    commanded_is: int,
     measured: Float,
-    measured_is: int,
-    T_part_base: Float,
-    learn: bool,
     real: Float,
     kind: Int,
-    limits: Float,
-    trig: Float,
     frame: Float,
-    trail: Float,
-    work: Float,
-    nothing: Float,
-    memory: Float,
-    counts: Int,
+    trail: Records,
+    checks: Records,
 ) -> int:
     """Hold the angles of a telegram against its poses.
 
@@ -107,106 +205,43 @@ def angles_agree(
         q: (6,) rad.
         correction: (6,) m and rotation vector.
         commanded: (12,) rotation by rows and position, part frame.
-        commanded_is: EXACT, ABOUT or ABSENT.
         measured: (12,) pose that the controller reports.
-        measured_is: ABSENT, EXACT or ABOUT.
-        T_part_base: (12,) robot base in the part frame.
-        learn: Nothing is corrected and the loop is not armed: the offset is learnt.
         real: Compact chain of the nominal robot.
         kind: Likewise.
-        limits: (LIMITS,).
-        trig: (12,) work space.
         frame: (m + 1, 12) work space.
-        trail: (n, 24) last commanded poses and those of the angles, that agreed; changed.
-        work: (5, 12) work space.
-        nothing: (6,) zeros.
-        memory: (REMEMBERED,); changed.
-        counts: (NUMBERS,); changed.
+        trail: (n,) TRAIL; changed.
+        checks: (1,) CHECK; how the poses belong to the angles and whether the offset is learnt are given; changed.
 
     Returns:
         AGREE, DISAGREE, or OFFSET_TOO_LARGE: while it is learnt the offset is beyond its limit. What is not finite is
         not judged.
     """
+    c = checks[0]
     if not (all_finite(q, 0, 6) and all_finite(commanded, 0, 12)):
         return AGREE
+    measured_is = c.measured_is
     if measured_is != ABSENT and not all_finite(measured, 0, 12):
         measured_is = ABSENT
     m = kind.shape[0] - 1
-    joint_trig(q, trig)
-    chain_pass(real, kind, m, trig, frame, 0, frame)
-    tip, own = frame[m], work[0]
-    for i in range(3):
-        for j in range(3):
-            own[3 * i + j] = (
-                T_part_base[3 * i] * tip[j] + T_part_base[3 * i + 1] * tip[3 + j] + T_part_base[3 * i + 2] * tip[6 + j]
-            )
-        own[9 + i] = T_part_base[9 + i] + (
-            T_part_base[3 * i] * tip[9] + T_part_base[3 * i + 1] * tip[10] + T_part_base[3 * i + 2] * tip[11]
-        )
-    way, found, change = work[1, :2], work[2, :6], work[2, 6:12]
-    offset, place = memory[M_OFFSET : M_OFFSET + 6], memory[M_PLACE : M_PLACE + 12]
-    lead = work[3]
+    joint_trig(q, c.trig[:])
+    chain_pass(real, kind, m, c.trig[:], frame, 0, frame)
+    _place_in_part(c, frame[m])
     for k in range(12):
-        lead[k] = measured[k] if measured_is == EXACT else commanded[k]
-    exact = measured_is == EXACT or commanded_is == EXACT
-    rows = counts[N_TRAIL]
-    last = (counts[N_NEXT] + trail.shape[0] - 1) % trail.shape[0]
-    stands = exact
-    if learn and not exact:
-        _travelled(trail, rows, last, way)
-        stands = way[0] < _STANDS_M
-    if learn and stands:
-        pose_deviation(lead, 0, own, nothing, found)
-        share = _LEARN if counts[N_LEARNT] == 1 else 1.0
-        for k in range(6):
-            offset[k] += share * (found[k] - offset[k])
-        for k in range(12):
-            place[k] = lead[k]
-        counts[N_LEARNT] = 1
-    learnt = counts[N_LEARNT] == 1
-    large_m = math.sqrt(offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2)
-    large_rad = math.sqrt(offset[3] ** 2 + offset[4] ** 2 + offset[5] ** 2)
-    turned = gone = 0.0
-    if learnt:
-        for k in range(9):
-            turned += (lead[k] - place[k]) ** 2
-        for k in range(9, 12):
-            gone += (lead[k] - place[k]) ** 2
-    turned, gone = 2.0 * math.asin(min(1.0, math.sqrt(turned / 8.0))), math.sqrt(gone)
-    least_m = limits[L_M] if learnt else limits[L_OFFSET_M]
-    least_rad = limits[L_RAD] if learnt else limits[L_OFFSET_RAD]
-    least_m += math.sqrt(correction[0] ** 2 + correction[1] ** 2 + correction[2] ** 2)
-    least_rad += math.sqrt(correction[3] ** 2 + correction[4] ** 2 + correction[5] ** 2)
-    least_m += large_m * turned + large_rad * gone
-    least_rad += large_rad * turned
-    wrong = False
-    memory[M_FOUND] = memory[M_FOUND + 1] = 0.0
-    for which in range(2):
-        belongs, pose = (commanded_is, commanded) if which == 0 else (measured_is, measured)
-        if belongs == ABSENT:
-            continue
-        pose_deviation(pose, 0, own, nothing, found)
-        for k in range(6):
-            change[k] = found[k] - offset[k]
-        apart_m = math.sqrt(change[0] ** 2 + change[1] ** 2 + change[2] ** 2)
-        apart_rad = math.sqrt(change[3] ** 2 + change[4] ** 2 + change[5] ** 2)
-        memory[M_FOUND], memory[M_FOUND + 1] = max(memory[M_FOUND], apart_m), max(memory[M_FOUND + 1], apart_rad)
-        agrees = apart_m <= least_m and apart_rad <= least_rad
-        if belongs == ABOUT and not agrees:
-            _travelled(trail, rows, last, way)
-            agrees = apart_m <= least_m + way[0] and apart_rad <= least_rad + way[1]
-        wrong = wrong or not agrees
-    if learn or not wrong:  # a pose that is doubted does not widen what is allowed
-        for k in range(12):
-            trail[counts[N_NEXT], k] = commanded[k]
-            trail[counts[N_NEXT], 12 + k] = own[k]
-        counts[N_NEXT] = (counts[N_NEXT] + 1) % trail.shape[0]
-        counts[N_TRAIL] = min(rows + 1, trail.shape[0])
-    if learn and not (large_m <= limits[L_OFFSET_M] and large_rad <= limits[L_OFFSET_RAD]):
+        c.lead[k] = measured[k] if measured_is == EXACT else commanded[k]
+    learn = c.learn == 1
+    if learn:
+        _learn_offset(c, trail, measured_is == EXACT or c.commanded_is == EXACT)
+    least_m, least_rad = _allowed(c, correction)
+    c.apart_m = c.apart_rad = 0.0
+    agreed = _agrees(c, trail, commanded, c.commanded_is, least_m, least_rad)
+    agreed = _agrees(c, trail, measured, measured_is, least_m, least_rad) and agreed
+    if learn or agreed:  # a pose that is doubted does not widen what is allowed
+        _follow(c, trail, commanded)
+    if learn and not (_length(c.offset[:], 0) <= c.offset_limit_m and _length(c.offset[:], 3) <= c.offset_limit_rad):
         return OFFSET_TOO_LARGE
-    if wrong:
+    if not agreed:
         return DISAGREE
     for k in range(6):
-        memory[M_Q + k] = q[k]
-    counts[N_GOOD] = 1
+        c.angles[k] = q[k]
+    c.good = 1
     return AGREE
