@@ -140,3 +140,49 @@ def test_the_ways_home_are_one_warning(tmp_path: Path) -> None:
     one = text.replace("G90\nG53 G0 Z0\nG30\n", "")
     (said,) = left_out(read_job(program(tmp_path, one), cell({})).program)
     assert said.startswith("G28 in line 7 leads to")
+
+
+def outputs(folder: Path, body: str, statements: dict[str, list[str]]) -> list[str]:
+    mapped = {**MAPPED, "m_codes": statements}
+    job_cell = cell({}, krl=mapped)
+    file = program(folder, f"G21 G90\nT1 M6\nM3 S9000\nG0 X-12 Y15 Z50\n{body}\nG0 Z60\nM30\n")
+    job = read_job(file, job_cell)
+    check_machine(job, job_cell, "krl")
+    functions = job_cell.machine_functions("krl")
+    return [
+        line for block in job.program.blocks for line in functions.lines(block) if "$OUT" in line or "$ANOUT" in line
+    ]
+
+
+def test_outputs_with_numbers_are_told_apart(tmp_path: Path) -> None:
+    said = {"M62": ["$OUT[{p}]=TRUE"], "M67": ["$ANOUT[{e}]={q}"]}
+    assert outputs(tmp_path, "M62 P1\nM62 P7\nM67 E2 Q0.5", said) == ["$OUT[1]=TRUE", "$OUT[7]=TRUE", "$ANOUT[2]=0.5"]
+
+
+def test_one_statement_for_two_outputs_is_refused(tmp_path: Path) -> None:
+    """Both would switch the same one."""
+    assert outputs(tmp_path, "M62 P1\nM62 P1", {"M62": ["$OUT[11]=TRUE"]}) == ["$OUT[11]=TRUE"] * 2
+    with pytest.raises(ProgramError, match=r"M62 is used with several values.*M62 P1, M62 P7.*\{p\} in") as caught:
+        outputs(tmp_path, "M62 P1\nM62 P7", {"M62": ["$OUT[11]=TRUE"]})
+    assert caught.value.where == "two.ngc:6"
+
+
+@pytest.mark.parametrize(
+    ("body", "good"),
+    [
+        ("G43.1 Z12.5\nG1 X2 F600", False),
+        ("G43.1 Z12.5\nG0 X2", False),
+        ("G43.1 Z12.5\nG91 G0 Z2\nG90", False),
+        ("G43.1 Z12.5\nG0 Z40\nG1 X2 F600", True),
+        ("G43 H1\nG1 X2 F600", True),
+    ],
+)
+def test_a_length_that_changes_under_the_tool_moves_no_robot(tmp_path: Path, body: str, good: bool) -> None:
+    job_cell = cell({}, krl=MAPPED)
+    job = read_job(program(tmp_path, f"G21 G90\nT1 M6\nM3 S9000\nG0 X-12 Y15 Z50\n{body}\nG0 Z60\nM30\n"), job_cell)
+    if good:
+        check_machine(job, job_cell, "krl")
+    else:
+        with pytest.raises(ProgramError, match="length was changed by 12.5 mm") as caught:
+            check_machine(job, job_cell, "krl")
+        assert caught.value.where == "two.ngc:6"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from pathlib import Path
 from typing import Final
@@ -19,6 +20,7 @@ from counterflex.programs.robot_writer.parts import changes_tool
 
 _HOMING: Final = frozenset((28.0, 30.0, 53.0))
 _NAME_CHARACTERS: Final = 20
+_SAME_PLACE_M: Final = 1e-7
 
 
 def check_machine(job: Job, cell: Cell, language: Dialect) -> None:
@@ -32,6 +34,7 @@ def check_machine(job: Job, cell: Cell, language: Dialect) -> None:
         functions.check((*job.program.blocks, *implied_stops(job.program).all()))
     tool_data(job, cell, language)
     refuse_change_in_cut(job, cell)
+    refuse_other_height(job.program)
     left_out(job.program)
 
 
@@ -56,6 +59,32 @@ def refuse_change_in_cut(job: Job, cell: Cell) -> None:
                 value=f"Z {last.p_end[2] / MM:g} mm",
                 limit=f"above the blank, Z {top_m / MM:g} mm",
                 hint="Retract with G0 first",
+            )
+
+
+def refuse_other_height(program: Program) -> None:
+    """Refuse a cut from another place than the tool stands at, because the program changed its length (G43.1, G49).
+
+    A milling machine stays where it is then, and its coordinates become others; a robot would go to them.
+
+    Raises:
+        ProgramError: The motion behind such a change is none that leads to a place of its own along that axis.
+    """
+    motions = program.motions
+    for before, motion in itertools.pairwise(motions):
+        jump = motion.p_start - before.p_end
+        axis = int(abs(jump).argmax())
+        if abs(jump[axis]) <= _SAME_PLACE_M:
+            continue
+        block = program.blocks[motion.block]
+        named = any(word.letter == "XYZ"[axis] for word in block.words)
+        if motion.kind != "rapid" or not named or not block.modal.absolute:
+            raise ProgramError(
+                f"the tool length was changed by {abs(jump[axis]) / MM:g} mm before this: the robot would move by it",
+                where=f"{Path(program.name).name}:{block.line}",
+                value=block.text.strip()[:40],
+                limit=f"G0 with {'XYZ'[axis]} first",
+                hint="Change the length above the part and go to a height of its own, or leave G43.1 and G49 out",
             )
 
 

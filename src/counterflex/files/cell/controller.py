@@ -15,6 +15,7 @@ from counterflex.programs.robot_writer.machine_functions import (
     KEYS,
     SPEED,
     TOOL,
+    WORDS,
     Dialect,
     MachineFunctions,
 )
@@ -26,9 +27,13 @@ _M_CODE: Final = re.compile(r"M(\d{1,3})")
 def _line(text: str) -> str:
     if not text.isascii() or not text.isprintable():
         raise ValueError("a statement is one line of plain ASCII text")
-    unknown = next((word for word in _PLACEHOLDER.findall(text) if word not in (SPEED, TOOL, DATA)), None)
+    known = (SPEED, TOOL, DATA, *WORDS)
+    unknown = next((word for word in _PLACEHOLDER.findall(text) if word not in known), None)
     if unknown is not None:
-        raise ValueError(f"{unknown} stands for nothing; expected {SPEED} (rpm), {TOOL} (tool), {DATA} (tool data)")
+        raise ValueError(
+            f"{unknown} stands for nothing; expected {SPEED} (rpm), {TOOL} (tool), {DATA} (tool data), "
+            f"{' '.join(WORDS)} (words of the M-code)"
+        )
     return text
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final, Literal
 
 from counterflex.core.errors import ProgramError
+from counterflex.programs.gcode.read.codes import WORDS_OF_M
 from counterflex.programs.program import Block
 
 Dialect = Literal["krl", "rapid"]
@@ -31,6 +32,8 @@ _BY_HAND: Final = frozenset({3, 4, 5, 6})
 TIMER: Final = 20
 """Number of the KRL timer that waits use."""
 SPEED, TOOL, DATA = "{s}", "{t}", "{d}"
+WORDS: Final = ("{p}", "{q}", "{e}", "{r}")
+"""What stands for a word of an M-code in its statements."""
 _CARRIED: Final = re.compile(r"(?:[A-Z]\s*[-+]?[\d.]+\s*)+", re.IGNORECASE)
 _STARTED: Final = re.compile(r"\bM0?[346](?!\d)", re.IGNORECASE)
 _NO_DEED: Final = re.compile(
@@ -44,9 +47,9 @@ class MachineFunctions:
     """Statements of one robot language for what is no motion.
 
     ``{s}`` stands for the spindle speed in rpm, ``{t}`` for the number of the tool in the program, ``{d}`` for its tool
-    data on the controller (:attr:`tool_data`). Several M-codes of a block act in this order: tool change, spindle on,
-    coolant on, coolant off, spindle off. Where the statements of the spindle or of a tool change are an empty list, a
-    person does it: the program stops there.
+    data on the controller (:attr:`tool_data`), ``{p}``, ``{q}``, ``{e}`` and ``{r}`` for words of the M-code. Several
+    M-codes of a block act in this order: tool change, spindle on, coolant on, coolant off, spindle off. Where the
+    statements of the spindle or of a tool change are an empty list, a person does it: the program stops there.
 
     Attributes:
         language: ``krl`` or ``rapid``.
@@ -95,6 +98,30 @@ class MachineFunctions:
             raise self._unmapped(missing)
         for block in taken:
             self.lines(block)
+        self._check_told_apart(taken)
+
+    def _check_told_apart(self, blocks: Iterable[Block]) -> None:
+        """Refuse one statement for an M-code that the program gives several values: M62 P1 and M62 P2."""
+        said: dict[int, tuple[dict[str, str], Block]] = {}
+        for block in blocks:
+            for code in _codes(block):
+                words = {key: text for key, text in _own_words(code, block).items() if not self._says(code, key)}
+                first, where = said.setdefault(code, (words, block))
+                if words != first:
+                    letters = sorted({key[1].upper() for key in {**words, **first}})
+                    raise ProgramError(
+                        f"M{code} is used with several values, and its statements do not say which",
+                        where=f"line {block.line}",
+                        value=f"{' '.join(where.text.split())[:30]}, {' '.join(block.text.split())[:30]}",
+                        limit=f"{' '.join(f'{{{letter.lower()}}}' for letter in letters)} in controller.spindle."
+                        f"{self.language}.m_codes.M{code} in {self.where}",
+                        hint=f'Write for example M{code} = ["'
+                        + ("$OUT[{p}]=TRUE" if self.language == "krl" else "SetDO do{p},1;")
+                        + '"]',
+                    )
+
+    def _says(self, code: int, key: str) -> bool:
+        return any(key in line for line in self.statements[code])
 
     def _unmapped(self, missing: Mapping[int, Block]) -> ProgramError:
         table = f"controller.spindle.{self.language}"
@@ -136,7 +163,16 @@ class MachineFunctions:
                 value=f"T{tool}",
                 limit=f"tools.{key} of T{tool} in {self.where}",
             )
-        words = {SPEED: f"{rpm:.0f}", TOOL: f"{tool}", DATA: data or ""}
+        own = _own_words(code, block)
+        for key in WORDS:
+            if self._says(code, key) and key not in own:
+                raise ProgramError(
+                    f"the statements of M{code} need a word that the block does not give it",
+                    where=f"line {block.line}",
+                    value=" ".join(block.text.split())[:60],
+                    limit=f"M{code} with {key[1].upper()}, for {key}",
+                )
+        words = {SPEED: f"{rpm:.0f}", TOOL: f"{tool}", DATA: data or "", **own}
         out = [_filled(line, words) for line in statements]
         if not out and code in _BY_HAND:
             out = self._stop(_by_hand(code, rpm, tool))
@@ -177,6 +213,12 @@ def _codes(block: Block) -> list[int]:
     if not codes and block.modal.spindle_rpm != 0.0 and any(word.letter == "S" for word in block.words):
         codes = [3 if block.modal.spindle_rpm > 0.0 else 4]
     return codes
+
+
+def _own_words(code: int, block: Block) -> dict[str, str]:
+    """Words that an M-code takes, by what stands for them in statements: ``{"{p}": "1"}`` for M62 P1."""
+    letters = WORDS_OF_M.get(code, "")
+    return {f"{{{word.letter.lower()}}}": f"{word.value:g}" for word in block.words if word.letter in letters}
 
 
 def krl_wait(condition: str, limit_s: float, fault: str) -> list[str]:

@@ -70,6 +70,14 @@ REFUSED_M: Final[dict[int, tuple[str, str]]] = {
     730: ("M73 saves a modal state and is not read", "Set the modes with their own codes"),
 }
 
+WORDS_OF_M: Final[dict[int, str]] = {
+    19: "RPQ",
+    **dict.fromkeys((48, 49, 50, 51, 52, 53, 62, 63, 64, 65), "P"),
+    61: "Q",
+    **dict.fromkeys((67, 68), "EQ"),
+    98: "PL",
+}
+"""Words that an M-code takes, by its number."""
 AXES: Final = "XYZABC"
 CYCLES: Final = frozenset((730, 810, 820, 830, 850, 860, 890))
 TAKES_AXES: Final = frozenset((100, 280, 300, 520, 920))

@@ -5,20 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
+from counterflex.programs.gcode.read.codes import WORDS_OF_M
 from counterflex.programs.program import Block, Word
 
 AXES = "XYZ"
 _ORDER = "XYZABCIJKRF"
 _COMMENT = re.compile(r"\([^)]*\)|;.*")
 _TAKEN_BY_G = {64.0: "PQ"}
-_TAKEN_BY_M = {
-    19.0: "RPQ",
-    **dict.fromkeys((48.0, 49.0, 50.0, 51.0, 52.0, 53.0, 62.0, 63.0, 64.0, 65.0), "P"),
-    61.0: "Q",
-    67.0: "EQ",
-    68.0: "EQ",
-    98.0: "PL",
-}
 _FLOW_LETTERS = frozenset("ON")
 _CALLS = frozenset((98.0, 99.0))
 
@@ -53,7 +46,7 @@ class WrittenLine:
     def taken_elsewhere(self) -> frozenset[str]:
         """Letters that belong to another code of the line than its motion: P of ``M62 P1``."""
         taken = [_TAKEN_BY_G.get(w.value, "") for w in self.words if w.letter == "G"]
-        taken += [_TAKEN_BY_M.get(w.value, "") for w in self.words if w.letter == "M"]
+        taken += [WORDS_OF_M.get(int(w.value), "") for w in self.words if w.letter == "M"]
         return frozenset("".join(taken))
 
     def replace(self, word: Word, text: str) -> None:
