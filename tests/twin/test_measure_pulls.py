@@ -98,7 +98,7 @@ def test_cubes_move_as_their_bodies_do(truth: Truth) -> None:
 
 
 def test_bad_requests_are_refused(truth: Truth) -> None:
-    with pytest.raises(InputError, match="lacks columns"):
+    with pytest.raises(InputError, match="lacks a column"):
         measure_pulls.measure(truth, laboratory(0), {"q1_rad": np.zeros(1)}, {})
     with pytest.raises(InputError, match="setting of the pulls"):
         measure_pulls.measure(truth, laboratory(0), REQUEST, {"history": "yesterday"})

@@ -111,5 +111,5 @@ def test_motors_give_way_when_a_load_is_cut_and_come_back(truth: Truth, lab: Lab
     force = seen.channels["f_tcp_base"][:, 1]
     assert force[0] == pytest.approx(500.0, rel=0.01)
     assert force[-1] == 0.0
-    with pytest.raises(InputError, match="need the column"):
+    with pytest.raises(InputError, match="lacks a column; got fx_n"):
         measure_servo_steps.measure(truth, lab, {k: v for k, v in request.items() if k != "fx_n"}, {})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
+from counterflex.twin.laboratory.laboratory import Measured, Measurement, laboratory
 from counterflex.twin.laboratory.measurements import MODULES, measurement
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.truth.truth import Truth
@@ -130,3 +132,25 @@ def test_bodies_and_measurements_that_are_not_there(truth: Truth) -> None:
         measurement("weather")
     for kind in MODULES:
         assert callable(measurement(kind))
+
+
+@pytest.mark.parametrize(
+    ("request_of", "said"),
+    [
+        ({"fx_n": np.ones(2), "fy_n": np.ones(2)}, "lacks a column"),
+        ({"fx_n": np.ones(0), "fy_n": np.ones(0), "fz_n": np.ones(0)}, "no rows"),
+        ({"fx_n": np.ones(2), "fy_n": np.ones(3), "fz_n": np.ones(2)}, "fy_n"),
+        ({"fx_n": np.ones(2), "fy_n": np.full(2, np.nan), "fz_n": np.ones(2)}, "fy_n"),
+    ],
+)
+def test_the_columns_of_a_request_are_read_in_one_place_and_refused_there(
+    request_of: dict[str, Float], said: str
+) -> None:
+    take = Measurement(lambda order: cast(Measured, order.force))
+    with pytest.raises(InputError, match=said):
+        take(cast(Truth, None), laboratory(0), request_of, {})
+
+
+@pytest.mark.parametrize("kind", MODULES)
+def test_every_kind_of_measurement_has_the_same_head(kind: str) -> None:
+    assert isinstance(measurement(kind), Measurement)

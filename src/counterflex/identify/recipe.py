@@ -115,8 +115,8 @@ class Inputs(NamedTuple):
     """
 
     cell: CellModel
-    data: tuple[Dataset, ...]
-    holdout: tuple[Dataset, ...]
+    data: Sequence[Dataset]
+    holdout: Sequence[Dataset]
     settings: Mapping[str, Any]
     progress: Progress
 

@@ -7,18 +7,17 @@ orientation. Each load is an experiment of its own on the moving robot, as in :m
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress
 from counterflex.core.units import MM, UM
 from counterflex.geometry import pose
-from counterflex.twin.laboratory.laboratory import Laboratory, Measured
-from counterflex.twin.laboratory.pulls import APPROACH_RAD, FORCE_SHARE, HISTORIES, columns, groups_of, pull
+from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
+from counterflex.twin.laboratory.pulls import APPROACH_RAD, FORCE_SHARE, HISTORIES, groups_of, pull
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.truth.truth import Truth
 
@@ -34,23 +33,15 @@ OFFSET_M: Final = (0.10, 0.05, 0.15)
 """Where a cube sits on its body, in the body's frame."""
 
 
-def measure(
-    truth: Truth,
-    laboratory: Laboratory,
-    request: Mapping[str, Float],
-    settings: Mapping[str, Any],
-    progress: Progress = silent,
-) -> Measured:
+@Measurement
+def measure(order: Order) -> Measured:
     """Motions of pairs of cubes under loads at the tool tip.
 
     Args:
-        truth: The cell.
-        laboratory: Seed of the noise.
-        request: ``q1_rad`` ... ``q6_rad``, ``fx_n`` ... ``fz_n`` and, where a bar turns the tool, ``mx_nm`` ...
-            ``mz_nm``, each (n,), base axes.
-        settings: ``pairs``: ``["base/axis1", ...]``, bodies before and behind, default every body against the one
-            before; ``history``, ``approach_rad`` as for pulls; ``readings`` averaged.
-        progress: Told about loads.
+        order: Request: ``q1_rad`` ... ``q6_rad``, ``fx_n`` ... ``fz_n`` and, where a bar turns the tool, ``mx_nm`` ...
+            ``mz_nm``, each (n,), base axes. Settings: ``pairs``: ``["base/axis1", ...]``, bodies before and behind,
+            default every body against the one before; ``history``, ``approach_rad`` as for pulls; ``readings``
+            averaged.
 
     Returns:
         One row per load and pair: ``q``, ``approach``, ``w_tcp_base`` as weighed, ``pair`` (from 1), and of both cubes
@@ -60,9 +51,10 @@ def measure(
         InputError: A column is missing, or a pair names no bodies.
         SimulationError: The load is beyond what the robot carries.
     """
-    q, force = columns(request, "q{}_rad", "123456"), columns(request, "f{}_n", "xyz")
+    truth, laboratory, request, settings, progress = order
+    q, force = order.q, order.force
     n = len(q)
-    moment = columns(request, "m{}_nm", "xyz") if "mx_nm" in request else np.zeros((n, 3))
+    moment = order.columns("mx_nm", "my_nm", "mz_nm") if "mx_nm" in request else np.zeros((n, 3))
     history = str(settings.get("history", HISTORIES[0]))
     readings = int(settings.get("readings", READINGS))
     if history not in HISTORIES or readings < 1:

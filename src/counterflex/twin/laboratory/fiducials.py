@@ -2,40 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
-from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress
 from counterflex.core.units import UM, URAD
 from counterflex.geometry import pose, rotation
-from counterflex.twin.laboratory.laboratory import Laboratory, Measured
-from counterflex.twin.truth.truth import Truth
+from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
 
 KNOWN_M = 20.0 * UM
 """Standard deviation, per axis, with which the places of the fiducials in the base are known."""
 ROUND_S = 1800.0
 
 
-def measure(
-    truth: Truth,  # noqa: ARG001
-    laboratory: Laboratory,
-    request: Mapping[str, Float],
-    settings: Mapping[str, Any],
-    progress: Progress,
-) -> Measured:
+@Measurement
+def measure(order: Order) -> Measured:
     """Fiducials, in one round or several.
 
     Args:
-        truth: Not used: the fiducials stand on the foot of the robot.
-        laboratory: Where the tracker is, and its noise.
-        request: ``x_m``, ``y_m``, ``z_m`` in the base.
-        settings: ``rounds`` (1), and how the tracker moves from one round to the next: ``drift_um`` and
-            ``drift_urad``, [x, y, z] in its axes (none).
-        progress: Told when done.
+        order: Request: ``x_m``, ``y_m``, ``z_m`` in the base. Settings: ``rounds`` (1), and how the tracker moves from
+            one round to the next: ``drift_um`` and ``drift_urad``, [x, y, z] in its axes (none).
 
     Returns:
         ``p_base_fiducial``, ``p_tracker_fiducial``, ``time_s``; the group is the fiducial.
@@ -43,10 +27,8 @@ def measure(
     Raises:
         InputError: A column is missing.
     """
-    missing = [name for name in ("x_m", "y_m", "z_m") if name not in request]
-    if missing:
-        raise InputError("the request has no places of fiducials", value=missing)
-    places = np.stack([np.asarray(request[name], dtype=np.float64) for name in ("x_m", "y_m", "z_m")], axis=-1)
+    _truth, laboratory, _request, settings, progress = order
+    places = order.columns("x_m", "y_m", "z_m")
     n, rounds = len(places), int(settings.get("rounds", 1))
     noise = laboratory.noise("fiducials")
     known = places + KNOWN_M * noise.standard_normal((n, 3))

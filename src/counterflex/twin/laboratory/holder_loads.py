@@ -2,38 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress
-from counterflex.twin.laboratory.laboratory import Laboratory, Measured
+from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
 from counterflex.twin.plant.strain_holder import FORCE_N, NOISE, SAMPLE_S, instrumented_holder
-from counterflex.twin.truth.truth import Truth
 
 COLUMNS = ("fx_n", "fy_n", "fz_n", "px_m", "py_m", "pz_m")
 STEP_S, RAMP, HOLD = 0.05, 10, 10
 START_C, WARM_C, WARM_S = 21.0, 1.5, 900.0
 
 
-def measure(
-    truth: Truth,  # noqa: ARG001 - the holder is loaded on its own; the arm that presses is not part of it
-    laboratory: Laboratory,
-    request: Mapping[str, Float],
-    settings: Mapping[str, Any],
-    progress: Progress,
-) -> Measured:
+@Measurement
+def measure(order: Order) -> Measured:
     """Press to each load and back to none, and read bridges and dynamometer after each.
 
     Args:
-        truth: The cell; the holder itself is drawn from the laboratory's seed.
-        laboratory: Seed and noise.
-        request: ``fx_n`` ... ``fz_n`` force on the tool and ``px_m`` ... ``pz_m`` where, in holder axes.
-        settings: ``gauges``: five numbers for each bridge, x, y, z m, angle rad, notch factor.
-        progress: Told about loads.
+        order: Request: ``fx_n`` ... ``fz_n`` force on the tool and ``px_m`` ... ``pz_m`` where, in holder axes.
+            Settings: ``gauges``: five numbers for each bridge, x, y, z m, angle rad, notch factor.
 
     Returns:
         Channels ``strain``, ``f_tcp_holder``, ``p_holder_load``, ``temperature_c``, ``time_s``: two rows for each
@@ -42,12 +29,10 @@ def measure(
     Raises:
         InputError: A column or the gauges are missing.
     """
-    for name in COLUMNS:
-        if name not in request:
-            raise InputError("the request lacks a column", value=name, limit=", ".join(COLUMNS))
+    _truth, laboratory, _request, settings, progress = order
     if "gauges" not in settings:
         raise InputError("the request does not say where the gauges sit", limit="settings: gauges")
-    wanted = np.stack([np.asarray(request[name], dtype=np.float64) for name in COLUMNS], axis=1)
+    wanted = order.columns(*COLUMNS)
     holder = instrumented_holder(np.asarray(settings["gauges"], dtype=np.float64).reshape(-1, 5), laboratory.seed)
     rng = laboratory.noise("holder_loads")
     force, place = _history(wanted)

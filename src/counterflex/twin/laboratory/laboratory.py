@@ -8,12 +8,13 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int
-from counterflex.core.progress import Progress
+from counterflex.core.arrays import Float, Int, as_float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM, UM, URAD
 from counterflex.geometry import pose, rotation
 from counterflex.twin.truth.truth import Truth
@@ -101,5 +102,70 @@ class Measured:
     sensors: tuple[Mapping[str, Any], ...] = ()
 
 
-Measure = Callable[[Truth, Laboratory, Mapping[str, Float], Mapping[str, Any], Progress], Measured]
-"""``measure(truth, laboratory, request, settings, progress)``; ``request`` holds the columns of a proposal, SI."""
+class Order(NamedTuple):
+    """What every measurement is told.
+
+    Attributes:
+        truth: The cell as it is.
+        laboratory: The instruments as they are, and their noise.
+        request: Columns of a proposal by name, each (n,), SI, the unit as suffix.
+        settings: What the proposal says besides.
+        progress: Progress callback, fraction 0 to 1.
+    """
+
+    truth: Truth
+    laboratory: Laboratory
+    request: Mapping[str, Float]
+    settings: Mapping[str, Any]
+    progress: Progress
+
+    def columns(self, *names: str) -> Float:
+        """Columns of the request side by side, (n, len(names)).
+
+        Raises:
+            InputError: One is missing, empty, of another length than the first, or has a value that is not finite.
+        """
+        missing = [name for name in names if name not in self.request]
+        if missing:
+            raise InputError("the request lacks a column", value=", ".join(missing), limit=", ".join(names))
+        first = as_float(names[0], self.request[names[0]], (None,))
+        if len(first) == 0:
+            raise InputError("the request has no rows", value=names[0])
+        return np.stack([first, *(as_float(name, self.request[name], first.shape) for name in names[1:])], axis=1)
+
+    @property
+    def q(self) -> Float:
+        """(n, 6) rad, joint angles: columns ``q1_rad`` ... ``q6_rad``."""
+        return self.columns(*(f"q{axis}_rad" for axis in range(1, 7)))
+
+    @property
+    def force(self) -> Float:
+        """(n, 3) N on the tool, base axes: columns ``fx_n fy_n fz_n``."""
+        return self.columns("fx_n", "fy_n", "fz_n")
+
+
+class Measurement:
+    """The head of all measurements, as a decorator: what is called with the parts of an order and takes the order.
+
+    Each module of this folder that measures a kind of dataset has one, called ``measure``.
+    """
+
+    def __init__(self, take: Callable[[Order], Measured]) -> None:
+        self.take = take
+        self.__doc__ = take.__doc__
+
+    def __call__(
+        self,
+        truth: Truth,
+        laboratory: Laboratory,
+        request: Mapping[str, Float],
+        settings: Mapping[str, Any],
+        progress: Progress = silent,
+    ) -> Measured:
+        """Measure; see :class:`Order` for the arguments.
+
+        Raises:
+            InputError: A column is missing or a setting is unknown or out of range.
+            SimulationError: The simulated cell left its physical range.
+        """
+        return self.take(Order(truth, laboratory, request, settings, progress))

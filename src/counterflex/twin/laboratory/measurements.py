@@ -6,7 +6,7 @@ import importlib
 from typing import Final
 
 from counterflex.core.errors import InputError
-from counterflex.twin.laboratory.laboratory import Measure
+from counterflex.twin.laboratory.laboratory import Measurement
 
 MODULES: Final[dict[str, str]] = {
     "cubes": "cubes",
@@ -24,10 +24,10 @@ MODULES: Final[dict[str, str]] = {
     "reversals": "reversals",
     "servo_steps": "servo_steps",
 }
-"""Kind of dataset: module of this package whose ``measure`` takes it, see :data:`.laboratory.Measure`."""
+"""Kind of dataset: module of this package whose ``measure`` takes it, see :class:`.laboratory.Measurement`."""
 
 
-def measurement(kind: str) -> Measure:
+def measurement(kind: str) -> Measurement:
     """The measurement that gives datasets of a kind.
 
     Args:
@@ -40,5 +40,5 @@ def measurement(kind: str) -> Measure:
         raise InputError(
             "the simulated laboratory cannot measure this", value=kind, limit=", ".join(sorted(MODULES)) or "nothing"
         )
-    found: Measure = importlib.import_module(f"counterflex.twin.laboratory.{MODULES[kind]}").measure
+    found: Measurement = importlib.import_module(f"counterflex.twin.laboratory.{MODULES[kind]}").measure
     return found

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
-from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
-from counterflex.core.progress import Progress
 from counterflex.core.units import UM
-from counterflex.twin.laboratory.laboratory import Laboratory, Measured
-from counterflex.twin.laboratory.tracker_poses import joint_request
+from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
 from counterflex.twin.plant.plant import Plant
-from counterflex.twin.truth.truth import Truth
 
 PROBE_M = 3.0 * UM
 """Standard deviation with which the probe switches."""
@@ -22,24 +15,16 @@ _ROUNDS = 8
 _STEP_RAD = 1e-4
 
 
-def measure(
-    truth: Truth,
-    laboratory: Laboratory,
-    request: Mapping[str, Float],
-    settings: Mapping[str, Any],
-    progress: Progress,
-) -> Measured:
+@Measurement
+def measure(order: Order) -> Measured:
     """Joint angles at which the probe at the tool tip meets planes.
 
     The robot stands near each place of the request and is lowered until the tip is on the plane: the smallest change of
     the joint angles that brings it there, in static equilibrium.
 
     Args:
-        truth: The cell as it is.
-        laboratory: Noise.
-        request: ``q1_rad`` ... ``q6_rad`` near the planes, ``plane`` 1, 2, ... of each row.
-        settings: ``planes``, rows [x, y, z, nx, ny, nz] of a point (m) and the normal of each plane in the base.
-        progress: Told about poses.
+        order: Request: ``q1_rad`` ... ``q6_rad`` near the planes, ``plane`` 1, 2, ... of each row. Settings:
+            ``planes``, rows [x, y, z, nx, ny, nz] of a point (m) and the normal of each plane in the base.
 
     Returns:
         ``q``, ``plane``; the settings tell ``probe_sigma_m``.
@@ -47,7 +32,8 @@ def measure(
     Raises:
         SimulationError: The tip does not reach a plane from where it was asked to start.
     """
-    q = joint_request(request)
+    truth, laboratory, request, settings, progress = order
+    q = order.q
     planes = np.array(settings["planes"], dtype=np.float64).reshape(-1, 6)
     number = np.asarray(request.get("plane", np.ones(len(q))), dtype=np.int64)
     noise = laboratory.noise("planes")

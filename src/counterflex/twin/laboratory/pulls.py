@@ -7,20 +7,18 @@ is left and approached once more the same way before the second reading.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MRAD
 from counterflex.geometry import pose
 from counterflex.twin.laboratory import distance_frame
-from counterflex.twin.laboratory.laboratory import Laboratory, Measured
+from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
 from counterflex.twin.plant.plant import Plant
-from counterflex.twin.truth.truth import Truth
 
 INSTRUMENTS: Final = ("tracker", "frame")
 HISTORIES: Final = ("approached again", "held", "relaxed")
@@ -32,25 +30,17 @@ APPROACH_RAD: Final = -0.7 * MRAD
 _MOVE_S, _REST_S = 0.6, 0.6  # as slow as it takes for the arm not to ring: ringing would shake the friction loose
 
 
-def measure(
-    truth: Truth,
-    laboratory: Laboratory,
-    request: Mapping[str, Float],
-    settings: Mapping[str, Any],
-    progress: Progress = silent,
-) -> Measured:
+@Measurement
+def measure(order: Order) -> Measured:
     """Displacement of the tracker target under loads at the tool tip.
 
     Args:
-        truth: The cell.
-        laboratory: Tracker and target as they truly are, and their noise.
-        request: ``q1_rad`` ... ``q6_rad``, ``fx_n``, ``fy_n``, ``fz_n`` (base axes), each (n,).
-        settings: ``history``: ``approached again`` (default), ``held`` (the load comes on while the axes hold still)
-            or ``relaxed`` (static equilibrium without friction; play only); ``readings`` averaged; ``approach_rad``
-            (6,): where each pose is approached from, angles there minus those of the pose; ``axes``: ``tracker``
-            (default) or ``base``; ``instrument``: ``tracker`` (default), or ``frame``: the distance sensors of
+        order: Request: ``q1_rad`` ... ``q6_rad``, ``fx_n``, ``fy_n``, ``fz_n`` (base axes), each (n,). Settings:
+            ``history``: ``approached again`` (default), ``held`` (the load comes on while the axes hold still) or
+            ``relaxed`` (static equilibrium without friction; play only); ``readings`` averaged; ``approach_rad`` (6,):
+            where each pose is approached from, angles there minus those of the pose; ``axes``: ``tracker`` (default) or
+            ``base``; ``instrument``: ``tracker`` (default), or ``frame``: the distance sensors of
             :mod:`counterflex.twin.laboratory.distance_frame` instead, whose raw readings are given.
-        progress: Told about pulls.
 
     Returns:
         ``q``, ``approach`` (n, 6) rad, ``f_tcp_base`` (n, 3) N as weighed, ``d_tracker_target`` (n, 6) or
@@ -60,7 +50,8 @@ def measure(
         InputError: A column is missing or a setting is unknown.
         SimulationError: The load is beyond what the robot carries.
     """
-    q, force = columns(request, "q{}_rad", "123456"), columns(request, "f{}_n", "xyz")
+    truth, laboratory, _request, settings, progress = order
+    q, force = order.q, order.force
     history = str(settings.get("history", HISTORIES[0]))
     axes = str(settings.get("axes", "tracker"))
     instrument = str(settings.get("instrument", INSTRUMENTS[0]))
@@ -140,19 +131,6 @@ def pull(
         plant.move(q + approach, w_tcp_base, move_s=_MOVE_S, rest_s=0.0)
         plant.move(q, w_tcp_base, move_s=_MOVE_S, rest_s=_REST_S)
     return unloaded, read()
-
-
-def columns(request: Mapping[str, Float], name: str, letters: str) -> Float:
-    """Columns ``name.format(letter)`` of a request as (n, len(letters)).
-
-    Raises:
-        InputError: One is missing.
-    """
-    names = [name.format(letter) for letter in letters]
-    missing = [key for key in names if key not in request]
-    if missing:
-        raise InputError("the request lacks columns", value=", ".join(missing), limit=", ".join(names))
-    return np.stack([as_float(key, request[key], (None,)) for key in names], axis=1)
 
 
 def groups_of(q: Float) -> Int:

@@ -7,18 +7,17 @@ run the motion goes through the sensor interface (dead time and lag) before it r
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from counterflex.core.arrays import Float, as_float
+from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress
 from counterflex.core.units import MS, UM, URAD
 from counterflex.twin.laboratory.instrument_clocks import Channel, OtherClock, instrument_clocks
-from counterflex.twin.laboratory.laboratory import Laboratory, Measured
+from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
 from counterflex.twin.plant.drives import first_order_lag
 from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.truth.truth import Truth
@@ -29,22 +28,13 @@ SHOWN_M: Final = 1.0 * UM
 _THROUGH: Final = ("program", "correction")
 
 
-def measure(
-    truth: Truth,
-    laboratory: Laboratory,
-    request: Mapping[str, Float],
-    settings: Mapping[str, Any],
-    progress: Progress = silent,
-) -> Measured:
+@Measurement
+def measure(order: Order) -> Measured:
     """Run a commanded motion and record it.
 
     Args:
-        truth: The cell.
-        laboratory: Its instruments; delays and clocks as :func:`.instrument_clocks.instrument_clocks` has them.
-        request: ``time_s`` (even steps), ``x_m y_m z_m`` commanded tip in the base, ``q1_rad`` ... ``q6_rad`` what the
-            controller makes of it; each (n,).
-        settings: ``through``: ``program`` (default) or ``correction``.
-        progress: Told about the motion.
+        order: Request: ``time_s`` (even steps), ``x_m y_m z_m`` commanded tip in the base, ``q1_rad`` ... ``q6_rad``
+            what the controller makes of it; each (n,). Settings: ``through``: ``program`` (default) or ``correction``.
 
     Returns:
         ``time_s``, ``p_base_tcp`` (what the controller shows), ``q_motor``, ``time_tracker_s``, ``p_tracker_target``,
@@ -54,12 +44,9 @@ def measure(
     Raises:
         InputError: A column is missing, uneven steps, or an unknown setting.
     """
-    try:
-        t = as_float("time_s", request["time_s"], (None,))
-        tip = np.stack([as_float(f"{a}_m", request[f"{a}_m"], t.shape) for a in "xyz"], axis=1)
-        q = np.stack([as_float(f"q{i}_rad", request[f"q{i}_rad"], t.shape) for i in range(1, 7)], axis=1)
-    except KeyError as fault:
-        raise InputError("a record needs the column", value=fault.args[0]) from fault
+    truth, laboratory, _request, settings, progress = order
+    t = order.columns("time_s")[:, 0]
+    tip, q = order.columns("x_m", "y_m", "z_m"), order.q
     through = str(settings.get("through", _THROUGH[0]))
     if through not in _THROUGH:
         raise InputError("through", value=through, limit=", ".join(_THROUGH))

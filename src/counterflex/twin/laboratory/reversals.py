@@ -7,19 +7,16 @@ late; the motor's torque is recorded with noise and an error of scale.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, as_float
+from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MS, URAD
 from counterflex.twin.laboratory.instrument_clocks import instrument_clocks
-from counterflex.twin.laboratory.laboratory import Laboratory, Measured
+from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
 from counterflex.twin.plant.plant import STEP_S, Plant
-from counterflex.twin.truth.truth import Truth
 
 INTERVAL_S: Final = 20.0 * MS
 READINGS: Final = 20
@@ -36,22 +33,13 @@ _SETTLE_S = 0.5
 _SEEN = ("tracker", "link")
 
 
-def measure(
-    truth: Truth,
-    laboratory: Laboratory,
-    request: Mapping[str, Float],
-    settings: Mapping[str, Any],
-    progress: Progress = silent,
-) -> Measured:
+@Measurement
+def measure(order: Order) -> Measured:
     """Run reversal motions.
 
     Args:
-        truth: The cell.
-        laboratory: Tracker, delays.
-        request: ``q1_rad`` ... ``q6_rad`` poses, ``axis`` 1..6, ``amplitude_rad``, ``speed_rad_s``, each
-            (n,).
-        settings: ``seen_by``: ``tracker`` (default) or ``link`` (encoders behind the gears).
-        progress: Told about motions.
+        order: Request: ``q1_rad`` ... ``q6_rad`` poses, ``axis`` 1..6, ``amplitude_rad``, ``speed_rad_s``, each (n,).
+            Settings: ``seen_by``: ``tracker`` (default) or ``link`` (encoders behind the gears).
 
     Returns:
         ``time_s``, ``q_motor``, ``tau_motor`` and ``p_tracker_target`` or ``q_link``; a group for each motion.
@@ -59,13 +47,9 @@ def measure(
     Raises:
         InputError: A column is missing, an axis or speed out of range, or an unknown setting.
     """
-    try:
-        q = np.stack([as_float(f"q{i}_rad", request[f"q{i}_rad"], (None,)) for i in range(1, 7)], axis=1)
-        axes = as_float("axis", request["axis"], (len(q),))
-        speeds = as_float("speed_rad_s", request["speed_rad_s"], (len(q),))
-        sizes = as_float("amplitude_rad", request["amplitude_rad"], (len(q),))
-    except KeyError as fault:
-        raise InputError("reversals need the column", value=fault.args[0]) from fault
+    truth, laboratory, _request, settings, progress = order
+    q = order.q
+    axes, speeds, sizes = order.columns("axis", "speed_rad_s", "amplitude_rad").T
     seen_by = str(settings.get("seen_by", _SEEN[0]))
     if seen_by not in _SEEN:
         raise InputError("seen_by", value=seen_by, limit=", ".join(_SEEN))

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.progress import Progress
 from counterflex.core.units import DEG
-from counterflex.twin.laboratory.laboratory import Laboratory, Measured
-from counterflex.twin.laboratory.sensor_poses import air_c, joints, sensor_from
+from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
+from counterflex.twin.laboratory.sensor_poses import air_c, sensor_from
 from counterflex.twin.plant.plant import Plant
-from counterflex.twin.truth.truth import Truth
 
 RATES_HZ = (0.0, 0.31, 0.43, 0.83, 0.67, 1.03)
 """Swing of each axis."""
@@ -21,22 +16,18 @@ SWING_RAD = 5.0 * DEG
 RECORD_S, SAMPLE_S, RAMP_S = 6.0, 0.004, 1.0
 
 
-def measure(
-    truth: Truth, laboratory: Laboratory, request: Mapping[str, Float], settings: Mapping[str, Any], progress: Progress
-) -> Measured:
+@Measurement
+def measure(order: Order) -> Measured:
     """Swing axes 2 to 6 about each requested posture, at rates of their own, and record.
 
     Args:
-        truth: The cell; drives, elasticity, play and friction act.
-        laboratory: Noise and seed of the sensor.
-        request: ``q1_rad`` ... ``q6_rad``, one row for each swing.
-        settings: As for ``sensor_poses``.
-        progress: Told about swings.
+        order: Request: ``q1_rad`` ... ``q6_rad``, one row for each swing. Settings: As for ``sensor_poses``.
 
     Returns:
         Channels ``q``, ``w_sensor``, ``temperature_c``, ``time_s``, rising over all swings.
     """
-    middle = joints(request)
+    truth, laboratory, _request, settings, progress = order
+    middle = order.q
     sensor = sensor_from(truth, laboratory, settings)
     plant = Plant(truth)
     noise = laboratory.noise("sensor_motion")

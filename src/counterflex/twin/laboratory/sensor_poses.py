@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress
-from counterflex.twin.laboratory.laboratory import Laboratory, Measured
+from counterflex.twin.laboratory.laboratory import Laboratory, Measured, Measurement, Order
 from counterflex.twin.plant.force_sensor import ForceSensor, force_sensor
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.truth.truth import Truth
@@ -32,19 +30,6 @@ def sensor_from(truth: Truth, laboratory: Laboratory, settings: Mapping[str, Any
     )
 
 
-def joints(request: Mapping[str, Float]) -> Float:
-    """(n, 6) rad: columns ``q1_rad`` to ``q6_rad``.
-
-    Raises:
-        InputError: One is missing.
-    """
-    names = [f"q{i}_rad" for i in range(1, 7)]
-    for name in names:
-        if name not in request:
-            raise InputError("the request lacks a column", value=name, limit=", ".join(names))
-    return np.stack([np.asarray(request[name], dtype=np.float64) for name in names], axis=1)
-
-
 def air_c(time_s: Float | float, phase: float) -> Float:
     """Temperature of the sensor: warming up, with the hall's slow wobble."""
     t = np.asarray(time_s, dtype=np.float64)
@@ -52,22 +37,18 @@ def air_c(time_s: Float | float, phase: float) -> Float:
     return out
 
 
-def measure(
-    truth: Truth, laboratory: Laboratory, request: Mapping[str, Float], settings: Mapping[str, Any], progress: Progress
-) -> Measured:
+@Measurement
+def measure(order: Order) -> Measured:
     """Drive to each orientation, wait, and average the sensor.
 
     Args:
-        truth: The cell.
-        laboratory: Noise and seed of the sensor.
-        request: ``q1_rad`` ... ``q6_rad``.
-        settings: ``sensor_segment``, ``hose_share`` (1; 0 is none).
-        progress: Told about rows.
+        order: Request: ``q1_rad`` ... ``q6_rad``. Settings: ``sensor_segment``, ``hose_share`` (1; 0 is none).
 
     Returns:
         Channels ``q``, ``w_sensor``, ``temperature_c``, ``time_s``.
     """
-    q = joints(request)
+    truth, laboratory, _request, settings, progress = order
+    q = order.q
     sensor = sensor_from(truth, laboratory, settings)
     plant = Plant(truth)
     noise = laboratory.noise("sensor_poses")

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MS, URAD
-from counterflex.twin.laboratory.laboratory import Laboratory, Measured
+from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
 from counterflex.twin.plant.plant import STEP_S, Plant
-from counterflex.twin.truth.truth import Truth
 
 CYCLE_S: Final = 4.0 * MS
 BEFORE_S: Final = 0.2
@@ -26,21 +22,12 @@ TORQUE_NM: Final = 3.0
 FORCE_SHARE: Final = 0.002
 
 
-def measure(
-    truth: Truth,
-    laboratory: Laboratory,
-    request: Mapping[str, Float],
-    settings: Mapping[str, Any],
-    progress: Progress = silent,
-) -> Measured:
+@Measurement
+def measure(order: Order) -> Measured:
     """Cut loads off.
 
     Args:
-        truth: The cell.
-        laboratory: Tracker.
-        request: ``q1_rad`` ... ``q6_rad``, ``fx_n fy_n fz_n`` on the tool in base axes, each (n,).
-        settings: None.
-        progress: Told about load steps.
+        order: Request: ``q1_rad`` ... ``q6_rad``, ``fx_n fy_n fz_n`` on the tool in base axes, each (n,).
 
     Returns:
         ``time_s``, ``q_command``, ``q_motor``, ``tau_motor``, ``f_tcp_base``, ``p_tracker_target``; a group for each
@@ -50,11 +37,8 @@ def measure(
         InputError: A column is missing.
         SimulationError: The load is beyond what the robot carries.
     """
-    try:
-        q = np.stack([as_float(f"q{i}_rad", request[f"q{i}_rad"], (None,)) for i in range(1, 7)], axis=1)
-        force = np.stack([as_float(f"f{a}_n", request[f"f{a}_n"], (len(q),)) for a in "xyz"], axis=1)
-    except KeyError as fault:
-        raise InputError("load steps need the column", value=fault.args[0]) from fault
+    truth, laboratory, _request, settings, progress = order
+    q, force = order.q, order.force
     if settings:
         raise InputError("load steps have no settings", value=", ".join(settings))
     noise = laboratory.noise("servo_steps")

@@ -17,13 +17,13 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress
 from counterflex.core.units import UM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import rotation
 from counterflex.robot.model.description import Opw
-from counterflex.twin.laboratory.laboratory import Laboratory, Measured
+from counterflex.twin.laboratory.laboratory import Laboratory, Measured, Measurement, Order
 from counterflex.twin.laboratory.slot_path import StraightCuts, engaged, slot_path, straight_cuts
 from counterflex.twin.plant.controller import Controller
 from counterflex.twin.plant.record import Record
@@ -41,23 +41,15 @@ _AIR_S = 1.0
 _CALM_S = 0.3  # after a stretch of the simulation begins: its start is no motion of a real machine
 
 
-def measure(
-    truth: Truth,
-    laboratory: Laboratory,
-    request: Mapping[str, Float],
-    settings: Mapping[str, Any],
-    progress: Progress = silent,
-) -> Measured:
+@Measurement
+def measure(order: Order) -> Measured:
     """Mill the test cuts and record force, pose and what the program says, at a steady rate.
 
     Args:
-        truth: The cell as it is.
-        laboratory: Its instruments; noise of the force sensor.
-        request: Columns of :data:`counterflex.twin.laboratory.slot_path.COLUMNS`, one straight feed motion a row, SI.
-        settings: What the machine is told, plain values as the recipe proposes them: geometry, tool and part frame of
-            the controller, ``cutter_...``, ``blank_...``; ``datum_points_m`` touched by the robot, ``rate_hz`` of the
-            record, ``measure_depth`` to gauge the finished slots.
-        progress: Progress callback, fraction 0 to 1.
+        order: Request: Columns of :data:`counterflex.twin.laboratory.slot_path.COLUMNS`, one straight feed motion a
+            row, SI. Settings: What the machine is told, plain values as the recipe proposes them: geometry, tool and
+            part frame of the controller, ``cutter_...``, ``blank_...``; ``datum_points_m`` touched by the robot,
+            ``rate_hz`` of the record, ``measure_depth`` to gauge the finished slots.
 
     Returns:
         Channels ``time_s``, ``f_tcp_base``, ``q``, ``feed_direction``, ``feed_rate``, ``spindle_speed``, ``depth``,
@@ -66,6 +58,7 @@ def measure(
     Raises:
         InputError: A value is missing, or the cuts never meet the blank.
     """
+    truth, laboratory, request, settings, progress = order
     cuts = straight_cuts(request)
     rng = laboratory.noise("slots")
     bias = BIAS_N * rng.standard_normal(3)

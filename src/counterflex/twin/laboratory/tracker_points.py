@@ -2,43 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
-from counterflex.core.arrays import Float
-from counterflex.core.progress import Progress
 from counterflex.core.units import MM
 from counterflex.geometry import pose
-from counterflex.twin.laboratory.laboratory import Laboratory, Measured
-from counterflex.twin.laboratory.tracker_poses import joint_request, reached
-from counterflex.twin.truth.truth import Truth
+from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
+from counterflex.twin.laboratory.tracker_poses import reached
 
 NESTS_M = np.array([[0.0, 0.0, 0.0], [120.0, 0.0, -40.0], [-60.0, 100.0, -80.0], [-50.0, -110.0, -20.0]]) * MM
 """Where the nests of the reflectors sit in the frame of the six-axis target."""
 
 
-def measure(
-    truth: Truth,
-    laboratory: Laboratory,
-    request: Mapping[str, Float],
-    settings: Mapping[str, Any],
-    progress: Progress,
-) -> Measured:
+@Measurement
+def measure(order: Order) -> Measured:
     """Points of one reflector or several.
 
     Args:
-        truth: The cell as it is.
-        laboratory: Where the tracker is, its noise, and where the nests sit.
-        request: ``q1_rad`` ... ``q6_rad``.
-        settings: ``reflectors`` 1 to 4 (1).
-        progress: Told about poses.
+        order: Request: ``q1_rad`` ... ``q6_rad``. Settings: ``reflectors`` 1 to 4 (1).
 
     Returns:
         ``q``, ``p_tracker_target``, ``target`` (number of the reflector); the group is the pose.
     """
-    q = joint_request(request)
+    truth, laboratory, _request, settings, progress = order
+    q = order.q
     count = min(max(int(settings.get("reflectors", 1)), 1), len(NESTS_M))
     Ts, shown = reached(truth, q, progress)
     T = pose.inverse(laboratory.T_base_tracker) @ Ts @ laboratory.T_tcp_target

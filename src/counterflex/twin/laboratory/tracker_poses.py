@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress
 from counterflex.core.units import DEG
 from counterflex.geometry import pose, rotation
-from counterflex.twin.laboratory.laboratory import Laboratory, Measured
+from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.truth.truth import Truth
 
@@ -20,19 +16,6 @@ APPROACH_RAD = 1.0 * DEG
 """Each pose is approached over this stretch of every axis, from where the robot was before: friction and play act."""
 MOVE_S = 0.4
 REST_S = 0.2
-
-
-def joint_request(request: Mapping[str, Float]) -> Float:
-    """Joint angles (n, 6) rad of a request.
-
-    Raises:
-        InputError: A column ``q1_rad`` ... ``q6_rad`` is missing, or they are empty.
-    """
-    names = [f"q{i + 1}_rad" for i in range(6)]
-    missing = [name for name in names if name not in request]
-    if missing or len(request[names[0]]) == 0:
-        raise InputError("the request has no joint angles", value=missing or "no rows", limit=", ".join(names))
-    return np.stack([np.asarray(request[name], dtype=np.float64) for name in names], axis=-1)
 
 
 def reached(truth: Truth, q: Float, progress: Progress) -> tuple[Float, Float]:
@@ -58,26 +41,18 @@ def reached(truth: Truth, q: Float, progress: Progress) -> tuple[Float, Float]:
     return Ts, shown
 
 
-def measure(
-    truth: Truth,
-    laboratory: Laboratory,
-    request: Mapping[str, Float],
-    settings: Mapping[str, Any],  # noqa: ARG001
-    progress: Progress,
-) -> Measured:
+@Measurement
+def measure(order: Order) -> Measured:
     """Poses of the tracker's six-axis target.
 
     Args:
-        truth: The cell as it is.
-        laboratory: Where tracker and target are, and the tracker's noise.
-        request: ``q1_rad`` ... ``q6_rad``.
-        settings: None are used.
-        progress: Told about poses.
+        order: Request: ``q1_rad`` ... ``q6_rad``.
 
     Returns:
         ``q``, ``p_tracker_target``, ``R_tracker_target`` (rotation vectors).
     """
-    q = joint_request(request)
+    truth, laboratory, _request, _settings, progress = order
+    q = order.q
     Ts, shown = reached(truth, q, progress)
     T = pose.inverse(laboratory.T_base_tracker) @ Ts @ laboratory.T_tcp_target
     noise = laboratory.noise("tracker_poses")
