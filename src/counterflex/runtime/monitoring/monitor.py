@@ -67,6 +67,7 @@ class Monitor:
         self.fast: Record = self._memory.fast
         self.results: Record = self._memory.results
         self.outcome: Record = self._memory.outcome
+        self._speed: Float = memory["results"]["speed"]  # read in every cycle, and an open record takes 1 us
         self.columns = as_reals(memory["fast"]), as_reals(memory["results"]), as_words(memory["outcome"])
         self.reset()
 
@@ -108,7 +109,7 @@ class Monitor:
     @property
     def speed(self) -> float:
         """Share of the programmed speed that is asked for, 0 .. 1."""
-        return float(self.results.speed)
+        return float(self._speed[0])
 
     @property
     def events(self) -> tuple[Event, ...]:
