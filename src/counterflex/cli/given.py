@@ -190,16 +190,17 @@ def numbers(text: str | None, name: str, count: int) -> list[float] | None:
     return values
 
 
-def one_of(names: Iterable[object], what: str = "value") -> Callable[[Param, Any], Any]:
+def one_of(names: Iterable[object], what: str = "value", *more: str) -> Callable[[Param, Any], Any]:
     """Check of a name, or of several, out of a list.
 
     Args:
         names: Allowed ones.
         what: What they are, for the message.
+        more: Further ones.
     """
-    allowed = [str(name) for name in names]
 
     def check(param: Param, value: Any) -> Any:
+        allowed = [*(str(name) for name in names), *more]  # what other packages bring is looked up when it is needed
         for item in [] if value is None else value if isinstance(value, (list, tuple)) else [value]:
             if str(item) not in allowed:
                 close = close_to(str(item), allowed, 1)

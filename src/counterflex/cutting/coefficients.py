@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -312,7 +313,33 @@ class LinearEdgeLaw:
         return edge_force(self, h_m)
 
 
-ForceLaw = KienzleLaw | LinearEdgeLaw
+class ForceLaw(Protocol):
+    """What planning and identification need of a force law, whoever wrote it."""
+
+    @property
+    def h_min_m(self) -> float:
+        """Smallest mean chip thickness of validity in m."""
+
+    @property
+    def h_max_m(self) -> float:
+        """Largest mean chip thickness of validity in m."""
+
+    @property
+    def source(self) -> str:
+        """Where the numbers come from."""
+
+    @property
+    def status(self) -> str:
+        """How they were obtained."""
+
+    def terms(self) -> Float:
+        """Rows (p, k_c, k_r, k_a) with ``F'_i = sum k_i h^p``, 0 <= p <= 1, h in m, F' in N/m."""
+
+    def scaled(self, factor: float, status: str | None = None) -> ForceLaw:
+        """The law with all coefficients multiplied by ``factor`` (> 0)."""
+
+    def edge_force(self, h_m: float | Float) -> Float:
+        """(F'_c, F'_r, F'_a) in N/m at chip thickness ``h_m`` (m), see :func:`edge_force`."""
 
 
 def edge_force(law: ForceLaw, h_m: float | Float) -> Float:

@@ -1,29 +1,28 @@
-"""All recipes by name; each is imported when it is asked for."""
+"""All recipes by name; each is imported when it is asked for. Other packages add theirs by an entry point."""
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final
 
-from counterflex.core.errors import InputError
-from counterflex.core.similar import close_to
+from counterflex.core.registry import Registry
 
-if TYPE_CHECKING:
-    from counterflex.identify.recipe import Recipe
-
-FOLDERS: Final = {
-    "kinematics": "kinematics",
-    "tracker-frame": "tracker_frame",
-    "stiffness": "stiffness",
-    "cubes": "cubes",
-    "play": "play",
-    "timing": "timing",
-    "servo": "servo",
-    "payload": "payload",
-    "holder": "holder",
-    "cutting": "cutting",
-}
-"""Folder of each recipe; its module ``recipe`` holds ``RECIPE``."""
+RECIPES: Final[Registry[Any]] = Registry(
+    "counterflex.recipes",
+    "recipe",
+    "counterflex.identify.recipe:Recipe",
+    {
+        "kinematics": "counterflex.identify.kinematics.recipe:RECIPE",
+        "tracker-frame": "counterflex.identify.tracker_frame.recipe:RECIPE",
+        "stiffness": "counterflex.identify.stiffness.recipe:RECIPE",
+        "cubes": "counterflex.identify.cubes.recipe:RECIPE",
+        "play": "counterflex.identify.play.recipe:RECIPE",
+        "timing": "counterflex.identify.timing.recipe:RECIPE",
+        "servo": "counterflex.identify.servo.recipe:RECIPE",
+        "payload": "counterflex.identify.payload.recipe:RECIPE",
+        "holder": "counterflex.identify.holder.recipe:RECIPE",
+        "cutting": "counterflex.identify.cutting.recipe:RECIPE",
+    },
+)
 
 TITLES: Final = {
     "kinematics": "true geometry of the arm from tracker poses or points, distances, touched planes",
@@ -40,19 +39,11 @@ TITLES: Final = {
 """What each recipe finds, in one line."""
 
 
-def recipe(name: str) -> Recipe:
-    """The recipe of a name.
+def added_kinds() -> dict[str, str]:
+    """Kinds of datasets that recipes of other packages use, with the title of the recipe.
 
     Raises:
-        InputError: There is none.
+        InputError: A package is broken.
     """
-    if name not in FOLDERS:
-        close = close_to(name, sorted(FOLDERS), 1)
-        raise InputError(
-            "there is no such recipe",
-            value=name,
-            limit=", ".join(FOLDERS),
-            hint=f"Did you mean '{close[0]}'?" if close else None,
-        )
-    found: Recipe = importlib.import_module(f"counterflex.identify.{FOLDERS[name]}.recipe").RECIPE
-    return found
+    names = [name for name in RECIPES if name not in RECIPES.own]
+    return {kind: RECIPES[name].title for name in names for kind in RECIPES[name].kinds}

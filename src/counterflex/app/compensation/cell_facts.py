@@ -11,7 +11,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, N_PER_MM2
-from counterflex.cutting.coefficients import KienzleLaw
+from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.tables import PlayTable, ServoTable
@@ -56,8 +56,10 @@ def assumptions(cell: Cell) -> tuple[Fact, ...]:
     if isinstance(law, KienzleLaw):
         kc, kr, ka = (value / N_PER_MM2 for value in law.k11_pa())
         value = f"kc1.1 {kc:.0f}, kr1.1 {kr:.0f}, ka1.1 {ka:.0f} N/mm2; m {law.mc:g}, {law.mr:g}, {law.ma:g}"
-    else:
+    elif isinstance(law, LinearEdgeLaw):
         value = f"ktc {law.ktc_pa / N_PER_MM2:.0f}, krc {law.krc_pa / N_PER_MM2:.0f} N/mm2"
+    else:
+        value = ", ".join(f"{key} {number:g}" for key, number in cell.material.law_values().items())
     facts.append(Fact(f"Cutting constants: {cell.material.name or cell.material.catalog}", value, law.source))
     facts.append(
         Fact(

@@ -39,7 +39,7 @@ from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.same_postures import joined
 from counterflex.identify.data.shared_rows import joined_by_rows, require_apart
 from counterflex.identify.recipe import Identification, Recipe
-from counterflex.identify.recipes import recipe as recipe_of
+from counterflex.identify.recipes import RECIPES
 
 CELL: Final = "cell.toml"
 RESULT: Final = "result.json"
@@ -100,7 +100,7 @@ def prepare(
         FileFormatError: A file cannot be used.
         InputError: Unknown recipe or setting, a dataset of a kind that the recipe does not use, a measurement twice.
     """
-    recipe = recipe_of(name)
+    recipe: Recipe = RECIPES[name]
     chosen = read_settings(recipe, settings or {}, seed)
     known = read_cell(cell)
     fitted, unseen = _named_apart(*(tuple(read_dataset(path) for path in paths) for paths in (data, holdout)))

@@ -14,8 +14,8 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.files.dataset.proposal import PROPOSAL, ROWS, form_names, write_proposal
 from counterflex.files.shop_unit import shop
 from counterflex.identify.data.channels import CHANNELS_OF
-from counterflex.identify.recipe import Proposal
-from counterflex.identify.recipes import recipe as recipe_of
+from counterflex.identify.recipe import Proposal, Recipe
+from counterflex.identify.recipes import RECIPES
 
 
 def propose(
@@ -65,7 +65,7 @@ def run(
 def _write(name: str, count: int, cell: Path, out: Path, settings: Mapping[str, Setting], seed: int) -> Proposal:
     if count < 1:
         raise InputError("the number of measurements is below 1", value=count)
-    recipe = recipe_of(name)
+    recipe: Recipe = RECIPES[name]
     chosen = read_settings(recipe, settings, seed)
     model = model_of(read_cell(cell))
     with atomic.atomic_folder(out) as staging:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,18 +12,17 @@ from counterflex.app.run.job_check import check_job, job_of
 from counterflex.app.run.loop import loop_plan, online_loop, tcp_target
 from counterflex.app.run.robot_links import egm_link, rsi_link
 from counterflex.core.arrays import Float, Int
-from counterflex.core.errors import InputError, OutputError
+from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.online import OnlineTable
-from counterflex.files.cell.sensing import flange_sensor
+from counterflex.files.cell.sensing import SensorTable, flange_sensor
 from counterflex.files.plan_file import read_plan
 from counterflex.plan.plan import Plan
 from counterflex.protocols.abb_egm.force import EgmForce
 from counterflex.protocols.abb_egm.link import EgmLink
-from counterflex.protocols.netft.link import NetftLink, fetch_scaling
-from counterflex.protocols.netft.telegram import Scaling
+from counterflex.protocols.force.sensors import Opening, link_values, opened
+from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.robot.link import RobotLink
-from counterflex.protocols.session.force_source import ForceSource
 from counterflex.protocols.session.session import OnlineSession, SessionChecks, tracker_frames
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.protocols.tracker.link import TrackerLink
@@ -149,10 +147,9 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     frames: tuple[Float | None, Float | None] = (None, None)
     measured = cell.tables.sensor
     ranges = (None, None) if measured is None else (measured.range_n, measured.range_nm)
-    if settings.force is not None and sensor is not None:
-        netft = NetftLink(settings.force, _scaling(settings), range_n=ranges[0], range_nm=ranges[1])
-        netft.start()
-        force, wrench = netft, SensorWrench(cell.chain, sensor, cell.T_base_part)
+    if settings.force is not None and sensor is not None and measured is not None:
+        force = opened(measured.protocol, _opening(settings, settings.force, measured))
+        wrench = SensorWrench(cell.chain, sensor, cell.T_base_part)
     elif isinstance(link, EgmLink) and sensor is not None and table.force != "none":
         force = EgmForce(link, range_n=ranges[0], range_nm=ranges[1])
         wrench = SensorWrench(cell.chain, sensor, cell.T_base_part)
@@ -253,13 +250,13 @@ def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> R
     )
 
 
-def _scaling(settings: RunSettings) -> Scaling:
-    host = settings.force[0] if settings.force is not None else ""
-    end = time.monotonic() + settings.force_wait_s
-    while True:
-        try:
-            return fetch_scaling(host, settings.force_http_port)
-        except OutputError:
-            if time.monotonic() > end:
-                raise
-            time.sleep(0.1)
+def _opening(settings: RunSettings, address: tuple[str, int], table: SensorTable) -> Opening:
+    """Where the force sensor is, and what the cell file says of its link."""
+    return Opening(
+        *address,
+        http_port=settings.force_http_port,
+        wait_s=settings.force_wait_s,
+        range_n=table.range_n,
+        range_nm=table.range_nm,
+        values=link_values(table.protocol, table.link),
+    )

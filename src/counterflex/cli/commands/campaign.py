@@ -12,7 +12,7 @@ from counterflex.cli import given
 from counterflex.cli.commands.prove import Workers
 from counterflex.cli.output import keep_inputs, print_json, print_made_again, print_table, progress_bar
 from counterflex.core.errors import InputError, Interrupted
-from counterflex.identify.recipes import FOLDERS
+from counterflex.identify.recipes import RECIPES
 
 
 def register(app: typer.Typer) -> None:
@@ -49,7 +49,9 @@ def campaign(
     recipe: Annotated[
         list[str] | None,
         typer.Option(
-            "--recipe", help="Only this recipe; may be given several times.", callback=given.one_of(FOLDERS, "recipe")
+            "--recipe",
+            help="Only this recipe; may be given several times.",
+            callback=given.one_of(RECIPES.own),
         ),
     ] = None,
     exact: Annotated[

@@ -12,17 +12,17 @@ from counterflex.cli.bounds import LARGEST_SEED, MOST_PROPOSED
 from counterflex.cli.given import pairs
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
 from counterflex.core.errors import InputError
-from counterflex.identify.recipes import FOLDERS, TITLES
+from counterflex.identify.recipes import RECIPES, TITLES
 
 HISTORY = "history"
-_LIST = "\n\n".join(f"`{name}`: {TITLES[name]}" for name in FOLDERS)
+_LIST = "\n\n".join(f"`{name}`: {TITLES[name]}" for name in TITLES)
 _HELP = f"""Find parameters of a cell from measured data: a new cell file with standard deviations, and a report.
 
 DATA are manifests of datasets. Writes into DIR: cell.toml (the cell file with what was found), result.json (every
 parameter with its 95 % interval, hold-out, outliers), report.html and a copy of everything in archive/. Either all of
 them or none; values that predict data not used worse than the cell file does are refused.
 
-Recipes:
+Recipes, besides those of other packages (`counterflex extensions`):
 
 {_LIST}
 
@@ -45,7 +45,7 @@ def identify(
     recipe: Annotated[
         str,
         typer.Argument(
-            help="What to find, or history.", metavar="RECIPE", callback=given.one_of((*FOLDERS, HISTORY), "recipe")
+            help="What to find, or history.", metavar="RECIPE", callback=given.one_of(RECIPES, "recipe", HISTORY)
         ),
     ],
     data: Annotated[

@@ -12,10 +12,11 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError
-from counterflex.core.units import DEG, MM, MRAD, MS, N_PER_MM, N_PER_MM2, UM, URAD
+from counterflex.core.units import DEG, MM, MRAD, MS, UM, URAD
 from counterflex.cutting import material
-from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
+from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.force_laws import ValidFor, built
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.measured import CalibrationTable
 from counterflex.files.cell.plausibility import require_units
@@ -356,34 +357,8 @@ def _force_law(table: MaterialTable, where: str) -> ForceLaw:
             where=f"{where}: material",
             value=f"{table.chip_min_um:g} and {table.chip_max_um:g}",
         )
-    if table.law == "linear_edge":
-        return LinearEdgeLaw(
-            ktc_pa=(table.ktc_n_mm2 or 0.0) * N_PER_MM2,
-            krc_pa=(table.krc_n_mm2 or 0.0) * N_PER_MM2,
-            kac_pa=(table.kac_n_mm2 or 0.0) * N_PER_MM2,
-            kte_n_m=(table.kte_n_mm or 0.0) * N_PER_MM,
-            kre_n_m=(table.kre_n_mm or 0.0) * N_PER_MM,
-            kae_n_m=(table.kae_n_mm or 0.0) * N_PER_MM,
-            h_min_m=h_min,
-            h_max_m=h_max,
-            source=table.source,
-            status="cell file",
-        )
-    kc11, mc = table.kc11_n_mm2 or 0.0, table.mc or 0.0
-    law = KienzleLaw.from_k11(
-        kc11 * N_PER_MM2,
-        mc,
-        kr11_pa=(table.kr_over_kc or 0.0) * kc11 * N_PER_MM2,
-        mr=mc if table.mr is None else table.mr,
-        ka11_pa=(table.ka_over_kc or 0.0) * kc11 * N_PER_MM2,
-        ma=mc if table.ma is None else table.ma,
-        h_min_m=h_min,
-        h_max_m=h_max,
-        source=table.source,
-        status="cell file",
-    )
-    edge = (table.edge_c_n_mm * N_PER_MM, table.edge_r_n_mm * N_PER_MM, table.edge_a_n_mm * N_PER_MM)
-    return replace(law, edge_n_m=edge)
+    with _said_of(f"{where}: material.law"):
+        return built(table.law, table.law_values(), ValidFor(h_min, h_max, table.source, "cell file"))
 
 
 def _stock(table: StockTable, folder: Path) -> HeightMap:

@@ -9,8 +9,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from counterflex.core.arrays import Float
+from counterflex.core.errors import CounterflexError
 from counterflex.core.units import DEG, KN, MICRO, MINUTE, MM, N_PER_MM2
 from counterflex.files.schema import Angle, Length, PoseTable, Table
+from counterflex.protocols.force.sensors import link_values
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.sensing.carrier import behind, hose_place
 from counterflex.sensing.flange_sensor import FlangeSensor
@@ -42,10 +44,16 @@ class SensorTable(PoseTable):
     hose_from: str = ""
     range_n: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
     range_nm: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    protocol: Annotated[str, Field(min_length=1)] = "netft"
+    link: dict[str, bool | int | float | str] = Field(default_factory=dict)
     source: str = ""
 
     @model_validator(mode="after")
     def _both(self) -> Self:
+        try:
+            link_values(self.protocol, self.link)
+        except CounterflexError as fault:
+            raise ValueError(str(fault)) from fault
         if (self.mass_kg is None) != (self.com_mm is None):
             raise ValueError("mass_kg and com_mm of what hangs behind the sensor belong together; give both or none")
         if len(self.offset) not in (0, 9, 34):

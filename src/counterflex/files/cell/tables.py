@@ -8,6 +8,8 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from counterflex.core.errors import CounterflexError
+from counterflex.cutting.force_laws import FORCE_LAWS, require_parameters
 from counterflex.files.cell.ads import AdsTable
 from counterflex.files.cell.axis_sag import AxisSagTable
 from counterflex.files.cell.controller import ControllerTable
@@ -35,6 +37,15 @@ MAX_SLIP_ELEMENTS: Final = 3
 MIN_CELLS: Final = 16
 MAX_CELLS: Final = 200_000_000
 SignedShare = Annotated[float, Field(ge=-5.0, le=5.0)]
+_NEEDED: Final = {
+    "kienzle": ("kc11_n_mm2", "mc", "kr_over_kc", "ka_over_kc"),
+    "linear_edge": ("ktc_n_mm2", "krc_n_mm2"),
+}
+_LAW_KEYS: Final = (
+    *("kc11_n_mm2", "mc", "kr_over_kc", "mr", "ka_over_kc", "ma"),
+    *("ktc_n_mm2", "krc_n_mm2", "kac_n_mm2", "kte_n_mm", "kre_n_mm", "kae_n_mm"),
+)
+"""Keys of our own force laws, besides the edge forces of Kienzle's."""
 
 
 class OpwTable(Table):
@@ -177,7 +188,8 @@ class MaterialTable(Table):
 
     catalog: str | None = None
     name: str = ""
-    law: Literal["kienzle", "linear_edge"] = "kienzle"
+    law: Annotated[str, Field(min_length=1)] = "kienzle"
+    parameters: dict[str, float] = Field(default_factory=dict)
     kc11_n_mm2: Annotated[float, Field(gt=0.0, le=20000.0)] | None = None
     mc: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
     kr_over_kc: Share | None = None
@@ -209,14 +221,24 @@ class MaterialTable(Table):
             if numbers:
                 raise ValueError(f"a catalog material brings its own constants: remove {numbers[0]}, or remove catalog")
             return self
-        wanted = {
-            "kienzle": ("kc11_n_mm2", "mc", "kr_over_kc", "ka_over_kc"),
-            "linear_edge": ("ktc_n_mm2", "krc_n_mm2"),
-        }[self.law]
-        missing = [key for key in wanted if getattr(self, key) is None]
+        try:
+            kind = FORCE_LAWS[self.law]
+        except CounterflexError as fault:
+            raise ValueError(str(fault)) from fault
+        if self.law not in FORCE_LAWS.own and numbers:
+            raise ValueError(f"the {self.law} law reads [material.parameters]: remove {numbers[0]}")
+        require_parameters(self.law, kind, self.parameters)
+        missing = [key for key in _NEEDED.get(self.law, ()) if getattr(self, key) is None]
         if missing:
             raise ValueError(f"the {self.law} law needs {missing[0]} (or a catalog material)")
         return self
+
+    def law_values(self) -> dict[str, float]:
+        """The numbers of the force law by key, in the units that the keys name."""
+        if self.law not in FORCE_LAWS.own:
+            return self.parameters
+        keys = (*(f"edge_{direction}_n_mm" for direction in "cra"), *_LAW_KEYS)
+        return {key: value for key in keys if (value := getattr(self, key)) is not None}
 
 
 class StockTable(Table):

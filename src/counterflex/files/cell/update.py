@@ -243,6 +243,8 @@ def _law(doc: Doc, change: CuttingLaw, source: str) -> None:
             **{f"{key}_n_mm2": _written(value, N_PER_MM2) for key, value in pressures},
             **{f"{key}_n_mm": _written(value, N_PER_MM) for key, value in edges},
         }
+    else:
+        raise InputError("this force law has no place in a cell file", value=type(law).__name__)
     for key, value in {**kept, **values, **chip, "source": source}.items():
         if value is not None and value != "":
             old[key] = value

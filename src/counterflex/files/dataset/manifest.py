@@ -14,6 +14,7 @@ from counterflex.core.similar import close_to
 from counterflex.files.dataset.units import settings_si
 from counterflex.files.schema import Length, PoseTable, Table, Versioned
 from counterflex.identify.data.channels import CHANNELS, KINDS, SETTINGS, channel_kind
+from counterflex.identify.recipes import added_kinds
 
 KIND: Final = "counterflex-dataset"
 VERSION: Final = 1
@@ -211,7 +212,8 @@ def read_manifest(path: Path) -> Manifest:
         FileFormatError: In one line, with what to do.
     """
     manifest = Manifest.read(path, kind=KIND, version=VERSION)
-    _known("kind of dataset", manifest.kind, KINDS, f"{path}: kind")
+    if manifest.kind not in KINDS:
+        _known("kind of dataset", manifest.kind, KINDS | added_kinds(), f"{path}: kind")
     for name in manifest.channels:
         try:
             channel_kind(name)

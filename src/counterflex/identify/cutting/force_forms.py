@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
+from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import N_PER_MM
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 from counterflex.identify.solver.parameters import Parameter, Parameters
@@ -145,6 +145,12 @@ def constants(
             (law.ktc_pa, law.krc_pa, law.kac_pa),
             (0.0, 0.0, 0.0),
             (law.kte_n_m, law.kre_n_m, law.kae_n_m),
+        )
+    if not isinstance(law, KienzleLaw):
+        raise ModelError(
+            "test cuts are fitted with Kienzle's law or the linear one, and start at the law of the cell file",
+            value=type(law).__name__,
+            limit='law = "kienzle" or "linear_edge" in [material]',
         )
     at = law.at_reference(h_ref_m)
     return (at.kc_ref_pa, at.kr_ref_pa, at.ka_ref_pa), (at.mc, at.mr, at.ma), at.edge_n_m

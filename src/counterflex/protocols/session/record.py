@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.robot.link import RobotLink
-from counterflex.protocols.session.force_source import ForceSource
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.record_ring import RecordRing

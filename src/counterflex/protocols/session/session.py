@@ -15,9 +15,9 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MS, NS
 from counterflex.geometry import pose
+from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.processes.control_array import CONTROL, REQUESTS, Kept, Life, Request
 from counterflex.protocols.robot.link import RobotLink
-from counterflex.protocols.session.force_source import ForceSource
 from counterflex.protocols.session.record import write_record
 from counterflex.protocols.session.shared_status import Teller
 from counterflex.protocols.session.tare import Tare

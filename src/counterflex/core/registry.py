@@ -1,0 +1,112 @@
+"""Named things of counterflex and of other packages: recipes, force laws, protocols, languages, robots, materials.
+
+A package adds one by the line ``name = "module:object"`` below ``[project.entry-points."GROUP"]`` in its
+``pyproject.toml``. Our own stand in a table of the same form. Nothing is imported before it is asked for by its name:
+a broken package stops only the commands that use it.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import importlib.metadata
+from collections.abc import Iterator, Mapping
+from typing import Any, Generic, TypeVar
+
+from counterflex.core.errors import InputError
+from counterflex.core.similar import close_to
+
+T = TypeVar("T")
+
+
+@functools.cache
+def _outside(group: str) -> dict[str, tuple[importlib.metadata.EntryPoint, ...]]:
+    """Entry points of installed packages by name; the same package listed twice on the path counts once."""
+    found: dict[str, dict[tuple[str, str], importlib.metadata.EntryPoint]] = {}
+    for point in importlib.metadata.entry_points(group=group):
+        found.setdefault(point.name, {})[_package(point), point.value] = point
+    return {name: tuple(points.values()) for name, points in sorted(found.items())}
+
+
+def _package(point: importlib.metadata.EntryPoint) -> str:
+    return "an unknown package" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+
+
+def _imported(place: str) -> Any:
+    module, _, attribute = place.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+class Registry(Generic[T]):
+    """All things of one kind by name.
+
+    Args:
+        group: Of the entry points, for example ``counterflex.force_laws``.
+        what: What they are, for messages: ``force law``.
+        kind: Type that a registered object must be an instance of, ``module:class``; imported with the first object.
+        own: Those of counterflex: ``module:object`` by name.
+    """
+
+    def __init__(self, group: str, what: str, kind: str, own: Mapping[str, str]) -> None:
+        self.group, self.what, self.kind, self.own = group, what, kind, dict(own)
+
+    def __iter__(self) -> Iterator[str]:
+        """Names, our own first."""
+        return iter((*self.own, *(name for name in _outside(self.group) if name not in self.own)))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.own or name in _outside(self.group)
+
+    def __getitem__(self, name: str) -> T:
+        """The thing of a name, imported now.
+
+        Raises:
+            InputError: There is none, two packages give the same name, or the package is broken; it is named.
+        """
+        points = _outside(self.group).get(name, ())
+        if len(points) + (name in self.own) > 1:
+            owners = ["counterflex"] * (name in self.own) + [_package(point) for point in points]
+            raise InputError(
+                f"two packages bring the same {self.what}",
+                value=f"'{name}' of {' and of '.join(owners)}",
+                hint="Remove one of the packages, or have it rename the entry point",
+            )
+        if name in self.own:
+            found: T = _imported(self.own[name])
+            return found
+        if not points:
+            close = close_to(name, list(self), 1)
+            raise InputError(
+                f"there is no such {self.what}",
+                value=name,
+                limit=", ".join(self),
+                hint=f"Did you mean '{close[0]}'?" if close else None,
+            )
+        return self._of_package(points[0])
+
+    def _of_package(self, point: importlib.metadata.EntryPoint) -> T:
+        where = f"{_package(point)}: entry point {point.name} = {point.value} of {self.group}"
+        hint = "Repair or remove the package; commands that do not use it work meanwhile"
+        try:
+            found: Any = point.load()
+        except (Exception, SystemExit) as fault:
+            raise InputError(
+                f"the {self.what} of another package cannot be loaded: {type(fault).__name__}: {fault}",
+                where=where,
+                hint=hint,
+            ) from fault
+        if not isinstance(found, _imported(self.kind)):
+            raise InputError(
+                f"the {self.what} of another package is of the wrong type",
+                where=where,
+                value=type(found).__name__,
+                limit=f"an instance of {self.kind.replace(':', '.')}",
+                hint=hint,
+            )
+        thing: T = found
+        return thing
+
+    def package(self, name: str) -> str:
+        """Package and version that bring a name, ``counterflex`` for our own; several are joined by a comma."""
+        points = _outside(self.group).get(name, ())
+        return ", ".join(["counterflex"] * (name in self.own) + [_package(point) for point in points])

@@ -1,0 +1,113 @@
+"""Protocols of force sensors by name: what ``[sensor] protocol`` may say.
+
+Another package adds one with an entry point of the group ``counterflex.force_sensors`` (docs/extend.md). It brings a
+receiver of samples; mean, saturation, frozen readings and everything that is no six finite numbers are judged here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from counterflex.core.errors import CounterflexError, InputError, OutputError
+from counterflex.core.registry import Registry
+from counterflex.protocols.force.polled import PolledForce
+from counterflex.protocols.force.source import ForceSource
+
+Value = float | int | str | bool
+
+
+@dataclass(frozen=True)
+class Opening:
+    """Where a sensor is, and what the cell file says of it.
+
+    Attributes:
+        host: Name or address.
+        port: UDP or TCP port.
+        http_port: Of the sensor's web page, where it has one.
+        wait_s: How long to wait for the sensor to answer: parts of a cell may be started in any order.
+        range_n: Largest force that the sensor measures in N, or None.
+        range_nm: Largest moment in N m, or None.
+        values: Of ``[sensor.link]`` in the cell file, every key that the protocol has, with its default where the
+            file has none.
+    """
+
+    host: str
+    port: int
+    http_port: int = 80
+    wait_s: float = 10.0
+    range_n: float | None = None
+    range_nm: float | None = None
+    values: Mapping[str, Value] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ForceSensorKind:
+    """A protocol that a cell file can name.
+
+    Attributes:
+        title: One line for help and reports.
+        open: Reaches the sensor and returns a
+            :class:`~counterflex.protocols.force.polled.Receiver` (our own protocols: a ready
+            :class:`~counterflex.protocols.force.source.ForceSource`). Raises OutputError where the sensor does
+            not answer within ``wait_s``.
+        values: Keys of ``[sensor.link]`` with their defaults; a value must be of the type of its default.
+    """
+
+    title: str
+    open: Callable[[Opening], Any]
+    values: Mapping[str, Value] = field(default_factory=dict)
+
+
+def link_values(name: str, given: Mapping[str, Value]) -> dict[str, Value]:
+    """Values of ``[sensor.link]`` with defaults.
+
+    Raises:
+        ValueError: A key that the protocol does not have, or a value of another type than its default.
+    """
+    kind = FORCE_SENSORS[name]
+    for key, value in given.items():
+        if key not in kind.values:
+            raise ValueError(f"the {name} protocol has no key {key}; it has {', '.join(kind.values) or 'none'}")
+        wanted = type(kind.values[key])
+        if type(value) is not wanted and not (wanted is float and type(value) is int):
+            raise ValueError(f"{key} of the {name} protocol is a {type(value).__name__}, expected {wanted.__name__}")
+    return {**kind.values, **given}
+
+
+def opened(name: str, opening: Opening) -> ForceSource:
+    """Reach a sensor.
+
+    Raises:
+        InputError: There is no such protocol, or that of another package fails.
+        OutputError: The sensor does not answer.
+        ProtocolError: What it says is not of its protocol.
+    """
+    kind = FORCE_SENSORS[name]
+    if name in FORCE_SENSORS.own:
+        source: ForceSource = kind.open(opening)
+        return source
+    where = f"{name} at {opening.host}:{opening.port}"
+    try:
+        receiver = kind.open(opening)
+    except CounterflexError:
+        raise
+    except OSError as fault:
+        raise OutputError(f"the force sensor cannot be reached: {fault}", where=where) from fault
+    except Exception as fault:
+        raise InputError(
+            f"the force sensor's protocol of another package fails: {type(fault).__name__}: {fault}", where=where
+        ) from fault
+    missing = [member for member in ("receive", "close") if not callable(getattr(receiver, member, None))]
+    if missing:
+        raise InputError("what the protocol opens cannot be read", where=where, value=f"it has no {missing[0]}()")
+    return PolledForce(receiver, range_n=opening.range_n, range_nm=opening.range_nm)
+
+
+FORCE_SENSORS: Final[Registry[ForceSensorKind]] = Registry(
+    "counterflex.force_sensors",
+    "protocol of a force sensor",
+    "counterflex.protocols.force.sensors:ForceSensorKind",
+    {"netft": "counterflex.protocols.netft.sensor:NETFT"},
+)
