@@ -88,8 +88,8 @@ def test_robot_programs_carry_the_lower_speed(cell: Cell, program: ProgramFile) 
     file = program(FAST)
     wish = FeedTolerance(0.7 * worst(compensate(file, cell)))
     for language, pattern in (("krl", r"\$VEL\.CP=([0-9.]+)"), ("rapid", r"speeddata \w+:=\[([0-9.]+)")):
-        slow = compensate(file, cell, language=language, feed=wish)  # type: ignore[arg-type]
-        plain = compensate(file, cell, language=language)  # type: ignore[arg-type]
+        slow = compensate(file, cell, language=language, feed=wish)
+        plain = compensate(file, cell, language=language)
         lowest = [
             min(float(v) for text in found.files.values() for v in re.findall(pattern, text)) for found in (slow, plain)
         ]

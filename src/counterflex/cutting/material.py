@@ -12,12 +12,17 @@ from __future__ import annotations
 import csv
 import difflib
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Final
 
 from counterflex.core.arrays import as_positive
 from counterflex.core.errors import FileFormatError, InputError, ModelError
+from counterflex.core.registry import Registry
 from counterflex.core.units import DEG, MM, N_PER_MM, N_PER_MM2
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 
@@ -218,8 +223,8 @@ class Material:
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of all material rows, in the order of the tables."""
-    return tuple(_table())
+    """Return the names of all material rows, in the order of the tables, those of other packages last."""
+    return (*_own(), *_others())
 
 
 def load(name: str) -> Material:
@@ -233,27 +238,46 @@ def load(name: str) -> Material:
 
     Raises:
         InputError: There is no such row.
+        FileFormatError: A table of another package cannot be read; those are read only where ours have no such row.
     """
-    table = _table()
-    if name not in table:
-        near = difflib.get_close_matches(name, table, n=3)
+    found = _own().get(name) or _others().get(name)
+    if found is None:
+        near = difflib.get_close_matches(name, names(), n=3)
         raise InputError(
             "there is no such material",
             value=name,
-            hint=f"Did you mean {', '.join(near)}?" if near else f"There are: {', '.join(table)}",
+            hint=f"Did you mean {', '.join(near)}?" if near else f"There are: {', '.join(names())}",
         )
-    return table[name]
+    return found
+
+
+OTHER_MATERIALS: Final[Registry[Path]] = Registry("counterflex.materials", "table of materials", "pathlib:Path", {})
+"""Tables of other packages: the path of a CSV file with the columns of ``kienzle.csv`` or ``linear_edge.csv``."""
 
 
 @cache
-def _table() -> dict[str, Material]:
+def _own() -> dict[str, Material]:
+    folder = resources.files("counterflex.cutting").joinpath("material_data")
+    return _rows([folder / "kienzle.csv", folder / "linear_edge.csv"], {})
+
+
+@cache
+def _others() -> dict[str, Material]:
+    return _rows([OTHER_MATERIALS[name] for name in OTHER_MATERIALS], _own())
+
+
+def _rows(files: Sequence[Traversable], taken: Mapping[str, Material]) -> dict[str, Material]:
     table: dict[str, Material] = {}
-    for file, kind in (("kienzle.csv", "kienzle"), ("linear_edge.csv", "linear")):
-        text = resources.files("counterflex.cutting").joinpath("material_data", file).read_text(encoding="utf-8")
-        for line, row in enumerate(csv.DictReader(text.splitlines()), start=2):
-            material = _material(row, kind, f"{file}:{line}")
-            if material.name in table:
-                raise FileFormatError("material name appears twice", where=f"{file}:{line}", value=material.name)
+    for file in files:
+        try:
+            rows = csv.DictReader(file.read_text(encoding="utf-8").splitlines())
+        except (OSError, UnicodeDecodeError) as fault:
+            raise FileFormatError(f"table of materials cannot be read: {fault}", where=file.name) from fault
+        kind = "kienzle" if "kc11_n_mm2" in (rows.fieldnames or ()) else "linear"
+        for line, row in enumerate(rows, start=2):
+            material = _material(row, kind, f"{file.name}:{line}")
+            if material.name in table or material.name in taken:
+                raise FileFormatError("material name appears twice", where=f"{file.name}:{line}", value=material.name)
             table[material.name] = material
     return table
 

@@ -97,8 +97,8 @@ def compensate(
         str,
         typer.Option(
             "--as",
-            help="Language of the output: gcode, krl or rapid.",
-            callback=given.one_of(("gcode", "krl", "rapid"), "language"),
+            help="Language of the output: gcode, krl, rapid, or one of another package (`counterflex extensions`).",
+            callback=given.one_of(given.Registered("counterflex.app.compensation.languages:LANGUAGES"), "language"),
         ),
     ] = "gcode",
     dialect: Dialect = "linuxcnc",

@@ -13,13 +13,15 @@ import tomllib
 from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from counterflex.core.arrays import Float, frozen
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.registry import Registry
 from counterflex.core.units import DEG, MM, URAD_PER_KNM
 from counterflex.geometry import pose
 from counterflex.robot.model.description import Counterbalance, Opw, Robot, Segment
@@ -39,6 +41,8 @@ __all__ = [
 
 _Six = Annotated[list[float], Field(min_length=6, max_length=6)]
 _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+OTHER_ROBOTS: Final[Registry[Path]] = Registry("counterflex.robots", "robot", "pathlib:Path", {})
+"""Robots of other packages: the path of a TOML file of the same form (:class:`CatalogEntry`)."""
 Status = Literal["VERIFIED", "SECONDARY", "UNVERIFIED", "not known"]
 
 
@@ -184,8 +188,26 @@ def _letters(name: str) -> str:
 
 
 def names() -> list[str]:
-    """Names of all robots in the catalogue, sorted."""
-    return sorted(item.name[:-5] for item in _folder().iterdir() if item.name.endswith(".toml"))
+    """Names of all robots in the catalogue and of other packages (``counterflex.robots``), sorted."""
+    return sorted({*_own_names(), *OTHER_ROBOTS})
+
+
+def _own_names() -> list[str]:
+    return [item.name[:-5] for item in _folder().iterdir() if item.name.endswith(".toml")]
+
+
+def _file(name: str) -> Traversable:
+    """File of a robot: one of ours, or the path that another package registers."""
+    if name not in OTHER_ROBOTS:
+        return _folder() / f"{name}.toml"
+    if name in _own_names():
+        raise InputError(
+            "two packages bring the same robot",
+            value=f"'{name}' of counterflex and of {OTHER_ROBOTS.package(name)}",
+            hint="Remove one of the packages, or have it rename the entry point",
+        )
+    file: Path = OTHER_ROBOTS[name]
+    return file
 
 
 @functools.cache
@@ -209,11 +231,11 @@ def entry(name: str) -> CatalogEntry:
             hint="'counterflex robots' lists all; an own robot goes into the cell file by its geometry",
             nearest=near,
         )
-    source = _folder() / f"{name}.toml"
+    source = _file(name)
     try:
         read = CatalogEntry.model_validate(tomllib.loads(source.read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, ValidationError) as fault:
-        raise FileFormatError(_first(fault), where=f"{name}.toml") from fault
+    except (tomllib.TOMLDecodeError, ValidationError, OSError, UnicodeDecodeError) as fault:
+        raise FileFormatError(_first(fault), where=source.name) from fault
     if read.name != name:
         raise FileFormatError("the name inside differs from the file name", where=f"{name}.toml", value=read.name)
     return read

@@ -1,0 +1,187 @@
+"""Program languages by name: what ``compensate --as`` may say, and what each writes.
+
+Another package adds one with an entry point of the group ``counterflex.languages`` (docs/extend.md).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.app.compensation.robot_program import left_out, other_lengths, routine_name, tool_data
+from counterflex.app.inputs import Job
+from counterflex.core.arrays import Float
+from counterflex.core.errors import CounterflexError, OutputError
+from counterflex.core.registry import Registry
+from counterflex.core.units import DEG, MM, MS
+from counterflex.files.cell.cell import Cell
+from counterflex.geometry import pose
+from counterflex.path.toolpath import tool_orientation
+from counterflex.plan.plan import Plan, job_hash
+from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.gcode.write.writer import write_gcode
+from counterflex.programs.krl.writer import KrlSettings, KrlWriter
+from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
+from counterflex.programs.robot_writer.machine_functions import Dialect
+
+RESULTS: Final = ("plan.parquet", "summary.json", "report.html")
+"""What stands beside the program files."""
+Written = tuple[dict[str, str], dict[str, Any]]
+"""Program files by name, and what the writer says about them: SI, the unit as suffix; ``warnings`` a list of texts."""
+
+
+@dataclass(frozen=True, eq=False)
+class WritingOrder:
+    """What is to be written.
+
+    Attributes:
+        job: The program as read, its path and its samples.
+        plan: With the correction of every point.
+        cell: The cell.
+        tolerance_m: Largest distance between the written path and the planned one.
+    """
+
+    job: Job
+    plan: Plan
+    cell: Cell
+    tolerance_m: float
+
+    @property
+    def Ts_part_tcp(self) -> Float:
+        """(n, 4, 4) poses of the tool in the part frame that are to be commanded, a row for each point of the path."""
+        commanded = CompensatedPath.from_correction(self.job.path, self.plan.correction_part, self.plan.rotvec_part)
+        turned = self.cell.tables.posture.rotation_about_tool_deg * DEG
+        return commanded.poses(tool_orientation(self.plan.path.axis_part, turned))
+
+
+@dataclass(frozen=True)
+class LanguageKind:
+    """A language that a program can be written in.
+
+    Attributes:
+        title: One line for help.
+        write: Makes the files. Raises a CounterflexError where the language cannot say what is asked for.
+        orientation: The language states the orientation of the tool, so that it can be corrected.
+        dialect: Of the machine functions in ``[controller.spindle]``, or None where the program keeps its own words.
+    """
+
+    title: str
+    write: Callable[[WritingOrder], Written]
+    orientation: bool = True
+    dialect: Dialect | None = None
+
+
+def written(name: str, order: WritingOrder) -> Written:
+    """The program in a language.
+
+    Raises:
+        InputError: There is no such language.
+        OutputError: The writer of another package fails, or names a file that it must not.
+    """
+    kind = LANGUAGES[name]
+    if name in LANGUAGES.own:
+        return kind.write(order)
+    try:
+        files, said = kind.write(order)
+        texts = {str(file): str(text) for file, text in files.items()}
+        facts = dict(said)
+    except CounterflexError:
+        raise
+    except Exception as fault:
+        raise OutputError(
+            f"the writer of another package fails: {type(fault).__name__}: {fault}", where=name
+        ) from fault
+    for file in texts:
+        if file in RESULTS or file in ("", ".", "..") or PurePosixPath(file).name != file or "\\" in file:
+            raise OutputError("the writer of another package names a file that it must not", where=name, value=file)
+    return texts, facts
+
+
+def _gcode(order: WritingOrder) -> Written:
+    job, plan = order.job, order.plan
+    commanded = CompensatedPath.from_correction(job.sampled, plan.correction_part, plan.rotvec_part)
+    text = write_gcode(job.program, commanded, tolerance_m=order.tolerance_m, cell=order.cell.name, job=job_hash(plan))
+    said = {key: value for key, value in dataclasses.asdict(text).items() if key != "text"}
+    return {Path(job.program.name).name: text.text}, said
+
+
+def _krl(order: WritingOrder) -> Written:
+    job, plan, cell = order.job, order.plan, order.cell
+    controller, data = cell.tables.controller, tool_data(order.job, order.cell, "krl")
+    settings = KrlSettings(
+        name=routine_name(Path(job.program.name).stem),
+        start_axes_rad=[float(angle) for angle in plan.q[0]],
+        tool=controller.tool_number,
+        base=controller.base_number,
+        rapid_m_s=controller.rapid_mm_s * MM,
+        acc_m_s2=controller.acceleration_mm_s2 * MM,
+        blend_m=controller.blending_mm * MM,
+        cycle_s=controller.cycle_ms * MS,
+        cell=cell.name,
+        job=job_hash(plan),
+        tool_data={tool: int(value) for tool, value in data.items()},
+    )
+    return _robot_text(order, KrlWriter, settings, "krl")
+
+
+def _rapid(order: WritingOrder) -> Written:
+    job, plan, cell = order.job, order.plan, order.cell
+    controller = cell.tables.controller
+    mass, com = _payload(cell)
+    settings = RapidSettings(
+        name=routine_name(Path(job.program.name).stem),
+        start_axes_rad=[float(angle) for angle in plan.q[0]],
+        T_flange_tcp=cell.controller_chain.T_flange_tcp,
+        T_base_part=cell.T_base_part,
+        tool_mass_kg=mass,
+        p_flange_cog=com,
+        rapid_m_s=controller.rapid_mm_s * MM,
+        cycle_s=controller.cycle_ms * MS,
+        cell=cell.name,
+        job=job_hash(plan),
+        tool_data=tool_data(job, cell, "rapid"),
+    )
+    return _robot_text(order, RapidWriter, settings, "rapid")
+
+
+def _robot_text(order: WritingOrder, writer: Callable[..., Any], settings: Any, dialect: Dialect) -> Written:
+    job = order.job
+    lines = order.cell.machine_functions(dialect).lines
+    text = writer(
+        job.program, job.path, order.Ts_part_tcp, settings, tolerance_m=order.tolerance_m, block_lines=lines
+    ).text()
+    text = replace(text, warnings=(*text.warnings, *left_out(job.program), *other_lengths(job.program)))
+    return text.files, {key: value for key, value in dataclasses.asdict(text).items() if key != "files"}
+
+
+def _payload(cell: Cell) -> tuple[float, list[float]]:
+    """Mass and centre of gravity of the end effector in the flange frame."""
+    T_flange_body, total, moment = np.eye(4), 0.0, np.zeros(3)
+    for body in cell.end_effector.segments:
+        T_flange_body = T_flange_body @ body.T_prev_seg
+        total += body.mass_kg
+        moment = moment + body.mass_kg * pose.transform(T_flange_body, body.p_seg_com)
+    if total == 0.0:
+        return 1.0, [0.0, 0.0, 0.001]
+    return total, [float(value) for value in moment / total]
+
+
+GCODE: Final = LanguageKind("the same G-code", _gcode, orientation=False)
+KRL: Final = LanguageKind("KUKA KRL", _krl, dialect="krl")
+RAPID: Final = LanguageKind("ABB RAPID", _rapid, dialect="rapid")
+
+LANGUAGES: Final[Registry[LanguageKind]] = Registry(
+    "counterflex.languages",
+    "output language",
+    "counterflex.app.compensation.languages:LanguageKind",
+    {
+        "gcode": "counterflex.app.compensation.languages:GCODE",
+        "krl": "counterflex.app.compensation.languages:KRL",
+        "rapid": "counterflex.app.compensation.languages:RAPID",
+    },
+)
