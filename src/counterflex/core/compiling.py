@@ -22,8 +22,7 @@ class _BeforeKernels:
         self, fullname: str, _path: Sequence[str] | None = None, _target: ModuleType | None = None
     ) -> ModuleSpec | None:
         if fullname == _KERNELS:
-            sys.meta_path.remove(self)
-            self._listen()
+            self._listen()  # and stays: one that takes itself off the list has the next one left out
         return None
 
     def _listen(self) -> None:

@@ -2,24 +2,36 @@
 
 Numba's on-disk cache does not see changes in other source files, and it needs a writable place. Each kernel is
 therefore cached in a folder named after a hash of its module and of every kernel module that this one imports, under a
-per-user cache folder or, where that is not writable, a temporary one.
+per-user cache folder or, where that is not writable, a temporary one. Processes that need the same kernel at the same
+time compile it once: one compiles, the others wait and read it.
+
+Nothing is compiled or read when a module is imported. A kernel that states its signatures is compiled for them, and
+for nothing else, when it is first called or called by a kernel that is being compiled; :func:`compile_stated` does it
+before, where a first call must not wait: the online loop.
 Set ``NUMBA_DISABLE_JIT=1`` to step through kernels in plain Python.
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.core.caching import FunctionCache
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import CPUDispatcher
+
+if sys.platform != "win32":
+    import fcntl
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -97,6 +109,102 @@ def _with_records(signature: str, records: dict[str, np.dtype[np.record]]) -> An
     return eval(signature, vars(numba.types) | {name: numba.from_dtype(kind) for name, kind in records.items()})
 
 
+@contextlib.contextmanager
+def _alone(file: Path) -> Iterator[None]:
+    """Wait until no other process holds a lock file, then hold it; a place without locks is no obstacle."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        lock = file.open("w")
+    except OSError:
+        yield
+        return
+    with lock:
+        if sys.platform != "win32":
+            with contextlib.suppress(OSError):
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+class _SharedCache(FunctionCache):  # type: ignore[misc]
+    """Numba's cache of one function, asked again when no other process is compiling that function any more."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._name_of_lock = f"{function.__qualname__}-{function.__code__.co_firstlineno}.lock"
+        self.held: contextlib.ExitStack | None = None
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super().load_overload(sig, target_context)
+        if found is None and self.held is not None:
+            self.held.enter_context(_alone(Path(self.cache_path) / self._name_of_lock))
+            found = super().load_overload(sig, target_context)
+        return found
+
+
+class _Kernel(CPUDispatcher):  # type: ignore[misc]
+    """A compiled function that is compiled for the stated signatures when it is first needed, and for no other type."""
+
+    _stated: tuple[Any, ...] = ()
+
+    def state(self, signatures: tuple[Any, ...]) -> None:
+        """State the only signatures that it will ever have."""
+        self._stated = signatures
+
+    def enable_caching(self) -> None:
+        self._cache = _SharedCache(self.py_func)
+
+    def compile(self, sig: Any) -> Any:
+        with global_compiler_lock, contextlib.ExitStack() as held:
+            before, self._cache.held = self._cache.held, held
+            try:
+                return super().compile(sig)
+            finally:
+                self._cache.held = before
+
+    def compile_stated(self) -> None:
+        """Compile it for its stated signatures or read it from the cache, unless that is done."""
+        with global_compiler_lock:
+            stated, self._stated = self._stated, ()
+            try:
+                for signature in stated:
+                    self.compile(signature)
+            except BaseException:
+                self._stated = stated
+                raise
+            if stated:
+                self.disable_compile()
+
+    def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
+        if self._stated:
+            self.compile_stated()
+            return self  # is called again, and now finds its signature or raises TypeError
+        return super()._compile_for_args(*args, **kws)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        self.compile_stated()
+        return super().get_call_template(args, kws)
+
+    def _reduce_states(self) -> Any:
+        self.compile_stated()
+        return super()._reduce_states()
+
+
+_STATED: Final[list[_Kernel]] = []
+"""All kernels of the modules imported so far that state their signatures."""
+
+
+def compile_stated(*rooms: str) -> None:
+    """Compile all kernels that state their signatures, or read them from the cache: after this no call waits for it.
+
+    Args:
+        rooms: Modules, or packages with all below them, for example ``counterflex.runtime``; those imported so far.
+    """
+    for function in _STATED:
+        module = function.py_func.__module__
+        if any(module == room or module.startswith(room + ".") for room in rooms):
+            function.compile_stated()
+
+
 def kernel(
     signature: Any = None,
     *,
@@ -106,11 +214,12 @@ def kernel(
     waits: bool = False,
     **records: np.dtype[np.record],
 ) -> Callable[[F], F]:
-    """Compile a pure array function with Numba, cached on disk.
+    """Compile a pure array function with Numba when it is first needed, cached on disk.
 
     Args:
-        signature: Numba signature string, list of them, or None to compile at the first call. Kernels of the
-            online loop must state it: then a wrong argument type is a TypeError and never a compilation.
+        signature: Numba signature string, list of them, or None to compile for whatever types it is called with.
+            With signatures a wrong argument type is a TypeError and never a compilation. Kernels of the online loop
+            must state them, and are compiled before it starts (:func:`compile_stated`).
         parallel: Allow ``prange``. Never for kernels called by the online process.
         fast: Allow re-association of sums (``fastmath={'reassoc','contract','nsz','arcp'}``), never NaN tricks.
         inline: Let Numba inline the function into its callers.
@@ -122,20 +231,26 @@ def kernel(
         A decorator that keeps the Python signature for the type checker.
     """
     options: dict[str, Any] = {
-        "cache": True,
+        "nopython": True,
+        "boundscheck": None,
         "nogil": parallel or waits,
         "parallel": parallel,
         "error_model": "numpy",
         "fastmath": {"reassoc", "contract", "nsz", "arcp"} if fast else {"contract"},
     }
-    if records:
-        signature = _with_records(signature, records)
     if inline:
         options["inline"] = "always"
 
     def decorate(function: F) -> F:
+        if numba.config.DISABLE_JIT:
+            return function
         numba.config.CACHE_DIR = str(cache_folder(function.__module__))
-        compiled = numba.njit(**options) if signature is None else numba.njit(signature, **options)
-        return cast(F, compiled(function))
+        compiled = _Kernel(function, targetoptions=options)
+        compiled.enable_caching()
+        if signature is not None:
+            stated = signature if isinstance(signature, list) else [signature]
+            compiled.state(tuple(_with_records(one, records) if records else one for one in stated))
+            _STATED.append(compiled)
+        return cast(F, compiled)
 
     return decorate

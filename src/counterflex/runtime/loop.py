@@ -10,6 +10,7 @@ import numpy as np
 from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
+from counterflex.core.jit import compile_stated
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.kernels.step import OUT_C, OUT_SIZE, SCRATCH
 from counterflex.runtime.cycle import cycle, take_fast
@@ -39,7 +40,7 @@ class Loop:
     """One online loop.
 
     Fill ``given`` and ``flags`` (or use :meth:`feed`), call :meth:`run`, read ``correction``. Nothing is allocated in
-    :meth:`run`. Not safe to share between threads.
+    :meth:`run`, and nothing compiled: that is done when a loop is made. Not safe to share between threads.
 
     Args:
         chain: Elastic chain of the cell, calibrated.
@@ -122,6 +123,7 @@ class Loop:
         self.state_cycles = max(1, round(_STATE_S / settings.period_s))
         self._table = self._arrays()
         self.memory = self._memory()
+        compile_stated("counterflex.runtime.cycle")
         self.reset()
 
     def reset(self) -> None:

@@ -23,7 +23,7 @@ from counterflex.protocols.abb_egm.link import EgmLink
 from counterflex.protocols.force.sensors import Opening, link_values, opened
 from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.robot.link import RobotLink
-from counterflex.protocols.session.session import OnlineSession, SessionChecks, tracker_frames
+from counterflex.protocols.session.session import OnlineSession, SessionChecks, compile_kernels, tracker_frames
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.runtime.loop import Loop
@@ -141,6 +141,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
             limit=" and ".join(lacking),
             hint='Or set tracker = "none" in [online]',
         )
+    compile_kernels()  # before a port is open: what arrives meanwhile would be old
     link = _link(settings, cell, loop, planned)
     force: ForceSource | None = None
     tracker = wrench = None

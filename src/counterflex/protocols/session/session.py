@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
+from counterflex.core.jit import compile_stated
 from counterflex.core.units import MS, NS
 from counterflex.geometry import pose
 from counterflex.protocols.force.source import ForceSource
@@ -52,6 +53,11 @@ _LOG_LATE_ROWS = 125
 _ARM, _STOP, _RESET = int(Request.ARM), int(Request.STOP), int(Request.RESET)
 _TAKEN, _TROUBLE = int(Kept.TAKEN), int(Kept.TROUBLE)
 _RUN, _GONE = int(Life.RUN_NS), int(Life.GONE)
+
+
+def compile_kernels() -> None:
+    """Compile every kernel that a session may call, or read it from the cache: no cycle waits for a compilation."""
+    compile_stated(*(f"counterflex.{room}" for room in ("core", "robot", "signals", "sensing", "runtime", "protocols")))
 
 
 @dataclass(frozen=True)
@@ -130,6 +136,7 @@ class OnlineSession:
         watch: WatchSettings | None = None,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
+        compile_kernels()
         self.link, self.loop, self.force, self.tracker, self.ring = link, loop, force, tracker, ring
         self._wrench, self._inertia, self._motors = wrench, inertia, currents
         self._angles = angles

@@ -19,6 +19,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError, SimulationError
+from counterflex.core.jit import compile_stated
 from counterflex.core.progress import Progress, silent
 from counterflex.twin.devices.commanded_motion import Report
 from counterflex.twin.devices.exact_robot import ControlledRobot
@@ -131,6 +132,7 @@ class RobotServer:
         self._step = 0
         self._sent_at = self._reply_s = math.nan
         self._unharmed = False
+        compile_stated("counterflex.core", "counterflex.protocols")  # no cycle waits for a compilation
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1" if peer[0] in ("127.0.0.1", "localhost") else "0.0.0.0", 0))
         self.address: tuple[str, int] = self._socket.getsockname()

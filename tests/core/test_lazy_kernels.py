@@ -1,0 +1,154 @@
+"""Kernels are compiled when they are first needed, for their stated types only, once for all processes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from counterflex.core.jit import compile_stated, kernel
+
+HEARING = """
+from numba.core import event
+import counterflex.core.jit as jit
+
+begun = []
+
+
+class Heard(event.Listener):
+    def on_start(self, seen):
+        function = seen.data["dispatcher"].py_func
+        if function.__module__.startswith("counterflex."):
+            begun.append(function.__name__)
+
+    def on_end(self, seen):
+        pass
+
+
+event.register("numba:compile", Heard())
+"""
+"""Beginning of a program: ``begun`` lists the kernels that it compiles."""
+
+
+def started(text: str, cache: Path | None = None) -> subprocess.Popen[str]:
+    """A Python program that begins with :data:`HEARING`; ``cache``: an empty one, or None for that of the computer."""
+    own = {} if cache is None else {"COUNTERFLEX_CACHE": str(cache)}
+    words = [sys.executable, "-c", HEARING + textwrap.dedent(text)]
+    return subprocess.Popen(words, env=os.environ | own, stdout=subprocess.PIPE, text=True)
+
+
+def printed(program: subprocess.Popen[str]) -> list[str]:
+    """What it prints, line by line."""
+    out, _ = program.communicate()
+    assert program.returncode == 0
+    return out.splitlines()
+
+
+def test_an_import_compiles_nothing_and_a_call_what_it_needs(tmp_path: Path) -> None:
+    text = """
+        import counterflex.app.run.session
+        import counterflex.app.compensation.compensate
+        from counterflex.plan.cut_kernel import oscillator
+        print(begun)
+        oscillator(0.0, 1.0, 0.1)
+        print(begun)
+        try:
+            oscillator("0", 1.0, 0.1)
+        except TypeError as fault:
+            print(fault)
+        print(begun)
+    """
+    assert printed(started(text, tmp_path)) == [
+        "[]",
+        "['oscillator']",
+        "No matching definition for argument type(s) unicode_type, float64, float64",
+        "['oscillator']",
+    ]
+    assert printed(started(text, tmp_path))[1] == "[]"  # read from the cache
+
+
+def test_processes_that_need_the_same_kernel_compile_it_once(tmp_path: Path) -> None:
+    text = """
+        from counterflex.plan.cut_kernel import oscillator
+        oscillator(0.0, 1.0, 0.1)
+        print(*begun)
+    """
+    both = [started(text, tmp_path) for _ in range(2)]
+    assert sorted(printed(one) for one in both) == [[""], ["oscillator"]]
+
+
+def test_no_kernel_of_a_session_is_left_to_be_compiled_in_a_cycle() -> None:
+    """A whole session, its robot and sensor stood in for: what it calls is there before the first cycle."""
+    text = f"""
+        import sys
+        sys.path.insert(0, {str(Path(__file__).parents[1] / "protocols")!r})
+        import counterflex.app.run.session
+        import test_session_axis_check as rig
+
+        robot = rig._Robot(rig.nothing)
+        session = rig.session(robot)
+        rooms = tuple(f"counterflex.{{room}}." for room in ("runtime", "protocols", "sensing", "signals"))
+        ours = [k for k in jit._STATED if k.py_func.__module__.startswith(rooms)]
+        print(len(ours) > 100, [k.py_func.__name__ for k in ours if k._stated])
+        genuine, late = jit._Kernel.compile, []
+
+        def compile(self, signature):
+            if self.py_func.__module__.startswith(rooms):  # the robot that is stood in for compiles its own
+                late.append(self.py_func.__name__)
+            return genuine(self, signature)
+
+        jit._Kernel.compile = compile
+        while robot.cycle < rig.GATE + 20:
+            session.cycle(0.0)
+        print(session.loop.state.name, late)
+    """
+    assert printed(started(text)) == ["True []", "ACTIVE []"]
+
+
+@kernel("float64(float64[::1])")
+def total(x: Any) -> float:
+    """Sum."""
+    out = 0.0
+    for value in x:
+        out += value
+    return out
+
+
+@kernel("float64(float64[::1])")
+def twice(x: Any) -> float:
+    """Twice the sum."""
+    return 2.0 * total(x)
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((2, 2)), np.zeros(2, dtype=np.int64), np.zeros(4)[::2], None])
+def test_a_wrong_type_is_refused_at_the_first_call_and_later(wrong: Any) -> None:
+    @kernel("float64(float64[::1])")
+    def fresh(x: Any) -> float:
+        return float(x[0])
+
+    for _ in range(2):
+        with pytest.raises(TypeError):
+            fresh(wrong)
+        assert fresh(np.ones(2)) == 1.0
+
+
+def test_a_kernel_that_calls_another_compiles_it_for_its_stated_types() -> None:
+    assert twice(np.ones(3)) == 6.0
+    assert [len(one.signatures) for one in (twice, total)] == [1, 1]  # type: ignore[attr-defined]
+
+
+def test_kernels_are_compiled_before_they_are_called() -> None:
+    @kernel("float64(float64)")
+    def square(x: float) -> float:
+        return x * x
+
+    compile_stated("counterflex.plan.nothing")
+    assert not square.signatures  # type: ignore[attr-defined]
+    compile_stated(__name__)
+    assert len(square.signatures) == 1  # type: ignore[attr-defined]
