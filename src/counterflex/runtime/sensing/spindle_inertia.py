@@ -14,10 +14,11 @@ are the masses of the arm itself and what the model's compliance lacks.
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Final
 
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.jit import kernel
+from counterflex.core.records import Record, Records, record, records
 from counterflex.geometry import pose
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.runtime.primitives.lag_filters import MEMORY, lag
@@ -28,41 +29,40 @@ from counterflex.signals.filters import Smoothing
 _MOST_CYCLES = 4
 """Cycles without a telegram that are bridged; after more of them the motion is taken up anew."""
 
-# Places in the memory of the kernel.
-_LOW = 0  # 24: wrench
-_SECOND = MEMORY  # 24: motion
-_PLACE = 2 * MEMORY  # 6: place of the centre of gravity and turn of the tool, last telegram
-_WRENCH = _PLACE + 6  # 6: likewise
-_R = _WRENCH + 6  # 9: rotation of the tool, last telegram
-_TURN = _R + 9  # 3: how far the program has turned the tool since the beginning
-_RESULT = _TURN + 3  # 6
-_ACCELERATION = _RESULT + 6  # 6
-_SIZE = _ACCELERATION + 6
+INERTIA: Final = record(
+    low=(float, 5),  # coefficients of L
+    second=(float, 5),  # of L s^2
+    com=(float, 3),  # centre of gravity in the tool frame
+    mass=float,
+    tensor=(float, 9),  # of inertia about it, tool axes
+    R_base_part=(float, 9),
+    low_memory=(float, MEMORY),  # wrench
+    second_memory=(float, MEMORY),  # motion
+    place=(float, 6),  # of the centre of gravity, and turn of the tool, last telegram
+    wrench=(float, 6),  # likewise
+    R=(float, 9),  # rotation of the tool, last telegram
+    turn=(float, 3),  # how far the program has turned the tool since the beginning
+    result=(float, 6),
+    acceleration=(float, 6),
+    # Of this telegram alone.
+    now=(float, 6),  # place and turn
+    moved=(float, 6),  # of a cycle without a telegram
+    felt=(float, 6),  # wrench of such a cycle
+)
+"""Constants and memory."""
 
-# Places in its constants.
-_C_LOW = 0  # 5
-_C_SECOND = 5  # 5
-_C_COM = 10  # 3: centre of gravity in the tool frame
-_C_MASS = 13
-_C_INERTIA = 14  # 9: about it, tool axes
-_C_R = 23  # 9: R_base_part
-_CONSTANTS = 32
 
-
-@kernel("void(float64[::1], int64, float64[::1], float64[::1], int64, float64[::1], float64[::1])")
-def _place(T: Float, at_t: int, w: Float, C: Float, at_c: int, constants: Float, out: Float) -> None:
-    """Centre of gravity in part axes (3), and the turn of the tool by its deflection (3).
+@kernel("void(Inertia, float64[::1], float64[::1], float64[::1])", Inertia=INERTIA)
+def _place(s: Record, T: Float, w: Float, C: Float) -> None:
+    """Centre of gravity in part axes (3), and the turn of the tool by its deflection (3): into ``now``.
 
     Args:
-        T: Array that holds the pose of the tool (12, part frame) from ``at_t`` on.
-        at_t: See above.
+        s: INERTIA.
+        T: (12,) pose of the tool, part frame.
         w: (6,) wrench that the sensor shows, weight taken off, about the TCP in part axes.
-        C: Array that holds the compliance at the TCP (36, base axes) from ``at_c`` on.
-        at_c: See above.
-        constants: See the module.
-        out: (6,) written.
+        C: (36,) compliance at the TCP, base axes.
     """
-    R = constants[_C_R : _C_R + 9]
+    R, c, out = s.R_base_part[:], s.com[:], s.now[:]
     for k in range(6):
         out[k] = 0.0
     for i in range(6):
@@ -71,73 +71,91 @@ def _place(T: Float, at_t: int, w: Float, C: Float, at_c: int, constants: Float,
             part = 3 * (j // 3)
             row = 3 * (j % 3)
             base = R[row] * w[part] + R[row + 1] * w[part + 1] + R[row + 2] * w[part + 2]
-            total += C[at_c + 6 * i + j] * base
+            total += C[6 * i + j] * base
         part, row = 3 * (i // 3), 3 * (i % 3)
         for k in range(3):
             out[part + k] += R[row + k] * total
-    c = constants[_C_COM : _C_COM + 3]
-    x = T[at_t] * c[0] + T[at_t + 1] * c[1] + T[at_t + 2] * c[2]
-    y = T[at_t + 3] * c[0] + T[at_t + 4] * c[1] + T[at_t + 5] * c[2]
-    z = T[at_t + 6] * c[0] + T[at_t + 7] * c[1] + T[at_t + 8] * c[2]
-    out[0] += T[at_t + 9] + x + out[4] * z - out[5] * y
-    out[1] += T[at_t + 10] + y + out[5] * x - out[3] * z
-    out[2] += T[at_t + 11] + z + out[3] * y - out[4] * x
+    x = T[0] * c[0] + T[1] * c[1] + T[2] * c[2]
+    y = T[3] * c[0] + T[4] * c[1] + T[5] * c[2]
+    z = T[6] * c[0] + T[7] * c[1] + T[8] * c[2]
+    out[0] += T[9] + x + out[4] * z - out[5] * y
+    out[1] += T[10] + y + out[5] * x - out[3] * z
+    out[2] += T[11] + z + out[3] * y - out[4] * x
 
 
-@kernel("void(float64[::1], int64, float64[::1], float64[::1], float64[::1])")
-def _add(T: Float, at_t: int, constants: Float, memory: Float, work: Float) -> None:
-    """Add ``m a`` at the centre of gravity and ``I alpha`` to the result. Arguments as for :func:`_remove`."""
-    a, c = memory[_ACCELERATION : _ACCELERATION + 6], constants[_C_COM : _C_COM + 3]
-    mass = constants[_C_MASS]
+@kernel("void(Inertia, float64[::1])", Inertia=INERTIA)
+def _add(s: Record, T: Float) -> None:
+    """Add ``m a`` at the centre of gravity and ``I alpha`` to the result."""
+    a, c, arm, alpha, result = s.acceleration, s.com, s.moved, s.felt, s.result
     for k in range(3):
-        work[k] = T[at_t + 3 * k] * c[0] + T[at_t + 3 * k + 1] * c[1] + T[at_t + 3 * k + 2] * c[2]
-        memory[_RESULT + k] += mass * a[k]
-        work[3 + k] = T[at_t + k] * a[3] + T[at_t + 3 + k] * a[4] + T[at_t + 6 + k] * a[5]
-    memory[_RESULT + 3] += mass * (work[1] * a[2] - work[2] * a[1])
-    memory[_RESULT + 4] += mass * (work[2] * a[0] - work[0] * a[2])
-    memory[_RESULT + 5] += mass * (work[0] * a[1] - work[1] * a[0])
+        arm[k] = T[3 * k] * c[0] + T[3 * k + 1] * c[1] + T[3 * k + 2] * c[2]
+        result[k] += s.mass * a[k]
+        alpha[k] = T[k] * a[3] + T[3 + k] * a[4] + T[6 + k] * a[5]
+    result[3] += s.mass * (arm[1] * a[2] - arm[2] * a[1])
+    result[4] += s.mass * (arm[2] * a[0] - arm[0] * a[2])
+    result[5] += s.mass * (arm[0] * a[1] - arm[1] * a[0])
     for k in range(3):
-        i = _C_INERTIA + 3 * k
-        moment = constants[i] * work[3] + constants[i + 1] * work[4] + constants[i + 2] * work[5]
+        moment = s.tensor[3 * k] * alpha[0] + s.tensor[3 * k + 1] * alpha[1] + s.tensor[3 * k + 2] * alpha[2]
         for n in range(3):
-            memory[_RESULT + 3 + n] += T[at_t + 3 * n + k] * moment
+            result[3 + n] += T[3 * n + k] * moment
 
 
-@kernel("void(float64[::1], int64, float64[::1], float64[::1], int64, float64[::1], int64, float64[::1], float64[::1])")
-def _remove(
-    T: Float, at_t: int, w: Float, C: Float, at_c: int, constants: Float, elapsed: int, memory: Float, work: Float
-) -> None:
-    """One telegram; see :class:`SpindleInertia`. ``elapsed`` 0 begins, ``work`` (18,) is work space."""
-    place, x, v = work[:6], work[6:12], work[12:18]
-    _place(T, at_t, w, C, at_c, constants, place)
-    for k in range(3):  # the program's own turning, summed up from telegram to telegram
+@kernel("void(Inertia, float64[::1], boolean)", Inertia=INERTIA)
+def _turn_on(s: Record, T: Float, goes_on: bool) -> None:
+    """The program's own turning, summed up from telegram to telegram, added to the turn of the tool."""
+    R = s.R
+    for k in range(3):
         i, j = 3 * ((k + 1) % 3), 3 * ((k + 2) % 3)
         turned = 0.0
         for n in range(3):
-            turned += T[at_t + j + n] * memory[_R + i + n] - T[at_t + i + n] * memory[_R + j + n]
-        memory[_TURN + k] = memory[_TURN + k] + 0.5 * turned if elapsed > 0 else 0.0
-        place[3 + k] += memory[_TURN + k]
+            turned += T[j + n] * R[i + n] - T[i + n] * R[j + n]
+        s.turn[k] = s.turn[k] + 0.5 * turned if goes_on else 0.0
+        s.now[3 + k] += s.turn[k]
     for k in range(9):
-        memory[_R + k] = T[at_t + k]
+        R[k] = T[k]
+
+
+@kernel("void(Inertia, float64[::1], boolean)", Inertia=INERTIA)
+def _begin(s: Record, w: Float, moves: bool) -> None:
+    """Take the motion up anew: the filters as if wrench and speed had been so for ever."""
+    for k in range(6):
+        m = 4 * k
+        for n in range(4):
+            s.low_memory[m + n] = w[k]
+        speed = s.second_memory[m] - s.second_memory[m + 1] if moves else 0.0
+        s.second_memory[m], s.second_memory[m + 1] = s.now[k], s.now[k] - speed
+        s.second_memory[m + 2] = s.second_memory[m + 3] = 0.0
+        s.result[k], s.acceleration[k] = w[k], 0.0
+
+
+@kernel("void(float64[::1], int64, float64[::1], float64[::1], int64, Inertia[::1])", Inertia=INERTIA)
+def _remove(poses: Float, at: int, w: Float, C: Float, elapsed: int, inertias: Records) -> None:
+    """One telegram; see :class:`SpindleInertia`.
+
+    Args:
+        poses: Array that holds the pose of the tool (12, part frame) from ``at`` on.
+        at: See above.
+        w: (6,) wrench that the sensor shows, weight taken off, about the TCP in part axes.
+        C: (36,) compliance at the TCP, base axes.
+        elapsed: Cycles since the last telegram; 0 begins.
+        inertias: (1,) INERTIA; changed.
+    """
+    s, T = inertias[0], poses[at : at + 12]
+    _place(s, T, w, C)
+    _turn_on(s, T, elapsed > 0)
     if elapsed < 1 or elapsed > _MOST_CYCLES:
-        for k in range(6):
-            m = _LOW + 4 * k
-            memory[m] = memory[m + 1] = memory[m + 2] = memory[m + 3] = w[k]
-            m = _SECOND + 4 * k
-            speed = memory[m] - memory[m + 1] if elapsed > 0 else 0.0
-            memory[m], memory[m + 1], memory[m + 2], memory[m + 3] = place[k], place[k] - speed, 0.0, 0.0
-            memory[_RESULT + k], memory[_ACCELERATION + k] = w[k], 0.0
+        _begin(s, w, elapsed > 0)
     else:
         for n in range(1, elapsed + 1):
             share = n / elapsed
             for k in range(6):
-                x[k] = memory[_PLACE + k] + share * (place[k] - memory[_PLACE + k])
-                v[k] = memory[_WRENCH + k] + share * (w[k] - memory[_WRENCH + k])
-            lag(v, 0, constants, _C_LOW, memory, _LOW, memory, _RESULT)
-            lag(x, 0, constants, _C_SECOND, memory, _SECOND, memory, _ACCELERATION)
-        _add(T, at_t, constants, memory, x)
+                s.moved[k] = s.place[k] + share * (s.now[k] - s.place[k])
+                s.felt[k] = s.wrench[k] + share * (w[k] - s.wrench[k])
+            lag(s.felt[:], 0, s.low[:], 0, s.low_memory[:], 0, s.result[:], 0)
+            lag(s.moved[:], 0, s.second[:], 0, s.second_memory[:], 0, s.acceleration[:], 0)
+        _add(s, T)
     for k in range(6):
-        memory[_PLACE + k], memory[_WRENCH + k] = place[k], w[k]
+        s.place[k], s.wrench[k] = s.now[k], w[k]
 
 
 class SpindleInertia:
@@ -167,20 +185,18 @@ class SpindleInertia:
         low = SpindleInertia.smoothing(corner_hz, period_s).coefficients()
         T_sensor_tcp = pose.inverse(sensor.T_seg_sensor) @ carrier_to_tcp(chain, sensor.segment)
         R_tcp_sensor = T_sensor_tcp[:3, :3].T
-        self._constants: Float = np.zeros(_CONSTANTS)
-        self._constants[_C_LOW : _C_LOW + 5] = low
+        self._inertia = records(INERTIA)
+        one = self._inertia[0]
+        one.low = low
         square = (2.0 / period_s) ** 2 * low[0]
-        self._constants[_C_SECOND : _C_SECOND + 5] = square, -2.0 * square, square, low[3], low[4]
-        self._constants[_C_COM : _C_COM + 3] = R_tcp_sensor @ (sensor.p_sensor_com - T_sensor_tcp[:3, 3])
-        self._constants[_C_MASS] = sensor.mass_kg
-        inertia = R_tcp_sensor @ tensor(sensor.inertia_kg_m2) @ R_tcp_sensor.T
-        self._constants[_C_INERTIA : _C_INERTIA + 9] = inertia.reshape(-1)
-        self._constants[_C_R : _C_R + 9] = as_float("T_base_part", T_base_part, (4, 4))[:3, :3].reshape(-1)
-        self._memory: Float = np.zeros(_SIZE)
-        self._work: Float = np.zeros(18)
+        one.second = square, -2.0 * square, square, low[3], low[4]
+        one.com = R_tcp_sensor @ (sensor.p_sensor_com - T_sensor_tcp[:3, 3])
+        one.mass = sensor.mass_kg
+        one.tensor = (R_tcp_sensor @ tensor(sensor.inertia_kg_m2) @ R_tcp_sensor.T).reshape(-1)
+        one.R_base_part = as_float("T_base_part", T_base_part, (4, 4))[:3, :3].reshape(-1)
         self._begun = False
-        self.w_part: Float = self._memory[_RESULT : _RESULT + 6]
-        self.acceleration: Float = self._memory[_ACCELERATION : _ACCELERATION + 6]
+        self.w_part: Float = one.result
+        self.acceleration: Float = one.acceleration
 
     @staticmethod
     def smoothing(corner_hz: float, period_s: float) -> Smoothing:
@@ -201,16 +217,6 @@ class SpindleInertia:
         Returns:
             :attr:`w_part`.
         """
-        _remove(
-            T_part_tcp,
-            at_t,
-            w_part,
-            C.reshape(-1),
-            0,
-            self._constants,
-            elapsed if self._begun else 0,
-            self._memory,
-            self._work,
-        )
+        _remove(T_part_tcp, at_t, w_part, C.reshape(-1), elapsed if self._begun else 0, self._inertia)
         self._begun = True
         return self.w_part
