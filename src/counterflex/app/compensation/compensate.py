@@ -24,7 +24,7 @@ from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.feed_for_tolerance import FeedTolerance, at_feed
 from counterflex.plan.plan import Plan, job_hash
 from counterflex.programs.compensated import marks
-from counterflex.programs.long_dwells import long_dwells
+from counterflex.programs.doubtful_readings import doubtful_readings
 from counterflex.robot.model.elastic_region import beyond_regions
 
 TOLERANCE_M = (0.1 * UM, 1000.0 * UM)
@@ -124,7 +124,7 @@ def compensate(
     facts["lines_in"] = len("\n".join(job.program.lines).splitlines())
     facts["lines_out"] = sum(len(text.splitlines()) for name, text in files.items() if not name.endswith(".dat"))
     predicted = figures(plan)
-    said = (*long_dwells(job.program), *_beyond_measured(cell, plan), *chatter_said(predicted["chatter"]))
+    said = (*doubtful_readings(job.program), *_beyond_measured(cell, plan), *chatter_said(predicted["chatter"]))
     facts["warnings"] = [*facts.get("warnings", ()), *said]
     parts[WRITING](1.0)
     about = {

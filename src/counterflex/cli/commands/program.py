@@ -69,14 +69,14 @@ def path(
     inputs = [program, *([] if parameters is None else [parameters])]
     if csv is not None:
         keep_inputs(csv, *inputs, option="--csv")
+    from counterflex.programs.doubtful_readings import doubtful_readings
     from counterflex.programs.gcode.read.parameter_file import read_parameter_file
     from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART, read_gcode_file
     from counterflex.programs.listing import listing, write_listing
-    from counterflex.programs.long_dwells import long_dwells
 
     machine = COORDINATES_OF_THE_PART if parameters is None else read_parameter_file(parameters)
     found = read_gcode_file(program, dialect=dialect, complete=not without_end, machine=machine)
-    for warning in long_dwells(found):
+    for warning in doubtful_readings(found):
         typer.echo(f"warning: {warning}", err=True)
     if as_json:
         rows = listing(found).to_dicts()

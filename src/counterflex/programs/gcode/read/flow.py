@@ -13,8 +13,20 @@ _CLOSERS: Final = {"endsub": "sub", "endwhile": "while", "endif": "if", "endrepe
 LOOPS: Final = ("while", "do", "repeat")
 
 
+def line_end(text: str) -> str:
+    """Line end of a text: CRLF, LF, or CR where there is no other."""
+    if "\n" not in text and "\r" in text:
+        return "\r"
+    return "\r\n" if "\r\n" in text else "\n"
+
+
 def split_lines(text: str) -> tuple[str, ...]:
-    """Split at line feeds, with or without a carriage return; the empty rest behind the last one is no line."""
+    """Split at line feeds, with or without a carriage return, or at carriage returns where there are no line feeds.
+
+    The empty rest behind the last one is no line.
+    """
+    if line_end(text) == "\r":
+        text = text.replace("\r", "\n")
     lines = text.replace("\r\n", "\n").split("\n")
     if lines[-1] == "":
         lines.pop()

@@ -12,7 +12,7 @@ from typing import Final
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.similar import missing_file
 from counterflex.programs.foreign_language import foreign_language
-from counterflex.programs.gcode.read.flow import Source, split_lines
+from counterflex.programs.gcode.read.flow import Source, line_end, split_lines
 from counterflex.programs.gcode.read.interpreter import Interpreter
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.state import State, work_offset_table
@@ -71,8 +71,9 @@ def read_gcode(
     for tool, length in (machine.tool_lengths or {}).items():
         if not -10.0 <= length <= 10.0:
             raise InputError(f"the length of tool {tool} is out of range", value=length, limit="-10 to 10 m")
-    newline = "\r\n" if "\r\n" in text else "\n"
+    newline = line_end(text)
     lines = split_lines(text)
+    _refuse_hidden_ends(lines, name)
     if not any(line.strip() for line in lines):
         raise ProgramError(
             "the program is empty",
@@ -95,12 +96,29 @@ def read_gcode(
     return Program(
         name=name,
         dialect=dialect,
-        lines=(*source.lines, "") if text.endswith("\n") else source.lines,
+        lines=(*source.lines, "") if text.endswith(("\n", "\r")) else source.lines,
         newline=newline,
         blocks=tuple(_moved_block(block, zero) for block in interpreter.blocks),
         motions=tuple(_moved(motion, zero) for motion in interpreter.motions),
         straight=straight,
     )
+
+
+def _refuse_hidden_ends(lines: Sequence[str], name: str) -> None:
+    """Refuse a carriage return within a line: it was the end of one, and two blocks would be read as one.
+
+    Raises:
+        ProgramError: There is one.
+    """
+    for number, line in enumerate(lines, start=1):
+        if "\r" in line.strip("\r"):
+            column = line.strip("\r").index("\r") + 1
+            raise ProgramError(
+                "a carriage return stands within a line: the file mixes line ends",
+                where=f"{name}:{number}:{column}",
+                value=repr(line[:40]),
+                hint="Save it with one kind of line ends (LF or CRLF)",
+            )
 
 
 def _named(fault: ProgramError, name: str, lines: Sequence[str]) -> ProgramError:
@@ -190,8 +208,13 @@ def _text(file: Path) -> tuple[str, str]:
         raise ProgramError("cannot read the program: no such file", where=str(file), hint=missing_file(file)) from fault
     except OSError as fault:
         raise ProgramError(f"cannot read the program: {fault.strerror or fault}", where=str(file)) from fault
+    head = data[:64]
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or 3 * head.count(b"\0") > len(head) > 0:
+        raise ProgramError("the file is in UTF-16 or UTF-32", where=str(file), hint="Save it as ASCII or UTF-8")
     if b"\0" in data:
-        raise ProgramError("the file is no text", where=str(file), hint="G-code is plain text")
+        line = data[: data.index(b"\0")].count(b"\n") + 1
+        hint = "G-code is plain text: take the zero bytes out, or post it again"
+        raise ProgramError("the file is no text: it holds zero bytes", where=f"{file}:{line}", hint=hint)
     encoding = "utf-8-sig" if data.startswith(codecs.BOM_UTF8) else "utf-8"
     try:
         return data.decode(encoding), encoding

@@ -60,6 +60,13 @@ class Emitter(WrittenMachine):
         return self.lines
 
     def _block(self, block: Block, line: WrittenLine) -> None:
+        before = len(self.lines)
+        self._write_block(block, line)
+        if line.text.lstrip().startswith("/"):  # what becomes several lines is skipped as one
+            added = self.lines[before:]
+            self.lines[before:] = [text if text.lstrip().startswith("/") else "/" + text for text in added]
+
+    def _write_block(self, block: Block, line: WrittenLine) -> None:
         for word in line.words:
             if word.letter == "G" and word.value in _PATH_CONTROL:
                 self._exact = word.value != 64.0

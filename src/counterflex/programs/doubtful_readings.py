@@ -1,4 +1,8 @@
-"""Dwells so long that their P may have been meant in milliseconds, as many controls read it."""
+"""What a program may have meant otherwise than it was read, in words.
+
+A dwell so long that its P may have been meant in milliseconds, as many controls read it; lines that begin with a slash,
+which the operator's switch decides about.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +17,13 @@ LONG_S: Final = 60.0
 _CYCLES: Final = frozenset(code_name("G", code) for code in CYCLES)
 
 
-def long_dwells(program: Program) -> list[str]:
-    """Return one sentence for each length of dwell above :data:`LONG_S`: where, how long, and the other reading."""
+def doubtful_readings(program: Program) -> list[str]:
+    """Return one sentence for each: where, how it was read, and the other reading."""
+    return [*_long_dwells(program), *_skipped_by_switch(program)]
+
+
+def _long_dwells(program: Program) -> list[str]:
+    """Dwells above :data:`LONG_S`, one sentence for each length."""
     found: dict[tuple[str, float], list[int]] = {}
     for motion in program.motions:
         if motion.kind == "dwell" and motion.duration_s > LONG_S:
@@ -26,6 +35,18 @@ def long_dwells(program: Program) -> list[str]:
         + ": P is in seconds here, as LinuxCNC reads it; where it was meant in milliseconds, as many controls read it, "
         + f"write P{time_s * 1e-3:g}"
         for (code, time_s), lines in found.items()
+    ]
+
+
+def _skipped_by_switch(program: Program) -> list[str]:
+    """Lines with motions that begin with a slash."""
+    lines = [b.line for b in program.blocks if b.motion_count and b.text.lstrip().startswith("/")]
+    if not lines:
+        return []
+    more = f" and {len(lines) - 1} more" if len(lines) > 1 else ""
+    return [
+        f"line {lines[0]}{more} begin{'s' * (len(lines) == 1)} with / and {'is' if len(lines) == 1 else 'are'} read as "
+        "executed: leave the switch for block delete off, or take these lines out and plan again"
     ]
 
 
