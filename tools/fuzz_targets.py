@@ -14,6 +14,7 @@ import numpy as np
 
 import counterflex
 from counterflex.core.errors import CounterflexError, ProtocolError
+from counterflex.core.records import as_words, records
 from counterflex.protocols import decimal_kernel
 from counterflex.protocols.abb_egm import telegram as egm
 from counterflex.protocols.kuka_rsi import kernel as rsi_kernel
@@ -162,15 +163,13 @@ def _tracker_judge(data: bytes) -> tuple[int, int, int, int, Any, Any, float] | 
 def force(*, compiled: bool = True) -> Target:
     """Records of a Net F/T, several one behind the other: gaps, status, sums. An input is cut into rows of 36 bytes."""
     own = instrument(netft_kernel, "take_records", compiled=compiled)
-    scale, limit = np.full(6, 1e-6), np.full(6, 950.0)
     counts = (1, 2, 3, -4, 5, -(2**31))
     seeds = [
         b"".join(netft.write_record(netft.Record((first + k) % 2**32, k, status, counts)) for k in range(4))
         for first, status in ((7, 0), (2**32 - 2, 0x80010000), (5, 0x80000002))
     ]
     rows, lengths = np.zeros((64, 2048), dtype=np.uint8), np.zeros(64, dtype=np.int64)
-    numbers, before = np.zeros(netft_kernel.NUMBERS, dtype=np.int64), np.zeros(6, dtype=np.int64)
-    total, samples = np.zeros(6), np.zeros((512, 6))
+    received, samples = records(netft_kernel.RECEIVED), np.zeros((512, 6))
 
     def fill(data: bytes) -> int:
         count = 0
@@ -179,30 +178,31 @@ def force(*, compiled: bool = True) -> Target:
             rows[count, : len(piece)] = np.frombuffer(piece, dtype=np.uint8)
             lengths[count] = len(piece)
             count += 1
-        numbers[:], before[:], total[:] = 0, 0, 0.0
-        numbers[netft_kernel.N_SEQUENCE] = -1
+        as_words(received)[:] = 0
+        received["scale"], received["limit"], received["sequence"] = 1e-6, 950.0, -1
         return count
 
     def check(data: bytes) -> bool:
         count = fill(data)
-        netft_kernel.take_records(rows, lengths, count, scale, limit, numbers, before, total, samples)
+        netft_kernel.take_records(rows, lengths, count, samples, received)
         good, lost, bad, malformed, saturated, sums = _force_judge(data, 1e-6, 950.0)
-        found = [int(numbers[k]) for k in (netft_kernel.N_GOOD, netft_kernel.N_LOST, netft_kernel.N_BAD)]
-        if [*found, int(numbers[netft_kernel.N_MALFORMED])] != [good, lost, bad, malformed]:
+        r = received[0]
+        found = [int(r.good), int(r.lost), int(r.bad), int(r.malformed)]
+        if found != [good, lost, bad, malformed]:
             raise Finding(f"counted {found}, the judge {good, lost, bad, malformed}")
-        if bool(numbers[netft_kernel.N_SATURATED]) != saturated:
+        if bool(r.saturated) != saturated:
             raise Finding("saturation differs")
-        if not np.allclose(total, sums, rtol=1e-12, atol=1e-9):
-            raise Finding(f"sum {total}, the judge {sums}")
+        if not np.allclose(r.total, sums, rtol=1e-12, atol=1e-9):
+            raise Finding(f"sum {r.total}, the judge {sums}")
         return good > 0
 
     def run(data: bytes) -> object:
         count = fill(data)
-        return own.run(rows, lengths, count, scale, limit, numbers, before, total, samples, own.counts)
+        return own.run(rows, lengths, count, samples, received, own.counts)
 
     def read(data: bytes) -> object:
         count = fill(data)
-        return netft_kernel.take_records(rows, lengths, count, scale, limit, numbers, before, total, samples)
+        return netft_kernel.take_records(rows, lengths, count, samples, received)
 
     return Target(seeds, False, check, read, run, own)
 

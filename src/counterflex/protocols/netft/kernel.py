@@ -8,17 +8,25 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
+from counterflex.core.records import Records, record
 from counterflex.protocols.decimal_kernel import ByteRows
 
-N_SEQUENCE: Final = 0  # of the last record taken; -1 before the first
-N_SAME: Final = 1  # records in a row with the counts of the one before
-N_GOOD: Final = 2  # since it was set to zero
-N_SATURATED: Final = 3  # 1: a record beyond the range, or with a bad status; since it was set to zero
-N_LOST: Final = 4  # in all, as the next two
-N_BAD: Final = 5
-N_MALFORMED: Final = 6
-N_FIRST: Final = 7  # sequence number of the first good record since N_GOOD was zero
-NUMBERS: Final = 8
+RECEIVED: Final = record(
+    scale=(float, 6),  # N, N m per count
+    limit=(float, 6),  # N, N m: beyond it a reading counts as saturated
+    sequence=int,  # of the last record taken; -1 before the first
+    same=int,  # records in a row with the counts of the one before
+    good=int,  # since it was set to zero
+    saturated=int,  # 1: a record beyond the range, or with a bad status; since it was set to zero
+    lost=int,  # in all, as the next two
+    bad=int,
+    malformed=int,
+    first=int,  # sequence number of the first good record since good was zero
+    before=(int, 6),  # counts of the last good record
+    total=(float, 6),  # N, N m: sum of the good readings since good was zero
+    wrench=(float, 6),  # N, N m: mean of the good readings; left where there are none
+)
+"""What is known of a stream of records."""
 _SIZE: Final = 36
 _GOOD: Final = 0
 _MONITOR: Final = 0x80010000
@@ -35,65 +43,48 @@ def big_endian(data: ByteRows, row: int, at: int) -> int:
     )
 
 
-@kernel(
-    "void(uint8[:, ::1], int64[::1], int64, float64[::1], float64[::1], int64[::1], int64[::1],"
-    " float64[::1], float64[:, ::1])"
-)
-def take_records(
-    data: ByteRows,
-    lengths: Int,
-    count: int,
-    scale: Float,
-    limit: Float,
-    numbers: Int,
-    before: Int,
-    total: Float,
-    samples: Float,
-) -> None:
+@kernel("void(uint8[:, ::1], int64[::1], int64, float64[:, ::1], Received[::1])", Received=RECEIVED)
+def take_records(data: ByteRows, lengths: Int, count: int, samples: Float, received: Records) -> None:
     """Take records in their order.
 
     Args:
         data: (n, size) one datagram in a row.
         lengths: (n,) bytes of each.
         count: How many there are.
-        scale: (6,) N, N m per count.
-        limit: (6,) N, N m: beyond it a reading counts as saturated.
-        numbers: (NUMBERS,) of this module; changed.
-        before: (6,) counts of the last good record; changed.
-        total: (6,) N, N m: sum of the good readings; changed.
-        samples: (m, 6) N, N m: the first m good readings since N_GOOD was zero; changed.
+        samples: (m, 6) N, N m: the first m good readings since ``good`` was zero; changed.
+        received: (1,) RECEIVED; changed.
     """
+    r = received[0]
     for row in range(count):
         if lengths[row] != _SIZE:
-            numbers[N_MALFORMED] += 1
+            r.malformed += 1
             continue
         sequence = big_endian(data, row, 0)
-        if numbers[N_SEQUENCE] >= 0:
-            step = (sequence - numbers[N_SEQUENCE]) & 0xFFFFFFFF
+        if r.sequence >= 0:
+            step = (sequence - r.sequence) & 0xFFFFFFFF
             if step == 0 or step >= 0x80000000:
                 continue  # late or repeated: a newer one has been taken already
-            numbers[N_LOST] += step - 1
-        numbers[N_SEQUENCE] = sequence
+            r.lost += step - 1
+        r.sequence = sequence
         status = big_endian(data, row, 8)
         if status not in (_GOOD, _MONITOR):
-            numbers[N_BAD] += 1
-            numbers[N_SATURATED] = 1
+            r.bad += 1
+            r.saturated = 1
             continue
-        same, good = 1, numbers[N_GOOD]
+        same, good = True, r.good
         if good == 0:
-            numbers[N_FIRST] = sequence
+            r.first = sequence
         for k in range(6):
             counts = big_endian(data, row, 12 + 4 * k)
             if counts >= 0x80000000:
                 counts -= 0x100000000
-            if counts != before[k]:
-                same = 0
-            before[k] = counts
-            value = counts * scale[k]
-            if abs(value) > limit[k]:
-                numbers[N_SATURATED] = 1
-            total[k] += value
+            same = same and counts == r.before[k]
+            r.before[k] = counts
+            value = counts * r.scale[k]
+            if abs(value) > r.limit[k]:
+                r.saturated = 1
+            r.total[k] += value
             if good < samples.shape[0]:
                 samples[good, k] = value
-        numbers[N_SAME] = numbers[N_SAME] + 1 if same == 1 else 0
-        numbers[N_GOOD] += 1
+        r.same = r.same + 1 if same else 0
+        r.good += 1

@@ -11,8 +11,9 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.array_table import ArrayTable
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError, ProtocolError
+from counterflex.core.records import Record, records
 from counterflex.protocols.netft import kernel as reading
 from counterflex.protocols.netft import telegram as netft
 from counterflex.protocols.netft.drain_kernel import drain_records
@@ -53,12 +54,15 @@ class NetftLink:
         range_nm: float | None = None,
     ) -> None:
         self.peer = peer
-        self._scale = np.r_[np.full(3, scaling.force_n), np.full(3, scaling.moment_nm)]
+        self._received = records(reading.RECEIVED)
+        r: Record = self._received[0]
+        r.scale = np.r_[np.full(3, scaling.force_n), np.full(3, scaling.moment_nm)]
         limits = (
             np.array(scaling.range_n) if range_n is None else np.full(3, range_n),
             np.array(scaling.range_nm) if range_nm is None else np.full(3, range_nm),
         )
-        self._limit = SATURATED * np.minimum(np.concatenate(limits), netft.RAIL * self._scale)
+        r.limit = SATURATED * np.minimum(np.concatenate(limits), netft.RAIL * r.scale)
+        r.sequence = r.first = -1
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.connect(peer)
@@ -68,26 +72,17 @@ class NetftLink:
                 f"the force sensor cannot be addressed: {fault.strerror or fault}", where=f"{peer[0]}:{peer[1]}"
             ) from fault
         self._inbox = Datagrams(self._socket)
-        self.w_sensor: Float = np.zeros(6)
-        self._sum: Float = np.zeros(6)
-        self._before: Int = np.zeros(6, dtype=np.int64)
-        self._numbers: Int = np.zeros(reading.NUMBERS, dtype=np.int64)
-        self._numbers[[reading.N_SEQUENCE, reading.N_FIRST]] = -1
+        self.w_sensor: Float = r.wrench
         self.samples: Float = np.zeros((MOST_SAMPLES, 6))
         self.good, self.first = 0, -1
         self.saturated = self.frozen = False
-        self._table = ArrayTable(
-            (
-                *self._inbox.arrays(),
-                *(self._scale, self._limit, self._numbers, self._before, self._sum, self.samples, self.w_sensor),
-            )
-        )
+        self._table = ArrayTable((*self._inbox.arrays(), self.samples, self._received))
 
     def start(self) -> None:
         """Ask for the stream (again)."""
         with contextlib.suppress(ConnectionError, BlockingIOError):
             self._socket.send(netft.request(netft.START))
-        self._numbers[reading.N_SEQUENCE] = -1
+        self._received["sequence"] = -1
 
     def stop(self) -> None:
         """End the stream."""
@@ -108,40 +103,30 @@ class NetftLink:
         return found[0]
 
     def _one_by_one(self) -> None:
-        inbox, numbers = self._inbox, self._numbers
-        self._sum[:] = 0.0
-        numbers[reading.N_GOOD] = numbers[reading.N_SATURATED] = 0
+        inbox, received = self._inbox, self._received
+        received["total"] = 0.0
+        received["good"] = received["saturated"] = 0
         while True:
             count = inbox.take()
             if count:
-                reading.take_records(
-                    inbox.data,
-                    inbox.lengths,
-                    count,
-                    self._scale,
-                    self._limit,
-                    numbers,
-                    self._before,
-                    self._sum,
-                    self.samples,
-                )
+                reading.take_records(inbox.data, inbox.lengths, count, self.samples, received)
             if count < ROWS:
                 break
 
     @property
     def lost(self) -> int:
         """Records lost, in all."""
-        return int(self._numbers[reading.N_LOST])
+        return int(self._received["lost"][0])
 
     @property
     def bad(self) -> int:
         """Records whose status forbids their use, in all."""
-        return int(self._numbers[reading.N_BAD])
+        return int(self._received["bad"][0])
 
     @property
     def malformed(self) -> int:
         """Datagrams that are no records, in all."""
-        return int(self._numbers[reading.N_MALFORMED])
+        return int(self._received["malformed"][0])
 
     def close(self) -> None:
         """End the stream and free the socket."""
