@@ -9,6 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
+from counterflex.core.records import Records, record
 from counterflex.protocols.decimal_kernel import ByteRows
 
 OK: Final = 0
@@ -26,18 +27,23 @@ UNUSABLE: Final = _BROKEN | _INACCURATE
 FARTHEST_MM: Final = 200_000.0
 UNIT: Final = 1e-6
 
-N_SEQUENCE: Final = 0  # of the last datagram taken; -1 before the first
-N_STATUS: Final = 1
-N_TIME: Final = 2  # ns, clock of the source, of the pose
-N_LOST: Final = 3  # in all, as the next two
-N_MALFORMED: Final = 4
-N_FOREIGN: Final = 5
-N_HOST: Final = 6  # who is listened to; -1: whoever comes first
-NUMBERS: Final = 7
-
-SUM: Final = 5  # row of the work space from which the sum of good poses is kept, four rows
-COUNT: Final = 9  # its row behind that: number of poses, sum of their times after the first, time of the first, ns
-SPARE: Final = 10  # rows of the work space
+RECEIVED: Final = record(
+    sequence=int,  # of the last datagram taken; -1 before the first
+    status=int,
+    time_ns=int,  # clock of the source, of the pose
+    lost=int,  # in all, as the next two
+    malformed=int,
+    foreign=int,
+    host=int,  # who is listened to; -1: whoever comes first
+    values=(float, 8),  # of the newest good datagram: position mm, quaternion, standard deviation mm
+    read=(float, 8),  # of the last one read
+    # Of the good poses since these were set to zero.
+    poses=(float, (4, 4)),  # sum
+    count=float,
+    first_ns=float,  # time of the first
+    later_ns=float,  # sum of their times after the first
+)
+"""What is known of a stream of datagrams."""
 
 
 @kernel("int64(uint8[:, ::1], int64, int64, int64)")
@@ -93,19 +99,12 @@ def read_datagram(data: ByteRows, row: int, length: int, T: Float, values: Float
 
 
 @kernel(
-    "boolean(uint8[:, ::1], int64[::1], int64[::1], int64, int64[::1], int64[::1], float64[:, ::1], float64[:, ::1],"
-    " float64[::1])"
+    "boolean(uint8[:, ::1], int64[::1], int64[::1], int64, int64[::1], float64[:, ::1], float64[:, ::1],"
+    " Received[::1])",
+    Received=RECEIVED,
 )
 def take_poses(
-    data: ByteRows,
-    lengths: Int,
-    hosts: Int,
-    count: int,
-    allowed: Int,
-    numbers: Int,
-    T: Float,
-    spare: Float,
-    values: Float,
+    data: ByteRows, lengths: Int, hosts: Int, count: int, allowed: Int, T: Float, spare: Float, received: Records
 ) -> bool:
     """Take datagrams in their order.
 
@@ -115,49 +114,46 @@ def take_poses(
         hosts: (n,) who sent each.
         count: How many there are.
         allowed: (m,) senders that are listened to; empty: the first that comes.
-        numbers: (NUMBERS,) of this module; changed.
         T: (4, 4) newest good pose, m; changed.
-        spare: (SPARE, 8) work space; sum and count of the good poses are added to, see :func:`mean_pose`.
-        values: (8,) as :func:`read_datagram` writes them, of the newest good one; changed.
+        spare: (4, 4) work space.
+        received: (1,) RECEIVED; changed, the sums too, see :func:`mean_pose`.
 
     Returns:
         Whether :data:`T` is new.
     """
-    fresh = False
-    work, read = spare[4], spare[:4]
+    r, fresh = received[0], False
     for row in range(count):
-        known = len(allowed) == 0 and (numbers[N_HOST] < 0 or numbers[N_HOST] == hosts[row])
+        known = len(allowed) == 0 and (r.host < 0 or r.host == hosts[row])
         for host in allowed:
             known |= host == hosts[row]
         if not known:
-            numbers[N_FOREIGN] += 1
+            r.foreign += 1
             continue
-        if read_datagram(data, row, lengths[row], read, work) != OK:
-            numbers[N_MALFORMED] += 1
+        if read_datagram(data, row, lengths[row], spare, r.read[:]) != OK:
+            r.malformed += 1
             continue
         if len(allowed) == 0:
-            numbers[N_HOST] = hosts[row]
+            r.host = hosts[row]
         sequence = _number(data, row, 4, 4)
-        step = (sequence - numbers[N_SEQUENCE]) & 0xFFFFFFFF if numbers[N_SEQUENCE] >= 0 else 1
+        step = (sequence - r.sequence) & 0xFFFFFFFF if r.sequence >= 0 else 1
         if step == 0 or step > 0x80000000:
             continue
-        numbers[N_LOST] += step - 1
-        numbers[N_SEQUENCE] = sequence
-        numbers[N_STATUS] = _number(data, row, 16, 4)
-        if numbers[N_STATUS] & UNUSABLE:
+        r.lost += step - 1
+        r.sequence = sequence
+        r.status = _number(data, row, 16, 4)
+        if r.status & UNUSABLE:
             continue
-        numbers[N_TIME] = _number(data, row, 8, 8)
+        r.time_ns = _number(data, row, 8, 8)
         for i in range(4):
             for j in range(4):
-                T[i, j] = read[i, j]
-                spare[SUM + i, j] += read[i, j]
+                T[i, j] = spare[i, j]
+                r.poses[i, j] += spare[i, j]
         for k in range(8):
-            values[k] = work[k]
-        total = spare[COUNT]
-        if total[0] == 0.0:
-            total[2] = float(numbers[N_TIME])
-        total[0] += 1.0
-        total[1] += float(numbers[N_TIME]) - total[2]
+            r.values[k] = r.read[k]
+        if r.count == 0.0:
+            r.first_ns = float(r.time_ns)
+        r.count += 1.0
+        r.later_ns += float(r.time_ns) - r.first_ns
         fresh = True
     return fresh
 
@@ -185,36 +181,37 @@ def tool_pose(T_part_tracker: Float, T_tracker_target: Float, T_target_tcp: Floa
         out[at + 9 + i] = r0 * C[0, 3] + r1 * C[1, 3] + r2 * C[2, 3] + p
 
 
-@kernel("float64(float64[:, ::1], float64, float64[:, ::1])")
-def mean_pose(spare: Float, most: float, T: Float) -> float:
+@kernel("float64(Received[::1], float64, float64[:, ::1])", Received=RECEIVED)
+def mean_pose(received: Records, most: float, T: Float) -> float:
     """Mean of the poses that :func:`take_poses` has summed up since its sums were set to zero.
 
     The mean of rotations a few degrees apart: columns of the mean matrix, made square to each other again.
 
     Args:
-        spare: Work space of :func:`take_poses`.
+        received: (1,) RECEIVED of :func:`take_poses`.
         most: With more poses than these, or one, ``T`` is left as it is: they have piled up, and the newest counts.
         T: (4, 4) newest good pose; written.
 
     Returns:
         Mean time of the poses after the first of them, ns; below 0 where ``T`` was left.
     """
-    count = spare[COUNT, 0]
+    r = received[0]
+    count, total = r.count, r.poses
     if count < 2.0 or count > most:
         return -1.0
     for k in range(3):
-        T[k, 3] = spare[SUM + k, 3] / count
+        T[k, 3] = total[k, 3] / count
     size = 0.0
     for k in range(3):
-        size += spare[SUM + k, 0] ** 2
+        size += total[k, 0] ** 2
     size = math.sqrt(size)
     along = 0.0
     for k in range(3):
-        T[k, 0] = spare[SUM + k, 0] / size
-        along += T[k, 0] * spare[SUM + k, 1]
+        T[k, 0] = total[k, 0] / size
+        along += T[k, 0] * total[k, 1]
     size = 0.0
     for k in range(3):
-        T[k, 1] = spare[SUM + k, 1] - along * T[k, 0]
+        T[k, 1] = total[k, 1] - along * T[k, 0]
         size += T[k, 1] ** 2
     size = math.sqrt(size)
     for k in range(3):
@@ -222,4 +219,4 @@ def mean_pose(spare: Float, most: float, T: Float) -> float:
     T[0, 2] = T[1, 0] * T[2, 1] - T[2, 0] * T[1, 1]
     T[1, 2] = T[2, 0] * T[0, 1] - T[0, 0] * T[2, 1]
     T[2, 2] = T[0, 0] * T[1, 1] - T[1, 0] * T[0, 1]
-    return float(spare[COUNT, 1] / count)
+    return float(r.later_ns / count)

@@ -9,6 +9,7 @@ import numpy as np
 from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, OutputError
+from counterflex.core.records import Record, records
 from counterflex.core.units import MM
 from counterflex.protocols.system.datagrams import ROWS, Datagrams, host_number
 from counterflex.protocols.tracker import kernel as reading
@@ -54,29 +55,30 @@ class TrackerLink:
         self.address: tuple[str, int] = self._socket.getsockname()
         self._inbox = Datagrams(self._socket)
         self._allowed: Int = np.array([host_number(peer) for peer in peers or ()], dtype=np.int64)
-        self._numbers: Int = np.zeros(reading.NUMBERS, dtype=np.int64)
-        self._numbers[[reading.N_SEQUENCE, reading.N_HOST]] = -1
-        self._numbers[reading.N_STATUS] = BEAM_BROKEN
-        self._values: Float = np.zeros(8)
-        self._spare: Float = np.zeros((reading.SPARE, 8))
+        self._received = records(reading.RECEIVED)
+        r: Record = self._received[0]
+        r.sequence = r.host = -1
+        r.status = BEAM_BROKEN
+        self._status: Int = self._received["status"]
+        self._time: Int = self._received["time_ns"]
+        self._values: Float = r.values
+        self._spare: Float = np.zeros((4, 4))
         self._mean_ns = -1
         self.T_tracker_target: Float = np.eye(4)
         self._table = ArrayTable(
-            (
-                *self._inbox.arrays(),
-                *(self._allowed, self._numbers, self.T_tracker_target, self._spare, self._values),
-            )
+            (*self._inbox.arrays(), self._allowed, self.T_tracker_target, self._spare, self._received)
         )
 
     def drain(self) -> bool:
         """Take every datagram that is there; returns whether a new good pose is among them."""
         inbox = self._inbox
         if self._most > 1.0:
-            self._spare[reading.SUM :] = 0.0
+            for name in ("poses", "count", "first_ns", "later_ns"):
+                self._received[name] = 0.0
         fresh = drain_poses(inbox.fd, self._table.rows) if inbox.many else self._drain_singly()
         if fresh and self._most > 1.0:
-            after = reading.mean_pose(self._spare, self._most, self.T_tracker_target)
-            self._mean_ns = -1 if after < 0.0 else int(self._spare[reading.COUNT, 2] + after)
+            after = reading.mean_pose(self._received, self._most, self.T_tracker_target)
+            self._mean_ns = -1 if after < 0.0 else int(self._received["first_ns"][0] + after)
         return fresh
 
     def _drain_singly(self) -> bool:
@@ -85,8 +87,8 @@ class TrackerLink:
             count = inbox.take()
             if count:
                 fresh |= reading.take_poses(
-                    inbox.data, inbox.lengths, inbox.hosts, count, self._allowed, self._numbers,
-                    self.T_tracker_target, self._spare, self._values,
+                    inbox.data, inbox.lengths, inbox.hosts, count, self._allowed,
+                    self.T_tracker_target, self._spare, self._received,
                 )  # fmt: skip
             if count < ROWS:
                 return bool(fresh and not self.status & reading.UNUSABLE)
@@ -94,7 +96,7 @@ class TrackerLink:
     @property
     def time_ns(self) -> int:
         """When the newest good pose was measured, or the mean on average, clock of the source."""
-        return int(self._numbers[reading.N_TIME]) if self._mean_ns < 0 else self._mean_ns
+        return int(self._time[0]) if self._mean_ns < 0 else self._mean_ns
 
     @property
     def sigma_m(self) -> float:
@@ -104,22 +106,22 @@ class TrackerLink:
     @property
     def status(self) -> int:
         """Its status bits, or those of a broken beam that came after it."""
-        return int(self._numbers[reading.N_STATUS])
+        return int(self._status[0])
 
     @property
     def lost(self) -> int:
         """Datagrams lost, in all."""
-        return int(self._numbers[reading.N_LOST])
+        return int(self._received["lost"][0])
 
     @property
     def malformed(self) -> int:
         """Datagrams that are none, in all."""
-        return int(self._numbers[reading.N_MALFORMED])
+        return int(self._received["malformed"][0])
 
     @property
     def foreign(self) -> int:
         """Datagrams from another address."""
-        return int(self._numbers[reading.N_FOREIGN])
+        return int(self._received["foreign"][0])
 
     def close(self) -> None:
         """Free the port."""
