@@ -139,14 +139,13 @@ def test_what_hangs_behind_a_body() -> None:
         carrier_pose(c, "nothing", Q)
 
 
-def test_packed_holds_everything() -> None:
+def test_its_record_holds_what_kernels_need() -> None:
     offset: Float = RNG.standard_normal((9, 6))
     s = sensor(w_offset=offset)
-    packed = s.packed()
-    assert packed.shape == (42 + 54,)
-    assert packed[12] == 75.0
-    assert packed[41] == 9.0
-    np.testing.assert_array_equal(packed[42:].reshape(9, 6), offset)
+    one = s.record()[0]
+    assert (one.mass, one.functions, one.reference_c) == (75.0, 9, s.reference_c)
+    np.testing.assert_array_equal(one.offset[:9], offset)
+    assert not one.offset[9:].any()
 
 
 def test_bad_constants_are_named() -> None:

@@ -35,11 +35,11 @@ def test_agrees_with_the_array_form(functions: int, seed: int) -> None:
     R_base_sensor = rotation.exp(rng.normal(size=3))
     w_idle, out = np.zeros(6), np.zeros(6)
     flat = np.ascontiguousarray(R_base_sensor.reshape(-1))
-    idle(one.packed(), flat, flat, DOWN, 100.0, 25.0, w_idle)
+    idle(one.record(), flat, flat, DOWN, 100.0, 25.0, w_idle)
     expected = idle_wrench(one, R_base_sensor, temperature_c=25.0, time_s=100.0)
     np.testing.assert_allclose(w_idle, expected, rtol=1e-12, atol=1e-9)
     R_hose_sensor = rotation.exp(rng.normal(size=3))
-    idle(one.packed(), flat, np.ascontiguousarray(R_hose_sensor.reshape(-1)), DOWN, 100.0, 25.0, w_idle)
+    idle(one.record(), flat, np.ascontiguousarray(R_hose_sensor.reshape(-1)), DOWN, 100.0, 25.0, w_idle)
     one = replace(one, hose_from="axis4")
     expected = idle_wrench(one, R_base_sensor, temperature_c=25.0, time_s=100.0, R_hose_sensor=R_hose_sensor)
     np.testing.assert_allclose(w_idle, expected, rtol=1e-12, atol=1e-9)
@@ -56,5 +56,5 @@ def test_agrees_with_the_array_form(functions: int, seed: int) -> None:
 
 def test_without_a_temperature_it_is_the_reference() -> None:
     one, out = sensor(np.random.default_rng(3), 0), np.zeros(6)
-    idle(one.packed(), np.eye(3).reshape(-1).copy(), np.eye(3).reshape(-1).copy(), DOWN, 0.0, float("nan"), out)
+    idle(one.record(), np.eye(3).reshape(-1).copy(), np.eye(3).reshape(-1).copy(), DOWN, 0.0, float("nan"), out)
     np.testing.assert_allclose(out, idle_wrench(one, np.eye(3)), rtol=1e-12)

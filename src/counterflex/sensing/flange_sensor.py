@@ -9,11 +9,13 @@ eq. 12-20, torques included).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float, as_float, as_positive, frozen
 from counterflex.core.errors import InputError
+from counterflex.core.records import Records, record, records
 from counterflex.core.units import STANDARD_GRAVITY
 from counterflex.geometry import pose, rotation, wrench
 from counterflex.sensing.orientation_basis import degree_of, orientation_basis
@@ -21,6 +23,18 @@ from counterflex.sensing.orientation_basis import degree_of, orientation_basis
 REFERENCE_C = 20.0
 DOWN: Float = np.array([0.0, 0.0, -STANDARD_GRAVITY])
 DOWN.flags.writeable = False
+
+IDLE: Final = record(
+    mass=float,  # kg
+    com=(float, 3),  # m, centre of gravity in the sensor frame
+    bias=(float, 6),  # N, N m
+    drift=(float, 6),  # N/s, N m/s
+    kelvin=(float, 6),  # N/K, N m/K
+    reference_c=float,
+    functions=int,  # number of functions of the orientation: 0, 9 or 34
+    offset=(float, (34, 6)),  # N, N m, by the functions of the orientation
+)
+"""What :class:`FlangeSensor` shows without a process, for kernels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,26 +108,15 @@ class FlangeSensor:
         """Degree of the orientation-dependent offset."""
         return degree_of(len(self.w_offset))
 
-    def packed(self) -> Float:
-        """All constants in one array, for kernels.
-
-        Returns:
-            (42 + 6 k,): rotation of the sensor in its body (9, rows), its origin (3), mass, centre of gravity (3),
-            inertia (6), bias (6), drift (6), temperature coefficients (6), reference temperature, ``k`` as a number,
-            and the offset (k, 6) by rows.
-        """
-        head = [
-            self.T_seg_sensor[:3, :3].reshape(-1),
-            self.T_seg_sensor[:3, 3],
-            [self.mass_kg],
-            self.p_sensor_com,
-            self.inertia_kg_m2,
-            self.w_bias,
-            self.w_drift_per_s,
-            self.w_kelvin,
-            [self.reference_c, float(len(self.w_offset))],
-        ]
-        return np.concatenate([*head, self.w_offset.reshape(-1)])
+    def record(self) -> Records:
+        """(1,) IDLE for :func:`counterflex.sensing.wrench_kernel.idle`."""
+        out = records(IDLE)
+        one = out[0]
+        one.mass, one.com, one.bias, one.drift = self.mass_kg, self.p_sensor_com, self.w_bias, self.w_drift_per_s
+        one.kelvin, one.reference_c = self.w_kelvin, self.reference_c
+        one.functions = len(self.w_offset)
+        one.offset[: len(self.w_offset)] = self.w_offset
+        return out
 
 
 def tensor(inertia_kg_m2: Float) -> Float:

@@ -1,29 +1,19 @@
 """The flange sensor's reading as process wrench at the TCP, compiled for the online loop: one sample, no allocation.
 
 The same equations as :func:`counterflex.sensing.flange_sensor.tcp_wrench`, with the constants of
-:meth:`~counterflex.sensing.flange_sensor.FlangeSensor.packed`.
+:meth:`~counterflex.sensing.flange_sensor.FlangeSensor.record`.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-
-P_R: Final = 0
-P_ORIGIN: Final = 9
-P_MASS: Final = 12
-P_COM: Final = 13
-P_BIAS: Final = 22
-P_DRIFT: Final = 28
-P_KELVIN: Final = 34
-P_REFERENCE: Final = 40
-P_COUNT: Final = 41
-P_OFFSET: Final = 42
+from counterflex.core.records import Records
+from counterflex.sensing.flange_sensor import IDLE
 
 _H = math.sqrt(0.5)
 _T = 1.0 / math.sqrt(6.0)
@@ -57,14 +47,14 @@ def _second(R: Float, a: int, b: int) -> float:
     return total
 
 
-@kernel("void(float64[::1], float64[::1], float64[::1], float64[::1], float64, float64, float64[::1])")
+@kernel("void(Idle[::1], float64[::1], float64[::1], float64[::1], float64, float64, float64[::1])", Idle=IDLE)
 def idle(
-    packed: Float, R: Float, R_rest: Float, gravity: Float, time_s: float, temperature_c: float, out: Float
+    sensors: Records, R: Float, R_rest: Float, gravity: Float, time_s: float, temperature_c: float, out: Float
 ) -> None:
     """What the sensor shows at rest without a process.
 
     Args:
-        packed: Constants of the sensor.
+        sensors: (1,) IDLE.
         R: (9,) R_base_sensor by rows, of the bent arm.
         R_rest: (9,) rotation that the offset goes by: R_base_sensor, or R_hose_sensor where a body is named.
         gravity: (3,) m/s2, base axes.
@@ -72,21 +62,21 @@ def idle(
         temperature_c: NaN is the reference temperature.
         out: (6,) N, N m about the sensor's origin in its axes; written.
     """
-    warm = temperature_c - packed[P_REFERENCE] if math.isfinite(temperature_c) else 0.0
-    m = packed[P_MASS]
+    s = sensors[0]
+    warm = temperature_c - s.reference_c if math.isfinite(temperature_c) else 0.0
+    m = s.mass
     fx = m * (R[0] * gravity[0] + R[3] * gravity[1] + R[6] * gravity[2])
     fy = m * (R[1] * gravity[0] + R[4] * gravity[1] + R[7] * gravity[2])
     fz = m * (R[2] * gravity[0] + R[5] * gravity[1] + R[8] * gravity[2])
-    cx, cy, cz = packed[P_COM], packed[P_COM + 1], packed[P_COM + 2]
+    cx, cy, cz = s.com[0], s.com[1], s.com[2]
     out[0], out[1], out[2] = fx, fy, fz
     out[3], out[4], out[5] = cy * fz - cz * fy, cz * fx - cx * fz, cx * fy - cy * fx
     for k in range(6):
-        out[k] += packed[P_BIAS + k] + time_s * packed[P_DRIFT + k] + warm * packed[P_KELVIN + k]
-    count = int(packed[P_COUNT])
-    for i in range(count):
+        out[k] += s.bias[k] + time_s * s.drift[k] + warm * s.kelvin[k]
+    for i in range(s.functions):
         value = math.sqrt(3.0) * R_rest[i] if i < 9 else math.sqrt(5.0) * _second(R_rest, (i - 9) // 5, (i - 9) % 5)
         for k in range(6):
-            out[k] += value * packed[P_OFFSET + 6 * i + k]
+            out[k] += value * s.offset[i, k]
 
 
 @kernel("void(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])")

@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import carray
 
-from counterflex.core.array_table import ArrayTable, matrix, reals, whole_matrix, wholes
+from counterflex.core.array_table import ArrayTable, matrix, reals, to_pointer, whole_matrix, wholes
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
+from counterflex.core.records import Records
 from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.kernels.scalar import chain_pass, joint_trig, loads
 from counterflex.sensing.carrier import carrier_to_tcp, hose_place, segment_index
-from counterflex.sensing.flange_sensor import FlangeSensor
+from counterflex.sensing.flange_sensor import IDLE, FlangeSensor
 from counterflex.sensing.wrench_kernel import idle, to_tcp
 
 
@@ -90,13 +92,19 @@ def bent_rotation(
                 rest[3 * i + j] = total
 
 
+@kernel("Idle[::1](int64[:, ::1])", Idle=IDLE)
+def _sensor(table: Int) -> Records:
+    out: Records = carray(to_pointer(table[10, 0]), (1,), IDLE)
+    return out
+
+
 @kernel("void(int64[:, ::1], float64[::1], float64[::1], float64, float64)")
 def sensor_wrench(table: Int, q: Float, w_sensor: Float, time_s: float, temperature_c: float) -> None:
     """Process wrench of one reading; see :meth:`SensorWrench.__call__`.
 
     Args:
         table: Real, kind; (2,) stations of sensor and hose; rotation of the sensor in its station; frame, delta, trig,
-            turn, both rotations of :func:`bent_rotation`; constants of the sensor, gravity, idle reading, TCP in the
+            turn, both rotations of :func:`bent_rotation`; IDLE of the sensor, gravity, idle reading, TCP in the
             sensor, the unit rotation, R_base_part; and the wrench in base and in part axes: these two are written.
         q: (6,) rad.
         w_sensor: (6,) N, N m.
@@ -120,7 +128,7 @@ def sensor_wrench(table: Int, q: Float, w_sensor: Float, time_s: float, temperat
         R,
         R_rest,
     )
-    idle(reals(table, 10), R, R_rest, reals(table, 11), time_s, temperature_c, still)
+    idle(_sensor(table), R, R_rest, reals(table, 11), time_s, temperature_c, still)
     to_tcp(w_sensor, still, R, p, reals(table, 14), w_base)
     to_tcp(w_sensor, still, R, p, reals(table, 15), reals(table, 17))
 
@@ -160,7 +168,7 @@ class SensorWrench:
         R_base_part = as_float("T_base_part", T_base_part, (4, 4))[:3, :3]
         self._R_base_part = np.ascontiguousarray(R_base_part.reshape(-1))
         self._real, self._kind = compact.real, compact.kind
-        self._packed, self._gravity = sensor.packed(), np.array(chain.gravity)
+        self._sensor, self._gravity = sensor.record(), np.array(chain.gravity)
         m = compact.stations
         self._frame: Float = np.zeros((m + 1, 12))
         self._delta: Float = np.zeros((m, 6))
@@ -177,7 +185,7 @@ class SensorWrench:
             (
                 *(self._real, self._kind, stations_of, self._R_station_sensor),
                 *(self._frame, self._delta, self._trig, self._turn, self._R, self._R_rest),
-                *(self._packed, self._gravity, self._idle, self._p_sensor_tcp, self._unturned, self._R_base_part),
+                *(self._sensor, self._gravity, self._idle, self._p_sensor_tcp, self._unturned, self._R_base_part),
                 *(self.w_base, self.w_part),
             )
         )
