@@ -75,8 +75,9 @@ def idle(
         out[k] += s.bias[k] + time_s * s.drift[k] + warm * s.kelvin[k]
     for i in range(s.functions):
         value = math.sqrt(3.0) * R_rest[i] if i < 9 else math.sqrt(5.0) * _second(R_rest, (i - 9) // 5, (i - 9) % 5)
+        row = s.offset[i]
         for k in range(6):
-            out[k] += value * s.offset[i, k]
+            out[k] += value * row[k]
 
 
 @kernel("void(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])")
