@@ -17,7 +17,6 @@ from counterflex.app.identification.history import history
 from counterflex.app.identification.propose import propose
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ModelError
-from counterflex.core.progress import Progress
 from counterflex.core.units import URAD_PER_KNM
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.dataset.proposal import read_proposal
@@ -27,7 +26,7 @@ from counterflex.files.identification_file import covariance_shop, read_identifi
 from counterflex.identify.data.changes import Change, ElementCompliance
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.recipe import Curve, Figure, Identification, Picture, Proposal, Recipe
+from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Proposal, Recipe
 from counterflex.identify.solver.holdout import Folds, cross_validate, score_separate
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import solve
@@ -80,13 +79,8 @@ def block(data: Sequence[Dataset]) -> Turned:
     return Turned(f, share, d, sigma, np.concatenate([s.group for s in data]))
 
 
-def identify_springs(
-    cell: CellModel,
-    data: Sequence[Dataset],
-    holdout: Sequence[Dataset],
-    settings: Mapping[str, Any],
-    progress: Progress,
-) -> Identification:
+def identify_springs(given: Inputs) -> Identification:
+    cell, data, holdout, settings, progress = given
     parameters = Parameters.of(
         Parameter(name, "rad/(N m)", value, 0.5, log=True, label=name)
         for name, value in zip(("spring 1", "spring 2"), NOMINAL, strict=True)
@@ -143,7 +137,7 @@ RECIPE = Recipe(
 @pytest.fixture(autouse=True)
 def springs(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in ("counterflex.app.identification.identify", "counterflex.app.identification.propose"):
-        monkeypatch.setattr(f"{module}.recipe_of", lambda _name: RECIPE)
+        monkeypatch.setattr(f"{module}.RECIPES", {"springs": RECIPE})
 
 
 def pulls(folder: Path, name: str, seed: int, count: int = 40, kind: str = "pulls") -> Path:

@@ -24,6 +24,7 @@ from counterflex.cli.commands import (
     demo,
     doctor,
     egm,
+    extensions,
     faults,
     identify,
     log,
@@ -91,7 +92,7 @@ PANELS: Final = {
     "Identify": ("identify", "dataset", "campaign"),
     "Online": ("run", "operator", "log", "rsi", "egm"),
     "Devices": ("twin", "tracker", "ads"),
-    "Tools": ("doctor", "soak", "faults", "reproduce"),
+    "Tools": ("doctor", "extensions", "soak", "faults", "reproduce"),
 }
 """Commands by what they are for, in the order of ``--help``."""
 
@@ -150,7 +151,7 @@ def _in_panels(app: typer.Typer) -> None:
 
 for room in (question, program, prove, dataset, identify, twin, tracker, ads, campaign):
     room.register(app)
-for room in (online, operator, log, doctor, soak, faults, rsi, egm, reproduce, demo):
+for room in (online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce, demo):
     room.register(app)
 _in_panels(app)
 _with_own_classes(app)

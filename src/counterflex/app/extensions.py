@@ -1,0 +1,58 @@
+"""What can be registered by name: our own and what installed packages add, each loaded to see whether it works."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+from counterflex.app.compensation.languages import LANGUAGES
+from counterflex.core.errors import CounterflexError
+from counterflex.core.registry import Registry
+from counterflex.cutting.force_laws import FORCE_LAWS
+from counterflex.cutting.material import OTHER_MATERIALS
+from counterflex.identify.recipes import RECIPES
+from counterflex.protocols.force.sensors import FORCE_SENSORS
+from counterflex.robot.model.catalog import OTHER_ROBOTS
+
+REGISTRIES: Final[tuple[Registry[Any], ...]] = (
+    RECIPES,
+    FORCE_LAWS,
+    FORCE_SENSORS,
+    LANGUAGES,
+    OTHER_ROBOTS,
+    OTHER_MATERIALS,
+)
+
+
+@dataclass(frozen=True)
+class Extension:
+    """One thing that is registered by name.
+
+    Attributes:
+        group: Of its entry points, for example ``counterflex.force_laws``.
+        name: As a cell file or a command line names it.
+        package: That brings it, with version.
+        title: What it is, in one line.
+        fault: Why it cannot be used, or empty.
+    """
+
+    group: str
+    name: str
+    package: str
+    title: str
+    fault: str
+
+
+def extensions() -> list[Extension]:
+    """Everything that is registered, our own first in each group."""
+    return [_looked_at(registry, name) for registry in REGISTRIES for name in registry]
+
+
+def _looked_at(registry: Registry[Any], name: str) -> Extension:
+    title, fault = "", ""
+    try:
+        found = registry[name]
+        title = str(getattr(found, "title", found))
+    except CounterflexError as problem:
+        fault = str(problem)
+    return Extension(registry.group, name, registry.package(name), title, fault)

@@ -1,0 +1,34 @@
+"""The command ``extensions``: what can be named in cell files and on the command line, and which package brings it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+
+from counterflex.cli.output import print_json, print_table
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(extensions)
+
+
+def extensions(as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
+    """List recipes, force laws, force sensors, languages, robots and materials that packages add, and our own.
+
+    Each is loaded to see whether it works. Ends with status 1 when one does not. docs/extend.md says how to add one.
+
+    Example: `counterflex extensions`
+    """
+    from counterflex.app.extensions import extensions as look
+
+    found = look()
+    if as_json:
+        print_json([asdict(item) for item in found])
+    else:
+        rows = [[item.group.partition(".")[2], item.name, item.package, item.fault or item.title] for item in found]
+        print_table("extensions", ["group", "name", "package", "what it is"], rows)
+    if any(item.fault for item in found):
+        raise typer.Exit(1)
