@@ -80,7 +80,7 @@ def block(data: Sequence[Dataset]) -> Turned:
 
 
 def identify_springs(given: Inputs) -> Identification:
-    cell, data, holdout, settings, progress = given
+    cell, data, holdout, settings, _ = given
     parameters = Parameters.of(
         Parameter(name, "rad/(N m)", value, 0.5, log=True, label=name)
         for name, value in zip(("spring 1", "spring 2"), NOMINAL, strict=True)

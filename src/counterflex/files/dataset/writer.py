@@ -16,6 +16,7 @@ from counterflex.files.dataset.units import UNITS, settings_shop, settings_si
 from counterflex.files.schema import write_toml
 from counterflex.geometry import rotation
 from counterflex.identify.data.channels import KINDS, SETTINGS, ChannelKind, channel_kind
+from counterflex.identify.recipes import added_kinds
 
 DIGITS: Final = 12
 """Significant digits of written numbers."""
@@ -52,7 +53,7 @@ def write_dataset(
         InputError: Unknown kind, channel or setting; shapes that do not fit; numbers that are not finite.
         OutputError: The folder cannot be written.
     """
-    if kind not in KINDS:
+    if kind not in KINDS and kind not in added_kinds():
         raise InputError("there is no such kind of dataset", value=kind, limit=", ".join(KINDS))
     columns: dict[str, list[str]] = {}
     tables: dict[str, dict[str, Any]] = {}

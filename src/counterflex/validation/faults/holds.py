@@ -151,7 +151,7 @@ def _internal(effort: Effort) -> Outcome:
     with Rig(seed=effort.seed, sensors=effort.sensors, force=_steady, context=RsiContext()) as rig:
         rig.activate().run(SETTLED)
         begin = rig.cycle_count
-        rig.force_link.drain = broken  # type: ignore[method-assign]
+        rig.force_link.drain = broken
         rig.run(60)
         fault = first_cycle(rig, State.FAULT, begin)
         path, stopped, trouble = rig.seen.path(begin), rig.robot.stopped, rig.session.trouble

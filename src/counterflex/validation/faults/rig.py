@@ -126,8 +126,7 @@ class Rig:
         self.link = RsiLink(self.config, port=0, peer=self.robot_socket.getsockname())
         self.context = RsiContext(timeout=PATIENT) if context is None else context
         self.robot = FakeRsi(self.config, self.context, {"Enable": 0.0})
-        self.sensor = NetftServer(http_port=None)
-        self.force_link = sensor_link(self.sensor.address)
+        self.sensor, self.force_link = self._instrument()
         self._reading = sensor_reading()
         self.control = np.zeros(CONTROL, dtype=np.int64)
         self.now_s = self.clock_offset_s = 0.0
@@ -258,6 +257,11 @@ class Rig:
         self._until(begin + PERIOD_S)
         self._finish()
         self.cycle_count += 1
+
+    def _instrument(self) -> tuple[Any, Any]:
+        """The force sensor's side (``poll``, ``send``, ``close``), and ours: a source of forces."""
+        sensor = NetftServer(http_port=None)
+        return sensor, sensor_link(sensor.address)
 
     def force_now(self) -> Float:
         """(3,) N on the tool, part axes."""
