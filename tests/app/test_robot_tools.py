@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.compensation.robot_program import check_machine, left_out, other_lengths, routine_name, tool_data
 from counterflex.app.inputs import read_job
-from counterflex.core.errors import ProgramError
+from counterflex.core.errors import FileFormatError, InputError, ProgramError
 from counterflex.files.cell.cell import Cell, resolve
 from counterflex.files.cell.tables import CellTables
 from counterflex.files.schema import parse
+from counterflex.programs.rapid.writer import RapidSettings
 from counterflex.programs.robot_writer.machine_functions import Dialect
 
 CELL = Path(__file__).resolve().parents[1] / "data" / "cells" / "small.toml"
@@ -186,3 +189,22 @@ def test_a_length_that_changes_under_the_tool_moves_no_robot(tmp_path: Path, bod
         with pytest.raises(ProgramError, match="length was changed by 12.5 mm") as caught:
             check_machine(job, job_cell, "krl")
         assert caught.value.where == "two.ngc:6"
+
+
+@pytest.mark.parametrize("name", ["MoveL", "pers", "tool0", "TOOLDATA"])
+def test_a_word_of_rapid_is_no_tooldata(name: str) -> None:
+    """It would stand in every MoveL of the program; tool0 is the flange without a tool."""
+    with pytest.raises(FileFormatError, match=rf"tooldata.*{name} is a word of RAPID or the bare flange"):
+        cell({"tooldata": name})
+
+
+@pytest.mark.parametrize("name", ["two", "Two_m", "two_001", "t_two", "w_TWO", "v_two_3", "cfClock"])
+def test_a_tooldata_called_as_what_the_program_declares_is_refused(name: str) -> None:
+    settings = RapidSettings(name="two", start_axes_rad=[0.0] * 6, T_flange_tcp=np.eye(4), T_base_part=np.eye(4))
+    replace(settings, tool_data={1: "two_tool"}).check()
+    with pytest.raises(InputError, match="tooldata of T1 is called as something that the program declares"):
+        replace(settings, tool_data={1: name}).check()
+
+
+def test_a_program_is_not_called_as_its_start(tmp_path: Path) -> None:
+    assert routine_name("xstart") == "p_xstart"

@@ -6,7 +6,7 @@ import math
 from typing import Annotated, Final, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from counterflex.core.errors import CounterflexError
 from counterflex.cutting.force_laws import FORCE_LAWS, require_parameters
@@ -24,6 +24,7 @@ from counterflex.files.cell.sensing import HolderTable, SensorTable
 from counterflex.files.cell.timing import TimingTable
 from counterflex.files.cell.tracker import TrackerTable
 from counterflex.files.schema import Angle, ComplianceTable, Length, PoseTable, Table, Versioned
+from counterflex.programs.limits import RESERVED
 
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
@@ -165,6 +166,13 @@ class ToolTable(Table):
     runout_um: NonNegative = 0.0
     tool_data: Annotated[int, Field(ge=1, le=128)] | None = None
     tooldata: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
+
+    @field_validator("tooldata")
+    @classmethod
+    def _no_word_of_rapid(cls, name: str | None) -> str | None:
+        if name is not None and name.upper() in RESERVED | {"TOOL0"}:
+            raise ValueError(f"{name} is a word of RAPID or the bare flange; expected the name of this tool's tooldata")
+        return name
 
     @model_validator(mode="after")
     def _shape(self) -> ToolTable:

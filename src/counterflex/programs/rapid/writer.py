@@ -56,6 +56,18 @@ class RapidSettings(RobotSettings):
             InputError: A setting is out of range.
         """
         check_name(f"{self.name}_m", RAPID, "RAPID")
+        own = re.compile(
+            rf"{self.name}(_m|_\d{{3}}(_m)?)?|[tw]_{self.name[:30]}|v_{self.name[:24]}_\d+|cf[A-Z]\w*", re.IGNORECASE
+        )
+        for tool, name in self.tool_data.items():
+            check_name(name, RAPID, "RAPID")
+            if own.fullmatch(name):
+                raise InputError(
+                    f"the tooldata of T{tool} is called as something that the program declares itself",
+                    value=name,
+                    limit="another name",
+                    hint="Rename it on the controller and in tools.tooldata, or the program",
+                )
         super().check()
         as_float("T_flange_tcp", self.T_flange_tcp, (4, 4))
         as_float("T_base_part", self.T_base_part, (4, 4))
