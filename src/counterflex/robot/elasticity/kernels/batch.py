@@ -1,15 +1,20 @@
 """Batches of the scalar kernels: a serial loop over a range of points, and the same threaded.
 
 Inputs are (n, 6) C-ordered and writable; ``out`` arrays are filled in place. The threaded forms must not be called from
-the online process, nor from two threads at once.
+the online process. Their threads are Python's: Numba's own parallel loops are compiled twice as long.
 """
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numba
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
-from counterflex.core.jit import kernel, prange
+from counterflex.core.jit import kernel
 from counterflex.robot.elasticity.kernels.equilibrium import settle
 from counterflex.robot.elasticity.kernels.scalar import (
     chain_pass,
@@ -21,12 +26,15 @@ from counterflex.robot.elasticity.kernels.scalar import (
 )
 from counterflex.robot.elasticity.kernels.step import OUT_D, OUT_Q, OUT_RESIDUAL, OUT_SIGMA, OUT_SIZE, SCRATCH, step
 
-CHUNK = 256  # points that one thread takes at a time
+CHUNK = 256  # fewest points that are worth a thread
 
 RIGID, ON_RIGID, SETTLED = 0, 1, 2  # loads: none at all, on the rigid geometry, on the deflected geometry
 
 
-@kernel()
+@kernel(
+    "int64(float64[:, ::1], int64[:, ::1], float64[::1], float64[::1], float64[::1], int64, int64,"
+    " float64[:, ::1], float64[:, ::1])",
+)
 def load_pose(
     real: Float, kind: Int, trig: Float, q: Float, w: Float, how: int, gravity: int, delta: Float, frame: Float
 ) -> int:
@@ -41,7 +49,11 @@ def load_pose(
     return 0
 
 
-@kernel()
+@kernel(
+    "int64(float64[:, ::1], int64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64,"
+    " float64[:, :, ::1], int64, int64)",
+    waits=True,
+)
 def pose_range(
     real: Float, kind: Int, q: Float, w: Float, how: int, gravity: int, out: Float, first: int, last: int
 ) -> int:
@@ -60,7 +72,11 @@ def pose_range(
     return failed
 
 
-@kernel()
+@kernel(
+    "int64(float64[:, ::1], int64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64, float64[:, ::1],"
+    " int64, int64)",
+    waits=True,
+)
 def deflection_range(
     real: Float, kind: Int, q: Float, w: Float, how: int, gravity: int, out: Float, first: int, last: int
 ) -> int:
@@ -80,7 +96,7 @@ def deflection_range(
     return failed
 
 
-@kernel()
+@kernel("int64(float64[:, ::1], int64[:, ::1], float64[:, ::1], int64, float64[:, ::1], int64, int64)")
 def sag_range(real: Float, kind: Int, q: Float, how: int, out: Float, first: int, last: int) -> int:
     """Sag (n, 6), pose under own weight minus weightless pose, for the points first..last-1; number not converged."""
     m = kind.shape[0] - 1
@@ -96,7 +112,7 @@ def sag_range(real: Float, kind: Int, q: Float, how: int, out: Float, first: int
     return failed
 
 
-@kernel()
+@kernel("void(float64[:, ::1], int64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64)", waits=True)
 def compliance_range(real: Float, kind: Int, q: Float, out: Float, first: int, last: int) -> None:
     """Cartesian compliances (n, 36) for the points first..last-1."""
     m = kind.shape[0] - 1
@@ -107,7 +123,7 @@ def compliance_range(real: Float, kind: Int, q: Float, out: Float, first: int, l
         tcp_compliance(real, kind, m, frame, q[n], out[n])
 
 
-@kernel()
+@kernel("void(float64[:, ::1], int64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64)")
 def jacobian_range(real: Float, kind: Int, q: Float, out: Float, first: int, last: int) -> None:
     """Rigid Jacobians (n, 36) for the points first..last-1."""
     m = kind.shape[0] - 1
@@ -118,7 +134,11 @@ def jacobian_range(real: Float, kind: Int, q: Float, out: Float, first: int, las
         rigid_jacobian(real, kind, m, frame, out[n])
 
 
-@kernel()
+@kernel(
+    "void(float64[:, ::1], int64[:, ::1], float64[:, ::1], float64[:, ::1], int64, float64[:, ::1],"
+    " int64[::1], int64, int64)",
+    waits=True,
+)
 def step_range(
     real: Float, kind: Int, q: Float, w: Float, gravity: int, out: Float, status: Int, first: int, last: int
 ) -> None:
@@ -138,33 +158,44 @@ def step_range(
         out[n, 18] = full[OUT_SIGMA]
 
 
-@kernel(parallel=True)
+@functools.cache
+def _threads(count: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(count, thread_name_prefix="batch")
+
+
+def _in_threads(work: Callable[[int, int], int | None], count: int) -> int:
+    """Do a range of points in several threads, some chunks each; a compiled range lets other threads run meanwhile.
+
+    Args:
+        work: Does the points first..last-1, and may give a number.
+        count: Of points.
+
+    Returns:
+        Sum of these numbers.
+    """
+    if count <= CHUNK:
+        return work(0, count) or 0
+    threads = numba.get_num_threads()
+    size = max(CHUNK, -(-count // (4 * threads)))
+    parts = [(first, min(count, first + size)) for first in range(0, count, size)]
+    return sum(number or 0 for number in _threads(threads).map(lambda part: work(*part), parts))
+
+
 def pose_threads(real: Float, kind: Int, q: Float, w: Float, how: int, gravity: int, out: Float) -> int:
     """Threaded :func:`pose_range` over all points."""
-    failed = 0
-    for k in prange((len(q) + CHUNK - 1) // CHUNK):
-        failed += pose_range(real, kind, q, w, how, gravity, out, k * CHUNK, min(len(q), (k + 1) * CHUNK))
-    return failed
+    return _in_threads(lambda a, b: pose_range(real, kind, q, w, how, gravity, out, a, b), len(q))
 
 
-@kernel(parallel=True)
 def deflection_threads(real: Float, kind: Int, q: Float, w: Float, how: int, gravity: int, out: Float) -> int:
     """Threaded :func:`deflection_range` over all points."""
-    failed = 0
-    for k in prange((len(q) + CHUNK - 1) // CHUNK):
-        failed += deflection_range(real, kind, q, w, how, gravity, out, k * CHUNK, min(len(q), (k + 1) * CHUNK))
-    return failed
+    return _in_threads(lambda a, b: deflection_range(real, kind, q, w, how, gravity, out, a, b), len(q))
 
 
-@kernel(parallel=True)
 def compliance_threads(real: Float, kind: Int, q: Float, out: Float) -> None:
     """Threaded :func:`compliance_range` over all points."""
-    for k in prange((len(q) + CHUNK - 1) // CHUNK):
-        compliance_range(real, kind, q, out, k * CHUNK, min(len(q), (k + 1) * CHUNK))
+    _in_threads(lambda a, b: compliance_range(real, kind, q, out, a, b), len(q))
 
 
-@kernel(parallel=True)
 def step_threads(real: Float, kind: Int, q: Float, w: Float, gravity: int, out: Float, status: Int) -> None:
     """Threaded :func:`step_range` over all points."""
-    for k in prange((len(q) + CHUNK - 1) // CHUNK):
-        step_range(real, kind, q, w, gravity, out, status, k * CHUNK, min(len(q), (k + 1) * CHUNK))
+    _in_threads(lambda a, b: step_range(real, kind, q, w, gravity, out, status, a, b), len(q))

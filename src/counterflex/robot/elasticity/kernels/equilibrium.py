@@ -20,7 +20,10 @@ from counterflex.robot.elasticity.kernels.scalar import (
 )
 
 
-@kernel()
+@kernel(
+    "int64(float64[:, ::1], int64[:, ::1], int64, float64[::1], float64[::1], float64[::1], int64, "
+    "float64[:, ::1], float64[:, ::1])",
+)
 def settle(
     real: Float, kind: Int, m: int, trig: Float, q: Float, w: Float, gravity: int, delta: Float, frame: Float
 ) -> int:

@@ -24,7 +24,7 @@ FADE: Final = math.radians(10.0)
 """Equals :data:`counterflex.robot.model.elastic_region.FADE_RAD`."""
 
 
-@kernel()
+@kernel("float64(float64[::1], float64)")
 def factor_at(row: Float, angle: float) -> float:
     """Factor of one region at the angle of its axis: linear between its angles, fading to 1 beyond them."""
     last = int(row[COUNT]) - 1
@@ -45,7 +45,7 @@ def factor_at(row: Float, angle: float) -> float:
     return out
 
 
-@kernel()
+@kernel("float64(float64[:, ::1], int64, int64, int64, float64[::1])")
 def growth_at(real: Float, m: int, station: int, direction: int, q: Float) -> float:
     """Factor of all regions together on one spring."""
     out = 1.0
@@ -55,7 +55,7 @@ def growth_at(real: Float, m: int, station: int, direction: int, q: Float) -> fl
     return out
 
 
-@kernel()
+@kernel("void(float64[:, ::1], int64, float64[::1], float64[:, ::1])")
 def grow(real: Float, m: int, q: Float, delta: Float) -> None:
     """Multiply elastic displacements (m, 6) by the factors of the regions at the angles q (6,) rad."""
     for r in range(m + 2, real.shape[0]):

@@ -62,7 +62,7 @@ def small_asin_ratio(b: float) -> float:
     )
 
 
-@kernel()
+@kernel("void(float64[::1], float64[::1])")
 def joint_trig(q: Float, trig: Float) -> None:
     """Cosines and sines of the joint angles."""
     for j in range(6):
@@ -70,7 +70,7 @@ def joint_trig(q: Float, trig: Float) -> None:
         trig[6 + j] = math.sin(q[j])
 
 
-@kernel()
+@kernel("void(float64[:, ::1], int64[:, ::1], int64, float64[::1], float64[:, ::1], int64, float64[:, ::1])")
 def chain_pass(real: Float, kind: Int, m: int, trig: Float, delta: Float, elastic: int, frame: Float) -> None:
     """Pose of every station after its drive, and of the TCP.
 
@@ -153,7 +153,7 @@ def chain_pass(real: Float, kind: Int, m: int, trig: Float, delta: Float, elasti
             r21, r22 = ca * r21 + sa * r22, ca * r22 - sa * r21
 
 
-@kernel()
+@kernel("float64(float64[::1], float64)")
 def balance_torque(surroundings: Float, q: float) -> float:
     """Torque of the counterbalance on its axis; see :func:`.gravity.counterbalance_torque`."""
     column, arm = surroundings[BALANCE], surroundings[BALANCE + 1]
@@ -167,7 +167,9 @@ def balance_torque(surroundings: Float, q: float) -> float:
     return torque
 
 
-@kernel()
+@kernel(
+    "void(float64[:, ::1], int64[:, ::1], int64, float64[:, ::1], float64[::1], float64[::1], int64, float64[:, ::1])",
+)
 def loads(real: Float, kind: Int, m: int, frame: Float, q: Float, w: Float, gravity: int, delta: Float) -> None:
     """Elastic displacement of every station under the wrench at the TCP and, on request, own weight; rigid geometry.
 
@@ -214,7 +216,7 @@ def loads(real: Float, kind: Int, m: int, frame: Float, q: Float, w: Float, grav
         grow(real, m, q, delta)
 
 
-@kernel()
+@kernel("void(float64[::1], float64[::1], float64[::1])")
 def pose_difference(a: Float, b: Float, out: Float) -> None:
     """``[p_b - p_a, log(R_b R_a^T)]`` of two poses (12,); accurate up to rotations of 170 deg."""
     for k in range(3):
@@ -234,7 +236,7 @@ def pose_difference(a: Float, b: Float, out: Float) -> None:
     out[3], out[4], out[5] = ratio * x, ratio * y, ratio * z
 
 
-@kernel()
+@kernel("void(float64[:, ::1], int64[:, ::1], int64, float64[:, ::1], float64[::1], float64[::1])")
 def tcp_compliance(real: Float, kind: Int, m: int, frame: Float, q: Float, out: Float) -> None:
     """Cartesian compliance (36,) at the TCP in base axes: sum over the elements, 3x3 blocks."""
     t00, t01, t02, t11, t12, t22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -309,7 +311,7 @@ def tcp_compliance(real: Float, kind: Int, m: int, frame: Float, q: Float, out: 
     out[5], out[11], out[17] = m20, m21, m22
 
 
-@kernel()
+@kernel("void(float64[:, ::1], int64[:, ::1], int64, float64[:, ::1], float64[::1])")
 def rigid_jacobian(real: Float, kind: Int, m: int, frame: Float, out: Float) -> None:
     """Jacobian (36,) at the TCP in base axes, row by row; column j belongs to controller angle j."""
     tip = frame[m]

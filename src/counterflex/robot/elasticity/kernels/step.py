@@ -39,7 +39,7 @@ OUT_SIZE: Final = 103
 SCRATCH: Final = 9  # rows of 36
 
 
-@kernel()
+@kernel("float64(float64[::1], float64, float64[::1], float64[::1])")
 def cholesky_inverse(jac: Float, damping2: float, low: Float, inv: Float) -> float:
     """Inverse of the Cholesky factor of ``J J^T + damping2 1``, packed by rows (21,).
 
@@ -74,7 +74,7 @@ def cholesky_inverse(jac: Float, damping2: float, low: Float, inv: Float) -> flo
     return 1.0 / math.sqrt(total)
 
 
-@kernel()
+@kernel("int64(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])")
 def newton_step(jac: Float, inv: Float, error: Float, half: Float, step: Float) -> int:
     """Joint step ``-J^T (J J^T + damping2 1)^-1 error``, clamped; returns CLAMPED or 0."""
     for i in range(6):
@@ -99,7 +99,7 @@ def newton_step(jac: Float, inv: Float, error: Float, half: Float, step: Float) 
     return CLAMPED
 
 
-@kernel()
+@kernel("void(float64[::1], float64[::1])")
 def advance_trig(trig: Float, step: Float) -> None:
     """Turn cosines and sines by a clamped step of the joints, by the addition theorems."""
     for j in range(6):
@@ -108,7 +108,7 @@ def advance_trig(trig: Float, step: Float) -> None:
         trig[6 + j] = s * dc + c * ds
 
 
-@kernel()
+@kernel("void(float64[::1], float64[::1])")
 def write_pose(tip: Float, out: Float) -> None:
     """Store a pose (12,) as a 4x4 matrix (16,)."""
     for r in range(3):
