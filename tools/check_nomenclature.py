@@ -33,6 +33,7 @@ from counterflex.files import plan_file, run_file
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.tables import CellTables
 from counterflex.files.dataset.manifest import Manifest
+from counterflex.files.scenario_file import Scenario
 from counterflex.files.schema import PoseTable
 from counterflex.twin.truth.file import to_dict
 
@@ -185,6 +186,7 @@ def file_keys() -> dict[str, set[str]]:
         "datasets.md": cell_keys(Manifest) - set(PoseTable.model_fields) - {"format", "version"},
         "plan-file.md": {column.name for column in plan_file.LAYOUT},
         "run-file.md": {column.name for column in run_file.LAYOUT},
+        "scenario-file.md": cell_keys(Scenario),
         "truth-file.md": truth_keys(to_dict(truth_of(read_cell(CELL), 1))),
     }
 

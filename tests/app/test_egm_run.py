@@ -11,8 +11,8 @@ import pytest
 
 from counterflex.app.compensation.compensate import run as compensate
 from counterflex.app.run import session as online_session
+from counterflex.app.simulated_cell.alone import running_robot
 from counterflex.app.simulated_cell.controllers import egm_controller
-from counterflex.app.simulated_cell.rsi import running_robot
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import read_cell
@@ -27,7 +27,7 @@ from counterflex.twin.devices.abb_egm import FakeEgm
 from counterflex.twin.devices.commanded_motion import Report
 from counterflex.twin.devices.exact_robot import ExactRobot
 from counterflex.twin.devices.path_answer import PathAnswer
-from counterflex.twin.devices.robot_server import RobotServer
+from counterflex.twin.devices.robot_server import RobotServer, Timing
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 PROGRAM = EXAMPLES / "programs" / "groove.ngc"
@@ -109,7 +109,7 @@ def mill(folder: Path, mode: str, *, arm: bool) -> tuple[Float, set[State], Onli
     wrench = SensorWrench(cell.chain, sensor, cell.T_base_part)
     plant = Bending(running_robot(cell, PROGRAM, egm.cycle_s, answer), egm, wrench, seed=3)
     gate = 140
-    server = RobotServer(plant, egm, session.link.address, gate_cycles=gate)
+    server = RobotServer(plant, egm, session.link.address, timing=Timing(gate_s=gate * egm.cycle_s))
     ended: list[str] = []
     thread = threading.Thread(target=lambda: ended.append(server.run(after=5)), daemon=True)
     session.control[Request.ARM] = int(arm)

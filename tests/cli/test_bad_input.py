@@ -414,16 +414,16 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
         ["--as", "sinumerik", "gcode, krl, rapid"],
     ),
     "tolerance zero": (
-        "compensate part.ngc --cell cell.toml --out out --tolerance-um 0",
-        ["--tolerance-um", "got 0", "0.1 to 1000"],
+        "compensate part.ngc --cell cell.toml --out out -s compensation.tolerance_um=0",
+        ["compensation.tolerance_um", "got 0", "from 0.1 up"],
     ),
     "tolerance negative": (
-        "compensate part.ngc --cell cell.toml --out out --tolerance-um -5",
-        ["--tolerance-um", "got -5", "0.1 to 1000"],
+        "compensate part.ngc --cell cell.toml --out out -s compensation.tolerance_um=-5",
+        ["compensation.tolerance_um", "got -5", "from 0.1 up"],
     ),
     "tolerance NaN": (
-        "compensate part.ngc --cell cell.toml --out out --tolerance-um nan",
-        ["--tolerance-um", "got nan", "0.1 to 1000"],
+        "compensate part.ngc --cell cell.toml --out out -s compensation.tolerance_um=nan",
+        ["compensation.tolerance_um", "finite number"],
     ),
     "out is the program's folder": (
         "compensate part.ngc --cell cell.toml --out .",

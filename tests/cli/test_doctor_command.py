@@ -72,7 +72,7 @@ def test_an_unfit_machine_is_not_armed(folder: Path, counterflex: Any, refused: 
     said = refused(*words, "--arm")
     assert "does not keep time" in said
     assert "--trust-machine" in said
-    for more in (("--arm", "--trust-machine"), ("--arm", "--lockstep"), ()):
+    for more in (("--arm", "--trust-machine"), ("--arm", "-s", "run.lockstep=true"), ()):
         assert "does not keep time" not in refused(*words, *more)
 
 

@@ -42,9 +42,17 @@ def sensor_program() -> Any:
     program.close()
 
 
+def _set(*keys: str) -> tuple[str, ...]:
+    return tuple(word for key in keys for word in ("-s", key))
+
+
+def _to(peer: str) -> tuple[str, ...]:
+    return _set(f"controller.peer={peer}", "controller.gate_s=0")
+
+
 def test_a_controller_alone_says_what_was_done_to_it(folder: Path, counterflex: Any, sensor_program: str) -> None:
     (folder / "rsi.xml").write_text(examples.text("rsi.xml"), encoding="utf-8")
-    words = ("twin", "rsi", "rsi.xml", "--seconds", "0.4", "--gate-s", "0", "--peer", sensor_program)
+    words = ("twin", "rsi", "rsi.xml", "--seconds", "0.4", *_to(sensor_program))
     ended = counterflex(*words, "--fault", "lost@0.2+0.1", "--record", "applied.csv", "--json")
     assert ended.status == 0, ended.err
     found = json.loads(ended.out)
@@ -62,8 +70,8 @@ def test_a_controller_alone_says_what_was_done_to_it(folder: Path, counterflex: 
 
 def test_a_controller_alone_runs_a_program(folder: Path, counterflex: Any, sensor_program: str) -> None:
     (folder / "rsi.xml").write_text(examples.text("rsi.xml"), encoding="utf-8")
-    words = ("twin", "rsi", "rsi.xml", "--program", "part.ngc", "--cell", "cell.toml", "--gate-s", "0")
-    ended = counterflex(*words, "--peer", sensor_program, "--cycle-ms", "12", "--record", "applied.csv", "--json")
+    words = ("twin", "rsi", "rsi.xml", "--program", "part.ngc", "--cell", "cell.toml")
+    ended = counterflex(*words, *_to(sensor_program), "-s", "rsi.cycle_ms=12", "--record", "applied.csv", "--json")
     assert ended.status == 0, ended.err
     assert json.loads(ended.out)["ended"] == "finished"
     head, *rows = [line.split(",") for line in (folder / "applied.csv").read_text(encoding="ascii").splitlines()]
@@ -73,7 +81,7 @@ def test_a_controller_alone_runs_a_program(folder: Path, counterflex: Any, senso
 
 
 def test_instruments_alone_say_how_it_went(folder: Path, counterflex: Any) -> None:
-    free = ("--port", "0", "--http-port", "0", "--seconds", "0.003")
+    free = (*_set("force_sensor.address=127.0.0.1:0", "force_sensor.http_port=0"), "--seconds", "0.003")
     found = json.loads(counterflex("twin", "netft", *free, "--json").out)
     assert (found["ended"], found["samples"], found["records"]) == ("finished", 3, 0)
     (folder / "loads.csv").write_text("time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n0,0,0,0,0,0,0\n1,9,0,0,0,0,0\n")
@@ -83,7 +91,7 @@ def test_instruments_alone_say_how_it_went(folder: Path, counterflex: Any) -> No
         listener.settimeout(20.0)
         to = f"127.0.0.1:{listener.getsockname()[1]}"
         ended = counterflex(
-            "twin", "tracker", to, "--path", "square:400", "--seconds", "0.004", "--fault", "beam_broken#2"
+            "twin", "tracker", to, "-s", "target.square_side_mm=400", "--seconds", "0.004", "--fault", "beam_broken#2"
         )
         assert "finished after 4 measurements" in ended.out
         assert [read_pose(listener.recv(2048)).status for _ in range(4)] == [0, 0, BEAM_BROKEN, BEAM_BROKEN]
@@ -125,21 +133,21 @@ def test_a_twincat_is_listed_read_and_written(folder: Path, counterflex: Any, pl
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("twin", "rsi", "rsi.xml", "--mode", "both"), "unknown mode; got both; expected absolute, relative"),
-        (("twin", "rsi", "rsi.xml", "--cycle-ms", "5"), "cycle of RSI; got 5; expected 4, 12"),
+        (("twin", "rsi", "rsi.xml", "-s", "rsi.mode=both"), "'mode' cannot be used; got 'both'; expected 'absolute'"),
+        (("twin", "rsi", "rsi.xml", "-s", "rsi.cycle_ms=5"), "'cycle_ms' cannot be used; got 5; expected 4 or 12"),
         (("twin", "rsi", "rsi.xml", "--program", "part.ngc"), "a program needs the cell"),
         (("twin", "rsi", "rsi.xml", "--record", "rsi.xml"), "would replace rsi.xml"),
         (("twin", "rsi", "rsi.xml", "--fault", "lsot=1"), "Did you mean 'lost'"),
         (("twin", "rsi", "rsi.xml", "--fault", "beam_broken@1"), "a robot controller cannot show this fault"),
         (("twin", "rsi", "nowhere.xml"), "nowhere.xml: no such file"),
-        (("twin", "netft", "--wrench", "1,2"), "--wrench has 2 numbers"),
-        (("twin", "netft", "--status", "bad"), "--status is no status word"),
+        (("twin", "netft", "-s", "force_sensor.wrench_n_nm=1,2"), "faults in this file); got 2 numbers"),
+        (("twin", "netft", "-s", "force_sensor.status=bad"), "expected a whole number"),
         (("twin", "netft", "--fault", "nan@1"), "a force sensor cannot show this fault"),
         (("twin", "netft", "--file", "nowhere.csv"), "nowhere.csv: no such file"),
         (("twin", "tracker", "localhost"), "HOST:PORT is no address"),
-        (("twin", "tracker", "127.0.0.1:9", "--path", "oval:3"), "circle:RADIUS or square:SIDE"),
+        (("twin", "tracker", "127.0.0.1:9", "-s", "target.oval_mm=3"), "unknown key 'oval_mm'"),
         (("twin", "tracker", "127.0.0.1:9", "--run-log", "."), "belong together"),
-        (("twin", "tracker", "127.0.0.1:9", "--faults", "nowhere.toml"), "nowhere.toml: no such file"),
+        (("twin", "tracker", "127.0.0.1:9", "-s", "nowhere.toml"), "nowhere.toml: no such scenario"),
         (("tracker", "bridge", "127.0.0.1:9", "--file", "nowhere.csv"), "nowhere.csv: no such file"),
         (("twin", "ads", "--cell", "cell.toml"), "does not say where a TwinCAT is"),
         (("ads", "read", "--cell", "cell.toml"), "does not say where a TwinCAT is"),

@@ -52,6 +52,7 @@ LIVE = (
     "twin ads",
     "twin egm",
     "twin proxy",
+    "twin scenarios",
     "tracker bridge",
     "operator",
     "ads",
@@ -202,7 +203,7 @@ def test_help_reads_the_options_of_no_command(monkeypatch: pytest.MonkeyPatch, c
     monkeypatch.setattr(typer.main, "get_params_from_function", watched)
     assert "compensate" in counterflex("--help").out
     assert not {info.callback for info in app.registered_commands} & set(read)
-    assert "--tolerance-um" in counterflex("compensate", "--help").out
+    assert "--scenario" in counterflex("compensate", "--help").out
 
 
 def test_examples_can_be_copied_in_one_piece(counterflex: Any) -> None:

@@ -34,8 +34,8 @@ def test_python_m_counterflex_is_the_command() -> None:
 def test_the_shell_completes_commands_and_options() -> None:
     found = module(_COUNTERFLEX_COMPLETE="complete_bash", COMP_WORDS="counterflex comp", COMP_CWORD="1")
     assert found.stdout.split() == ["compensate"]
-    found = module(_COUNTERFLEX_COMPLETE="complete_bash", COMP_WORDS="counterflex compensate --tol", COMP_CWORD="2")
-    assert found.stdout.split() == ["--tolerance-um"]
+    found = module(_COUNTERFLEX_COMPLETE="complete_bash", COMP_WORDS="counterflex compensate --scen", COMP_CWORD="2")
+    assert found.stdout.split() == ["--scenario"]
     asked = f"{sys.executable} -m counterflex --show-completion; true"  # it looks which shell has called it
     found = subprocess.run(["bash", "-c", asked], capture_output=True, text=True, check=True, timeout=60)
     assert "_COUNTERFLEX_COMPLETE=complete_bash" in found.stdout

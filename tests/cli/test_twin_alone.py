@@ -45,8 +45,9 @@ def test_nobody_answers(folder: Path, refused: Any, counterflex: Any, somebody: 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
         silent.bind(("127.0.0.1", 0))
         peer = f"127.0.0.1:{silent.getsockname()[1] if somebody else free_port(socket.SOCK_DGRAM)}"
-        where = ["--peer", peer, "--wait-s", "0.1"]
-        ports = ["--force-port", free_port(socket.SOCK_DGRAM), "--force-http", free_port(socket.SOCK_STREAM)]
+        where = ["-s", f"controller.peer={peer}", "-s", "controller.wait_s=0.1"]
+        ports = ["-s", f"force_sensor.address=127.0.0.1:{free_port(socket.SOCK_DGRAM)}"]
+        ports += ["-s", f"force_sensor.http_port={free_port(socket.SOCK_STREAM)}"]
         cell = ["part.ngc", "--cell", "cell.toml", "--truth", "truth.toml", "--rsi", "rsi.xml"]
         assert f"{peer}: {SAID}" in refused("twin", "cell", *cell, *ports, *where, "--out", "part")
         alone = counterflex("twin", "rsi", "rsi.xml", *where, "--seconds", "1", "--record", "seen.csv")
@@ -88,7 +89,7 @@ def test_a_partner_that_vanishes_in_the_middle_is_no_success(folder: Path, count
     answering = threading.Thread(target=_answers, args=(partner, config, 10), daemon=True)
     answering.start()
     peer = f"127.0.0.1:{partner.getsockname()[1]}"
-    alone = counterflex("twin", "rsi", "rsi.xml", "--peer", peer, "--seconds", "1")
+    alone = counterflex("twin", "rsi", "rsi.xml", "-s", f"controller.peer={peer}", "--seconds", "1")
     answering.join(20.0)
     assert alone.status == 3
     assert "sensor program gone" in alone.out
@@ -106,7 +107,7 @@ def _answers(partner: socket.socket, config: Any, most: int) -> None:
 def test_where_a_robot_of_a_cell_stands_pose_and_angles_belong_together(folder: Path, refused: Any) -> None:
     """The pose was 0, whatever the angles: a loop that holds one against the other did not arm."""
     cell, q = read_cell(folder / "cell.toml"), np.radians([10.0, -80.0, 100.0, 5.0, 40.0, -20.0])
-    robot = simulated_rsi.robot_of(simulated_rsi.LoneRsiSettings(DEMO / "rsi.xml", cell=folder / "cell.toml", q=q))
+    robot = simulated_rsi.robot_of(simulated_rsi.LoneRsi(rsi=DEMO / "rsi.xml", cell=folder / "cell.toml", q=q))
     robot.start()
     report = robot.advance(np.zeros(6))
     expected = pose.inverse(cell.T_base_part) @ forward(cell.controller_chain, q)
@@ -118,4 +119,5 @@ def test_where_a_robot_of_a_cell_stands_pose_and_angles_belong_together(folder: 
     causes = {check(angles, shown, np.zeros(6), learn=True, commanded_is=1) for _ in range(200)}
     assert causes == {0}
     shutil.copy(DEMO / "rsi.xml", folder / "rsi.xml")
-    assert "--at" in refused("twin", "rsi", "rsi.xml", "--cell", "cell.toml", "--at", "1,2,3,0,0,0")
+    said = refused("twin", "rsi", "rsi.xml", "--cell", "cell.toml", "-s", "standstill.pose_mm_deg=1,2,3,0,0,0")
+    assert "standstill.pose_mm_deg" in said

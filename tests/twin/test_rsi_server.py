@@ -21,7 +21,7 @@ from counterflex.twin.devices.applied import COLUMNS, Applied
 from counterflex.twin.devices.exact_robot import StandingRobot, Standstill
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.devices.path_answer import PathAnswer
-from counterflex.twin.devices.robot_server import CycleSeen, RobotServer
+from counterflex.twin.devices.robot_server import CycleSeen, RobotServer, Timing
 from counterflex.twin.network.faults import Fault, FaultSchedule
 
 CONFIG = (
@@ -99,10 +99,9 @@ def run(
         robot,
         FakeRsi(peer.config, settings),
         peer.address,
-        gate_cycles=0,
+        timing=Timing(gate_s=0.0, most_held_s=most_held_s),
         faults=FaultSchedule(faults, seed),
         observe=observe,
-        most_held_s=most_held_s,
     )
     try:
         server.run(after=0, most_cycles=cycles)
@@ -228,13 +227,15 @@ def test_nobody_there() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
         silent.bind(("127.0.0.1", 0))
         fake = FakeRsi(config, RsiContext(timeout=10))
-        server = RobotServer(StandingRobot(PLACE, 0.004), fake, silent.getsockname(), waiting_s=0.01)
+        server = RobotServer(StandingRobot(PLACE, 0.004), fake, silent.getsockname(), timing=Timing(wait_s=0.01))
         with pytest.raises(OutputError, match=r"no sensor program answers; got nothing for 0\.01 s"):
             server.run()
         assert server.cycles == 0
         server.close()
         fake = FakeRsi(config, RsiContext(timeout=10))
-        server = RobotServer(StandingRobot(PLACE, 0.004), fake, silent.getsockname(), waiting_s=0.0, patience_s=0.001)
+        server = RobotServer(
+            StandingRobot(PLACE, 0.004), fake, silent.getsockname(), timing=Timing(wait_s=0.0, patience_s=0.001)
+        )
         assert server.run() == "RSITimeout"
         server.close()
 

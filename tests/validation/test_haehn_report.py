@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from counterflex.app.proof import simulate
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.run_file import write_run
+from counterflex.path.run import Run
 from counterflex.validation.reproduce import haehn_case, haehn_report
 from counterflex.validation.reproduce.haehn import GOALS_MM, PAPER, over_seeds
 from counterflex.validation.reproduce.haehn import _goal as goal
@@ -36,7 +36,7 @@ def milled(place: Path, edge: str, variant: str) -> None:
     s = p @ along - haehn_case.MIDDLE_M @ along
     deep = np.isclose(p[:, 2], (40.0 - haehn_case.DEPTH_MM) * MM)
     cuts = deep & (np.abs(s) < 0.5 * haehn_case.cut_length_m(edge))
-    run = SimpleNamespace(
+    run = Run(
         time_s=time_s,
         motion=path.motion[after],
         kind=path.kind[after],

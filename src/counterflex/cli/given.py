@@ -259,18 +259,6 @@ def robot_or_cell(param: Param, value: Any) -> Any:
     return value
 
 
-def target_path(_: Param, value: Any) -> Any:
-    """Path of a target, ``circle:RADIUS`` or ``square:SIDE``."""
-    target_shape(value)
-    return value
-
-
-def status(param: Param, value: Any) -> Any:
-    """A status word."""
-    status_word(value, param.opts[0])
-    return value
-
-
 def faults(_: Param, value: Any) -> Any:
     """Faults in short form.
 
@@ -278,40 +266,11 @@ def faults(_: Param, value: Any) -> Any:
         CounterflexError: One of them is none.
     """
     if value:
-        from counterflex.files.fault_file import read_faults
+        from counterflex.files.fault_file import short_fault
 
-        read_faults(None, value, 0)
+        for text in value:
+            short_fault(text).fault()
     return value
-
-
-def target_shape(path: str | None) -> tuple[str, float]:
-    """Shape and size, mm, of ``circle:RADIUS`` or ``square:SIDE``; none for None.
-
-    Raises:
-        InputError: It is none.
-    """
-    if path is None:
-        return "", 0.0
-    shape, _, size = path.partition(":")
-    if shape not in ("circle", "square"):
-        raise InputError("--path", value=path, limit="circle:RADIUS or square:SIDE, for example circle:150")
-    found = numbers(size, f"--path {shape}", 1) or [0.0]
-    return shape, found[0]
-
-
-def status_word(text: str, option: str) -> int:
-    """Number of a status word, decimal or ``0x...``.
-
-    Raises:
-        InputError: It is none, or has more than 32 bits.
-    """
-    try:
-        word = int(text, 0)
-    except ValueError:
-        word = -1
-    if not 0 <= word <= 0xFFFFFFFF:
-        raise InputError(f"{option} is no status word", value=text, limit="0 .. 0xFFFFFFFF")
-    return word
 
 
 def settings(_: Param, value: Any) -> Any:

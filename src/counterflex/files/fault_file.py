@@ -1,4 +1,7 @@
-"""Fault files (``counterflex-faults``, version 1): what goes wrong in a simulated instrument, in shop units.
+"""Faults in files: what goes wrong in a simulated instrument, in shop units.
+
+Part of a scenario file (:mod:`counterflex.files.scenario_file`); a file of its own has the format
+``counterflex-faults``, version 1:
 
     format = "counterflex-faults"
     version = 1
@@ -20,8 +23,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
-from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import Field, model_validator
@@ -29,11 +30,10 @@ from pydantic import Field, model_validator
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.similar import close_to
 from counterflex.core.units import MM, MS
-from counterflex.files.schema import Table, Versioned, parse
-from counterflex.twin.network.faults import DATAGRAM_KINDS, SOURCE_KINDS, Fault, FaultSchedule
+from counterflex.files.schema import Table, parse
+from counterflex.twin.network.faults import DATAGRAM_KINDS, SOURCE_KINDS, Fault
 
 KIND: Final = "counterflex-faults"
-VERSION: Final = 1
 KINDS: Final = (*DATAGRAM_KINDS, *SOURCE_KINDS)
 Three = tuple[float, float, float]
 _SHORT: Final = re.compile(
@@ -114,37 +114,17 @@ class FaultTable(Table):
         )
 
 
-class FaultFile(Versioned):
-    """A fault file."""
-
-    seed: Annotated[int, Field(ge=0, le=2**31)] = 0
-    faults: tuple[FaultTable, ...] = ()
-
-
-def read_faults(path: str | Path | None, short: Iterable[str] = (), seed: int | None = None) -> FaultSchedule:
-    """The faults of a file and of options.
+def short_fault(text: str) -> FaultTable:
+    """A fault in one line.
 
     Args:
-        path: Fault file, or None.
-        short: Faults as ``KIND[=VALUE][@FROM[+FOR]][#FIRST[+COUNT]][,KEY=VALUE...]``: VALUE is the share, for
-            ``status`` the bits, for ``counter`` the step, for ``offset`` millimetres ``X:Y:Z``; FROM and FOR are
-            seconds, FIRST and COUNT datagrams, KEY a key of the file.
-        seed: Instead of the file's.
+        text: ``KIND[=VALUE][@FROM[+FOR]][#FIRST[+COUNT]][,KEY=VALUE...]``: VALUE is the share, for ``status`` the bits,
+            for ``counter`` the step, for ``offset`` millimetres ``X:Y:Z``; FROM and FOR are seconds, FIRST and COUNT
+            datagrams, KEY a key of the table.
 
     Raises:
-        FileFormatError: The file cannot be used.
-        InputError: A fault cannot be used.
+        InputError: The fault cannot be used.
     """
-    tables: list[FaultTable] = []
-    drawn = 0
-    if path is not None:
-        file = FaultFile.read(path, kind=KIND, version=VERSION)
-        tables, drawn = list(file.faults), file.seed
-    tables += [_table(text) for text in short]
-    return FaultSchedule(tuple(table.fault() for table in tables), drawn if seed is None else seed)
-
-
-def _table(text: str) -> FaultTable:
     match = _SHORT.fullmatch(text.strip())
     if match is None:
         raise InputError(

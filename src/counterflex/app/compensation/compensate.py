@@ -87,7 +87,7 @@ def compensate(
     if not TOLERANCE_M[0] <= tolerance_m <= TOLERANCE_M[1]:
         raise InputError(
             "the tolerance of the written path is out of range",
-            where="--tolerance-um",
+            where="compensation.tolerance_um",
             value=f"{tolerance_m / UM:g}",
             limit=f"{TOLERANCE_M[0] / UM:g} to {TOLERANCE_M[1] / UM:g}",
         )

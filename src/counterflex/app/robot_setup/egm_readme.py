@@ -71,7 +71,7 @@ SET ON THE CONTROLLER
 
 RUN
   1. Start the program. It goes to its start posture{"" if path else " and the first point"} and stops.
-  2. counterflex run --cell CELL --egm {table.port} --listen {host} --plan PLAN --out LOG [--arm]
+  2. counterflex run --cell CELL --egm {table.port} -s run.listen={host} --plan PLAN --out LOG [--arm]
      (--original where the program is not the compensated one; without --arm nothing is corrected)
   3. Press start. {armed}
   {watched}

@@ -71,7 +71,7 @@ def rsi_link(
         raise InputError(
             "the RSI configuration sends no motor currents",
             where=str(config),
-            hint="Add DEF_MACur to SEND, or leave out --currents",
+            hint="Add DEF_MACur to SEND, or leave out run.currents",
         )
     return link
 

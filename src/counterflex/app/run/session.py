@@ -124,7 +124,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
             "the estimator has nothing to estimate from",
             where=str(settings.cell),
             value='force = "fused"',
-            hint="Give --force HOST:PORT, --tracker PORT, --plan FILE, or several of them",
+            hint="Give force_sensor.address or tracker.address (--scenario), --plan FILE, or several of them",
         )
     motors = _motors(settings, cell, table, plan is not None)
     unreached = settings.force is None and not settings.egm
@@ -132,7 +132,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         raise _no_sensor(settings, f'force = "{table.force}"', unreached=unreached, unknown=sensor is None)
     wanted = table.tracker != "none" or (fused and settings.tracker_port is not None)
     if wanted and (settings.tracker_port is None or cell.tables.tracker is None):
-        lacking = ["--tracker PORT"] if settings.tracker_port is None else []
+        lacking = ["tracker.address (--scenario)"] if settings.tracker_port is None else []
         lacking += ["a table [tracker] (counterflex identify tracker-frame)"] if cell.tables.tracker is None else []
         raise InputError(
             "the tracker is to be corrected from, but there is none",
@@ -199,21 +199,24 @@ def _motors(settings: RunSettings, cell: Cell, table: OnlineTable, planned: bool
     constants = table.torque_per_current_nm
     lacking, hint = "", ""
     if table.force != "fused":
-        lacking, hint = f'force = "{table.force}" does not take them', 'Set force = "fused", or leave out --currents'
+        lacking, hint = f'force = "{table.force}" does not take them', 'Set force = "fused", or leave out run.currents'
     elif constants is None:
         lacking, hint = "the torque of a motor by its current is not known", "Give torque_per_current_nm in [online]"
     elif not planned:
         lacking, hint = "they tell how far the force is off from a plan, and there is none", "Give --plan FILE"
     if lacking or constants is None:
         raise InputError(
-            f"the motor currents are to be used, but {lacking}", where=str(settings.cell), value="--currents", hint=hint
+            f"the motor currents are to be used, but {lacking}",
+            where=str(settings.cell),
+            value="run.currents",
+            hint=hint,
         )
     return MotorTorque(cell.chain, np.array(constants))
 
 
 def _no_sensor(settings: RunSettings, value: str, *, unreached: bool, unknown: bool) -> InputError:
     """What of the force sensor is lacking: where it is, or how it sits in the robot."""
-    lacking = ["--force HOST:PORT"] if unreached else []
+    lacking = ["force_sensor.address (--scenario)"] if unreached else []
     lacking += ["a table [sensor], which counterflex identify payload finds,"] if unknown else []
     return InputError(
         "the force is to be corrected from, but there is no force sensor",
@@ -237,7 +240,10 @@ def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> R
         )
     if settings.currents:
         raise InputError(
-            "EGM sends no motor currents", where=str(settings.cell), value="--currents", hint="Leave out --currents"
+            "EGM sends no motor currents",
+            where=str(settings.cell),
+            value="run.currents",
+            hint="Leave out run.currents",
         )
     return egm_link(
         cell,

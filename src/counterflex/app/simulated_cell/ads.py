@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -19,14 +19,15 @@ from counterflex.core.errors import InputError
 from counterflex.files.cell.ads import STRAIN, AdsTable, si_of
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.sensing import strain_holder
-from counterflex.geometry import rotation
+from counterflex.geometry import pose, rotation
 from counterflex.protocols.ads.telegram import TCP_PORT
 from counterflex.sensing.strain_holder import lever
 from counterflex.twin.devices.ads import AdsServer, PlcVariable
-from counterflex.twin.devices.pose_source import PoseSource
+from counterflex.twin.devices.pose_source import PoseSource, StandingTarget
 from counterflex.twin.network.faults import FaultSchedule
 
 _TICK_S = 0.1
+_AHEAD: Final = StandingTarget(pose.make(p=np.array([3.0, 0.0, 0.0])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +37,7 @@ class LoneAds:
     Attributes:
         cell: Cell file with a table ``[ads]``; its symbols are there, as LREAL, ``beam_ok`` as BOOL.
         force_n: (3,) force at the tool, holder axes, that the strain terminals show.
-        source: What the tracker sees, or None for a target 3 m away.
+        source: What the tracker sees.
         noise: Standard deviation of a strain.
         host: Address to bind.
         port: TCP port.
@@ -46,7 +47,7 @@ class LoneAds:
 
     cell: Path
     force_n: Float = field(default_factory=lambda: np.zeros(3))
-    source: PoseSource | None = None
+    source: PoseSource = _AHEAD
     noise: float = 0.0
     host: str = "127.0.0.1"
     port: int = TCP_PORT
@@ -104,7 +105,7 @@ def _tracker(settings: LoneAds, table: AdsTable) -> dict[str, PlcVariable]:
     length, angle = si_of(tracker.length_unit)[1], si_of(tracker.angle_unit)[1]
 
     def sees(time_s: float) -> dict[str, float]:
-        T = source(time_s) if source is not None else _AHEAD
+        T = source(time_s)
         x, y, z = (float(v) for v in T[:3, 3])
         qw, qx, qy, qz = (float(v) for v in rotation.quat_wxyz(T[:3, :3]))
         return {
@@ -128,11 +129,6 @@ def _tracker(settings: LoneAds, table: AdsTable) -> dict[str, PlcVariable]:
         for name in sees(0.0)
         if (symbol := getattr(tracker, name)) is not None
     }
-
-
-_AHEAD: Float = np.eye(4)
-_AHEAD[0, 3] = 3.0
-_AHEAD.flags.writeable = False
 
 
 def run(

@@ -23,6 +23,7 @@ from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.devices.robot_controller import RobotController
+from counterflex.twin.devices.robot_server import Timing
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.live.cell_server import CellServer, Instruments
 from counterflex.twin.live.live_cell import LiveCell
@@ -52,9 +53,7 @@ class LiveSettings:
         tracker_faults: Of the tracker and its datagrams, late ones among them.
         force_faults: Of the force sensor and its records.
         seed: Of the instruments.
-        realtime: Keep real time; else lockstep.
-        wait_s: How long it waits for the sensor program to answer before anything moves.
-        gate_s: How long the robot program waits before it starts.
+        timing: How the controller keeps time.
         context: Settings of RSI on the controller.
         answer: How the controller answers corrections.
         own_backlash: Share of the play of its gears that the controller compensates itself; axis corrections go
@@ -78,18 +77,11 @@ class LiveSettings:
     tracker_faults: tuple[Fault, ...] = ()
     force_faults: tuple[Fault, ...] = ()
     seed: int = 0
-    realtime: bool = False
-    wait_s: float = 60.0
-    gate_s: float = 0.8
+    timing: Timing = field(default_factory=lambda: Timing(gate_s=0.8))
     context: RsiContext = field(default_factory=lambda: RsiContext(timeout=100))
     answer: PathAnswer = field(default_factory=PathAnswer)
     own_backlash: float = 0.0
     hose_share: float = 1.0
-
-
-def late(late_s: float) -> tuple[Fault, ...]:
-    """Datagrams that all come so late; none for 0."""
-    return (Fault("late", late_s=late_s),) if late_s > 0.0 else ()
 
 
 @dataclass(frozen=True)
@@ -168,9 +160,7 @@ def run(
         peer,
         instruments,
         own_force,
-        realtime=settings.realtime,
-        waiting_s=settings.wait_s,
-        gate_cycles=round(settings.gate_s / robot_controller.cycle_s),
+        timing=settings.timing,
     )
     begin = time.perf_counter()
     try:

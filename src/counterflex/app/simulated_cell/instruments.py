@@ -21,7 +21,7 @@ from counterflex.twin.devices.tracker import TrackerSender
 from counterflex.twin.devices.wrench_source import WrenchSource
 from counterflex.twin.network.faults import FaultSchedule
 
-RATES_HZ: Final = (1, 7000)
+RATES_HZ: Final = (0.1, 7000)
 """Rates that instruments send at."""
 Stamp = Callable[[int, float], int]
 
@@ -137,7 +137,7 @@ class LoneTracker:
     peer: tuple[str, int]
     source: PoseSource | None = None
     log: TrackerLog | None = None
-    rate_hz: int = 1000
+    rate_hz: float = 1000.0
     seconds: float | None = None
     sigma_m: float = 0.0
     speed: float = 1.0
@@ -229,12 +229,12 @@ def _replay(settings: LoneTracker, log: TrackerLog, sender: TrackerSender, stamp
     return keep_pace(times(), tick, now=clock.now, wait=clock.wait)
 
 
-def _check_rate(rate_hz: int) -> None:
+def _check_rate(rate_hz: float) -> None:
     if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
         raise InputError("rate of an instrument", value=rate_hz, limit=f"{RATES_HZ[0]} .. {RATES_HZ[1]} Hz")
 
 
-def _times(rate_hz: int, seconds: float | None) -> Iterator[float]:
+def _times(rate_hz: float, seconds: float | None) -> Iterator[float]:
     for k in itertools.count():
         if seconds is not None and k >= seconds * rate_hz:
             return

@@ -92,7 +92,9 @@ def forward(
     to: Annotated[
         str,
         typer.Argument(
-            help="Where datagrams go: the loop's --tracker port.", metavar="HOST:PORT", callback=given.host_port
+            help="Where datagrams go: the loop's tracker.address.",
+            metavar="HOST:PORT",
+            callback=given.host_port,
         ),
     ],
     cell: CellFile,

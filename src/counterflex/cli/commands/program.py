@@ -10,6 +10,7 @@ import typer
 
 from counterflex.cli import given
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.cli.scenario import Layers, read
 from counterflex.core.units import UM
 
 Program = Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=given.file)]
@@ -101,43 +102,12 @@ def compensate(
             callback=given.one_of(given.Registered("counterflex.app.compensation.languages:LANGUAGES"), "language"),
         ),
     ] = "gcode",
-    dialect: Dialect = "linuxcnc",
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
-    tolerance_um: Annotated[
-        float,
-        typer.Option(
-            "--tolerance-um",
-            help="Largest distance of the written path from the planned one, 0.1 to 1000.",
-            callback=given.between(0.1, 1000.0),
-        ),
-    ] = 5.0,
-    normal_only: Annotated[
-        bool, typer.Option("--normal-only", help="Correct square to the feed only, not along it.")
-    ] = False,
+    scenario: Layers = None,
     predict: Annotated[
         bool, typer.Option("--predict/--no-predict", help="Predict the path error before and after.")
     ] = True,
-    feed_for_tolerance_um: Annotated[
-        float | None,
-        typer.Option(
-            "--feed-for-tolerance-um",
-            help="Lower the feed where the predicted error would be above this.",
-            min=0.1,
-            max=10000.0,
-        ),
-    ] = None,
-    least_feed_percent: Annotated[
-        float,
-        typer.Option(
-            "--least-feed-percent",
-            help="With it: lowest share of the programmed feed, 5 to 100.",
-            callback=given.between(5.0, 100.0),
-        ),
-    ] = 30.0,
-    least_chip_um: Annotated[
-        float, typer.Option("--least-chip-um", help="With it: smallest chip that still cuts.", min=0.0, max=1000.0)
-    ] = 10.0,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
@@ -146,8 +116,10 @@ def compensate(
     Writes into DIR: the program under its own name (or .src/.dat, .mod), plan.parquet (every point: time, pose,
     joints, force, deflection, correction, engagement), summary.json and report.html. Either all of them or none.
 
-    What compensation cannot follow in time, a lower feed can: with --feed-for-tolerance-um F words ($VEL.CP, speeddata)
+    What compensation cannot follow in time, a lower feed can: with feed_for_tolerance_um F words ($VEL.CP, speeddata)
     are lowered there, planned anew up to five times, and what it costs is said.
+
+    Table of the scenario: compensation.
 
     Example: `counterflex compensate part.ngc --cell cell.toml --out out --as krl`
     """
@@ -156,9 +128,11 @@ def compensate(
     from counterflex.app.inputs import Reading
     from counterflex.plan.feed_for_tolerance import FeedTolerance
 
-    wish = None
-    if feed_for_tolerance_um is not None:
-        wish = FeedTolerance(feed_for_tolerance_um * UM, least_feed_percent / 100.0, least_chip_um * UM)
+    wish, table = None, read(scenario, "compensation").compensation
+    if table.feed_for_tolerance_um is not None:
+        wish = FeedTolerance(
+            table.feed_for_tolerance_um * UM, table.least_feed_percent / 100.0, table.least_chip_um * UM
+        )
     with progress_bar(f"compensating {program.name}") as progress:
         summary = job.run(
             program,
@@ -167,9 +141,9 @@ def compensate(
             report=report,
             progress=progress,
             language=language,
-            reading=Reading(dialect, parameters, complete=not without_end),
-            tolerance_m=tolerance_um * UM,
-            normal_only=normal_only,
+            reading=Reading(table.dialect, parameters, complete=not without_end),
+            tolerance_m=table.tolerance_um * UM,
+            normal_only=table.normal_only,
             predict=predict,
             feed=wish,
         )

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from counterflex.cli import given, interrupt
-from counterflex.cli.bounds import LARGEST_PORT, LARGEST_SEED
 from counterflex.cli.commands.log import show_process
 from counterflex.cli.commands.program import CellFile, Out, Parameters, Program, WithoutEnd
-from counterflex.cli.commands.simulated.options import WaitS, left_alone
+from counterflex.cli.commands.simulated.options import left_alone
 from counterflex.cli.given import address
 from counterflex.cli.output import keep_inputs, line_period_s, print_json, print_table, progress_bar
+from counterflex.cli.scenario import Layers, host_port, read
 from counterflex.core.errors import InputError
-from counterflex.core.units import MS
 
 if TYPE_CHECKING:
     from counterflex.app.run.status import Status
@@ -67,57 +66,16 @@ def run(
         Path | None,
         typer.Option("--plan", help="Plan file of the program (.parquet).", metavar="PLAN", callback=given.file),
     ] = None,
-    program: Annotated[
-        Path | None,
-        typer.Option(
-            "--program", help="What the robot runs: must be of the plan's job.", metavar="PROGRAM", callback=given.file
-        ),
-    ] = None,
     original: Annotated[
         bool, typer.Option("--original", help="The robot runs the original program, not the compensated one.")
     ] = False,
-    force: Annotated[
-        str | None,
-        typer.Option(
-            "--force",
-            help="Force sensor (Net F/T); with EGM else the robot's own.",
-            metavar="HOST:PORT",
-            callback=given.host_port,
-        ),
-    ] = None,
-    force_http: Annotated[
-        int, typer.Option("--force-http", help="Port of its scaling document.", min=1, max=LARGEST_PORT)
-    ] = 80,
-    tracker: Annotated[
-        int | None, typer.Option("--tracker", help="UDP port for tracker datagrams.", min=0, max=65535)
-    ] = None,
-    currents: Annotated[
-        bool, typer.Option("--currents", help="Use the motor currents that the robot sends, where no force is.")
-    ] = False,
-    listen: Annotated[str, typer.Option("--listen", help="Address to listen on; only this computer unless told.")] = (
-        "127.0.0.1"
-    ),
-    peer: Annotated[
-        str | None,
-        typer.Option(
-            "--peer",
-            help="The controller's address, port 0 for any; nobody else is heard. Without it: the first that sends.",
-            metavar="HOST:PORT",
-            callback=given.host_port,
-        ),
-    ] = None,
     arm: Annotated[
         bool, typer.Option("--arm", help="Arm when all checks are passed. Without it the loop only watches.")
     ] = False,
     trust_machine: Annotated[
         bool, typer.Option("--trust-machine", help="Arm even where counterflex doctor has not found the machine fit.")
     ] = False,
-    lockstep: Annotated[
-        bool, typer.Option("--lockstep", help="The robot is simulated and waits for every answer (twin cell).")
-    ] = False,
-    seconds: Annotated[
-        float | None, typer.Option("--seconds", help="End after so long; else when the telegrams stop.", min=0.1)
-    ] = None,
+    scenario: Layers = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Correct while milling: answer the robot's telegrams from force, plan and tracker, and log every cycle.
@@ -131,14 +89,19 @@ def run(
     correction; 4 never armed; 5 records are missing in the log; 6 the operator ended the correction; 1 the loop died;
     130 Ctrl-C, 143 request to terminate, 129 terminal closed, unless a fault or a lost log is to be told.
 
-    Example: `counterflex run --cell cell.toml --rsi rsi.xml --plan plan.parquet --force 192.168.1.1:49152 --out log`
+    Tables of the scenario: run, force_sensor (addresses), tracker (address).
+
+    Example: `counterflex run --cell cell.toml --rsi rsi.xml --plan plan.parquet --scenario trial.toml --out log`
     """
+    trial = read(scenario, "run", "force_sensor", "tracker")
+    sensor, program, lockstep = trial.force_sensor, trial.run.program, trial.run.lockstep
     keep_inputs(out, cell, *(path for path in (rsi, plan, program) if path is not None))
     one_protocol(rsi, egm)
     from counterflex.app.run import run as job
     from counterflex.app.run.session import RunSettings
     from counterflex.cli.commands.status_line import process_lines, status_line
 
+    tracker = host_port(trial.tracker.address)
     if arm and not lockstep and not trust_machine:
         from counterflex.app.doctor import require_fit
 
@@ -149,14 +112,14 @@ def run(
         plan=plan,
         program=program,
         compensated=not original,
-        host=listen,
+        host=trial.run.listen,
         port=egm,
         egm=egm is not None,
-        force=None if force is None else address(force, "--force"),
-        force_http_port=force_http,
-        currents=currents,
-        tracker_port=tracker,
-        peer=None if peer is None else address(peer, "--peer"),
+        force=host_port(sensor.address),
+        force_http_port=80 if sensor.http_port is None else sensor.http_port,
+        currents=trial.run.currents,
+        tracker_port=None if tracker is None else tracker[1],
+        peer=host_port(trial.run.peer),
         arm=arm,
         lockstep=lockstep,
         force_wait_s=60.0 if lockstep else 10.0,
@@ -175,7 +138,7 @@ def run(
 
     if line_period_s() > 0.0:
         typer.echo("preparing the loop: cell, plan, sensors", err=True)
-    summary = job.run(settings, out, watch=watch, most_s=seconds, started=started, told=told)
+    summary = job.run(settings, out, watch=watch, most_s=trial.run.seconds, started=started, told=told)
     if as_json:
         print_json(summary)
     else:
@@ -223,9 +186,6 @@ def cell(
             callback=given.host_port,
         ),
     ] = None,
-    own_force: Annotated[
-        bool, typer.Option("--own-force", help="ABB: the controller sends the force sensor's readings itself.")
-    ] = False,
     original: Annotated[
         Path | None,
         typer.Option(
@@ -237,47 +197,26 @@ def cell(
     ] = None,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
-    peer: Annotated[
-        str | None,
-        typer.Option(
-            "--peer", help="Where telegrams go, instead of RSI's own.", metavar="HOST:PORT", callback=given.host_port
-        ),
-    ] = None,
-    force_port: Annotated[
-        int, typer.Option("--force-port", help="UDP port of the force sensor; 0: a free one.", min=0, max=LARGEST_PORT)
-    ] = 0,
-    force_http: Annotated[
-        int, typer.Option("--force-http", help="Port of its scaling document; 0: a free one.", min=0, max=LARGEST_PORT)
-    ] = 0,
-    tracker: Annotated[
-        str | None,
-        typer.Option("--tracker", help="Send tracker datagrams there.", metavar="HOST:PORT", callback=given.host_port),
-    ] = None,
-    tracker_hz: Annotated[
-        float, typer.Option("--tracker-hz", help="Poses in a second; photogrammetry has few.", min=0.1, max=1000.0)
-    ] = 1000.0,
-    tracker_late_ms: Annotated[
-        float, typer.Option("--tracker-late", help="How late they come, ms.", min=0.0, max=900.0)
-    ] = 0.0,
-    seed: Annotated[int, typer.Option("--seed", help="Of the instruments.", min=0, max=LARGEST_SEED)] = 0,
-    wait_s: WaitS = 60.0,
-    gate_s: Annotated[float, typer.Option("--gate-s", help="Rest before the program starts.", min=0.0)] = 0.8,
-    realtime: Annotated[
-        bool, typer.Option("--realtime", help="Keep real time; else wait for every answer, as fast as both can.")
-    ] = False,
+    scenario: Layers = None,
 ) -> None:
     """Run a program on the simulated cell behind its real protocols: KUKA RSI or ABB EGM, Net F/T, tracker.
 
     It begins to send at once: start `counterflex run` first. Writes into DIR what `simulate` writes, and nothing where
     nobody answers; it ends when its partner has ended.
 
+    Tables of the scenario: controller, rsi, egm, force_sensor (addresses), tracker (address, rate_hz, late_ms).
+
     Example: `counterflex twin cell part.ngc --cell cell.toml --truth truth.toml --rsi rsi.xml --out part`
     """
+    trial = read(scenario, "controller", "rsi", "egm", "force_sensor", "tracker")
     keep_inputs(out, *(path for path in (program, cell, truth, rsi, original, parameters) if path is not None))
     one_protocol(rsi, egm)
     from counterflex.app.inputs import Reading
     from counterflex.app.simulated_cell import cell as job
+    from counterflex.app.simulated_cell import scenario as shown
 
+    sensor, own_force = trial.force_sensor, trial.egm.own_force
+    _, force_port = host_port(sensor.address) or ("", 0)
     settings = job.LiveSettings(
         program=program,
         cell=cell,
@@ -285,22 +224,22 @@ def cell(
         rsi=rsi,
         original=original,
         reading=Reading(parameters=parameters, complete=not without_end),
-        peer=None if peer is None else address(peer, "--peer"),
+        peer=host_port(trial.controller.peer),
         egm=None if egm is None else address(egm, "--egm"),
         own_force=own_force,
         netft_port=None if own_force else force_port,
-        netft_http_port=force_http,
-        tracker_peer=None if tracker is None else address(tracker, "--tracker"),
-        tracker_hz=tracker_hz,
-        tracker_faults=job.late(tracker_late_ms * MS),
-        seed=seed,
-        wait_s=wait_s,
-        gate_s=gate_s,
-        realtime=realtime,
+        netft_http_port=sensor.http_port or 0,
+        tracker_peer=host_port(trial.tracker.address),
+        tracker_hz=trial.tracker.rate_hz,
+        tracker_faults=shown.late(trial.tracker),
+        seed=trial.seed,
+        timing=shown.timing(trial.controller, gate_s=0.8),
+        context=shown.rsi_context(trial.rsi),
+        answer=shown.path_answer(trial.controller),
     )
 
     def started(where: job.Addresses) -> None:
-        if where.netft and where.netft_http and 0 in (force_port, force_http):  # else the caller knows it
+        if where.netft and where.netft_http and not (force_port and sensor.http_port):  # else the caller knows it
             typer.echo(
                 f"force sensor at {where.netft[0]}:{where.netft[1]}, scaling at port {where.netft_http[1]}", err=True
             )

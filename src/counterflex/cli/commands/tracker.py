@@ -31,7 +31,9 @@ def bridge(
     to: Annotated[
         str,
         typer.Argument(
-            help="Where datagrams go: the loop's --tracker port.", metavar="HOST:PORT", callback=given.host_port
+            help="Where datagrams go: the loop's tracker.address.",
+            metavar="HOST:PORT",
+            callback=given.host_port,
         ),
     ],
     file: Annotated[

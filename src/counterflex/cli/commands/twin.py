@@ -11,11 +11,13 @@ from counterflex.cli import given
 from counterflex.cli.bounds import LARGEST_SEED
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.commands.proxy import register as register_proxy
+from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.run import register_twin
 from counterflex.cli.commands.simulated.egm import register as register_egm
 from counterflex.cli.commands.simulated.instruments import register as register_fakes
 from counterflex.cli.commands.simulated.rsi import register as register_rsi
-from counterflex.cli.output import keep_inputs, progress_bar
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.core.errors import InputError
 
 _twin = typer.Typer(no_args_is_help=True, help="The simulated cell: measure on it, or run it behind its protocols.")
 
@@ -23,6 +25,7 @@ _twin = typer.Typer(no_args_is_help=True, help="The simulated cell: measure on i
 def register(app: typer.Typer) -> None:
     """Add these commands."""
     _twin.command("measure")(measure)
+    _twin.command("scenarios")(scenarios)
     register_twin(_twin)
     register_rsi(_twin)
     register_fakes(_twin)
@@ -68,3 +71,28 @@ def measure(
         found = laboratory.measure(proposal, cell, truth, out, seed=seed, session=session, progress=progress)
     typer.echo(f"wrote {found['manifest']}: {found['rows']} rows of {found['kind']}, {', '.join(found['channels'])}")
     typer.echo(f"next: counterflex identify {found['recipe']} {found['manifest']} --cell {cell} --out DIR")
+
+
+def scenarios(
+    name: Annotated[
+        str | None, typer.Argument(help="Print this one, to begin a file of your own with.", metavar="NAME")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Scenarios that come with counterflex, for --scenario NAME.
+
+    Example: `counterflex twin scenarios kr_c2`
+    """
+    from counterflex.files.scenario_file import read_scenario, shipped
+
+    known = shipped()
+    if name is not None:
+        if name not in known:
+            raise InputError("no such scenario", value=name, limit=", ".join(known))
+        typer.echo(known[name], nl=False)
+        return
+    titles = {item: read_scenario([item], ()).title for item in known}
+    if as_json:
+        print_json(titles)
+        return
+    print_table("Scenarios", ["name", "what it sets"], [[item, title] for item, title in titles.items()])

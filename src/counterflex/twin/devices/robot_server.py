@@ -67,6 +67,29 @@ class CycleSeen:
     report: Report
 
 
+@dataclass(frozen=True)
+class Timing:
+    """How a simulated controller keeps time, and how long it waits for what.
+
+    Attributes:
+        realtime: Keep real time; else lockstep.
+        wait_s: How long it waits for the sensor program to be there, as a robot program does before RSI_ON; 0 does not
+            wait.
+        gate_s: For which the program waits after the session began, so that everything can settle; the robot program
+            enables the correction at their end.
+        answer_s: Real time: how long an answer may take; None is the whole cycle (a KR C2 leaves 10 of 12 ms).
+        patience_s: Lockstep: how long an answer may take.
+        most_held_s: Lockstep: longest time, by the controller's clock, for which the feed may be held in one piece.
+    """
+
+    realtime: bool = False
+    wait_s: float = 60.0
+    gate_s: float = 0.6
+    answer_s: float | None = None
+    patience_s: float = 5.0
+    most_held_s: float = 60.0
+
+
 class RobotServer:
     """Runs a robot behind the protocol of its controller until its program has ended.
 
@@ -74,16 +97,9 @@ class RobotServer:
         robot: The robot; its cycle divides that of the protocol.
         controller: Its side of the protocol.
         peer: Where telegrams go: host and port of the sensor program.
-        realtime: Keep real time; else lockstep.
-        patience_s: Lockstep: how long an answer may take.
-        waiting_s: How long it waits for the sensor program to be there, as a robot program does before RSI_ON; 0 does
-            not wait.
-        gate_cycles: Cycles for which the program waits after the session began, so that everything can settle; the
-            robot program enables the correction at their end.
-        answer_s: Real time: how long an answer may take; None is the whole cycle (a KR C2 leaves 10 of 12 ms).
+        timing: See there.
         faults: Scripted, by the time since the first cycle and the numbers of telegrams and answers.
         observe: Told every cycle.
-        most_held_s: Lockstep: longest time, by the controller's clock, for which the feed may be held in one piece.
 
     Attributes:
         cycles: Telegrams sent.
@@ -98,14 +114,9 @@ class RobotServer:
         controller: RobotController,
         peer: tuple[str, int],
         *,
-        realtime: bool = False,
-        patience_s: float = 5.0,
-        waiting_s: float = 60.0,
-        gate_cycles: int = 150,
-        answer_s: float | None = None,
+        timing: Timing | None = None,
         faults: FaultSchedule | None = None,
         observe: Callable[[CycleSeen], None] | None = None,
-        most_held_s: float = 60.0,
     ) -> None:
         self._period_s = controller.cycle_s
         self._per_telegram = round(self._period_s / robot.period_s)
@@ -113,11 +124,12 @@ class RobotServer:
             raise InputError(
                 "cycle of the protocol is no multiple of the cell's", value=controller.cycle_s, limit=robot.period_s
             )
+        timing = Timing() if timing is None else timing
+        answer_s = timing.answer_s
         if answer_s is not None and not 0.0 < answer_s <= self._period_s:
             raise InputError("time for an answer", value=answer_s, limit=f"> 0 and <= {self._period_s:g} s")
         self.robot, self.controller, self.peer = robot, controller, peer
-        self.realtime, self.patience_s, self.gate_cycles = realtime, patience_s, gate_cycles
-        self.waiting_s, self.most_held_s = waiting_s, most_held_s
+        self.timing, self.gate_cycles = timing, round(timing.gate_s / self._period_s)
         self._held_cycles = 0
         self._met = self._alone = False
         self._refused, self._waited_s = 0, 0.0
@@ -197,9 +209,9 @@ class RobotServer:
     def _require_progress(self, held: bool) -> None:
         """A real robot waits for a person; a simulated one that nobody watches must come to an end."""
         self._held_cycles = self._held_cycles + 1 if held else 0
-        if not self.realtime and self._held_cycles * self._period_s > self.most_held_s:
+        if not self.timing.realtime and self._held_cycles * self._period_s > self.timing.most_held_s:
             raise SimulationError(
-                f"the sensor program has held the feed for {self.most_held_s:g} s, and nobody gives it free",
+                f"the sensor program has held the feed for {self.timing.most_held_s:g} s, and nobody gives it free",
                 where=f"telegram {self.cycles}",
                 hint="The run log says why: counterflex log show. A hold by process monitoring waits for counterflex "
                 "operator reset; [monitor] says which events hold",
@@ -218,12 +230,12 @@ class RobotServer:
         """Repeat the first telegram until the sensor program answers; nothing moves, nothing is counted.
 
         Raises:
-            OutputError: It does not within ``waiting_s``.
+            OutputError: It does not within ``wait_s``.
         """
         self._met = True
-        if self.waiting_s <= 0.0 or self.controller.only_sends:
+        if self.timing.wait_s <= 0.0 or self.controller.only_sends:
             return
-        end = time.perf_counter() + self.waiting_s
+        end = time.perf_counter() + self.timing.wait_s
         nothing = np.zeros(6)
         report = self.robot.advance(nothing)
         first = self.controller.telegram(report)
@@ -242,7 +254,7 @@ class RobotServer:
         raise OutputError(
             "no sensor program answers",
             where=f"{self.peer[0]}:{self.peer[1]}",
-            value=f"nothing for {self.waiting_s:g} s",
+            value=f"nothing for {self.timing.wait_s:g} s",
             hint="Start it first, for example counterflex run with the same address and port",
         )
 
@@ -257,7 +269,7 @@ class RobotServer:
         self._reply_s, self._unharmed = math.nan, False
         self._sent_at = time.perf_counter()
         self._due += self._period_s
-        if self.realtime and self._due - self._sent_at < _LATEST * self._period_s:
+        if self.timing.realtime and self._due - self._sent_at < _LATEST * self._period_s:
             self._due = self._sent_at + self._period_s  # a controller never hurries to catch up
             self.stalls += 1
 
@@ -267,7 +279,7 @@ class RobotServer:
 
         if not silent:
             self._out.put(telegram, now_s, deliver)
-        answer = self._wait_realtime(now_s) if self.realtime else self._wait_lockstep(now_s)
+        answer = self._wait_realtime(now_s) if self.timing.realtime else self._wait_lockstep(now_s)
         if not silent:
             self.controller.answer(answer)
 
@@ -282,7 +294,7 @@ class RobotServer:
         if not self._unharmed or self.controller.only_sends:
             return found[-1] if found else None
         begin = time.perf_counter()
-        while (left := begin + self.patience_s - time.perf_counter()) > 0.0:
+        while (left := begin + self.timing.patience_s - time.perf_counter()) > 0.0:
             self._socket.settimeout(left)
             try:
                 data = self._socket.recv(65536)

@@ -83,8 +83,14 @@ class RunRig:
         self._gone = 0
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the process
         host, udp = self.sensor.address
-        options = ["--cell", str(self.cell), "--rsi", str(rsi), "--force", f"{host}:{udp}", "--arm", "--lockstep"]
-        options += ["--force-http", str(0 if http is None else http[1]), "--out", str(self.log), *words]
+        options = ["--cell", str(self.cell), "--rsi", str(rsi), "--arm", "-s", "local"]
+        options += [
+            "-s",
+            f"force_sensor.address={host}:{udp}",
+            "-s",
+            f"force_sensor.http_port={http[1] if http else 0}",
+        ]
+        options += ["--out", str(self.log), *words]
         self.process = subprocess.Popen(
             command("run", *options), stdout=self._said, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL
         )

@@ -10,22 +10,16 @@ from counterflex.cli import given
 from counterflex.cli.commands.program import CellFile, Program
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import (
-    Damping,
-    DeadMs,
     Fault,
-    FaultsFile,
-    NaturalHz,
-    Realtime,
     RecordFile,
-    Seed,
-    WaitS,
     left_alone,
-    schedule,
-    tell_refused,
-    tell_reply,
+    print_refused,
+    print_reply,
+    print_start,
 )
-from counterflex.cli.given import address, numbers
+from counterflex.cli.given import address
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
+from counterflex.cli.scenario import Layers, read
 
 
 def register(twin: typer.Typer) -> None:
@@ -45,38 +39,9 @@ def egm(
             callback=given.host_port,
         ),
     ] = "127.0.0.1:6510",
-    robotware: Annotated[
-        int,
-        typer.Option(
-            "--robotware",
-            help="6 or 7: how the own force is written.",
-            min=6,
-            max=7,
-            callback=given.one_of((6, 7), "RobotWare"),
-        ),
-    ] = 7,
-    force_n: Annotated[
-        str | None,
-        typer.Option(
-            "--force-n",
-            help="The robot measures this force itself, N and N m.",
-            metavar="FX,FY,FZ,MX,MY,MZ",
-            callback=given.numbers_of(6),
-        ),
-    ] = None,
-    timeout_ms: Annotated[
-        float | None, typer.Option("--timeout-ms", help="CommTimeout, instead of the cell's; ABB's default is 1000.")
-    ] = None,
-    dead_ms: DeadMs = 12.0,
-    natural_hz: NaturalHz = 5.0,
-    damping: Damping = 0.7,
     seconds: Annotated[float | None, typer.Option("--seconds", help="At most so long.", min=0.01)] = None,
-    realtime: Realtime = False,
-    wait_s: WaitS = 60.0,
-    gate_s: Annotated[float, typer.Option("--gate-s", help="Rest before the movement starts.", min=0.0)] = 3.0,
-    faults: FaultsFile = None,
+    scenario: Layers = None,
     fault: Fault = None,
-    seed: Seed = None,
     record: RecordFile = None,
     as_json: AsJson = False,
 ) -> None:
@@ -85,43 +50,42 @@ def egm(
     The table [egm] of the cell says which way: mode = "path" runs the program and lets it be corrected, mode = "pose"
     goes where it is sent. No physics, no instruments.
 
+    Tables of the scenario: controller, egm, faults.
+
     Example: `counterflex twin egm part.ngc --cell cell.toml --egm 127.0.0.1:6510 --record applied.csv`
     """
     if record is not None:
-        keep_inputs(record, *(path for path in (program, cell, faults) if path is not None), option="--record")
+        keep_inputs(record, program, cell, option="--record")
+    trial = read(scenario, "controller", "egm")
     import numpy as np
 
     from counterflex.app.simulated_cell import egm as job
+    from counterflex.app.simulated_cell import scenario as shown
+    from counterflex.app.simulated_cell.alone import Watched
     from counterflex.core.units import MS
-    from counterflex.twin.devices.path_answer import PathAnswer
 
-    settings = job.LoneEgmSettings(
+    force, timeout_ms = trial.egm.wrench_n_nm, trial.egm.timeout_ms
+    settings = job.LoneEgm(
         program=program,
         cell=cell,
         peer=address(peer, "--egm"),
-        robotware=robotware,
-        force=None if force_n is None else np.array(numbers(force_n, "--force-n", 6)),
+        robotware=trial.egm.robotware,
+        force=None if force is None else np.array(force),
         timeout_s=None if timeout_ms is None else timeout_ms * MS,
-        dead_s=dead_ms * MS,
-        answer=PathAnswer(dead_ms * MS, natural_hz, damping),
+        dead_s=trial.controller.dead_ms * MS,
+        answer=shown.path_answer(trial.controller),
         seconds=seconds,
-        realtime=realtime,
-        wait_s=wait_s,
-        gate_s=gate_s,
-        faults=schedule(faults, fault, seed),
+        timing=shown.timing(trial.controller, gate_s=3.0),
+        faults=shown.schedule(trial, fault),
     )
-
-    def started(_: tuple[str, int], where: tuple[str, int]) -> None:
-        typer.echo(f"sending to {where[0]}:{where[1]}", err=True)
-
     with progress_bar(f"EGM {program.name}") as progress:
-        found = job.run(settings, record=record, started=started, progress=progress)
+        found = job.run(settings, Watched(record, print_start, progress))
     if as_json:
         print_json(found)
         left_alone(found["ended"])
         return
     typer.echo(f"{found['ended']} after {found['cycles']} messages, {found['late_answers']} cycles without one for us")
-    tell_refused(found)
+    print_refused(found)
     typer.echo(f"largest distance of the tool from its program: {found['largest_shift_mm']:g} mm")
-    tell_reply(found)
+    print_reply(found)
     left_alone(found["ended"])

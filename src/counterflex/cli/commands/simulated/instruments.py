@@ -10,9 +10,10 @@ import typer
 from counterflex.cli import given
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.commands.question import AsJson
-from counterflex.cli.commands.simulated.options import Fault, FaultsFile, Host, Seconds, Seed, schedule
-from counterflex.cli.given import address, numbers, status_word, target_shape
+from counterflex.cli.commands.simulated.options import Fault, Seconds
+from counterflex.cli.given import address
 from counterflex.cli.output import print_json
+from counterflex.cli.scenario import Layers, host_port, read
 from counterflex.core.errors import InputError
 
 
@@ -24,25 +25,6 @@ def register(twin: typer.Typer) -> None:
 
 
 def netft(
-    port: Annotated[int, typer.Option("--port", help="UDP port; 0: a free one.", min=0, max=65535)] = 49152,
-    http_port: Annotated[
-        int, typer.Option("--http-port", help="Of the scaling document; 0: a free one.", min=0, max=65535)
-    ] = 49380,
-    host: Host = "127.0.0.1",
-    rate_hz: Annotated[int, typer.Option("--rate-hz", help="Samples per second.", min=1, max=7000)] = 1000,
-    wrench: Annotated[
-        str,
-        typer.Option(
-            "--wrench", help="Constant load, N and N m.", metavar="FX,FY,FZ,MX,MY,MZ", callback=given.numbers_of(6)
-        ),
-    ] = "0,0,0,0,0,0",
-    amplitude: Annotated[
-        str,
-        typer.Option(
-            "--amplitude", help="Of a sine on top, N and N m.", metavar="FX,...,MZ", callback=given.numbers_of(6)
-        ),
-    ] = "0,0,0,0,0,0",
-    sine_hz: Annotated[float, typer.Option("--sine-hz", help="Its frequency.", min=0.0)] = 1.0,
     file: Annotated[
         Path | None,
         typer.Option(
@@ -52,16 +34,9 @@ def netft(
             callback=given.file,
         ),
     ] = None,
-    repeat: Annotated[bool, typer.Option("--repeat", help="Begin the record again after its end.")] = False,
-    noise_n: Annotated[float, typer.Option("--noise-n", help="Standard deviation of a force.", min=0.0)] = 1.0,
-    noise_nm: Annotated[float, typer.Option("--noise-nm", help="Standard deviation of a moment.", min=0.0)] = 0.1,
-    status: Annotated[
-        str, typer.Option("--status", help="Status word of every record, 0x...", callback=given.status)
-    ] = "0",
     seconds: Seconds = None,
-    faults: FaultsFile = None,
+    scenario: Layers = None,
     fault: Fault = None,
-    seed: Seed = None,
     as_json: AsJson = False,
 ) -> None:
     """A simulated ATI Net F/T alone: RDT records over UDP, its scaling over HTTP.
@@ -69,30 +44,32 @@ def netft(
     It shows a constant load, a sine or a record, with noise; faults further: saturated, frozen, status=0x80020000,
     offset (of the force), counter=STEP, silent, dying.
 
-    Example: `counterflex twin netft --wrench 0,0,-50,0,0,0 --fault saturated@5+0.1 --seconds 10`
+    Tables of the scenario: force_sensor, faults.
+
+    Example: `counterflex twin netft -s force_sensor.wrench_n_nm=0,0,-50,0,0,0 --fault saturated@5+0.1 --seconds 10`
     """
+    trial = read(scenario, "force_sensor")
     import numpy as np
 
     from counterflex.app.simulated_cell import instruments as job
+    from counterflex.app.simulated_cell.scenario import schedule
     from counterflex.files.logs.wrench_log import read_wrench_log
     from counterflex.twin.devices.wrench_source import NoisyWrench, RecordedWrench, SteadyWrench, WrenchSource
 
-    source: WrenchSource
+    table, faults = trial.force_sensor, schedule(trial, fault)
+    source: WrenchSource = SteadyWrench(np.array(table.wrench_n_nm), np.array(table.amplitude_n_nm), table.sine_hz)
     if file is not None:
-        source = RecordedWrench(*read_wrench_log(file), repeat=repeat)
-    else:
-        constant, swing = numbers(wrench, "--wrench", 6), numbers(amplitude, "--amplitude", 6)
-        source = SteadyWrench(np.array(constant), np.array(swing), sine_hz)
-    planned = schedule(faults, fault, seed)
+        source = RecordedWrench(*read_wrench_log(file), repeat=table.repeat)
+    host, port = host_port(table.address) or ("127.0.0.1", 49152)
     settings = job.LoneNetft(
-        source=NoisyWrench(source, noise_n, noise_nm, planned.seed),
-        rate_hz=rate_hz,
+        source=NoisyWrench(source, table.noise_n, table.noise_nm, faults.seed),
+        rate_hz=table.rate_hz,
         seconds=seconds,
         host=host,
         port=port,
-        http_port=http_port,
-        status=status_word(status, "--status"),
-        faults=planned,
+        http_port=49380 if table.http_port is None else table.http_port,
+        status=table.status,
+        faults=faults,
     )
 
     def started(udp: tuple[str, int], http: tuple[str, int]) -> None:
@@ -108,28 +85,6 @@ def netft(
 
 def tracker(
     to: Annotated[str, typer.Argument(help="Where datagrams go.", metavar="HOST:PORT", callback=given.host_port)],
-    at: Annotated[
-        str,
-        typer.Option(
-            "--at",
-            help="Pose of the target, or middle of its path, mm and deg.",
-            metavar="X,...,C",
-            callback=given.numbers_of(6),
-        ),
-    ] = "3000,0,0,0,0,0",
-    path: Annotated[
-        str | None,
-        typer.Option(
-            "--path",
-            help="circle:RADIUS or square:SIDE, mm, in the xy plane of --at.",
-            metavar="PATH",
-            callback=given.target_path,
-        ),
-    ] = None,
-    feed_mm_min: Annotated[float, typer.Option("--feed-mm-min", help="Along the path.", min=0.001)] = 700.0,
-    rate_hz: Annotated[int, typer.Option("--rate-hz", help="Measurements per second.", min=1, max=7000)] = 1000,
-    noise_um: Annotated[float, typer.Option("--noise-um", help="Of the position, per axis.", min=0.0)] = 15.0,
-    noise_urad: Annotated[float, typer.Option("--noise-urad", help="Of the orientation.", min=0.0)] = 30.0,
     log: Annotated[
         Path | None,
         typer.Option(
@@ -145,14 +100,9 @@ def tracker(
     cell: Annotated[
         Path | None, typer.Option("--cell", help="Cell file of that run.", metavar="CELL", callback=given.file)
     ] = None,
-    speed: Annotated[float, typer.Option("--speed", help="Of a replay; 2: twice as fast.", min=0.01, max=100.0)] = 1.0,
-    repeat: Annotated[bool, typer.Option("--repeat", help="Begin a log again after its end.")] = False,
-    clock_offset_s: Annotated[float, typer.Option("--clock-offset-s", help="Of the tracker's clock.")] = 0.0,
-    clock_drift_ppm: Annotated[float, typer.Option("--clock-drift-ppm", help="How much faster it runs.")] = 0.0,
     seconds: Seconds = None,
-    faults: FaultsFile = None,
+    scenario: Layers = None,
     fault: Fault = None,
-    seed: Seed = None,
     as_json: AsJson = False,
 ) -> None:
     """A simulated laser tracker alone: sends the pose datagrams of 88 bytes, from a path or from a log.
@@ -160,51 +110,43 @@ def tracker(
     Faults further: beam_broken@2+0.5, offset=0:1:0 (mm: a wrong reflector), nan, frozen, status=4 (inaccurate),
     counter=STEP, silent, dying.
 
-    Example: `counterflex twin tracker 127.0.0.1:5001 --path circle:150 --fault beam_broken@2+0.5 --seconds 10`
+    Tables of the scenario: tracker, target, faults.
+
+    Example: `counterflex twin tracker 127.0.0.1:5001 -s target.circle_radius_mm=150 --fault beam_broken@2+0.5`
     """
     if log is not None and run_log is not None:
         raise InputError("two logs to replay", value=f"{log}, {run_log}", hint="Give --log or --run-log")
     if (run_log is None) != (cell is None):
         raise InputError("--run-log and --cell belong together", hint="Give both, or none of them")
-    import numpy as np
-
+    trial = read(scenario, "tracker", "target")
     from counterflex.app.simulated_cell import instruments as job
-    from counterflex.core.units import DEG, MM, MM_PER_MIN, UM, URAD
+    from counterflex.app.simulated_cell.scenario import late, schedule, target
+    from counterflex.core.units import UM, URAD
     from counterflex.files.logs.tracker_log import read_tracker_log
-    from counterflex.geometry import pose
-    from counterflex.twin.devices.pose_source import CircleTarget, NoisyPose, PoseSource, SquareTarget, StandingTarget
+    from counterflex.twin.devices.pose_source import NoisyPose
 
-    planned = schedule(faults, fault, seed)
-    place = np.array(numbers(at, "--at", 6))
-    T = pose.from_xyz_zyx(place[:3] * MM, place[3:] * DEG)
-    source: PoseSource | None = None
-    recorded = None
+    table = trial.tracker
+    faults = schedule(trial, fault, late(table))
+    recorded, sigma_m = None, table.noise_um * UM
     if log is not None:
         recorded = read_tracker_log(log)
     elif run_log is not None and cell is not None:
         from counterflex.app.run.tracker_replay import run_log_as_tracker
 
         recorded = run_log_as_tracker(run_log, cell)
-    else:
-        shape, size = target_shape(path)
-        source = StandingTarget(T)
-        if shape == "circle":
-            source = CircleTarget(T, size * MM, feed_mm_min * MM_PER_MIN)
-        elif shape == "square":
-            source = SquareTarget(T, size * MM, feed_mm_min * MM_PER_MIN)
-        source = NoisyPose(source, noise_um * UM, noise_urad * URAD, planned.seed)
+    seen = NoisyPose(target(trial.target), sigma_m, table.noise_urad * URAD, faults.seed)
     settings = job.LoneTracker(
         peer=address(to, "HOST:PORT"),
-        source=source,
+        source=seen if recorded is None else None,
         log=recorded,
-        rate_hz=rate_hz,
+        rate_hz=table.rate_hz,
         seconds=seconds,
-        sigma_m=noise_um * UM,
-        speed=speed,
-        repeat=repeat,
-        clock_offset_s=clock_offset_s,
-        clock_drift_ppm=clock_drift_ppm,
-        faults=planned,
+        sigma_m=sigma_m,
+        speed=table.speed,
+        repeat=table.repeat,
+        clock_offset_s=table.clock_offset_s,
+        clock_drift_ppm=table.clock_drift_ppm,
+        faults=faults,
     )
     found = job.run_tracker(settings)
     if as_json:
@@ -221,31 +163,13 @@ def _given_up(count: int) -> None:
 
 def ads(
     cell: CellFile,
-    force_n: Annotated[
-        str,
-        typer.Option(
-            "--force-n",
-            help="At the tool, holder axes: what strain terminals show.",
-            metavar="X,Y,Z",
-            callback=given.numbers_of(3),
-        ),
-    ] = "0,0,0",
-    noise_um_m: Annotated[float, typer.Option("--noise-um-m", help="Of a strain terminal.", min=0.0)] = 0.0,
-    host: Host = "127.0.0.1",
+    host: Annotated[str, typer.Option("--host", help="Address to bind; by default this computer only.")] = "127.0.0.1",
     port: Annotated[
         int, typer.Option("--port", help="TCP port; Beckhoff's own library knows no other.", min=0, max=65535)
     ] = 48898,
-    path: Annotated[
-        str | None,
-        typer.Option(
-            "--path", help="Of the tracker's target: circle:RADIUS or square:SIDE, mm.", callback=given.target_path
-        ),
-    ] = None,
-    feed_mm_min: Annotated[float, typer.Option("--feed-mm-min", help="Along it.", min=0.001)] = 700.0,
     seconds: Seconds = None,
-    faults: FaultsFile = None,
+    scenario: Layers = None,
     fault: Fault = None,
-    seed: Seed = None,
     as_json: AsJson = False,
 ) -> None:
     """A simulated TwinCAT alone: the symbols of the cell file's table [ads], over Beckhoff ADS.
@@ -253,31 +177,26 @@ def ads(
     Strain terminals show the strain of a force at the tool, tracker symbols a target that moves, parameters what was
     written. Faults further: silent, dying, frozen, nan.
 
-    Example: `counterflex twin ads --cell cell.toml --force-n 0,200,-50 --seconds 60`
+    Tables of the scenario: strain, target, faults.
+
+    Example: `counterflex twin ads --cell cell.toml -s strain.force_n=0,200,-50 --seconds 60`
     """
+    trial = read(scenario, "strain", "target")
     import numpy as np
 
     from counterflex.app.simulated_cell import ads as job
-    from counterflex.core.units import MICRO, MM, MM_PER_MIN
-    from counterflex.geometry import pose
-    from counterflex.twin.devices.pose_source import CircleTarget, PoseSource, SquareTarget
+    from counterflex.app.simulated_cell.scenario import schedule, target
+    from counterflex.core.units import MICRO
 
-    shape, size = target_shape(path)
-    middle = pose.make(p=np.array([3.0, 0.0, 0.0]))
-    source: PoseSource | None = None
-    if shape == "circle":
-        source = CircleTarget(middle, size * MM, feed_mm_min * MM_PER_MIN)
-    elif shape == "square":
-        source = SquareTarget(middle, size * MM, feed_mm_min * MM_PER_MIN)
     settings = job.LoneAds(
         cell=cell,
-        force_n=np.array(numbers(force_n, "--force-n", 3)),
-        source=source,
-        noise=noise_um_m * MICRO,
+        force_n=np.array(trial.strain.force_n),
+        source=target(trial.target),
+        noise=trial.strain.noise_um_m * MICRO,
         host=host,
         port=port,
         seconds=seconds,
-        faults=schedule(faults, fault, seed),
+        faults=schedule(trial, fault),
     )
     found = job.run(
         settings, started=lambda server: typer.echo(f"TwinCAT at {server.address[0]}:{server.address[1]}", err=True)

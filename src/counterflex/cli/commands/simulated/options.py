@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from counterflex.cli import given
-from counterflex.cli.bounds import LARGEST_SEED
 
-if TYPE_CHECKING:
-    from counterflex.twin.network.faults import FaultSchedule
-
-FaultsFile = Annotated[
-    Path | None,
-    typer.Option("--faults", help="Fault file (.toml): what goes wrong when.", metavar="FILE", callback=given.file),
-]
 Fault = Annotated[
     list[str] | None,
     typer.Option(
@@ -27,46 +19,28 @@ Fault = Annotated[
         callback=given.faults,
     ),
 ]
-Seed = Annotated[
-    int | None,
-    typer.Option("--seed", help="Of chance, instead of the file's; 0 without a file.", min=0, max=LARGEST_SEED),
-]
-Realtime = Annotated[
-    bool, typer.Option("--realtime", help="Keep real time; else wait for every answer, as fast as both can.")
-]
 Seconds = Annotated[float | None, typer.Option("--seconds", help="How long; else until Ctrl-C.", min=0.001)]
-WaitS = Annotated[
-    float, typer.Option("--wait-s", help="How long it waits for the sensor program; 0: not at all.", min=0.0)
-]
-DeadMs = Annotated[float, typer.Option("--dead-ms", help="Dead time of the path's answer.", min=0.0)]
-NaturalHz = Annotated[
-    float, typer.Option("--natural-hz", help="Natural frequency of the path's answer; 0: no lag.", min=0.0)
-]
-Damping = Annotated[float, typer.Option("--damping", help="Its damping ratio.", min=0.01)]
 RecordFile = Annotated[
     Path | None,
     typer.Option("--record", help="Write what was applied in every cycle.", metavar="CSV", callback=given.output_file),
 ]
-Host = Annotated[str, typer.Option("--host", help="Address to bind; only this computer unless told.")]
 
 
-def schedule(file: Path | None, short: list[str] | None, seed: int | None) -> FaultSchedule:
-    """The faults of the options ``--faults``, ``--fault`` and ``--seed``."""
-    from counterflex.files.fault_file import read_faults
-
-    return read_faults(file, short or (), seed)
-
-
-def tell_refused(found: dict[str, Any]) -> None:
+def print_refused(found: dict[str, Any]) -> None:
     """Answers that were refused, by reason."""
     if found["refused"]:
         typer.echo("refused: " + ", ".join(f"{why} {count}" for why, count in found["refused"].items()))
 
 
-def tell_reply(found: dict[str, Any]) -> None:
+def print_reply(found: dict[str, Any]) -> None:
     """Time that replies took, where it was real time."""
     if found["reply_us"] is not None:
         typer.echo("reply: " + ", ".join(f"{name} {value:g} us" for name, value in found["reply_us"].items()))
+
+
+def print_start(_: tuple[str, int], where: tuple[str, int]) -> None:
+    """Where a controller sends to."""
+    typer.echo(f"sending to {where[0]}:{where[1]}", err=True)
 
 
 LEFT = ("sensor program gone", "RSITimeout", "ERR_UDPUC_COMM")

@@ -1,19 +1,81 @@
-"""Fault files and their short form: strict, and the same thing."""
+"""Scenario files: strict, in layers; faults in them and in short, the same thing."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from counterflex.app.simulated_cell.scenario import schedule
 from counterflex.core.errors import CounterflexError
-from counterflex.files.fault_file import KINDS, read_faults
-from counterflex.twin.network.faults import Fault
+from counterflex.files.fault_file import KINDS
+from counterflex.files.scenario_file import Scenario, read_scenario, shipped
+from counterflex.twin.network.faults import Fault, FaultSchedule
 
+SCENARIO = 'format = "counterflex-scenario"\nversion = 1\n'
 HEAD = 'format = "counterflex-faults"\nversion = 1\n'
+
+
+def read_faults(file: Path | None, short: Iterable[str] = (), seed: int | None = None) -> FaultSchedule:
+    """Faults of a file of before, and in short."""
+    layers = [*([] if file is None else [str(file)]), *([] if seed is None else [f"seed={seed}"])]
+    return schedule(read_scenario(layers, ()), short)
+
+
+@pytest.mark.parametrize("name", sorted(shipped()))
+def test_a_scenario_that_comes_along_can_be_read_by_name_and_as_a_file(tmp_path: Path, name: str) -> None:
+    (tmp_path / "mine.toml").write_text(shipped()[name], encoding="utf-8")
+    found = read_scenario([name], ())
+    assert found.title
+    assert found != Scenario(title=found.title)  # it sets something
+    assert read_scenario([str(tmp_path / "mine.toml")], ()) == found
+
+
+def test_the_later_layer_wins_key_by_key(tmp_path: Path) -> None:
+    file = tmp_path / "trial.toml"
+    file.write_text(SCENARIO + '[rsi]\ncycle_ms = 12\nclamp_mm = 2.0\n[run]\nprogram = "part.src"\n')
+    found = read_scenario([str(file), "rsi.clamp_mm=3", "seed=4", "controller.peer=127.0.0.1:4"], ("rsi", "controller"))
+    assert (found.rsi.cycle_ms, found.rsi.clamp_mm, found.rsi.clamp_deg, found.seed) == (12, 3.0, 5.0, 4)
+    assert found.controller.peer == "127.0.0.1:4"
+    assert found.run.program == tmp_path / "part.src"  # beside the file that names it
+    assert read_scenario(["rsi.clamp_mm=3", str(file)], ("rsi",)).rsi.clamp_mm == 2.0
+
+
+@pytest.mark.parametrize(
+    ("layer", "said"),
+    [
+        ("lokal", "no such scenario.*Did you mean 'local'"),
+        ("rsi.cycle=4", "unknown key 'cycle'.*Write the unit into the key: cycle_ms"),
+        ("rsi.cycle_ms=5", "'cycle_ms' cannot be used; got 5"),
+        ("tracker.rate_hz=20", "this command reads no such key; got tracker.rate_hz; expected seed, rsi.KEY"),
+        ("rsii.cycle_ms=4", "Did you mean 'rsi'"),
+        ("controller.peer=localhost", "'peer' cannot be used"),
+        ("rsi.clamp_mm=nan", "finite number"),
+        ("rsi=4", "no such key"),
+    ],
+)
+def test_a_layer_that_cannot_be_used_is_refused(layer: str, said: str) -> None:
+    with pytest.raises(CounterflexError, match=said):
+        read_scenario([layer], ("rsi", "controller") if "controller" in layer else ("rsi",))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[rsi]\ncycle_s = 0.004\n", "Its unit is another: cycle_ms"),
+        ("[robot]\n", "unknown key 'robot'"),
+        ("rsi = 3\n", "one table"),
+        ("version = 2\n", "not valid TOML"),
+    ],
+)
+def test_a_scenario_file_with_a_wrong_key_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "trial.toml").write_text(SCENARIO + text)
+    with pytest.raises(CounterflexError, match=said):
+        read_scenario([str(tmp_path / "trial.toml")], ())
 
 
 def test_a_file_and_its_short_form_say_the_same(tmp_path: Path) -> None:

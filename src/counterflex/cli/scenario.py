@@ -1,0 +1,43 @@
+"""The option that describes a trial: a file, a scenario that comes with counterflex, single keys."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from counterflex.cli.given import address
+
+if TYPE_CHECKING:
+    from counterflex.files.scenario_file import Scenario
+
+Layers = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--scenario",
+        "-s",
+        help="What is set once for a trial, repeatable, the later one wins: a file, a name out of `twin scenarios`, or "
+        "TABLE.KEY=VALUE.",
+        metavar="SCENARIO",
+    ),
+]
+
+
+def host_port(text: str | None) -> tuple[str, int] | None:
+    """Host and port of an address of the scenario, or None."""
+    return None if text is None else address(text, "--scenario")
+
+
+def read(layers: list[str] | None, *tables: str) -> Scenario:
+    """The scenario of the option.
+
+    Args:
+        layers: Of the option.
+        tables: That the command reads.
+
+    Raises:
+        InputError: It cannot be used.
+    """
+    from counterflex.files.scenario_file import read_scenario
+
+    return read_scenario(layers or (), tables)
