@@ -1,7 +1,7 @@
 """Run every command printed in the docs and every example, as a reader would, and fail when one fails.
 
 Commands are the lines that begin with ``$ `` in fenced ``console`` blocks of README.md, CONTRIBUTING.md and docs/. The
-commands of one page run in order in one fresh folder, several pages at a time; it holds a copy of ``examples/``, and
+commands of one page run in order in one fresh folder, several pages at a time; it holds copies of ``examples/`` and ``tests/outside/``, and
 for README.md nothing: what it uses, its own commands must have made. A page with ``<!-- goes on from: README.md -->``
 begins with what the commands of that page have left. Examples are ``examples/*.py``.
 
@@ -222,7 +222,8 @@ def run_page(path: Path, work: Path) -> tuple[int, int, Counter[str], str]:
     if base is not None:
         shutil.copytree(_folder_of(base, work), folder, dirs_exist_ok=True)
     if page.steps and path.suffix != ".py" and named not in FROM_NOTHING:
-        shutil.copytree(ROOT / "examples", folder / "examples")
+        for copied in ("examples", "tests/outside"):
+            shutil.copytree(ROOT / copied, folder / copied)
     for step in page.steps:
         failed, said = run_step(step, folder)
         faults += failed

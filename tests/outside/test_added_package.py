@@ -270,3 +270,13 @@ def test_a_writer_names_its_own_files_only(package: Callable[[str, str, str], No
     program = ROOT / "examples" / "programs" / "groove.ngc"
     with pytest.raises(OutputError, match=said):
         compensate(program, read_cell(CELL), language="odd", predict=False)
+
+
+@pytest.mark.parametrize("file", ["ascii_sensor.py", "nose.py", "rake.py"])
+def test_the_page_for_newcomers_quotes_this_package(file: str) -> None:
+    page = (ROOT / "docs" / "extend.md").read_text(encoding="utf-8")
+    code = (Path(__file__).parent / "counterflex_example" / file).read_text(encoding="utf-8")
+    assert f"```python\n{code}```" in page
+    registered = (Path(__file__).parent / "pyproject.toml").read_text(encoding="utf-8")
+    for line in re.findall(r'^\w+ = "counterflex_example\..*"$', page, re.MULTILINE):
+        assert line in registered
