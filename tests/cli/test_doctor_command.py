@@ -66,7 +66,7 @@ def test_an_unfit_machine_is_not_armed(folder: Path, counterflex: Any, refused: 
     ended = counterflex("doctor")
     assert ended.status == 1
     assert "does not fit" in ended.out
-    assert "waking up late" in ended.out
+    assert "wake-up latency" in ended.out
     (folder / "rsi.xml").write_text("<ROOT/>", encoding="utf-8")
     words = ("run", "--cell", "cell.toml", "--rsi", "rsi.xml", "--out", "log")
     said = refused(*words, "--arm")

@@ -98,7 +98,7 @@ def test_instruments_alone_say_how_it_went(folder: Path, counterflex: Any) -> No
         (folder / "log.csv").write_text("time_s,distance_mm,azimuth_deg,zenith_deg\n0,2000,0,90\n0.001,2000,90,90\n")
         assert "2 measurements" in counterflex("twin", "tracker", to, "--log", "log.csv").out
         assert [read_pose(listener.recv(2048)).T_tracker_target[1, 3] for _ in range(2)] == pytest.approx([0.0, 2.0])
-        assert "2 datagrams sent, 0 lines left out" in counterflex("tracker", "bridge", to, "--file", "log.csv").out
+        assert "2 datagrams sent, 0 lines skipped" in counterflex("tracker", "bridge", to, "--file", "log.csv").out
 
 
 @pytest.fixture

@@ -74,7 +74,7 @@ def test_a_controller_ends_when_its_partner_has_gone() -> None:
 
     answering = threading.Thread(target=answer, daemon=True)
     answering.start()
-    assert server.run() == "sensor program gone"
+    assert server.run() == "no more answers from the sensor program"
     answering.join(20.0)
     assert server.cycles < 500
     server.close()
@@ -92,7 +92,7 @@ def test_a_partner_that_vanishes_in_the_middle_is_no_success(folder: Path, count
     alone = counterflex("twin", "rsi", "rsi.xml", "-s", f"controller.peer={peer}", "--seconds", "1")
     answering.join(20.0)
     assert alone.status == 3
-    assert "sensor program gone" in alone.out
+    assert "no more answers from the sensor program" in alone.out
 
 
 def _answers(partner: socket.socket, config: Any, most: int) -> None:

@@ -73,7 +73,7 @@ def test_a_thousandth_of_slow_cycles_is_the_limit(count: int, verdict: Verdict) 
 
 
 @pytest.mark.parametrize(
-    ("part", "blamed"), [("late_s", "waking up late"), ("compute_s", "the step itself"), ("echo_s", "network stack")]
+    ("part", "blamed"), [("late_s", "wake-up latency"), ("compute_s", "the step itself"), ("echo_s", "network stack")]
 )
 def test_the_reason_names_the_slow_part(part: str, blamed: str) -> None:
     found = judge(samples(**{part: spikes(30, 8.0 * MS)}))

@@ -119,7 +119,7 @@ def test_a_segment_that_a_living_process_holds_is_left_alone_and_a_dead_one_s_is
     file = tmp_path / "run-000.mcap"
     before = file.read_bytes()
     for age in (0.0, 600.0, -600.0):
-        with pytest.raises(InputError, match="a process that lives holds it"):
+        with pytest.raises(InputError, match="a living process writes to it"):
             repair_segment(file, file.stat().st_mtime + age)
     assert file.read_bytes() == before
     log.close()

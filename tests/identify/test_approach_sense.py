@@ -130,7 +130,7 @@ def test_the_order_of_the_rows_says_the_same_as_the_channel() -> None:
 def test_nobody_knows_the_sense() -> None:
     data = cube(41, True)
     bare = replace(data, channels={k: c for k, c in data.channels.items() if k != CHANNEL})
-    with pytest.raises(InputError, match="from which side"):
+    with pytest.raises(InputError, match="direction of approach"):
         RECIPE.identify(CELL, [bare], [], {**PLAIN, "play": "known"}, silent)
     with pytest.raises(InputError, match="off, known, order"):
         RECIPE.identify(CELL, [bare], [], {**PLAIN, "play": "yes"}, silent)
@@ -143,7 +143,7 @@ def test_from_one_side_only_nothing_is_found() -> None:
     one = replace(data.channels[CHANNEL], values=np.abs(data.values(CHANNEL)))
     changed = replace(data, channels={**data.channels, CHANNEL: one})
     result = RECIPE.identify(CELL, [changed], [], {**PLAIN, "play": "known"}, silent)
-    assert any("not seen in any axis" in r for r in result.remarks)
+    assert any("not visible in any axis" in r for r in result.remarks)
 
 
 def errors(values: Float, gross: int | None = None) -> HeldOut:

@@ -55,7 +55,7 @@ def test_frames_that_only_the_part_held_out_fixes_are_found_anew_and_not_taken_f
     apart = [station(EAST, "east", 1), station(WEST, "west", 3, tracker="west")]
     found = RECIPE.identify(CELL, apart, [], OPTIONS, silent)
     assert {"region_mean_mm", "file_mean_mm"} <= names(found)
-    assert sum("Frames that only one of the whole files fixes were found anew" in r for r in found.remarks) == 1
+    assert sum("Frames that only one of the whole files fixes were identified again" in r for r in found.remarks) == 1
     setup = set_up(CELL, arm_model(CELL, priors_of(RECIPE.settings), sag="off"), apart)
     fit = solve(setup.parameters, setup.blocks)
     # A fit whose frames are wrong to start from must not matter: they are found from the file itself.

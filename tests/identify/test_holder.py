@@ -157,7 +157,7 @@ def test_a_longer_tool_needs_no_calibration_of_its_own() -> None:
 def test_loads_at_one_point_leave_longer_tools_to_the_drawing_and_say_so() -> None:
     data = loaded(as_in_the_paper(TCP), PAPER_GAUGES, 1)
     found = RECIPE.identify(model(), [data], [], {}, silent)
-    assert any("rests on the drawing" in r for r in found.remarks)
+    assert any("depends on the drawing" in r for r in found.remarks)
     assert not any("rests on the drawing" in r for r in identified("paper").remarks)
     fit = found.fits["holder"]
     assert fit.rank < len(fit.free_index)

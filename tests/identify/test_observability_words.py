@@ -35,8 +35,9 @@ def test_an_offset_behind_a_frame_is_named_with_sizes(arm: Any) -> None:
     fit = solve(parameters, [arm.points(parameters.nominal, rng)])
     assert len(fit.hidden) == 1
     assert fit.hidden[0] == (
-        "zero of axis 1 hides behind base.turn: 0.115 deg of one look like 0.115 deg of the other; "
-        "its value is what was known before"
+        "zero of axis 1 cannot be separated from base.turn: 0.115 deg of one have the effect of 0.115 deg of "
+        "the other; "
+        "it keeps its former value"
     )
     assert fit.rank == len(fit.free_index) - 1
     assert fit.condition > 1e9
@@ -67,8 +68,8 @@ def test_without_loads_compliances_are_not_seen(arm: Any) -> None:
     parameters = arm.parameters()
     fit = solve(parameters, [arm.points(parameters.nominal, rng, load_n=0.0)])
     assert fit.hidden == (
-        "not seen by these measurements: compliance of axis 1, compliance of axis 2 "
-        "(the values are what was known before)",
+        "not determined by these measurements: compliance of axis 1, compliance of axis 2 (they keep their former "
+        "values)",
     )
 
 
@@ -133,7 +134,7 @@ def test_named_directions_are_indeed_unseen(seed: int, unknown: str) -> None:
     lost = 6 - np.linalg.matrix_rank(mix)
     assert found.rank == 6 - lost
     leads = [s.split(" hides")[0] for s in found.hidden if " hides" in s]
-    blind = [s.split(": ")[1].split(" (")[0].split(", ") for s in found.hidden if s.startswith("not seen")]
+    blind = [s.split(": ")[1].split(" (")[0].split(", ") for s in found.hidden if s.startswith("not determined by")]
     named = {*leads, *(name for part in blind for name in part)}
     assert len(named) == lost
     keep = [i for i, name in enumerate("abcdef") if name not in named]

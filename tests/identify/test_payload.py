@@ -267,7 +267,7 @@ def test_the_twins_sensor_is_found_through_its_faults() -> None:
     assert force.value < 0.25 * force.nominal
     assert force.value < 5.0
     assert found.headline[2].value < 1.2
-    assert any("degree 1 is kept, by the sensor's rotation in axis4" in r for r in found.remarks)
+    assert any("degree 1 is used, with the rotation of the sensor in axis4" in r for r in found.remarks)
 
 
 def left_at_work(**settings: Any) -> float:
@@ -331,7 +331,7 @@ def test_the_cell_file_gets_sum_and_table() -> None:
     assert len(table.values["offset"]) in (9, 34)  # type: ignore[arg-type]
     mass = next(c for c in found.changes if isinstance(c, BodyMass))
     assert mass.segment == "spindle"
-    assert any("how it is split" in r for r in found.remarks)
+    assert any("its distribution among the bodies" in r for r in found.remarks)
 
 
 def test_shared_mass_adds_up() -> None:

@@ -144,4 +144,4 @@ def test_the_recipe_counts_orientations_and_says_so() -> None:
     found = RECIPE.identify(model, [data], [], {"as_stated": True}, silent)
     said = " ".join(found.remarks)
     assert "20 readings in 7 different orientations" in said
-    assert "18 or more different orientations, of which there are 7" in said
+    assert "18 or more different orientations; the data have 7" in said

@@ -183,7 +183,7 @@ def test_a_loaded_axis_says_that_its_dead_band_was_not_seen(cell: CellModel) -> 
         group=np.repeat([0, 1], [len(p[0]) for p in parts]),
     )  # fmt: skip
     result = reversals.RECIPE.identify(cell, [data], [], {})
-    assert any("dead band was not seen" in r for r in result.remarks)
+    assert any("dead band was not determined" in r for r in result.remarks)
     assert result.fits["axis 3"].sigma_of("axis3.half_band") > 20.0 * URAD
 
 

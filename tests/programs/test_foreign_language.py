@@ -104,7 +104,7 @@ def test_each_language_is_named(name: str) -> None:
     for text in SAMPLES[name]:
         with pytest.raises(ProgramError) as caught:
             read_gcode(text, name="part.txt")
-        assert f"this is {name}; G-code as LinuxCNC reads it is wanted" in str(caught.value)
+        assert f"this is {name}; G-code as LinuxCNC reads it is required" in str(caught.value)
         assert caught.value.hint
         line = int(str(caught.value.where).split(":")[1])
         assert str(caught.value.value).split()[0][:4] in text.splitlines()[line - 1]

@@ -37,7 +37,7 @@ def ads_table(cell: Cell) -> AdsTable:
     table = cell.tables.ads
     if table is None:
         raise FileFormatError(
-            "the cell file does not say where a TwinCAT is",
+            "the cell file has no address of a TwinCAT",
             where=str(cell.path),
             hint='Add a table [ads], for example with net_id = "192.168.1.20.1.1" and host = "192.168.1.20"',
         )

@@ -64,7 +64,7 @@ class Checkup:
         """All of it, for printing; times in microseconds."""
         samples, found = self.samples, self.judgement
         parts = {
-            "waking up late": samples.late_s,
+            "wake-up latency": samples.late_s,
             "step": samples.compute_s,
             "echo of another process": samples.echo_s,
             "reply": samples.reply_s,

@@ -108,7 +108,7 @@ def figures(
         InputError: The cutter has another number of levels, or a length is negative.
     """
     if cutter.n_levels != engagement.n_levels:
-        raise InputError("engagement was booked for another cutter", value=engagement.n_levels, limit=cutter.n_levels)
+        raise InputError("engagement was recorded for another cutter", value=engagement.n_levels, limit=cutter.n_levels)
     lengths = as_float("length_m", length_m, (len(engagement),))
     first, last = stretches(lengths, least_m)
     n = len(first)

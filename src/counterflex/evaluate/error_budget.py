@@ -49,13 +49,13 @@ def error_budget(met: Float, contributions: Mapping[str, Float]) -> tuple[Budget
         One line per contribution in the order given, then :data:`REMAINDER`.
 
     Raises:
-        InputError: Shapes differ, a contribution is called like the remainder, or there is no deviation to split.
+        InputError: Shapes differ, a contribution is called like the remainder, or no deviation to divide.
     """
     m = as_float("met", met, (None, 3))
     size = np.linalg.norm(m, axis=1)
     total = float(size.sum())
     if total <= 0.0:
-        raise InputError("there is no deviation to split")
+        raise InputError("no deviation to divide")
     if REMAINDER in contributions:
         raise InputError("a contribution has the name of the remainder", value=REMAINDER)
     unit = m / np.where(size > 0.0, size, 1.0)[:, None]

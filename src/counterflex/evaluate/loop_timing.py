@@ -183,7 +183,7 @@ def _weaknesses(samples: LoopSamples, compute: Float, period: float) -> list[str
     if samples.clock_source not in ("", "tsc", "kvm-clock", "arch_sys_counter"):
         found.append(f"the clock {samples.clock_source} is slow to read: see the kernel's clocksource setting")
     if samples.steal > _STEAL:
-        found.append(f"the host took {samples.steal:.1%} of the time: run on a machine of its own")
+        found.append(f"the host used {samples.steal:.1%} of the time: run on a machine of its own")
     if percentiles(compute).p99_s > _STEP * period:
         found.append(f"the step takes up to {_ms(percentiles(compute).p99_s)} of {_ms(period)}: a faster processor")
     if len(samples.sync_s) and percentiles(samples.sync_s).p99_s > _SLOW_SYNC_S:
@@ -197,7 +197,7 @@ def _weaknesses(samples: LoopSamples, compute: Float, period: float) -> list[str
 def _slowest(late: Float, compute: Float, echo: Float) -> str:
     """Which part of the reply is to blame, and what to do."""
     parts = {
-        "waking up late (take other load off the machine, allow real-time priority, switch power saving off)": late,
+        "wake-up latency (take other load off the machine, allow real-time priority, switch power saving off)": late,
         "the step itself (a faster processor, or its clock is lowered)": compute,
         "the network stack or the other process (take other load off the machine)": echo,
     }

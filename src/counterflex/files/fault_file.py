@@ -148,7 +148,7 @@ def short_fault(text: str) -> FaultTable:
     for pair in filter(None, match["more"].split(",")):
         key, _, value = pair.partition("=")
         if key in data:
-            raise InputError("a fault says something twice", where=repr(text), value=key)
+            raise InputError("a fault has a repeated entry", where=repr(text), value=key)
         data[key] = _value(value, text)
     try:
         return parse(FaultTable, data, where=repr(text))

@@ -49,4 +49,4 @@ def what_to_do(kind: str) -> str | None:
             "Measured data are given by their manifest, a TOML file that names the data file and says what its columns "
             "are (docs/datasets.md); a workbook is saved as CSV first"
         )
-    return f'The file wanted is a text in TOML that begins with format = "{kind}"' if kind else None
+    return f'Required is a TOML text file that begins with format = "{kind}"' if kind else None

@@ -114,7 +114,7 @@ def _kept(data: dict[str, Any]) -> KeptVerdict:
 
 def _unusable(path: Path) -> FileFormatError:
     return FileFormatError(
-        "what is kept of this machine cannot be read", where=str(path), hint="Run counterflex doctor again"
+        "the stored verdict on this computer is not readable", where=str(path), hint="Run counterflex doctor again"
     )
 
 
@@ -128,14 +128,14 @@ def against(kept: KeptVerdict | None, *, host: str, kernel: str, now: datetime) 
         now: With time zone.
     """
     if kept is None:
-        return "it is not known whether this machine keeps time for the loop"
+        return "this computer has not been measured for the loop"
     if kept.host != host:
-        return f"what is known of a machine is of another one ({kept.host})"
+        return f"the stored verdict is of another computer ({kept.host})"
     if kept.kernel != kernel:
-        return f"this machine was judged under another kernel ({kept.kernel})"
+        return f"this computer was measured under another kernel ({kept.kernel})"
     age = now - kept.date
     if age > OLDEST:
-        return f"this machine was judged {age.days} days ago"
+        return f"this computer was measured {age.days} days ago"
     if age < timedelta(days=-1):
         return "the verdict on this machine is of the future: a clock was set"
     if not kept.fits:

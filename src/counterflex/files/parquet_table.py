@@ -94,7 +94,7 @@ def read(path: Path, kind: str, version: int, layout: tuple[Column, ...]) -> tup
         raise FileFormatError("columns are missing or unknown", where=str(path), value=", ".join(wrong[:5]))
     for name, kind_of in frame.schema.items():
         if not kind_of.is_numeric() or frame[name].null_count():
-            raise FileFormatError(f"the column {name} holds something that is no number", where=str(path))
+            raise FileFormatError(f"the column {name} contains a value that is not a number", where=str(path))
     parts: dict[str, list[Any]] = {}
     for column in layout:
         values = frame[column.name].to_numpy()

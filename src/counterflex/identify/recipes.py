@@ -25,10 +25,10 @@ RECIPES: Final[Registry[Any]] = Registry(
 )
 
 TITLES: Final = {
-    "kinematics": "true geometry of the arm from tracker poses or points, distances, touched planes",
-    "tracker-frame": "where the tracker stands and where its target sits, from fiducials or poses",
-    "stiffness": "springs of joints, links and bodies from the tool's displacement under known loads",
-    "cubes": "springs of single parts from the motion of measuring cubes on the structure",
+    "kinematics": "geometry of the arm from tracker poses or points, distances, touched planes",
+    "tracker-frame": "pose of the tracker in the base and of its target on the tool, from fiducials or poses",
+    "stiffness": "compliances of joints, links and bodies from the displacement of the tool under known loads",
+    "cubes": "compliances of single elements from the motion of measuring cubes on the structure",
     "play": "lost motion and friction of the axes from slow reversals",
     "timing": "dead time, lag and clock offset between recorded channels",
     "servo": "drive lag, loop gains and bandwidth of corrections from steps",

@@ -7,12 +7,13 @@ from typing import Final
 GLOSSARY: Final = (
     (
         "nominal path",
-        "Path of the tool centre in the original program, in the part frame, whatever was sent to the robot.",
+        "Path of the tool centre in the original program, in the part frame, independent of the commands to the robot.",
     ),
     (
         "path error",
         "Distance of the actual tool centre from the nearest nominal point, in the order of the program; its component "
-        "across the feed. Taken every 0.1 mm of path, so that slow and fast stretches weigh alike, over all feed "
+        "across the feed. Taken every 0.1 mm of path, so that slow and fast stretches have the same weight, over "
+        "all feed "
         "motion that removes material. Air moves are reported apart.",
     ),
     ("max", "Largest value."),
@@ -40,7 +41,7 @@ GLOSSARY: Final = (
     (
         "share in the error budget",
         "Component of a predicted contribution along the deviation met, summed over the path, divided by the sum of "
-        "the deviation's magnitude. Shares add up to 100 %; a cause that works against the deviation has a negative "
+        "the deviation's magnitude. Shares add up to 100 %; a cause that reduces the deviation has a negative "
         "one.",
     ),
 )

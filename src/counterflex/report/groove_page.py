@@ -243,7 +243,7 @@ def _along(data: GrooveData, edge: str) -> dict[str, Any]:
         "shapes": _edges_and_leaving(runs, end),
     }
     for key, domain, title in (
-        ("yaxis", [0.55, 1.0], "error to the left<br>of the feed, mm"),
+        ("yaxis", [0.55, 1.0], "error left<br>of the feed, mm"),
         ("yaxis2", [0.28, 0.50], "error in depth<br>(+ too little), mm"),
         ("yaxis3", [0.0, 0.23], "process<br>force, N"),
     ):

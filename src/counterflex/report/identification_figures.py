@@ -38,7 +38,7 @@ def intervals_figure(fit: Fit) -> dict[str, Any] | None:
         return None
     reach = max(2.4, 1.08 * max(abs(v) + w for v, w in zip(x, width, strict=True)))
     traces = []
-    for seen, text in (("determined", "seen by the data"), ("partly", "partly"), ("prior", "as known before")):
+    for seen, text in (("determined", "determined by the data"), ("partly", "partly"), ("prior", "as known before")):
         mine = [i for i, colour in enumerate(colours) if colour == _SEEN_COLOURS[seen]]
         if mine:
             traces.append(
@@ -64,7 +64,7 @@ def intervals_figure(fit: Fit) -> dict[str, Any] | None:
             "height": 90 + 20 * len(names),
             "margin": {"l": 10, "r": 10, "t": 26, "b": 44},
             "xaxis": {
-                "title": {"text": "change, in standard deviations of what was known before"},
+                "title": {"text": "change, in standard deviations of the prior"},
                 "range": [-reach, reach],
                 "zeroline": True,
             },
@@ -185,15 +185,15 @@ def seen_words(fit: Fit) -> list[str]:
     """What the data see of which parameters, in sentences."""
     out = []
     for state, text in (
-        ("prior", "stay as they were known before; these data tell nothing about them"),
+        ("prior", "keep their former values; these data do not determine them"),
         ("partly", f"are known better than before, but not by {1.0 / DETERMINED:g} times"),
-        ("held", "were not asked for and are held at what was known before"),
+        ("held", "were not requested and keep their former values"),
     ):
         names = [p.label or p.name for p, seen in zip(fit.parameters, fit.seen, strict=True) if seen == state]
         if names:
             shown = ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
             out.append(f"{shown}: {text}.")
-    return out + [f"{sentence}." for sentence in fit.hidden if not sentence.startswith("not seen")]
+    return out + [f"{sentence}." for sentence in fit.hidden if not sentence.startswith("not determined by")]
 
 
 def _xy(x: Float, y: Float) -> dict[str, Any]:

@@ -106,7 +106,7 @@ def _verdict(result: Mapping[str, Any]) -> str:
         part = head["value"] / head["nominal"]
         before = f"{_number(head['nominal'])} {unit}".rstrip()
         text += f"; with the values before {before}, so {100.0 * part:.0f} % of it remains"
-    return f"{text}. Judged on {result['holdout']}, which the fit had not seen."
+    return f"{text}. Evaluated on held-out data: {result['holdout']}."
 
 
 def _card(figure: Mapping[str, Any]) -> dict[str, Any]:
@@ -133,7 +133,7 @@ def _row(row: Mapping[str, Any]) -> dict[str, str]:
         "interval": "" if held else f"{_number(row['low'], 5)} … {_number(row['high'], 5)}",
         "nominal": _number(row["nominal"], 5),
         "prior": "" if row["prior_sigma"] is None else _number(row["prior_sigma"], 2),
-        "seen": {"determined": "seen", "partly": "partly", "prior": "not seen", "held": "held"}[row["seen"]],
+        "seen": {"determined": "determined", "partly": "partly", "prior": "prior", "held": "held"}[row["seen"]],
     }
 
 
@@ -145,7 +145,7 @@ def _facts(table: Mapping[str, Any]) -> tuple[Fact, ...]:
         Fact("Condition", f"{table['condition']:.3g}", "", "largest by smallest singular value, in prior units"),
         Fact("Reduced chi square", f"{table['chi2_reduced']:.2f}", "", f"{table['dof']:.0f} degrees of freedom"),
         Fact("Residuals exceed the stated standard deviations by", factors, "", "per block; intervals are widened"),
-        Fact("Why the solver stopped", table["reason"], "", "" if table["converged"] else "it had not come to rest"),
+        Fact("Why the solver stopped", table["reason"], "", "" if table["converged"] else "it did not converge"),
         *((Fact("Against their bounds", ", ".join(table["at_bound"])),) if table["at_bound"] else ()),
     )
 

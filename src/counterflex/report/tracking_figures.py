@@ -92,7 +92,7 @@ def over_angle(runs: Sequence[TrackedRun]) -> dict[str, Any]:
                            "line": {"color": "#9aa1ab", "width": 1, "dash": "dot"}})  # fmt: skip
             notes.append({"x": at, "yref": "paper", "y": 0.98 - 0.06 * (n % 3), "text": f"A{axis}", "showarrow": False,
                           "xanchor": "left", "font": {"size": 10}})  # fmt: skip
-    layout = _layout("angle gone on the circle, deg", "radial error, um") | {"shapes": shapes, "annotations": notes}
+    layout = _layout("angle on the circle, deg", "radial error, um") | {"shapes": shapes, "annotations": notes}
     return {"data": lines, "layout": layout}
 
 
@@ -157,7 +157,7 @@ def sensitivity(loops: Sequence[OpenLoop]) -> dict[str, Any]:
     for loop, colour in zip(loops, COLOURS[1:], strict=False):
         left = np.abs(1.0 / (1.0 + loop.response))
         lines.append(_line(loop.name, colour, numbers(loop.frequency_hz, 5), numbers(left, 5), 1.6))
-    layout = _layout("frequency of the deviation, Hz", "share that is left")
+    layout = _layout("frequency of the deviation, Hz", "remaining share")
     layout["xaxis"] |= {"type": "log", "range": [-2.0, 2.1]}
     layout["yaxis"] |= {"type": "log", "range": [-2.5, 0.5]}
     return {"data": lines, "layout": layout}

@@ -144,7 +144,9 @@ def force_matrix(K: Float, noise_covariance: Float, prior_n: float | None = None
     if prior_n is not None:
         information = information + np.eye(3) / prior_n**2
     elif np.linalg.cond(information) > 1e14:
-        raise InputError("the bridges see no force in one direction", hint="Give prior_n, or place gauges elsewhere")
+        raise InputError(
+            "the bridges do not determine the force in one direction", hint="Give prior_n, or place gauges elsewhere"
+        )
     out: Float = np.linalg.solve(information, weighted.T)
     return out
 

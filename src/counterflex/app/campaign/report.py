@@ -126,12 +126,14 @@ def _cards(found: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         shares = remaining(found, level)
         if shares:
             worst = f"worst {100.0 * max(shares):.1f} %, best {100.0 * min(shares):.1f} %"
-            cards.append((f"Path error left, {name}", f"{100.0 * statistics.median(shares):.1f} %", worst))
+            cards.append((f"Remaining path error, {name}", f"{100.0 * statistics.median(shares):.1f} %", worst))
     recipes = [row for item in found["campaigns"] for row in item["recipes"]]
     if recipes:
         taken = sum(1 for row in recipes if row["accepted"])
         rest = (
-            "the rest was no better than before" if taken < len(recipes) else "each better than before on unseen data"
+            "the others were no better than before"
+            if taken < len(recipes)
+            else "each better than before on unseen data"
         )
         cards.append(("Identifications taken over", f"{taken} of {len(recipes)}", rest))
     return cards

@@ -81,8 +81,8 @@ def after_compensation(summary: Mapping[str, Any], cell: Cell) -> tuple[str, ...
     )
     if not cell.tables.identified:
         steps.append(
-            "This cell has not been measured: stiffness and cutting constants are those of the catalogue, and what is "
-            "predicted here is as uncertain as they are. counterflex identify stiffness --propose says what to measure."
+            "This cell has not been measured: stiffness and cutting constants are those of the catalogue, and the "
+            "prediction is as uncertain as they are. counterflex identify stiffness --propose lists the measurements."
         )
     if "predicted_compensated" in found:
         after, before = found["predicted_compensated"], found["predicted_nominal"]

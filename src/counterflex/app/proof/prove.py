@@ -89,7 +89,7 @@ def prove(
         )
     if not plan.cutting.any():
         raise InputError(
-            "the program removes nothing from the blank: there is nothing to prove",
+            "the program removes no material from the blank",
             where=Path(program).name,
             hint="Check the part frame, the blank and the program's zero",
         )

@@ -95,7 +95,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
     online = cell.tables.online
     if online is None:
         raise FileFormatError(
-            "the cell file does not say how to correct online",
+            "the cell file has no table [online]",
             where=str(settings.cell),
             hint='Add a table [online], for example with force = "pilot"',
         )

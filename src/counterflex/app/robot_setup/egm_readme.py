@@ -31,7 +31,7 @@ def readme(
     way = (
         "Path correction: the robot runs the program, counterflex moves it sideways (y and z of the path frame)."
         if path
-        else "Position guidance: the robot has no path of its own, counterflex sends it pose by pose."
+        else "Position guidance: the program has no path, counterflex sends it pose by pose."
     )
     level = "Path" if path else "Filtering"
     missing = f"\n  Not here, must be on the controller: {', '.join(elsewhere)}" if elsewhere else ""
@@ -41,7 +41,7 @@ def readme(
     watched = (
         f"{signal} is 1 from before the path until the correction is back at zero."
         if signal
-        else "No output says that the correction may act: set controller.correction_signal for a safety PLC."
+        else "No output shows that the correction may act: set controller.correction_signal for a safety PLC."
     )
     return f"""ABB EGM program of the cell {cell}
 
@@ -93,9 +93,9 @@ def _path_waits(switching: EgmSwitching) -> str:
     if switching.armed_signal:
         asked = f"It waits until {switching.armed_signal} = 1"
     else:
-        asked = "It asks whether counterflex run says that it is armed"
+        asked = "It asks the operator whether counterflex run is armed"
     return f"""{asked}: within {switching.armed_s:g} s, else it ends.
-     A loop that is to correct and is not armed falls silent when the path begins: the controller ends the path then.
+     If the loop is not armed, it stops answering when the path begins, and the controller ends the path.
   4. Behind the path it waits up to {switching.zero_s:g} s for the correction to go, takes out what is left at 5 mm/s,
      and ends where the tool is not within {switching.zero_mm:g} mm then. The tool must be clear of the part there."""
 
@@ -113,7 +113,7 @@ def _path_checks() -> str:
 
 def _guidance_checks(table: EgmTable) -> str:
     reference = (
-        "    Speed references are sent: a robot that hears no more goes on with the last one until its CommTimeout."
+        "    Speed references are sent: a robot without messages continues with the last one until its CommTimeout."
         if table.speed_reference
         else "    Speed references are not sent: the tool runs behind its path by v / gain."
     )

@@ -58,7 +58,7 @@ def apart_from(out: str | Path, program: Path | None) -> None:
             where="--out",
             value=str(out),
             limit=f"another folder than that of {program.name}",
-            hint="Give a folder of its own, for example robot",
+            hint="Name another folder, for example robot",
         )
 
 
@@ -83,7 +83,7 @@ def unwatched(output: int | str | None, key: str) -> tuple[str, ...]:
     if output is not None:
         return ()
     return (
-        f"warning: no output tells a safety PLC that the correction may act; set controller.{key} in the cell file",
+        f"warning: no output shows a safety PLC that the correction may act; set controller.{key} in the cell file",
     )
 
 

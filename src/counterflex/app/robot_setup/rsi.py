@@ -209,7 +209,7 @@ def _limits(cell: Path) -> OnlineLimits:
 def _online_of(tables: CellTables, path: Path) -> OnlineTable:
     if tables.online is None:
         raise FileFormatError(
-            "the cell file does not say how to correct online",
+            "the cell file has no table [online]",
             where=str(path),
             hint='Add a table [online], for example with force = "pilot"',
         )

@@ -102,7 +102,7 @@ def _generation(files: RsiFiles) -> str:
 def _output(switching: RsiSwitching) -> str:
     if switching.output is None:
         return (
-            "No output says that the correction may act. For a safety PLC set controller.correction_output in the\n"
+            "No output shows that the correction may act. For a safety PLC set controller.correction_output in the\n"
             "    cell file and make the program again."
         )
     return (
@@ -113,7 +113,7 @@ def _output(switching: RsiSwitching) -> str:
 
 def _override(files: RsiFiles) -> str:
     if not files.override:
-        return "The program's speed is left alone: the cell file has no table [override]."
+        return "The speed of the program is not changed: the cell file has no table [override]."
     return (
         "The speed stays when RSI is switched on: MAP2OV_PRO writes $OV_PRO in every cycle, and before the first\n"
         "    answer the value may be 0."

@@ -111,7 +111,7 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
         end, said = End.STOPPED, "the correction was ended before the program ended it"
     elif by == "stop disobeyed":
         end = End.STOPPED
-        said = "the correction was ended before its program did; without a feed hold the robot was told to stop"
+        said = "the correction ended before its program; without a feed hold the robot was stopped"
     elif arm and by in ("never", "armed"):
         what = "never armed" if by == "never" else "armed, but the robot program never switched the correction on"
         off = summary.get("tracker_off")

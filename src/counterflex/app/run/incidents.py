@@ -129,7 +129,7 @@ def export_incident(
     found = incidents(folder)
     if not 1 <= number <= len(found):
         raise InputError(
-            "there is no such incident",
+            "no incident of this number",
             where=str(folder),
             value=number,
             limit=f"1 to {len(found)}" if found else "no hold and no fault in this log",

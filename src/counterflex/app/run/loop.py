@@ -111,7 +111,7 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
     table = cell.tables.online
     if table is None:
         raise FileFormatError(
-            "the cell file does not say how to correct online",
+            "the cell file has no table [online]",
             where=str(cell.path),
             hint='Add a table [online], for example with force = "pilot"',
         )

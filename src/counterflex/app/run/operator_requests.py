@@ -124,7 +124,7 @@ def _why_not(words: Any, action: str) -> str:
     if action == "arm":
         words[Request.ARM] = 0
         if words[Shown.FEED_HOLD]:
-            return "the feed is held until somebody has seen why: acknowledge first (counterflex operator reset)"
+            return "feed hold: acknowledge the cause first (counterflex operator reset)"
         return "a check fails, or the robot program has switched the correction on already"
     if words[Request.RESET]:
         words[Request.RESET] = 0

@@ -123,7 +123,7 @@ def egm_link(
         return EgmPathLink(watch_only=watch_only, period_s=online.period_s, **where)
     if plan is None:
         raise InputError(
-            "position guidance streams the planned path, and there is no plan",
+            "position guidance streams the planned path, but no plan is given",
             where=str(cell.path),
             hint='Give --plan FILE, or set [egm] mode = "path"',
         )

@@ -40,7 +40,7 @@ _SHOWN_S: Final = 0.5
 RECORDER_END_S: Final = 30.0
 """How long the recorder may take to finish the log, as long as it says that it lives; else it has :data:`END_S`."""
 _STOOD: Final = "the recorder stood still and was ended: 0.1 s before that may be missing, log repair counts it"
-_DISK_STANDS: Final = "the recorder stands still, and so does the disk; what is missing can be counted by log repair"
+_DISK_STANDS: Final = "neither the recorder nor the disk responds; log repair counts the missing records"
 
 
 def run(

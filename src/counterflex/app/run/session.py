@@ -135,7 +135,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         lacking = ["tracker.address (--scenario)"] if settings.tracker_port is None else []
         lacking += ["a table [tracker] (counterflex identify tracker-frame)"] if cell.tables.tracker is None else []
         raise InputError(
-            "the tracker is to be corrected from, but there is none",
+            "[online] tracker needs a tracker, and none is given",
             where=str(settings.cell),
             value=f'tracker = "{table.tracker}"',
             limit=" and ".join(lacking),
@@ -203,7 +203,7 @@ def _motors(settings: RunSettings, cell: Cell, table: OnlineTable, planned: bool
     elif constants is None:
         lacking, hint = "the torque of a motor by its current is not known", "Give torque_per_current_nm in [online]"
     elif not planned:
-        lacking, hint = "they tell how far the force is off from a plan, and there is none", "Give --plan FILE"
+        lacking, hint = "motor currents are compared with the planned force, and no plan is given", "Give --plan FILE"
     if lacking or constants is None:
         raise InputError(
             f"the motor currents are to be used, but {lacking}",
@@ -219,7 +219,7 @@ def _no_sensor(settings: RunSettings, value: str, *, unreached: bool, unknown: b
     lacking = ["force_sensor.address (--scenario)"] if unreached else []
     lacking += ["a table [sensor], which counterflex identify payload finds,"] if unknown else []
     return InputError(
-        "the force is to be corrected from, but there is no force sensor",
+        "[online] force needs a force sensor, and none is given",
         where=str(settings.cell),
         value=value,
         limit=" and ".join(lacking).rstrip(","),

@@ -24,7 +24,7 @@ def forward(
         complain: Told of every line that is left out.
 
     Returns:
-        Summary: datagrams sent, lines left out.
+        Summary: datagrams sent, lines skipped.
 
     Raises:
         FileFormatError: There is no first line, or it names other columns.

@@ -162,7 +162,7 @@ def run_tracker(settings: LoneTracker, *, clock: Clock | None = None) -> dict[st
     """
     _check_rate(settings.rate_hz)
     if (settings.source is None) == (settings.log is None):
-        raise InputError("a tracker needs either something to see or a log", hint="Give one of them")
+        raise InputError("a tracker needs either a target or a log", hint="Give one of them")
     if not 0.01 <= settings.speed <= 100.0:
         raise InputError("speed of a replay", value=settings.speed, limit="0.01 .. 100")
     clock = clock if clock is not None else Clock()

@@ -83,7 +83,7 @@ def robot_of(settings: LoneRsi) -> ControlledRobot:
         raise InputError("a program needs the cell it runs in", value=settings.program.name, hint="Give --cell")
     if settings.program is None or settings.cell is None:
         if settings.seconds is None:
-            raise InputError("how long the robot stands still is not said", hint="Give --seconds")
+            raise InputError("the duration of the standstill is missing", hint="Give --seconds")
         T_part_tcp = settings.T_part_tcp
         if settings.cell is not None:  # pose and angles of the same telegram belong together
             standing = read_cell(settings.cell)

@@ -99,11 +99,12 @@ def forward(
     ],
     cell: CellFile,
     readings: Annotated[
-        int | None, typer.Option("--readings", help="End after so many; else at Ctrl-C.", min=1, max=MOST_RECORDS)
+        int | None,
+        typer.Option("--readings", help="Number of readings; default: until Ctrl-C.", min=1, max=MOST_RECORDS),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Pass the tracker that a TwinCAT reads on to the loop, as pose datagrams; a process of its own, beside the loop.
+    """Forward the tracker readings of a TwinCAT to the loop, as pose datagrams, from a separate process.
 
     Example: `counterflex ads forward 127.0.0.1:5001 --cell cell.toml`
     """

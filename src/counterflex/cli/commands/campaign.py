@@ -34,7 +34,7 @@ def campaign(
         Path | None,
         typer.Option(
             "--cell",
-            help="Cell file; left out, cell and part of the demonstration.",
+            help="Cell file; default: cell and part of the demonstration.",
             metavar="CELL",
             callback=given.file,
         ),
@@ -60,11 +60,11 @@ def campaign(
     workers: Workers = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
-    """Set up a cell as a laboratory would, on simulated cells, and show what that is worth.
+    """Identify a complete cell on simulated cells, as a laboratory would, and show the accuracy gained.
 
-    For each recipe: propose, measure on the twin over files, identify, validate on measurements of their own. Then a
-    program is machined before and after compensation, planned with the cell file as it was and with the identified
-    one. Interrupted, the same command goes on where it was.
+    For each recipe: propose, measure on the twin, identify, validate on separate measurements. Then a program is
+    machined before and after compensation, planned with the original and with the identified cell file. An interrupted
+    campaign continues when the same command is given again.
 
     With all recipes a cell takes minutes; --recipe does one of them.
 
@@ -72,7 +72,7 @@ def campaign(
     """
     if (twin is None) == (seeds is None):
         raise InputError(
-            "say either --twin or --seeds",
+            "use either --twin or --seeds",
             value="neither" if twin is None else "both",
             hint="--twin TRUTH is one simulated cell, --seeds 5 makes five",
         )
@@ -100,7 +100,7 @@ def campaign(
             )
         except KeyboardInterrupt as stop:
             raise Interrupted(
-                "interrupted; finished steps are kept", where=str(out), hint="The same command goes on where it was"
+                "interrupted; finished steps are stored", where=str(out), hint="The same command continues"
             ) from stop
     if as_json:
         print_json(summary)
@@ -115,7 +115,7 @@ def show(summary: dict[str, Any], out: Path) -> None:
     lines = headline_rows(summary)
     if lines:
         print_table(
-            "Identified on the twin; errors on measurements that no fit has seen",
+            "Identified on the twin; errors on held-out measurements",
             ["seed", "recipe", "figure", "before", "identified", "taken over"],
             lines,
         )

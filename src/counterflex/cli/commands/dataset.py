@@ -10,7 +10,7 @@ import typer
 from counterflex.cli import given
 from counterflex.cli.output import print_json, print_table
 
-_dataset = typer.Typer(no_args_is_help=True, help="Read measured data and say what is in them.")
+_dataset = typer.Typer(no_args_is_help=True, help="Read measured data and summarise them.")
 
 
 def register(app: typer.Typer) -> None:
@@ -24,7 +24,7 @@ def check(
     data: Annotated[Path, typer.Argument(help="Manifest of a dataset (.toml).", metavar="DATA", callback=given.file)],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Read a dataset as identify does, and say what was understood: rows, ranges, standard deviations.
+    """Read a dataset as identify does, and print rows, ranges and standard deviations.
 
     Example: `counterflex dataset check points.toml`
     """

@@ -26,7 +26,7 @@ def demo(
     workers: Workers = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
-    """Run the whole job on embedded data: compensate a test part, machine it before and after, compare, report.
+    """Run the complete chain on built-in data: compensate a test part, machine it before and after, compare, report.
 
     Grooves, ramps and a circular pocket in EN AW-2017 on a KR 300 R2500 ultra (after Haehn and Weigold 2020). Takes
     about two minutes on two cores; --seeds 5 about eight.

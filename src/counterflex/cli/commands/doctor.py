@@ -31,9 +31,9 @@ def doctor(
     ] = Path(),
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Measure whether this machine keeps time for the online loop: clock, step, network stack, disk of the log.
+    """Measure whether this computer is fast enough for the online loop: clock, step, network stack, disk of the log.
 
-    The verdict is kept for a week; `run --arm` needs one. Ends with status 1 when the machine does not fit.
+    The verdict is valid for a week; `run --arm` needs one. Exit status 1 if the computer does not fit.
 
     Example: `counterflex doctor --seconds 10`
     """

@@ -12,7 +12,7 @@ from counterflex.cli import given
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.output import keep_inputs, print_json
 
-_egm = typer.Typer(no_args_is_help=True, help="ABB EGM set-ups: judge a RAPID program, or make one for a cell.")
+_egm = typer.Typer(no_args_is_help=True, help="ABB EGM set-ups: check a RAPID program, or generate one for a cell.")
 
 
 def register(app: typer.Typer) -> None:
@@ -34,7 +34,7 @@ def check(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines.")] = False,
 ) -> None:
-    """Judge a RAPID program that uses EGM: what is dangerous (error) or useless (warning), what is safe, what to do.
+    """Check a RAPID program that uses EGM: dangerous (error) or ineffective (warning) settings, with their remedy.
 
     Exit status 1 when there is an error.
 
@@ -50,7 +50,7 @@ def check(
     else:
         for item in findings:
             typer.echo(item.line())
-        blind = "; not judged without --cell" if cell is None else ""
+        blind = "; not checked without --cell" if cell is None else ""
         typer.echo(f"{errors} errors, {len(findings) - errors} warnings{blind}")
     if errors:
         raise typer.Exit(1)
@@ -68,10 +68,10 @@ def make(
     host: Annotated[str, typer.Option("--host", help="Address of the sensor computer.")] = "192.168.125.10",
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
-    """Make a RAPID program with EGM around its path, and a README of what to set on the controller.
+    """Generate a RAPID program with EGM around its path, and a README with the settings of the controller.
 
-    The table [egm] of the cell file says which way: mode = "path" corrects the program's path, mode = "pose" takes the
-    path out and streams it. Writes into DIR, everything or nothing.
+    The table [egm] of the cell file selects the mode: mode = "path" corrects the path of the program, mode = "pose"
+    removes the path and streams it. Writes all files into DIR or none.
 
     Example: `counterflex egm make --cell cell.toml --program plan/part.mod --out robot`
     """

@@ -30,17 +30,17 @@ def faults(
         str,
         typer.Option(
             "--sensors",
-            help="What is corrected from: force, or both, which is force and tracker at once.",
+            help="Inputs of the correction: force, or both (force and tracker).",
             callback=given.one_of(("force", "both"), "sensors"),
         ),
     ] = "force",
     seed: Annotated[int, typer.Option("--seed", help="Of everything that is random.", min=0, max=LARGEST_SEED)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
-    """Inject faults into the online loop over sockets: what was injected, what happened, the largest step at the robot.
+    """Inject faults into the online loop over sockets and evaluate its reaction.
 
-    A simulated controller with RSI, a bad network and a force sensor that fails stand against the loop as it is run.
-    Writes faults.csv, faults.md and summary.json. Ends with status 1 when a requirement does not hold.
+    The loop runs against a simulated RSI controller, an impaired network and a failing force sensor. Writes faults.csv,
+    faults.md and summary.json. Ends with status 1 when a requirement does not hold.
 
     Example: `counterflex faults --quick --no-realtime --out out/faults`
     """

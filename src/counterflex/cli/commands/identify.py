@@ -16,11 +16,11 @@ from counterflex.identify.recipes import RECIPES, TITLES
 
 HISTORY = "history"
 _LIST = "\n\n".join(f"`{name}`: {TITLES[name]}" for name in TITLES)
-_HELP = f"""Find parameters of a cell from measured data: a new cell file with standard deviations, and a report.
+_HELP = f"""Identify parameters of a cell from measured data: a new cell file with standard deviations, and a report.
 
-DATA are manifests of datasets. Writes into DIR: cell.toml (the cell file with what was found), result.json (every
-parameter with its 95 % interval, hold-out, outliers), report.html and a copy of everything in archive/. Either all of
-them or none; values that predict data not used worse than the cell file does are refused.
+DATA are manifests of datasets. Writes into DIR: cell.toml (the cell file with the identified values), result.json
+(every parameter with its 95 % interval, hold-out, outliers), report.html and a copy of everything in archive/. Either
+all of them or none; values that predict held-out data worse than the cell file are refused.
 
 Recipes, besides those of other packages (`counterflex extensions`):
 
@@ -87,7 +87,7 @@ def identify(
         Path | None,
         typer.Option(
             "--archive",
-            help="Folder that keeps every run; else DIR/archive.",
+            help="Archive of all runs; default DIR/archive.",
             metavar="DIR",
             callback=given.output_folder,
         ),

@@ -34,7 +34,7 @@ def show_result(result: dict[str, Any], out: Path) -> None:
                     _number(p["sigma"], 2),
                     p["unit"],
                     _number(p["nominal"], 5),
-                    {"determined": "seen", "partly": "partly", "prior": "not seen"}[p["seen"]],
+                    {"determined": "determined", "partly": "partly", "prior": "prior"}[p["seen"]],
                 ]
                 for p in free[:_PARAMETERS]
             ],
@@ -44,7 +44,7 @@ def show_result(result: dict[str, Any], out: Path) -> None:
         if len(free) > _PARAMETERS:
             typer.echo(f"note: {len(free) - _PARAMETERS} more parameters in report.html")
         if not fit["converged"]:
-            typer.echo("warning: the solver had not come to rest")
+            typer.echo("warning: the solver did not converge")
         for name_at_bound in fit["at_bound"]:
             typer.echo(f"warning: {name_at_bound} rests against its bound; the data would have it beyond")
         for outlier in fit["outliers"][:_OUTLIERS]:

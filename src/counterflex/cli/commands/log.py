@@ -34,7 +34,7 @@ def register(app: typer.Typer) -> None:
 
 
 def show(folder: Folder, as_json: AsJson = False) -> None:
-    """Say what happened in a run: cycles, states, holds and faults with their causes, answering times, losses.
+    """Show a run: cycles, states, holds and faults with their causes, reply times, losses.
 
     Ends with status 5 when cycles are missing or something cannot be read.
 
@@ -162,7 +162,7 @@ def show_process(found: dict[str, Any]) -> None:
         )
     wear = found["wear"]
     if wear is not None and wear["trend_percent_per_m"] is None:
-        typer.echo(f"{wear['cut_m']:g} m of cut: too short to tell a trend of force by predicted force")
+        typer.echo(f"{wear['cut_m']:g} m of cut: too short for a trend of measured over predicted force")
     elif wear is not None:
         typer.echo(
             f"force by predicted force over {wear['cut_m']:g} m of cut: {wear['trend_percent_per_m']:+g}"
@@ -199,7 +199,7 @@ def replay(
     ] = 0.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Feed the logged inputs through the loop again: its corrections and states must be the logged ones bit for bit.
+    """Replay the logged inputs through the loop: corrections and states must equal the logged ones bit for bit.
 
     Ends with status 1 when they are not, with 5 when cycles are missing, so that not every one could be compared.
 
@@ -251,7 +251,7 @@ def replay(
         for cycle in found.begun:
             typer.echo(f"began from the state recorded after cycle {cycle}")
         if found.lost.cut:
-            typer.echo(f"cut short: {', '.join(found.lost.cut)}; what is there was compared")
+            typer.echo(f"cut short: {', '.join(found.lost.cut)}; the available cycles were compared")
         if first is not None:
             more = f", and {first.columns - 1} more columns of that cycle" if first.columns > 1 else ""
             typer.echo(
@@ -267,7 +267,7 @@ def replay(
 
 def _left_out(found: Replayed) -> str:
     parts = [f"{found.missing} cycles missing"] if found.missing else []
-    parts += [f"{found.skipped} not computed: behind a gap"] if found.skipped else []
+    parts += [f"{found.skipped} not computed: after a gap"] if found.skipped else []
     return "".join(f", {part}" for part in parts)
 
 
@@ -284,7 +284,7 @@ def export(
         ),
     ] = None,
     before: Annotated[int, typer.Option("--before", help="Cycles before the incident.", min=0, max=MOST_RECORDS)] = 250,
-    after: Annotated[int, typer.Option("--after", help="Cycles behind its first one.", min=0, max=MOST_RECORDS)] = 250,
+    after: Annotated[int, typer.Option("--after", help="Cycles after its first one.", min=0, max=MOST_RECORDS)] = 250,
 ) -> None:
     """Write every record as a line of CSV, in SI units and part axes; numbers read back bit for bit.
 
@@ -318,7 +318,7 @@ def export(
 
 
 def repair(folder: Folder) -> None:
-    """Write segments that were cut short or are damaged anew, so that any MCAP reader takes them; originals are kept.
+    """Rewrite truncated or damaged segments so that any MCAP reader accepts them; the originals are kept.
 
     Ends with status 5 when cycles are missing all the same.
 

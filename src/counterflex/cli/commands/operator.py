@@ -1,4 +1,4 @@
-"""Commands of the operator of a run that goes on: status, stop, reset, arm."""
+"""Commands of the operator of a current run: status, stop, reset, arm."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 from counterflex.cli.commands.operator_now import asked
 from counterflex.cli.commands.question import AsJson
 
-_operator = typer.Typer(no_args_is_help=True, help="Operate a run that goes on: its state, stop, reset, arm.")
+_operator = typer.Typer(no_args_is_help=True, help="Operate a current run: status, stop, reset, arm.")
 Log = Annotated[Path, typer.Argument(help="Folder that `run` was given with --out.", metavar="DIR")]
 
 
@@ -23,14 +23,14 @@ def register(app: typer.Typer) -> None:
 
 
 def _group() -> None:
-    """Operate a run that goes on, from another terminal of the same computer and user."""
+    """Operate a current run, from another terminal of the same computer and user."""
 
 
 def status(log: Log, as_json: AsJson = False) -> None:
-    """Say in what state a run is and why, where on the plan, under which force, how old what it knows is.
+    """Show the state of a run and its cause, the place on the plan, the force, and the age of its inputs.
 
-    Foreign telegrams that were dropped and records that are lost are counted. Asked of the loop itself: it answers also
-    where the process that started it has died.
+    Counts dropped telegrams of unknown senders and lost records. The loop itself answers, even if the process that
+    started it has died.
 
     Example: `counterflex operator status log`
     """
@@ -38,12 +38,12 @@ def status(log: Log, as_json: AsJson = False) -> None:
 
 
 def stop(log: Log, as_json: AsJson = False) -> None:
-    """End the correction: a feed hold is asked for, the correction is ramped out, the robot is told to stop.
+    """Stop the correction: request a feed hold, ramp the correction out, stop the robot.
 
-    In the cut it is ramped out as soon as the robot stands. One that goes on is told to stop with its correction.
+    In the cut it is ramped out as soon as the robot stands. A robot that moves on is stopped with its correction.
 
-    The loop itself takes it in its next cycle, also where the process that started it, or the recorder, has died. The
-    run goes on and can be armed again. The robot's own stop is for emergencies; this is none.
+    The loop reads the request in its next cycle, even if the process that started it, or the recorder, has died. The
+    run continues and can be armed again. This is no emergency stop; use that of the robot.
 
     Example: `counterflex operator stop log`
     """
@@ -51,11 +51,11 @@ def stop(log: Log, as_json: AsJson = False) -> None:
 
 
 def reset(log: Log, as_json: AsJson = False) -> None:
-    """Acknowledge: leave a fault, give a held feed free, take the zero of the force sensor again.
+    """Acknowledge: leave a fault, release the feed hold, tare the force sensor.
 
-    See to the cause first. A fault is left only when no correction is in force any more: end the robot program. Then
-    the run is idle, and ready when all checks are passed; it is not armed by this. A feed hold that is given free lets
-    a robot program that was not stopped go on without a correction.
+    Remove the cause first. A fault is left only when no correction is in effect any more: end the robot program. Then
+    the run is idle, and ready when all checks have passed; it does not arm. After the release of a feed hold a robot
+    program that was not stopped continues without correction.
 
     Example: `counterflex operator reset log`
     """
@@ -63,7 +63,7 @@ def reset(log: Log, as_json: AsJson = False) -> None:
 
 
 def arm(log: Log, as_json: AsJson = False) -> None:
-    """Arm a run that is ready again; the robot program then has to switch the correction on.
+    """Arm a run that is ready; the robot program must then enable the correction.
 
     Only for a run that was started with --arm.
 

@@ -63,7 +63,7 @@ def path(
     without_end: WithoutEnd = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the motions as JSON.")] = False,
 ) -> None:
-    """Show what was read: every motion with its line, end point, feed and arc.
+    """List the motions of a program as read: line, end point, feed and arc.
 
     Example: `counterflex path part.ngc --csv path.csv`
     """
@@ -111,7 +111,7 @@ def compensate(
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
-    """Compensate a program: predict force and deflection at each point and write the program moved against them.
+    """Compensate a program: predict force and deflection at each point and write the corrected program.
 
     Writes into DIR: the program under its own name (or .src/.dat, .mod), plan.parquet (every point: time, pose,
     joints, force, deflection, correction, engagement), summary.json and report.html. Either all of them or none.
@@ -174,7 +174,7 @@ def _show_feed(found: dict[str, Any]) -> None:
         )
     typer.echo(
         f"predicted error {found['worst_before_um']:g} um at the programmed feed, {found['worst_after_um']:g} um now"
-        f" (asked for {found['tolerance_um']:g}); it costs {found['extra_s']:.1f} s of {found['time_s']:.1f} s,"
+        f" (asked for {found['tolerance_um']:g}); additional time {found['extra_s']:.1f} s of {found['time_s']:.1f} s,"
         " accelerations left out"
     )
 

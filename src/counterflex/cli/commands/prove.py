@@ -39,11 +39,11 @@ def truth(
     seed: Annotated[
         int | None,
         typer.Option(
-            "--seed", help="Put the truth off by this seed; left out, truth and cell agree.", min=0, max=LARGEST_SEED
+            "--seed", help="Random seed of the deviations; without it truth and cell agree.", min=0, max=LARGEST_SEED
         ),
     ] = None,
 ) -> None:
-    """Make the simulated cell that a program is proven on: a truth file, off from the cell file as a real cell is.
+    """Make a truth file: the parameters of a simulated cell, which differ from the cell file as in a real cell.
 
     Each elastic element 10 %, force constants 10 % in common, geometry 0.15 mm per link (one sigma each), bearings,
     masses, runout, friction and play besides; the file lists every value.
@@ -67,7 +67,7 @@ def simulate(
         Path | None,
         typer.Option(
             "--original",
-            help="The uncompensated program, to judge a compensated one.",
+            help="The uncompensated program, reference of a compensated one.",
             metavar="PROGRAM",
             callback=given.file,
         ),

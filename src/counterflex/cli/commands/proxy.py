@@ -32,15 +32,15 @@ def proxy(
     ] = None,
     replay: Annotated[
         Path | None,
-        typer.Option("--replay", help="Do again what such a log says.", metavar="FILE", callback=given.file),
+        typer.Option("--replay", help="Replay such a log.", metavar="FILE", callback=given.file),
     ] = None,
     seconds: Annotated[float | None, typer.Option("--seconds", help="End after so long.", min=0.0)] = None,
     scenario: Layers = None,
 ) -> None:
-    """Stand between two programs that talk over UDP and be a bad network: lose, delay, repeat and damage datagrams.
+    """Simulate an impaired network between two programs over UDP: lose, delay, duplicate and corrupt datagrams.
 
-    The robot (or the client of a sensor) sends to --listen, the proxy hands on to --to and carries back what is
-    answered. The same seed does the same to datagram 0, 1, 2, ... in every run.
+    The robot (or the client of a sensor) sends to --listen, the proxy forwards to --to and returns the answers. The
+    same seed has the same effect on datagram 0, 1, 2, ... in every run.
 
     Table of the scenario: network.
 

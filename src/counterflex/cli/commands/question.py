@@ -119,7 +119,7 @@ def pose(
     if (joints is None) == (xyz is None):
         given = "both" if joints is not None else "neither"
         raise InputError(
-            "say either --joints-deg or --xyz-mm",
+            "use either --joints-deg or --xyz-mm",
             value=given,
             hint="--joints-deg gives the pose, --xyz-mm the joint angles",
         )
@@ -182,7 +182,7 @@ def deflection(
     ] = "0,0,0",
     as_json: AsJson = False,
 ) -> None:
-    """How far the tool moves under a load: linear, nonlinear, own-weight sag, compliance matrix, who bends most.
+    """Deflection of the tool under a load: linear, nonlinear, own-weight sag, compliance matrix, share of each element.
 
     Example: `counterflex deflection cell.toml --joints-deg 0,-95,125,0,-30,0 --force-n 0,500,0`
     """
@@ -216,7 +216,11 @@ def deflection(
         ["", "Fx", "Fy", "Fz"],
         [[name, *(f"{value:.1f}" for value in row)] for name, row in zip(("dx", "dy", "dz"), matrix, strict=True)],
     )
-    print_table("Who bends", ["segment", "dx um", "dy um", "dz um", "share"], [_share(row) for row in answer["shares"]])
+    print_table(
+        "Share of each element",
+        ["segment", "dx um", "dy um", "dz um", "share"],
+        [_share(row) for row in answer["shares"]],
+    )
     for warning in answer["warnings"]:
         typer.echo(f"warning: {warning}")
 
@@ -253,7 +257,7 @@ def cell_check(
     )
     if answer["at_corner"] is not None:
         print_table(
-            f"Softness at the stock's corner {answer['at_corner']['xyz_mm']} mm",
+            f"Compliance at the corner of the stock {answer['at_corner']['xyz_mm']} mm",
             ["direction", "um/N", "weakest element", "its share"],
             [
                 [row["direction"], f"{row['um_per_n']:.2f}", row["weakest"], f"{100 * row['share']:.0f}%"]
@@ -265,7 +269,7 @@ def cell_check(
     if answer["identified"]:
         print_table(
             "Identified from measurements",
-            ["recipe", "date", "data", "error on data not used", "values seen", "not seen"],
+            ["recipe", "date", "data", "error on held-out data", "values determined", "not determined"],
             [
                 [entry["recipe"], entry["date"], ", ".join(entry["data"]), entry["holdout"], *_seen(entry["values"])]
                 for entry in answer["identified"]
@@ -288,7 +292,7 @@ def cell_example(
         Path, typer.Option("--out", help="Where to write it; an existing file is kept.", callback=given.output_file)
     ] = Path("cell.toml"),
 ) -> None:
-    """Write the demonstration cell (KR 300 with a spindle) as a file to start from, and beside it what to try it with.
+    """Write the demonstration cell (KR 300 with a spindle) as an example, with files to try it.
 
     Beside NAME.toml: its test part part.ngc, an RSI configuration rsi.xml, and NAME-small.toml with groove.ngc, a small
     blank for quick trials.

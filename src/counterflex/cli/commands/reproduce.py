@@ -62,7 +62,7 @@ def haehn2020(
             )
         except KeyboardInterrupt as stop:
             raise Interrupted(
-                "interrupted; finished runs are kept", where=str(out), hint="The same command goes on where it was"
+                "interrupted; finished runs are stored", where=str(out), hint="The same command continues"
             ) from stop
     if as_json:
         print_json(summary)
@@ -112,7 +112,7 @@ def mandiola2023(
             summary = job.run(out, seeds=1 if quick else seeds, quick=quick, workers=workers, progress=progress)
         except KeyboardInterrupt as stop:
             raise Interrupted(
-                "interrupted; finished runs are kept", where=str(out), hint="The same command goes on where it was"
+                "interrupted; finished runs are stored", where=str(out), hint="The same command continues"
             ) from stop
     if as_json:
         print_json(summary)

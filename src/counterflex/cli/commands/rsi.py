@@ -12,7 +12,7 @@ from counterflex.cli import given
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.output import keep_inputs, print_json
 
-_rsi = typer.Typer(no_args_is_help=True, help="KUKA RSI set-ups: judge one, or make one for a cell.")
+_rsi = typer.Typer(no_args_is_help=True, help="KUKA RSI set-ups: check one, or generate one for a cell.")
 
 
 def register(app: typer.Typer) -> None:
@@ -47,9 +47,9 @@ def check(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines.")] = False,
 ) -> None:
-    """Judge an RSI set-up: what is dangerous (error) or useless (warning), what is safe, what to do.
+    """Check an RSI set-up: dangerous (error) or ineffective (warning) settings, with their remedy.
 
-    The more files are given, the more is judged. Exit status 1 when there is an error.
+    Each additional file adds checks. Exit status 1 if there is an error.
 
     Example: `counterflex rsi check rsi.xml --cell cell.toml`
     """
@@ -66,7 +66,7 @@ def check(
         for item in findings:
             typer.echo(item.line())
         not_given = [name for name, path in (("--context", context), ("--krl", krl), ("--cell", cell)) if path is None]
-        blind = f"; not judged without {', '.join(not_given)}" if not_given else ""
+        blind = f"; not checked without {', '.join(not_given)}" if not_given else ""
         typer.echo(f"{errors} errors, {len(findings) - errors} warnings{blind}")
     if errors:
         raise typer.Exit(1)
@@ -79,7 +79,7 @@ def make(
         Path | None,
         typer.Option(
             "--program",
-            help="Compensated KRL program; without it one that tries the link.",
+            help="Compensated KRL program; default: one that tests the link.",
             metavar="SRC",
             callback=given.file,
         ),
@@ -89,10 +89,10 @@ def make(
     sentype: Annotated[str, typer.Option("--sentype", help="Type of the answers.")] = "Counterflex",
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
-    """Make an RSI set-up for a cell: ETHERNET file, context, KRL program with correction around its path, README.
+    """Generate an RSI set-up for a cell: ETHERNET file, context, KRL program with RSI around its path, README.
 
-    Limits come from the table [online] of the cell file, with a margin. Writes into DIR, everything or nothing; what
-    must be tried out on the controller stands in README.txt.
+    Limits come from the table [online] of the cell file, with a margin. Writes all files into DIR or none. README.txt
+    lists the tests on the controller.
 
     Example: `counterflex rsi make --cell cell.toml --out robot`
     """

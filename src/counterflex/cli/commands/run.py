@@ -70,24 +70,24 @@ def run(
         bool, typer.Option("--original", help="The robot runs the original program, not the compensated one.")
     ] = False,
     arm: Annotated[
-        bool, typer.Option("--arm", help="Arm when all checks are passed. Without it the loop only watches.")
+        bool, typer.Option("--arm", help="Arm when all checks have passed. Without it the loop only monitors.")
     ] = False,
     trust_machine: Annotated[
-        bool, typer.Option("--trust-machine", help="Arm even where counterflex doctor has not found the machine fit.")
+        bool, typer.Option("--trust-machine", help="Arm although counterflex doctor has not passed this computer.")
     ] = False,
     scenario: Layers = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
-    """Correct while milling: answer the robot's telegrams from force, plan and tracker, and log every cycle.
+    """Correct the robot during milling from force, plan and tracker, and log every cycle.
 
-    Without --arm every answer is zero: watch first. A robot that does not wait is armed only on a machine that
-    `doctor` has found fit. The log goes to DIR as run-000.mcap, run-001.mcap, ... While it runs, `operator stop DIR`,
-    `operator reset DIR` and `operator arm DIR` from another terminal end the correction, acknowledge and arm again.
-    Ctrl-C ramps the correction out first and then ends.
+    Without --arm every answer is zero: start this way. With a real robot --arm needs a computer that `doctor` has
+    passed. The log goes to DIR as run-000.mcap, run-001.mcap, ... During the run `operator stop DIR`, `operator reset
+    DIR` and `operator arm DIR` from another terminal stop the correction, acknowledge and arm again. Ctrl-C ramps the
+    correction out before it ends.
 
-    Exit status: 0 the program ended as planned; 2 refused before it began; 3 a fault, or a hold that lasted, ended the
-    correction; 4 never armed; 5 records are missing in the log; 6 the operator ended the correction; 1 the loop died;
-    130 Ctrl-C, 143 request to terminate, 129 terminal closed, unless a fault or a lost log is to be told.
+    Exit status: 0 the program ended as planned; 2 refused before it began; 3 a fault, or a hold that did not end, ended
+    the correction; 4 never armed; 5 records are missing in the log; 6 the operator ended the correction; 1 the loop
+    died; 130 Ctrl-C, 143 request to terminate, 129 terminal closed, unless there was a fault or a lost log.
 
     Tables of the scenario: run, force_sensor (addresses), tracker (address).
 
@@ -190,7 +190,7 @@ def cell(
         Path | None,
         typer.Option(
             "--original",
-            help="The uncompensated program, to judge a compensated one.",
+            help="The uncompensated program, reference of a compensated one.",
             metavar="PROGRAM",
             callback=given.file,
         ),
@@ -201,8 +201,8 @@ def cell(
 ) -> None:
     """Run a program on the simulated cell behind its real protocols: KUKA RSI or ABB EGM, Net F/T, tracker.
 
-    It begins to send at once: start `counterflex run` first. Writes into DIR what `simulate` writes, and nothing where
-    nobody answers; it ends when its partner has ended.
+    It sends at once: start `counterflex run` first. Writes the files of `simulate` into DIR, and nothing without an
+    answer; it ends when `counterflex run` has ended.
 
     Tables of the scenario: controller, rsi, egm, force_sensor (addresses), tracker (address, rate_hz, late_ms).
 

@@ -27,10 +27,10 @@ def soak(
     keep_log: Annotated[bool, typer.Option("--keep-log", help="Keep the run log, about 1 GB per hour.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
-    """Run the online loop for long in real time: does its memory grow, does it become slow, is an answer late?
+    """Run the online loop for a long time in real time and record memory, latency and late answers.
 
-    A recorded pass of the demonstration cell is played there and back: telegrams every 4 ms, force and poses every
-    millisecond. Beside every telegram a datagram of the same length goes to a program that only sends it back. DIR gets
+    A recorded pass of the demonstration cell is replayed back and forth: telegrams every 4 ms, force and poses every
+    millisecond. After every telegram a datagram of the same length goes to a program that echoes it. DIR gets
     `summary.json`, `minutes.csv` and `memory.csv`. Real-time priority helps: start it as root or with CAP_SYS_NICE.
 
     Example: `counterflex soak --minutes 60 --out soak`

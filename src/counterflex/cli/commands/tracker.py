@@ -44,11 +44,11 @@ def bridge(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Turn what a tracker's own program prints into pose datagrams, line by line as they come.
+    """Convert the text output of a tracker's own program into pose datagrams, line by line.
 
     The first line names the columns: time_s (or time_ns); distance_mm,azimuth_deg,zenith_deg as a tracker measures
-    them, or x_mm,y_mm,z_mm; qw,qx,qy,qz where the target has an orientation; status and sigma_mm where known. A line
-    that cannot be used is left out and said. Lines come from standard input: tracker_program | counterflex ...
+    them, or x_mm,y_mm,z_mm; qw,qx,qy,qz where the target has an orientation; status and sigma_mm where known. An
+    invalid line is skipped with a message. Lines come from standard input: tracker_program | counterflex ...
 
     Example: `counterflex tracker bridge 127.0.0.1:5001`
     """
@@ -70,4 +70,4 @@ def bridge(
     if as_json:
         print_json(found)
     else:
-        typer.echo(f"{found['sent']} datagrams sent, {found['left_out']} lines left out")
+        typer.echo(f"{found['sent']} datagrams sent, {found['left_out']} lines skipped")

@@ -19,7 +19,7 @@ from counterflex.cli.commands.simulated.rsi import register as register_rsi
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.errors import InputError
 
-_twin = typer.Typer(no_args_is_help=True, help="The simulated cell: measure on it, or run it behind its protocols.")
+_twin = typer.Typer(no_args_is_help=True, help="The simulated cell: measure on it, or run it with its protocols.")
 
 
 def register(app: typer.Typer) -> None:
@@ -36,7 +36,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _group() -> None:
-    """The simulated cell: measure on it, or run it behind its protocols."""
+    """The simulated cell: measure on it, or run it with its protocols."""
 
 
 def measure(
@@ -55,12 +55,12 @@ def measure(
     ] = 0,
     session: Annotated[
         str | None,
-        typer.Option("--session", help="Another session gives other noise; by default the name of its folder."),
+        typer.Option("--session", help="Each session has different noise; default: the name of the folder."),
     ] = None,
 ) -> None:
-    """Measure on the simulated cell what a proposal asks for: a CSV file and its manifest, as a laboratory delivers.
+    """Carry out the measurements of a proposal on the simulated cell: a CSV file and its manifest.
 
-    The readings come from the truth, with friction, play, drives and noise; nothing else of it gets into the files.
+    The readings come from the truth, with friction, play, drives and noise; the files contain nothing else of it.
 
     Example: `counterflex twin measure proposal/proposal.toml --cell cell.toml --truth truth.toml --out data`
     """

@@ -208,7 +208,7 @@ class ControllerTable(Table):
         found = rsi_generation(self.rsi_version, self.kss_version)
         if found is None:
             raise FileFormatError(
-                "the cell file does not say which RSI the controller has: its files differ",
+                "the cell file does not state the RSI version of the controller: its files differ",
                 where=f"{where}: controller",
                 limit='rsi_version = "3.3", "4.1" or "5.0" (on the controller: Help, Info, Options)',
                 hint="Add the key to the table [controller]",

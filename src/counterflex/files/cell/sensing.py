@@ -55,7 +55,7 @@ class SensorTable(PoseTable):
         except CounterflexError as fault:
             raise ValueError(str(fault)) from fault
         if (self.mass_kg is None) != (self.com_mm is None):
-            raise ValueError("mass_kg and com_mm of what hangs behind the sensor belong together; give both or none")
+            raise ValueError("mass_kg and com_mm of the load behind the sensor belong together; give both or none")
         if len(self.offset) not in (0, 9, 34):
             raise ValueError(f"offset has {len(self.offset)} rows; {_SHAPE}")
         return self

@@ -298,7 +298,7 @@ class PartTable(PoseTable):
         if self.measured_with == "robot" and len(self.datum_points_mm) < 3:
             raise ValueError('measured_with = "robot" needs at least three datum_points_mm (where the robot touched)')
         if self.measured_with == "robot" and _on_one_line(self.datum_points_mm):
-            raise ValueError("the datum_points_mm lie on one line and fix no frame; touch a point beside it")
+            raise ValueError("the datum_points_mm lie on one line and define no frame; touch a point off that line")
         return self
 
 

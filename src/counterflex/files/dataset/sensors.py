@@ -41,7 +41,7 @@ def sensor_frame(manifest: Manifest, where: str) -> SensorFrame | None:
         )
     if not tables:
         raise FileFormatError(
-            "nothing is said about the sensors that these distances are of",
+            "the sensors of these distances are not described",
             where=f"{where}: channels.{read[0]}",
             hint="Describe each in a table [[sensors]]: name, position_mm, direction; say sensor_axes in [settings]",
         )
@@ -68,7 +68,7 @@ def sensor_frame(manifest: Manifest, where: str) -> SensorFrame | None:
     axes = manifest.settings.get("sensor_axes")
     if axes not in AXES:
         raise FileFormatError(
-            "the axes that the sensors are given in are not said" if axes is None else "there are no such axes",
+            "the axes of the sensor positions are not stated" if axes is None else "there are no such axes",
             where=f"{where}: settings.sensor_axes",
             value=None if axes is None else repr(axes),
             limit=", ".join(AXES),

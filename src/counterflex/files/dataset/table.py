@@ -240,7 +240,7 @@ def _clean(cell: str) -> str:
 def _text(path: Path, how: FileTable, data: bytes) -> TextTable:
     text = _decode(path, how, data)
     if "\0" in text:
-        raise FileFormatError("not a text file: it holds zero bytes", where=str(path))
+        raise FileFormatError("not a text file: it contains zero bytes", where=str(path))
     separator = {"tab": "\t", "space": " "}.get(how.separator, how.separator)
     header: list[str] | None = None
     lines: list[int] = []

@@ -138,7 +138,7 @@ def _require_ended(file: Path, segment: Segment, held: bool | None, now_s: float
     """Who holds a segment decides; where it was held on this computer, the time of the file says nothing more."""
     told = {"where": str(file), "hint": "End the run first"}
     if held:
-        raise InputError("this segment is being written", value="a process that lives holds it", **told)
+        raise InputError("this segment is being written", value="a living process writes to it", **told)
     boot = boot_id()
     if segment.finished or (held is False and boot and segment.about.get(HELD) == boot):
         return
@@ -164,7 +164,7 @@ def _free_name(file: Path) -> Path:
         name = file.with_name(f"{file.name}.cut" if number == 1 else f"{file.name}.cut-{number}")
         if not name.exists():
             return name
-    raise OutputError("too many originals are kept here", where=str(file))
+    raise OutputError("too many originals are stored here", where=str(file))
 
 
 def _keep(file: Path, kept: Path) -> None:

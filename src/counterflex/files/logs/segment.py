@@ -134,7 +134,7 @@ def nothing_said(found: Salvaged, size: int) -> tuple[str, str]:
     if size == 0:
         return "empty", f"The run ended before it wrote, or its disk was full. {remove}"
     if found.magic:
-        return "not one record of a run can be read", f"It was cut off or overwritten behind its beginning. {remove}"
+        return "not one record of a run can be read", f"It was truncated or overwritten after its beginning. {remove}"
     return "not an MCAP file", f"Give the folder that run wrote with --out; if this is it, it was overwritten. {remove}"
 
 

@@ -143,8 +143,8 @@ def _remarks(chain: ElasticChain, plan: Layout, fit: Fit, motions: Sequence[Cube
         elastic = [chain.names[i] for i in range(first, last + 1) if np.any(plan.springs.segment == i)]
         if len(elastic) > 1:
             out.append(
-                f"Between the cubes {pair} lie {' and '.join(elastic)}: only the sum of their compliances is seen, and "
-                "what is known of each beforehand splits it"
+                f"Between the cubes {pair} lie {' and '.join(elastic)}: the data determine only the sum of their "
+                f"compliances, which is divided by the priors"
             )
     covered = {i for m in motions for a, b in zip(m.first, m.last, strict=True) for i in range(int(a), int(b) + 1)}
     missing = sorted({chain.names[int(i)] for i in plan.springs.segment if int(i) not in covered})

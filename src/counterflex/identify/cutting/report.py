@@ -191,16 +191,17 @@ def remarks(chosen: Chosen, law: ForceLaw) -> tuple[str, ...]:
     ]
     if high < NARROW * low:
         out.append(
-            f"The chip thickness spans only a factor of {high / low:.1f}: the exponent and the edge force hide behind "
-            f"each other. Cut at feeds that differ by {NARROW:g} or more"
+            f"The chip thickness spans only a factor of {high / low:.1f}: the exponent and the edge force cannot be "
+            f"separated. Cut at feeds that differ by a factor of {NARROW:g} or more"
         )
     out += list(fit.hidden)
     if np.any(np.isfinite(chosen.block.pieces.turn_n)):
         out.append("The runout found is that of the tool as clamped: write it as runout_um under [[tools]]")
     else:
         out.append(
-            "Runout is not seen: it needs a record of the single teeth (rate well above the tooth passing frequency) "
-            "from a sensor that is true there (setting bandwidth_hz); its mean effect is part of the constants"
+            "Runout is not determined: it needs a record of the single teeth (rate well above the tooth passing "
+            "frequency) from a sensor with that bandwidth (setting bandwidth_hz); its mean effect is part of the "
+            "constants"
         )
     if chosen.shared is not None:
         out += _shared(chosen, chosen.shared)

@@ -224,7 +224,7 @@ class _Reader:
         self.q = dataset.values("q") if dataset.has("q") else None
         if self.q is None:
             self.remarks.append(
-                "Without the joint angles (channel q) the elastic model cannot say how the tool yielded: "
+                "Without the joint angles (channel q) the elastic model cannot compute the deflection of the tool: "
                 "depth and width are taken as commanded"
             )
         self._check()

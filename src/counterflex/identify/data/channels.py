@@ -138,7 +138,7 @@ _PULLS: Final = {
     "approach": ChannelKind("joint angles from where a pose was reached, minus those of the pose", _AXES, "rad", "deg"),
     "pair": ChannelKind("which pair of measuring cubes, counted from 1 in settings.pairs", ("",), "1", "1", whole=True),
     "p_base_before": _point("centre of the cube before the elastic elements, unloaded"),
-    "p_base_after": _point("centre of the cube behind the elastic elements, unloaded"),
+    "p_base_after": _point("centre of the cube after the elastic elements, unloaded"),
     "d_before_base": ChannelKind(
         "motion of the cube before the elastic elements, loaded minus unloaded: centre, rotation vector, base axes",
         (*_XYZ, *_RXYZ),
@@ -147,7 +147,7 @@ _PULLS: Final = {
         "twist",
     ),
     "d_after_base": ChannelKind(
-        "motion of the cube behind the elastic elements, loaded minus unloaded: centre, rotation vector, base axes",
+        "motion of the cube after the elastic elements, loaded minus unloaded: centre, rotation vector, base axes",
         (*_XYZ, *_RXYZ),
         _TWIST_SI,
         _TWIST_FILE,
@@ -282,7 +282,7 @@ CHANNELS_OF: Final[dict[str, tuple[str, ...]]] = {
 """Channels of the form that a proposal for such data comes with."""
 
 SETTINGS: Final[dict[str, str]] = {
-    "payload_kg": "mass that hung on the flange beyond what the cell file says",
+    "payload_kg": "additional mass on the flange, not in the cell file",
     "remark": "anything worth keeping",
     "bandwidth_hz": "frequency up to which the force sensor is true; single teeth are looked for only below it",
     "force_accuracy_n": "uncertainty (95 %) of each axis of the force sensor by its data sheet: % of range times range",
@@ -297,9 +297,9 @@ SETTINGS: Final[dict[str, str]] = {
     "p_tcp_measured_m": "the point whose displacement was measured, in the frame of the tool tip",
     "sensor_axes": "axes of [[sensors]]: 'tcp' (of the unloaded tool, from its tip), 'base', or 'frame' (its place in "
     "p_base_frame, R_base_frame)",
-    "sensor_alignment_rad": "how well the faces stand to the beams of a measuring frame as stated",
+    "sensor_alignment_rad": "standard deviation of the angle between faces and beams of a measuring frame",
     "history": "what the axes did before a loaded reading: 'approached again', 'held' or 'relaxed'",
-    "approach": "'row order' where the rows stand in the order in which the poses were taken",
+    "approach": "'row order' if the rows are in the order of measurement",
     "readings": "readings of an instrument that were averaged",
     "pairs": "names of the bodies that the cubes of each pair sit on, 'base/axis1', in the order of channel 'pair'",
     "clock": "name of the clock that stamped time_s",

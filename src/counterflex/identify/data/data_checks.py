@@ -189,7 +189,7 @@ def check_spread(
             where=where or None,
             value=f"spread {figures}",
             limit=f"second figure >= {THIN:g} of the first",
-            hint="The rotation about that line is not seen; add a point well off it",
+            hint="The rotation about that line is not determined; add a point well off it",
         )
     if shape == "plane" and spread[2] < THIN * spread[0]:
         raise InputError(

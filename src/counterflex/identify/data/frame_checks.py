@@ -59,7 +59,7 @@ def check_rows(data: Dataset, frame: SensorFrame, s_unloaded: Float, s_loaded: F
     if np.any(np.abs(off) > OFF_PLANE_M):
         k = int(np.nanargmax(np.abs(off)))
         raise InputError(
-            f"the beam of sensor '{frame.names[k]}' ends off the plane that it is said to look at",
+            f"the beam of sensor '{frame.names[k]}' does not hit its stated plane",
             where=frame.where,
             value=f"{off[k] / MM:.4g} mm in the median",
             limit=f"within {OFF_PLANE_M / MM:.0f} mm",
@@ -72,7 +72,7 @@ def check_rows(data: Dataset, frame: SensorFrame, s_unloaded: Float, s_loaded: F
     value, unseen = figures[worst]
     if value > MOST_CONDITION:
         raise InputError(
-            f"the sensors do not see {_motion_words(unseen)}",
+            f"the sensors do not determine {_motion_words(unseen)}",
             where=data.place(worst),
             value=f"condition {value:.3g}" if value < 1e12 else "condition infinite",
             limit=f"<= {MOST_CONDITION:g}",

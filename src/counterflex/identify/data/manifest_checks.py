@@ -93,7 +93,7 @@ class Suspicion:
         """The finding in words."""
         if self.of_values:
             figures = (
-                f"as stated, the values found are {self.stated:.3g} standard deviations from what is known of this "
+                f"as stated, the values are {self.stated:.3g} standard deviations from what is known of this "
                 f"cell, so read {self.otherwise:.3g}"
             )
         elif math.isinf(self.stated):
@@ -182,11 +182,11 @@ def check_reading(
     if suspicion is None:
         return ()
     if as_stated:
-        return (f"{data.name}: {suspicion.sentence()}; used as stated all the same, as asked",)
+        return (f"{data.name}: {suspicion.sentence()}; used as stated, as requested",)
     raise InputError(
         suspicion.sentence(),
         where=f"{data.where or data.name}: channels.{suspicion.reading.channel}",
-        hint=f"If so, {suspicion.reading.remedy}. If the data are right as they stand, add --set as_stated=true",
+        hint=f"If so, {suspicion.reading.remedy}. If the data are right, add --set as_stated=true",
         suspicion=suspicion,
     )
 

@@ -54,8 +54,8 @@ def require_apart(data: Sequence[Dataset], holdout: Sequence[Dataset]) -> None:
                     f"two datasets hold the same rows of a file and the same measurement ({', '.join(columns)})",
                     where=where,
                     value=value,
-                    hint="Divide the file by [rows] first_line, last_line, or give it once; only what stands in other "
-                    "columns may use the same rows",
+                    hint="Divide the file by [rows] first_line, last_line, or give it once; only other columns may "
+                    "use the same rows",
                 )
 
 

@@ -37,9 +37,9 @@ def check_delay(found: Delay, *, as_stated: bool = False) -> tuple[str, ...]:
             raise InputError(
                 what,
                 where=found.pair.answer.where,
-                hint=f"{hint}. If the data are right as they stand, add --set as_stated=true",
+                hint=f"{hint}. If the data are right, add --set as_stated=true",
             )
-        remarks.append(f"{what}; used as stated all the same, as asked")
+        remarks.append(f"{what}; used as stated, as requested")
     return tuple(remarks)
 
 

@@ -311,7 +311,7 @@ def _coarse(pair: Pair) -> float:
                 best, found = abs(match), shift
     if best == 0.0:
         raise InputError(
-            "nothing moves in the record, so it says nothing about time",
+            "nothing moves in the record, so it contains no information on time",
             where=reference.where,
             hint="Record a chirp or steps that are large against the noise",
         )

@@ -113,7 +113,7 @@ def stamped(dataset: Dataset, name: str) -> Stamped:
                 value=f"{int(changed.sum())} rows",
                 hint="The file has rounded stamps: state settings.cycle_ms in the manifest if rows came at equal times",
             )
-        remarks.append(f"{name}: {len(again)} rows repeat stamp and values of the row before and were left out")
+        remarks.append(f"{name}: {len(again)} rows repeat time stamp and values of the previous row and were skipped")
     time, values, sigma = time[keep], values[keep], sigma[keep]
     step = np.diff(time)
     gaps = int(np.sum(step > _GAP * np.median(step)))

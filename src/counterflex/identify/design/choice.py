@@ -178,7 +178,7 @@ class _Weighing:
             self.root = cholesky(self.M, lower=True)
         except LinAlgError as fault:
             raise InputError(
-                "what is known before leaves a parameter entirely open",
+                "a parameter has no prior at all",
                 hint="Give every parameter a prior, or the weak information of VAGUE",
             ) from fault
 

@@ -70,7 +70,7 @@ def measurable(
     raise ReachError(
         "hardly any pose can be measured",
         value=f"{have} of {count}",
-        hint="Move the tracker to where it sees the tool, or choose another posture of the robot",
+        hint="Move the tracker to a position with line of sight to the tool, or choose another posture of the robot",
     )
 
 

@@ -200,7 +200,7 @@ def arm_model(
                     prior_sigma=priors.length_m if c < 3 else priors.angle_rad,
                     lower=-largest,
                     upper=largest,
-                    label=f"displacement behind {name}, {component}",
+                    label=f"displacement after {name}, {component}",
                 )
             )
     known = {name: np.asarray(d) for name, d in cell.calibration.items() if name not in displaced}

@@ -82,13 +82,13 @@ def _check_turns(A: Float, most_open: int) -> None:
         return
     constant = left_open == 3
     raise InputError(
-        "the poses keep one orientation, so the target's offset is free"
+        "the poses have one orientation, so the offset of the target is not determined"
         if constant
         else "the poses do not turn the target about two different axes, so its offset is free",
         value=f"{len(A)} poses",
         limit=f"turned by {np.degrees(LEAST_TURN_RAD):.2g} deg root mean square",
         hint="Measure poses with the wrist turned by 30 deg or more about different axes"
-        + (", or give data of the same target that fix it beside these" if constant else ""),
+        + (", or add data of the same target that determine it" if constant else ""),
     )
 
 
@@ -255,7 +255,9 @@ def tracker_of_poses(Ts_base_tcp: Float, measured: Float, T_tcp_target: Float, w
     if measured.ndim == 3:
         M += LENGTH_M**2 * np.einsum("m,mik,mjk->ij", w, T[:, :3, :3], measured[:, :3, :3])
     elif np.sum(w > 0.0) < FEWEST or np.linalg.svd(M, compute_uv=False)[1] < 1e-12 * np.trace(M.T @ M) ** 0.5:
-        raise InputError("the points lie on one line, so the rotation about it is free", hint="Add a point beside it")
+        raise InputError(
+            "the points lie on one line, so the rotation about it is free", hint="Add a point off that line"
+        )
     R = _proper(np.asarray(M, dtype=np.float64))
     return pose.make(R, centre - R @ seen)
 

@@ -22,5 +22,5 @@ def holder_before(cell: CellModel) -> StrainHolder:
             hint="Add a table [holder] with its dimensions, [[holder.gauges]] and tcp_mm to the cell file",
         )
     if not isinstance(given, StrainHolder):
-        raise ModelError("what the cell holds as its holder is none", value=type(given).__name__)
+        raise ModelError("the holder of the cell is not a holder", value=type(given).__name__)
     return given

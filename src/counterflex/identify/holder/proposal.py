@@ -85,7 +85,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
         units=free.units,
         remarks=(
             f"Bridges at x y z: {listed}",
-            "One sample then tells the force to "
+            "The standard deviation of one sample is then "
             + ", ".join(f"{a} {v:.1f} N" for a, v in zip("xyz", seen.sigma_n, strict=True))
             + f" (one standard deviation; condition {seen.condition:.1f})",
             "Press with a tool dummy against a dynamometer, go back to no load after each load, and read both there: "

@@ -101,7 +101,7 @@ def identify(inputs: Inputs) -> Identification:
         fits={"holder": fit},
         headline=(
             Figure("holdout_mean_n", "mean error of the force, loads not used", mean, before),
-            Figure("holdout_p95_n", "force error that 95 % of loads not used keep", p95, p95_before),
+            Figure("holdout_p95_n", "force error, 95 % quantile, held-out loads", p95, p95_before),
             Figure("holdout_max_n", "largest error of the force, loads not used", worst, worst_before),
         ),
         figures=figures,
@@ -189,7 +189,7 @@ def _check_loads(blocks: Sequence[HolderReadings], where: str) -> None:
     if spread[2] < 0.02 * spread[0]:
         weak = np.linalg.svd(loaded)[2][2]
         raise InputError(
-            "the loads on the holder lie in one plane, so one force direction is never seen",
+            "the loads on the holder lie in one plane, so one force direction is not determined",
             where=where,
             value=f"nothing along {np.round(weak, 2).tolist()}",
             hint="Press along x, y and z at least",
@@ -251,12 +251,13 @@ def _figures(
     stays = hysteresis(block, estimated[: len(block.force)])
     more = []
     if np.isfinite(stays):
-        figures.append(Figure("hysteresis_share", "share of a load that stays after it is gone", stays))
+        figures.append(Figure("hysteresis_share", "remaining share of a removed load (hysteresis)", stays))
         if abs(stays) > 0.01:
-            more.append(f"{100 * stays:.1f} % of a load stays after it is gone: check screws and glue of the holder")
+            more.append(f"{100 * stays:.1f} % of a load remains after its removal: check screws and glue of the holder")
     weak = seen.directions[2]
     more.append(
-        f"Seen best: a force along {np.round(seen.directions[0], 2).tolist()} ({seen.direction_sigma_n[0]:.1f} N for "
+        f"Best determined: a force along {np.round(seen.directions[0], 2).tolist()} "
+        f"({seen.direction_sigma_n[0]:.1f} N for "
         f"one sample); worst: along {np.round(weak, 2).tolist()} ({seen.direction_sigma_n[2]:.1f} N)"
     )
     return tuple(figures), more
@@ -283,11 +284,15 @@ def _remarks(holder: StrainHolder, found: StrainHolder, fit: Fit, blocks: Sequen
         + (
             ""
             if len(points) > 1
-            else "; all loads acted at one point, so that rests on the drawing. Load at a second point to see it"
+            else "; all loads acted at one point, so this depends on the drawing. Load at a second point to "
+            "determine it"
         )
     ]
     if np.linalg.cond(K) > 30.0:
-        out.append("One direction of force is seen badly; propose with gauges = choose finds better places for bridges")
+        out.append(
+            "One direction of force is poorly determined; propose with gauges = choose selects better "
+            "positions of the bridges"
+        )
     return tuple(out)
 
 
@@ -320,7 +325,7 @@ def _picture(blocks: Sequence[HolderReadings], unseen: Sequence[HolderReadings],
     size = [np.linalg.norm(b.force, axis=1) for b in of]
     x = np.array([size[b][r] for b, r in zip(held.block, held.row, strict=True)])
     return Picture(
-        "Error of the force told by the bridges, loads not used",
+        "Error of the force from the bridges, held-out loads",
         "load, N",
         "error, N",
         (Curve("drawing", x, held.nominal), Curve("identified", x, held.identified)),

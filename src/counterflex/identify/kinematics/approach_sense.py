@@ -70,7 +70,7 @@ def with_approach(data: Sequence[Dataset], option: str) -> list[Dataset]:
         known = known or out[-1].has(CHANNEL)
     if not known:
         raise InputError(
-            "nothing says from which side the axes came to the poses",
+            "the direction of approach of the axes is not stated",
             where=data[0].where or data[0].name,
             value="play = known",
             hint=f'Map the channel "{CHANNEL}", or state under [settings]: {SETTING} = "{IN_ORDER}" where the rows '
@@ -171,13 +171,13 @@ def written(plays: Mapping[int, AxisPlay | None]) -> tuple[str, ...]:
     out = []
     if kept:
         out.append(
-            f"Lost motion of axis {', '.join(kept)} stands in [[robot.play]] as friction over the torsion of the axis, "
-            "in place of what was there: plans turn it round where the axis turns round."
+            f"Lost motion of axis {', '.join(kept)} is stored in [[robot.play]] as friction over the torsion of the "
+            f"axis and replaces the former values: plans reverse it with the axis."
         )
     if left:
         out.append(
-            f"Lost motion of axis {', '.join(left)} was left out of the cell file: the axis carries weight and has no "
-            "torsion compliance there; identify stiffness first."
+            f"Lost motion of axis {', '.join(left)} is not written to the cell file: the axis carries weight and "
+            f"has no torsion compliance there; identify stiffness first."
         )
     return tuple(out)
 

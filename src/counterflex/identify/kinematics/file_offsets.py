@@ -67,7 +67,7 @@ class FileOffset:
         return (
             f"{self.name} differs from the other data by one constant pose of the {self.frame} "
             f"({self.shift_m / MM:.3g} mm, {self.turn_rad / MRAD:.3g} mrad): the median error of its rows is "
-            f"{self.shared_m / MM:.3g} mm with the frame shared and {self.own_m / MM:.3g} mm with one of its own"
+            f"{self.shared_m / MM:.3g} mm with a common frame and {self.own_m / MM:.3g} mm with a separate one"
         )
 
     def remedy(self) -> str:
@@ -122,7 +122,7 @@ def refuse(offsets: Sequence[FileOffset], where: Sequence[str], *, as_stated: bo
         InputError: There are some and the user does not insist.
     """
     if not offsets or as_stated:
-        return tuple(f"{o.sentence()}; used as stated all the same, as asked." for o in offsets)
+        return tuple(f"{o.sentence()}; used as stated, as requested." for o in offsets)
     first = offsets[0]
     others = ", ".join(sorted({o.name for o in offsets[1:]} - {first.name}))
     raise InputError(
@@ -130,7 +130,7 @@ def refuse(offsets: Sequence[FileOffset], where: Sequence[str], *, as_stated: bo
         where=where[first.place],
         hint=f"{first.remedy()}, so that it is found by itself"
         + (f"; likewise: {others}" if others else "")
-        + ". If the data are right as they stand, add --set as_stated=true",
+        + ". If the data are right, add --set as_stated=true",
         offsets=tuple(offsets),
     )
 

@@ -38,7 +38,7 @@ def _weighted(setup: Setup, fit: Fit) -> list[Any]:
 
 
 def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit, progress: Progress = silent) -> HeldOut:
-    """Errors of rows that their fit had not seen: of separate data, or of folds of the postures.
+    """Errors of held-out rows: of separate data, or of folds of the postures.
 
     Args:
         setup: Of the fit.
@@ -109,12 +109,12 @@ def held_apart(setup: Setup, fit: Fit, progress: Progress = silent) -> tuple[tup
                 )
             )  # fmt: skip
         except CounterflexError as fault:
-            said.append(f"No error is given for {what} held out: what is left without one does not do ({fault.what}).")
+            said.append(f"No error is given for {what} held out: the other data are not sufficient ({fault.what}).")
             continue
         if any(own):
             said.append(
-                f"Frames that only one of the {what} fixes were found anew from it, "
-                "to judge the arm that the others give."
+                f"Frames that only one of the {what} fixes were identified again from it, to evaluate the arm "
+                f"identified from the others."
             )
         (mean, before), (worst, worst_before) = held.mean(), held.largest()
         out.append(Figure(f"{name}_mean_mm", f"mean position error, {what} held out", mean / MM, before / MM))
@@ -152,7 +152,7 @@ def _found_anew(
         unseen = [blocks[i].subset(p == part) for i, p in parts.items() if np.any(p == part)]
         count = sum(len(b.group) for b in unseen)
         if local and count < _ENOUGH:
-            raise InputError("too few poses to find frames of their own from and be judged", value=count, limit=_ENOUGH)
+            raise InputError("too few poses to identify separate frames and evaluate them", value=count, limit=_ENOUGH)
         one = score_separate(
             setup.parameters, [b for b in rest if len(b.group)], unseen, local=local, error=position_error,
             needed=[n for n in setup.needed if n not in local], start=fit.values, robust=False,

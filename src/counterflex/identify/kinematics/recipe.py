@@ -81,7 +81,9 @@ def identify(inputs: Inputs) -> Identification:
     known = known_frames(cell) if options["frames"] == "known" else None
     told = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]), known=known)
     if known_drive_errors(cell).sag is not None:
-        told += ("The cell file's [axis_sag] holds for all poses; what is found here is what it leaves.",)
+        told += (
+            "The [axis_sag] of the cell file is applied to all poses; the identified values are in addition to it.",
+        )
     parts[CHECKING](1.0)
     priors = priors_of(options)
     sag = sag_as_known(cell.nominal_chain) if _tries_axes(cell, options) else str(options["sag"])
@@ -192,8 +194,8 @@ def _not_turning(d: Dataset, tool: str, known: bool) -> str:
             f"{d.name} hardly turns the tool: its {whose} is that of the other data, its tracker was found by itself."
         )
     return (
-        f"{d.name} turns the tool about one axis only: the offset of the {whose} along it is not told from the place "
-        "of the tracker and was left at zero."
+        f"{d.name} turns the tool about one axis only: the offset of the {whose} along it cannot be separated from "
+        f"the position of the tracker and was set to zero."
     )
 
 
@@ -212,8 +214,8 @@ def _harmonics(asked: str, setup: Setup, fit: Fit, priors: ArmPriors, progress: 
 def _not_kept(orders: Harmonics, held: HeldOut, without: HeldOut) -> str:
     count = sum(len(k) for k in orders.values())
     return (
-        f"{count} periodic errors of the drives that folds of the fitted data bear out were not kept: the mean "
-        f"error of the data held out is {held.mean()[0] / MM:.3g} mm with and {without.mean()[0] / MM:.3g} mm without."
+        f"{count} periodic errors of the drives that the folds of the fitted data confirm were not kept: the mean "
+        f"error of the held-out data is {held.mean()[0] / MM:.3g} mm with and {without.mean()[0] / MM:.3g} mm without."
     )
 
 

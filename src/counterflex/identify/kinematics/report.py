@@ -38,7 +38,7 @@ def headline(setup: Setup, held: HeldOut, *, separate: bool = False) -> tuple[Fi
     return (
         *(Figure(name, text, found / MM, before / MM) for name, text, (found, before) in rows),
         Figure("holdout_count", "rows predicted", float(held.count)),
-        Figure("gross_count", "gross errors of the measurement left out", float(np.sum(held.gross))),
+        Figure("gross_count", "excluded outliers of the measurement", float(np.sum(held.gross))),
     )
 
 
@@ -76,9 +76,11 @@ def remarks(setup: Setup, fit: Fit, held: HeldOut, orders: Mapping[int, Sequence
     if len(fit.outliers) > _MOST_NAMED:
         out.append(f"{len(fit.outliers) - _MOST_NAMED} further rows were given less than half their weight.")
     how = {
-        "off": "Own weight was left out: it was asked for, or nothing of it is seen in the data.",
-        "axes": "The cell file has no masses of the arm: what own weight turns axes 2 and 3 by was found as six "
-        "numbers and stands in [axis_sag]; whatever hung on the flange is part of it.",
+        "off": "Own weight was ignored: on request, or because the data do not determine it.",
+        "axes": (
+            "The cell file has no masses of the arm: the rotation of axes 2 and 3 under own weight was identified as "
+            "six numbers in [axis_sag]; it includes the load on the flange."
+        ),
         "cell": "Sag under own weight was taken from the cell file as it is.",
         "masses": "Sag under own weight was adapted by the masses of the bodies; compliances are the cell file's.",
         "torsion": "Sag under own weight was adapted by the torsion compliance of the driven axes.",
@@ -88,7 +90,7 @@ def remarks(setup: Setup, fit: Fit, held: HeldOut, orders: Mapping[int, Sequence
         named = ", ".join(f"axis {axis + 1}: {', '.join(map(str, k))}" for axis, k in sorted(orders.items()))
         out.append(
             "Periodic errors of the drives lower the error of held-out poses and were kept, periods per turn of "
-            f"{named}. They hold for the angles that were measured and fade beyond them."
+            f"{named}. They are valid for the measured angles and fade beyond them."
         )
         outside = _outside(setup, sorted(orders))
         if outside > 0.0:
@@ -97,7 +99,7 @@ def remarks(setup: Setup, fit: Fit, held: HeldOut, orders: Mapping[int, Sequence
                 "periodic errors fade; measure there too."
             )
     if len(held.fits) > 1:
-        out.append("What of the periodic errors is kept was decided on other folds of the same poses.")
+        out.append("The periodic errors were selected on other folds of the same poses.")
     return tuple(out)
 
 
@@ -119,7 +121,7 @@ def pictures(setup: Setup, fit: Fit, held: HeldOut) -> tuple[Picture, ...]:
     share = np.linspace(0.0, 100.0, int(np.sum(good)))
     out = [
         Picture(
-            "Errors of rows that their fit had not seen",
+            "Errors of held-out rows",
             "share of rows, %",
             "error, mm",
             (

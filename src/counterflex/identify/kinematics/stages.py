@@ -92,7 +92,7 @@ def with_turns(
     without, held = held_out(setup, (), folds, fit).mean()[0], held_out(wider, (), folds, more).mean()[0]
     compared = f"the mean error of poses held out is {held / MM:.3g} mm with and {without / MM:.3g} mm without"
     if held > (1.0 - GAIN) * without:
-        return setup, fit, (f"What own weight turns axes 2 and 3 by is not seen: {compared}.",)
+        return setup, fit, (f"The rotation of axes 2 and 3 under own weight is not determined: {compared}.",)
     return wider, more, (f"Own weight turns axes 2 and 3: {compared}.",)
 
 
@@ -124,7 +124,7 @@ def with_lost(
     wider, more = setup, fit
     for _ in range(2):  # all axes, then those that show it
         if not axes:
-            return setup, fit, ("Lost motion by the sense of approach is not seen in any axis.",)
+            return setup, fit, ("Lost motion by the direction of approach is not visible in any axis.",)
         wider = set_up(cell, with_lost_motion(setup.model, axes, PRIOR_RAD), data, holdout, known=known)
         check_enough(wider.parameters, wider.blocks)
         more = refitted(setup, fit, wider)
@@ -132,11 +132,11 @@ def with_lost(
         if axes == list(wider.model.layout.lost):
             break
     if not axes:
-        return setup, fit, ("Lost motion by the sense of approach is not seen in any axis.",)
+        return setup, fit, ("Lost motion by the direction of approach is not visible in any axis.",)
     sure, compared = better(held_out(wider, holdout, folds, more), held_out(setup, holdout, folds, fit))
     found = told(wider.model.layout.lost, more, sorted(wider.model.layout.lost))
     if not sure:
-        return setup, fit, (f"Lost motion by the sense of approach was not kept ({found}): {compared}.",)
+        return setup, fit, (f"Lost motion by the direction of approach was not kept ({found}): {compared}.",)
     return wider, more, (f"Lost motion by the sense of approach, half of it: {found}; {compared}.",)
 
 

@@ -216,7 +216,7 @@ def check_orientations(blocks: Sequence[SensorReadings], where: str) -> tuple[st
     if spread[2] < 0.1:
         out.append(
             "All directions of gravity lie near one plane in sensor axes: mass, bias and mounting across that plane "
-            "rest on what was known before. Add orientations that turn the tool out of it"
+            "depend on the priors. Add orientations that turn the tool out of it"
         )
     if count < 8:
         out.append(f"Only {count} different orientations: no redundancy for the hose pack and little for outliers")

@@ -86,8 +86,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
             "Note temperature and time of each reading; repeat the first orientation at the end to see the drift",
             f"Expected standard deviations hold for readings with {sigma[0]:g} N and {sigma[3]:g} N m, hose pack of "
             f"degree {degree} included",
-            f"{near} of them stand within {_NEAR_WRIST_RAD / DEG:.0f} deg of the wrist about the posture in "
-            "which programs work",
+            f"{near} of them are within {_NEAR_WRIST_RAD / DEG:.0f} deg of the wrist around the working posture",
         ),
         settings={"sensor_segment": sensor.segment},
     )
@@ -114,7 +113,7 @@ def candidates(cell: CellModel, seed: int, height_m: float) -> Float:
     q = q[forward(chain, q)[:, 2, 3] >= height_m][:CANDIDATES]
     if len(q) < 3:
         raise InputError(
-            "no posture keeps the tool at the height asked for",
+            "no posture keeps the tool at the requested height",
             where=cell.name,
             value=f"{height_m} m above the base",
             hint="Lower the setting height_m",
@@ -150,7 +149,7 @@ def working_postures(cell: CellModel, count: int, seed: int, height_m: float) ->
     q = q[(q[:, 4] * middle[4] > 0.0) & (forward(chain, q)[:, 2, 3] >= least)][:count]
     if len(q) < count:
         raise InputError(
-            "too few postures about the working one keep the tool above the part",
+            "too few postures near the working posture keep the tool above the part",
             where=cell.name,
             value=len(q),
             limit=count,

@@ -213,9 +213,9 @@ def _headline(force: HeldOut, moment: HeldOut) -> tuple[Figure, ...]:
         (mean, before), (worst, worst_before) = held.mean(), held.largest()
         out += [
             Figure(
-                f"holdout_mean_{key}", f"mean error of the {text} without process, unseen orientations", mean, before
+                f"holdout_mean_{key}", f"mean error of the {text} without process, held-out orientations", mean, before
             ),
-            Figure(f"holdout_max_{key}", f"largest error of the {text}, unseen orientations", worst, worst_before),
+            Figure(f"holdout_max_{key}", f"largest error of the {text}, held-out orientations", worst, worst_before),
         ]
     return tuple(out)
 
@@ -223,12 +223,12 @@ def _headline(force: HeldOut, moment: HeldOut) -> tuple[Figure, ...]:
 def _figures(force: HeldOut, moment: HeldOut, fit: Fit, found: FlangeSensor) -> tuple[Figure, ...]:
     turn = float(np.linalg.norm(fit.values[TURN]))
     return (
-        Figure("holdout_p95_n", "force error that 95 % of unseen orientations keep", *force.quantile(0.95)),
-        Figure("holdout_p95_nm", "moment error that 95 % of unseen orientations keep", *moment.quantile(0.95)),
+        Figure("holdout_p95_n", "force error, 95 % quantile, held-out orientations", *force.quantile(0.95)),
+        Figure("holdout_p95_nm", "moment error, 95 % quantile, held-out orientations", *moment.quantile(0.95)),
         Figure("mass_kg", "mass behind the sensor", found.mass_kg, float(fit.parameters.nominal[6])),
         Figure("mass_sigma_kg", "its standard deviation", fit.sigma_of("mass")),
         Figure("mounting_deg", "rotation of the sensor against the cell file", turn / DEG, 0.0),
-        Figure("offset_degree", "degree of the orientation-dependent rest", float(found.degree), 0.0),
+        Figure("offset_degree", "degree of the hose terms", float(found.degree), 0.0),
     )
 
 
@@ -293,38 +293,39 @@ def _remarks(
     if split:
         names = ", ".join(chain.names[i] for i in split)
         out.append(
-            f"The sensor feels the sum of what hangs behind it, {found.mass_kg:.2f} kg; how it is split between the "
-            f"bodies is not seen. The difference to the cell file is booked on {names}"
+            f"The sensor measures the total mass behind it, {found.mass_kg:.2f} kg; its distribution among the "
+            f"bodies is not determined. The difference from the cell file is assigned to {names}"
         )
     else:
-        out.append("No body with mass lies behind the sensor in the cell file, so only the table [sensor] is changed")
+        out.append("The cell file has no body with mass behind the sensor, so only the table [sensor] is changed")
     if len(rest.tried) > 1:
         listed = ", ".join(
             f"degree {degree} in {body}: {held.mean()[0]:.2f} N" if degree else f"none: {held.mean()[0]:.2f} N"
             for (body, degree), held in rest.tried.items()
         )
         kept = (
-            f"degree {found.degree} is kept, by the sensor's rotation in {found.hose_from or BASE}"
+            f"degree {found.degree} is used, with the rotation of the sensor in {found.hose_from or BASE}"
             if found.degree
-            else "none is kept, as none helps on unseen orientations"
+            else "none is used, as none improves held-out orientations"
         )
-        out.append(f"Orientation-dependent rest (hose pack), error on unseen orientations: {listed}; {kept}")
+        out.append(f"Hose terms, error on held-out orientations: {listed}; {kept}")
         out += [
-            f"The rest of degree {degree} in {body} was not taken: it would make the standard deviation of the mass "
+            f"The hose terms of degree {degree} in {body} were not used: they would make the standard deviation of "
+            f"the mass "
             f"{cost:.0f} times larger"
             for (body, degree), cost in rest.dear.items()
         ]
     elif found.degree == 0 and not effects.inertia:
         out.append(
-            "An orientation-dependent rest (hose pack) was not looked for; "
-            f"it needs {ROWS_PER_FUNCTION * COUNTS[1]} or more different orientations, of which there are "
+            f"No hose terms were fitted; they need {ROWS_PER_FUNCTION * COUNTS[1]} or more different orientations; "
+            "the data have "
             f"{count_of(blocks)} (directions of gravity that differ by over {ALIKE_RAD / DEG:.0f} deg; repeats and "
             "copies do not count)"
         )
     if found.degree:
         out.append(
-            "A pull of the hoses that turns with gravity as a weight does cannot be told from weight; "
-            "standard deviations of mass and mounting include that"
+            "A hose force that rotates with gravity cannot be separated from weight; the standard deviations of "
+            "mass and mounting include this"
         )
     if effects.drift and effects.temperature:
         i, j = fit.parameters.index("drift.fz"), fit.parameters.index("temperature.fz")
@@ -334,14 +335,12 @@ def _remarks(
         if abs(share) > 0.9:
             out.append(
                 f"Temperature rose with time (correlation of their effects {share:.2f}): drift and temperature "
-                "coefficients are seen only together. Read the sensor again after it has cooled"
+                "coefficients cannot be separated. Read the sensor again after it has cooled"
             )
     if np.all(found.inertia_kg_m2 == 0.0):
-        out.append(
-            "The inertia is not known: readings in motion hold it; record a motion (kind sensor_motion) to find it"
-        )
+        out.append("The inertia is not determined; record a motion (kind sensor_motion) to identify it")
     if effects.inertia and not np.all(np.linalg.eigvalsh(_tensor(fit.values[INERTIA])) > 0.0):
-        out.append("The inertia found belongs to no rigid body; the motion was too slow or too poor to see it")
+        out.append("The identified inertia is not that of a rigid body; the motion does not determine it")
     return out
 
 
@@ -358,7 +357,7 @@ def _pictures(blocks: Sequence[SensorReadings], force: HeldOut, moment: HeldOut)
         curves = (Curve("before", x, held.nominal), Curve("identified", x, held.identified))
         out.append(
             Picture(
-                f"{text} left without process, orientations not used",
+                f"{text} without process, held-out orientations",
                 "angle between the sensor's z axis and down, deg",
                 f"error, {unit}",
                 curves,

@@ -21,7 +21,7 @@ def sensor_before(cell: CellModel) -> FlangeSensor:
     if isinstance(given, FlangeSensor):
         return given
     if given is not None:
-        raise ModelError("what the cell holds as its sensor is none", value=type(given).__name__)
+        raise ModelError("the sensor of the cell is not a sensor", value=type(given).__name__)
     chain = cell.chain
     name = next((s.name for s in cell.end_effector.segments if "sensor" in s.name), None)
     if name is None:

@@ -194,11 +194,11 @@ def check(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[str, .
     if alike:
         text += f"; as good: {alike}"
     if as_stated:
-        return (f"{data.name}: {text}; used as stated all the same, as asked",)
+        return (f"{data.name}: {text}; used as stated, as requested",)
     raise InputError(
         text,
         where=f"{data.where or data.name}: channels.{reading.channel}",
-        hint=f"If so, {reading.remedy}. If the data are right as they stand, add --set as_stated=true",
+        hint=f"If so, {reading.remedy}. If the data are right, add --set as_stated=true",
         reading=reading.says,
     )
 
@@ -236,16 +236,13 @@ def check_rest(blocks: Sequence[SensorReadings], fit: Fit, *, as_stated: bool) -
     weight = float(fit.values[MASS]) * gravity
     if largest < weight:
         return ()
-    text = (
-        f"the orientation-dependent rest reaches {largest:.3g} N where the weight found is {weight:.3g} N "
-        f"({fit.values[MASS]:.3g} kg)"
-    )
+    text = f"the hose terms reach {largest:.3g} N with a weight of {weight:.3g} N ({fit.values[MASS]:.3g} kg)"
     if as_stated:
-        return (f"{text}; used all the same, as asked",)
+        return (f"{text}; used, as requested",)
     raise InputError(
         text,
         where=", ".join(b.name for b in blocks),
-        limit="a rest smaller than the weight",
-        hint="A hose pack pulls less. Check the axes of the wrench, signs and rotations; --set hose=none leaves the "
-        "rest out, --set as_stated=true insists",
+        limit="hose terms smaller than the weight",
+        hint="A hose pack pulls less. Check the axes of the wrench, signs and rotations; --set hose=none fits no "
+        "hose terms, --set as_stated=true accepts them",
     )

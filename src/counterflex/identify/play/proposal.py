@@ -79,12 +79,12 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     remarks = [
         "turn the axis from the pose by -1, 1, -1, 0.25, -0.25 and 0 amplitudes with rounded corners and record motor "
         "angles, tracker (mean of 20 readings every 20 ms) and, where there is one, the motor's torque",
-        "come to each pose slowly and let it rest; motions of one axis follow one another",
+        "approach each pose slowly and let the arm rest; motions of one axis follow one another",
     ]
     if unbalanced:
         remarks.append(
-            f"no pose balances axis {', '.join(map(str, unbalanced))}: its dead band will hardly be seen, and hardly "
-            "matters where its load never changes sides"
+            f"no pose balances axis {', '.join(map(str, unbalanced))}: its dead band will hardly be determined, and "
+            f"hardly matters if its load never changes its sign"
         )
     columns = {f"q{i + 1}_rad": poses[:, i] for i in range(6)}
     columns |= {"axis": axes + 1.0, "amplitude_rad": np.array(AMPLITUDE_RAD)[axes], "speed_rad_s": speeds}

@@ -245,12 +245,11 @@ def _turned_torque(mine: Sequence[Motion], as_stated: bool) -> list[str]:
         "the sign of 'tau_motor' looks turned round"
     )
     if as_stated:
-        return [f"{says}; used as stated all the same, as asked"]
+        return [f"{says}; used as stated, as requested"]
     raise InputError(
         says,
         where=mine[0].where,
-        hint="Write signs = [...] under [channels.tau_motor]. If the data are right as they stand, add "
-        "--set as_stated=true",
+        hint="Write signs = [...] under [channels.tau_motor]. If the data are right, add --set as_stated=true",
     )
 
 
@@ -261,13 +260,13 @@ def _remarks(cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Mo
     if not crossed:
         least = min(float(np.min(np.abs(m.torque))) for m in mine)
         out.append(
-            f"axis {axis + 1}: its weight ({least:.0f} N m at least) never let the gear change flanks, so the dead "
-            "band was not seen; measure in a pose where the axis is balanced"
+            f"axis {axis + 1}: its weight ({least:.0f} N m at least) kept the gear on one flank, so the dead band "
+            f"was not determined; measure in a pose where the axis is balanced"
         )
     if fit.parameters.items[0].free is False:
         out.append(
-            f"axis {axis + 1}: friction is given for the torsion compliance of the cell file "
-            f"({compliance(cell, axis) * 1e9:.3g} urad/(kN m)); what was seen is their product"
+            f"axis {axis + 1}: friction refers to the torsion compliance of the cell file "
+            f"({compliance(cell, axis) * 1e9:.3g} urad/(kN m)); only their product is determined"
         )
     torque = motor_friction(mine)
     if torque is not None:

@@ -35,7 +35,7 @@ _MOVES_RAD: Final = 1e-3
 _FEWEST: Final = 3
 _NOTHING_PERCENT: Final = 100.0
 _OF_SENSORS: Final = (
-    "look at what the measuring frame is said to be: which readings are s_unloaded and s_loaded, their unit and signs, "
+    "check the description of the measuring frame: which readings are s_unloaded and s_loaded, their unit and signs, "
     "position and direction of each of [[sensors]], sensor_axes"
 )
 

@@ -169,8 +169,8 @@ def _in_order(q: Float, direction: Int, chosen: Int) -> Int:
 def _remarks(names: list[str], direction: Int, force: float, history: str) -> tuple[str, ...]:
     counts = ", ".join(f"{int(np.sum(direction == i))} in {name}" for i, name in enumerate(names))
     how = {
-        AGAIN: "Read the target, hang the load, move every axis back by about 0.04 deg and return at a creep, "
-        "read again: friction is then the same in both readings.",
+        AGAIN: "Read the target, apply the load, move every axis back by about 0.04 deg and return slowly, read "
+        "again: friction is then the same in both readings.",
         "held": "Hold all axes still while the load comes on, slowly, and between the readings.",
         "relaxed": "Before each reading let all axes swing by some 0.1 deg, dying away, so that friction lets go.",
     }[history]

@@ -129,12 +129,12 @@ def _motion(cell: CellModel, dataset: Dataset, rows: np.ndarray, lead: str, seen
             raise FileFormatError(
                 "time runs backwards or stands still within a motion",
                 where=dataset.place(row),
-                hint="Leave out repeated rows; without time_s each row is taken as a point at rest",
+                hint="Remove repeated rows; without time_s each row counts as a point at rest",
             )
         speed = float(np.percentile(np.abs(np.gradient(q[:, axis], time)), 95))
         if speed > _SLOW_RAD_S and seen == "p_tracker_target":
             raise InputError(
-                "the axis moves too fast for play to be told from delay and inertia",
+                "the axis moves too fast to separate play from delay and inertia",
                 where=place,
                 value=f"{speed / MRAD:.3g} mrad/s",
                 limit=f"<= {_SLOW_RAD_S / MRAD:g} mrad/s",

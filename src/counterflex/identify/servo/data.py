@@ -119,7 +119,7 @@ def _step(dataset: Dataset, rows: np.ndarray, load: str, run: int) -> LoadStep:
     error = motor - command
     if float(np.max(np.abs(error))) > _MOST_RAD:
         raise InputError(
-            "the motors stand far from their commands: one of q_motor and q_command is in a wrong unit or order",
+            "the motors are far from their commands: one of q_motor and q_command has a wrong unit or order",
             where=where,
             value=f"{np.max(np.abs(error)):.3g} rad",
             limit=f"<= {_MOST_RAD:g} rad",

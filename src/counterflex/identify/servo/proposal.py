@@ -73,8 +73,8 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
         columns,
         expected,
         remarks=(
-            f"hang {force:.0f} N on a cable in the direction given, let the arm rest, start the controller's trace "
-            "(command, motor angle and torque of all axes), cut the cable, record one second more",
+            f"hang {force:.0f} N on a cable in the given direction, let the arm rest, start the trace of the "
+            f"controller (command, motor angle and torque of all axes), release the cable, record one more second",
         ),
         units=dict.fromkeys(expected, "N m s/rad"),
     )

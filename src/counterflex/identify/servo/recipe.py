@@ -101,8 +101,8 @@ def identify(inputs: Inputs) -> Identification:
             "its standard deviation"
         )
         remarks.append(
-            "Kv and 1/Ti act alike: a load step shows their sum and product, and only what was known beforehand says "
-            "which is which. The planner uses them alike: the intervals of sum and product are what counts"
+            "Kv and 1/Ti are interchangeable: a load step determines their sum and product, and only the priors "
+            "tell which is which. The planner depends on sum and product only: use their intervals"
         )
         changed, told, missing = _mode(steps)
         changes += changed
@@ -175,12 +175,12 @@ def _signs(block: ServoResiduals, where: str, as_stated: bool) -> list[str]:
         "the sign of 'tau_motor' looks turned round, or q_motor and q_command are exchanged"
     )
     if as_stated:
-        return [f"{says}; used as stated all the same, as asked"]
+        return [f"{says}; used as stated, as requested"]
     raise InputError(
         says,
         where=where,
-        hint="Write signs = [...] under [channels.tau_motor], or exchange the columns. If the data are right as they "
-        "stand, add --set as_stated=true",
+        hint="Write signs = [...] under [channels.tau_motor], or exchange the columns. If the data are right, add "
+        "--set as_stated=true",
     )
 
 

@@ -56,7 +56,7 @@ def lowest_mode(signals: Float, step_s: float, *, order: int = ORDER) -> Mode:
     h = as_positive("step_s", step_s)
     n = len(y)
     if n < 4 * order:
-        raise InputError("a record too short to see a mode", value=n, limit=f">= {4 * order} samples")
+        raise InputError("a record too short to determine a mode", value=n, limit=f">= {4 * order} samples")
     y = y - y[-max(n // 10, 1) :].mean(axis=0)
     window = n // 3
     H = np.concatenate([np.lib.stride_tricks.sliding_window_view(column, window).T for column in y.T], axis=1)

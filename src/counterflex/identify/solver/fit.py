@@ -53,7 +53,7 @@ class Fit:
         dof: Measured numbers minus what the data determine (effective number of parameters).
         rank: Rank of the weighted Jacobian without priors, in fit coordinates.
         condition: Its condition number (largest by smallest singular value).
-        hidden: Sentences: which parameters hide behind which.
+        hidden: Sentences: which parameters cannot be separated from which.
         reason: Why the solver stopped, in words.
         evaluations: Number of evaluations.
         converged: Whether it came to rest (else ``reason`` says what it was doing).

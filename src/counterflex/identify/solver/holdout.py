@@ -64,7 +64,7 @@ def position_error(block: Residuals, x: Float) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Errors of rows that their fit had not seen.
+    """Errors of held-out rows.
 
     Attributes:
         block: (n,) place of each scored row's block in what was given.
@@ -253,7 +253,7 @@ def score_separate(
         InputError: Nothing to predict, or an unknown name.
     """
     if sum(len(b.group) for b in unseen) == 0:
-        raise InputError("the separate file holds nothing to predict")
+        raise InputError("the separate file contains nothing to predict")
     for name in local:
         parameters.index(name)
     fit, nominal = _fit_both(parameters, blocks, needed, robust, start, stop, progress)

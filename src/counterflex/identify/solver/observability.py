@@ -1,4 +1,4 @@
-"""What measurements can see: rank, condition, and which parameters hide behind which, in words.
+"""Identifiability: rank, condition, and which parameters cannot be separated from which, in words.
 
 Parameters without prior (frames, offsets of instruments) are first projected out of the weighted Jacobian; what is left
 tells how much the data say about the others once those are free to follow. A *weak direction* is a combination of the
@@ -106,24 +106,26 @@ def _hidden(items: Sequence[Parameter], R: Float, prior: Bool) -> tuple[str, ...
     blind, sentences = [], []
     for direction, lead in directions:
         partners = _partners(direction, lead, reach, bool(prior[lead]))
-        held = "its value is what was known before" if prior[lead] else "nothing holds it: its value means nothing"
+        held = "it keeps its former value" if prior[lead] else "not determined: its value has no meaning"
         if not partners:
             blind.append((_name(items[lead]), bool(prior[lead])))
         elif len(partners) == 1:
             other = partners[0]
             sentences.append(
-                f"{_name(items[lead])} hides behind {_name(items[other])}: "
-                f"{_change(items[lead], direction[lead])} of one look like "
+                f"{_name(items[lead])} cannot be separated from {_name(items[other])}: "
+                f"{_change(items[lead], direction[lead])} of one have the effect of "
                 f"{_change(items[other], -direction[other])} of the other; {held}"
             )
         else:
             names = ", ".join(_name(items[i]) for i in partners[:-1]) + f" and {_name(items[partners[-1]])}"
-            sentences.append(f"{_name(items[lead])} hides behind {names} together: only combinations are seen; {held}")
+            sentences.append(
+                f"{_name(items[lead])} cannot be separated from {names}: only combinations are determined; {held}"
+            )
     out = []
-    for has_prior, text in ((True, "the values are what was known before"), (False, "nothing holds the values")):
+    for has_prior, text in ((True, "they keep their former values"), (False, "the values are not determined")):
         unseen = [name for name, known_before in blind if known_before == has_prior]
         if unseen:
-            out.append(f"not seen by these measurements: {', '.join(unseen)} ({text})")
+            out.append(f"not determined by these measurements: {', '.join(unseen)} ({text})")
     return (*out, *sentences)
 
 

@@ -40,11 +40,12 @@ _AT_BOUND = 1e-4
 _HELD_BACK = 2.0
 _BOLDER = (0.1, 0.0)
 _REASONS = {
-    0: "stopped after {n} evaluations of the last round without coming to rest: look at the residuals before using it",
-    1: "came to rest: no small change of the values improves the fit",
-    2: "came to rest: the misfit falls no further",
-    3: "came to rest: the values change no further",
-    4: "came to rest: neither misfit nor values change further",
+    0: "stopped after {n} evaluations of the last round without convergence: check the residuals before using the "
+    "result",
+    1: "converged: no small change of the values improves the fit",
+    2: "converged: the misfit decreases no further",
+    3: "converged: the values change no further",
+    4: "converged: neither misfit nor values change further",
 }
 
 

@@ -83,7 +83,7 @@ def with_displacements(
     if wrong:
         if not as_stated:
             raise InputError(wrong[0], where=data.where, hint=f"{wrong[1]}. If all is right, add --set as_stated=true")
-        remarks = (*remarks, f"{data.name}: {wrong[0]}; used as stated all the same, as asked")
+        remarks = (*remarks, f"{data.name}: {wrong[0]}; used as stated, as requested")
     wider = float(np.median(found.misfit())) if found.spare else 1.0
     count = found.d.shape[1] // 3
     turn = np.zeros((len(data), 3 * count, 3 * count))
@@ -166,7 +166,7 @@ def places(chain: ElasticChain, data: Dataset, frame: SensorFrame) -> tuple[Floa
         return np.broadcast_to(np.eye(3), (n, 3, 3)), p_base
     if not data.has("R_base_frame"):
         raise FileFormatError(
-            "sensors in axes of the measuring frame need to know how it stands in each row",
+            "sensors in axes of the measuring frame need its orientation in each row",
             where=data.where,
             limit="channel R_base_frame, and p_base_frame unless its origin is the measured point",
         )

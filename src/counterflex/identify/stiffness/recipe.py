@@ -203,7 +203,7 @@ def _frames(cell: CellModel, data: Sequence[Dataset]) -> KnownFrames | None:
     known = known_frames(cell)
     if known is None:
         raise InputError(
-            "the cell does not say how the tracker stands, in whose axes the displacements are written",
+            "the cell file has no orientation of the tracker, in whose axes the displacements are given",
             where=next(d.where for d in data if not d.has("d_tcp_base")),
             hint="Run the recipe tracker-frame or kinematics first, or give displacements in base axes (d_tcp_base)",
         )

@@ -111,8 +111,8 @@ def remarks(
     unknown = [p.name for p in pulls if not p.history]
     if unknown and chain.play is not None:
         out.append(
-            f"{', '.join(unknown)}: the manifest does not say how the axes moved between the readings "
-            "(settings.history); what play and friction in the cell file can do was added to the standard deviations"
+            f"{', '.join(unknown)}: the manifest does not state how the axes moved between the readings "
+            f"(settings.history); the effect of play and friction of the cell file was added to the standard deviations"
         )
     if found is not None and found.regions:
         for i, region in enumerate(found.regions):
@@ -158,7 +158,7 @@ def _determined(plan: Layout, fit: Fit, held: HeldOut) -> list[str]:
         (well, "The data determine well (standard deviation)"),
         (fair, "The data determine within limits"),
         (poor, "Poorly determined, not to be used on their own"),
-        (unseen, "Not seen by these data, held at what was known before"),
+        (unseen, "Not determined by these data, kept at the former value"),
     ):
         if names:
             out.append(f"{words}: {', '.join(names)}")
@@ -205,7 +205,7 @@ def pictures(held: HeldOut, measured: Sequence[Float], plan: Layout, fit: Fit) -
                 Curve("with the cell file as it was", size, held.nominal / MM),
                 Curve("identified", size, held.identified / MM),
             ),
-            "Every point is a pull that its fit had not seen.",
+            "Every point is a held-out pull.",
         )
     ]
     if springs:

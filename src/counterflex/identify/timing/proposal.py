@@ -67,8 +67,8 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
         columns=columns,
         expected=_expected(t, tip),
         remarks=(
-            f"{count} s; record command, position shown by the controller, tracker and force over the whole time, "
-            "each with the stamps of its own clock",
+            f"{count} s; record command, position reported by the controller, tracker and force over the whole "
+            f"time, each with the time stamps of its own clock",
         ),
         settings={"through": through},
         units={"tracker.delay": "s", "tracker.lag": "s"},

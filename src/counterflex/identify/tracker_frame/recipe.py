@@ -217,7 +217,7 @@ def _part_figures(cell: CellModel, fit: Fit, tracker: PlacedFrame) -> tuple[Figu
     except FileFormatError:
         return ()
     size = _length(sigma_at(fit, tracker, zero))
-    return (Figure("part_sigma_um", "standard deviation of the part's zero as the tracker sees it", size / UM),)
+    return (Figure("part_sigma_um", "standard deviation of the part zero measured by the tracker", size / UM),)
 
 
 def _time(d: Dataset) -> Float | None:
@@ -246,18 +246,18 @@ def _headline(held: HeldOut, known: KnownFrames | None) -> tuple[Figure, ...]:
     return (
         Figure(
             "holdout_mean_mm",
-            "mean position error of points that the fit had not seen",
+            "mean position error of held-out points",
             mean[0] / MM,
             None if known is None else mean[1] / MM,
         ),
         Figure(
             "holdout_largest_mm",
-            "largest position error of points that the fit had not seen",
+            "largest position error of held-out points",
             largest[0] / MM,
             None if known is None else largest[1] / MM,
         ),
         Figure("holdout_count", "points predicted", float(held.count)),
-        Figure("gross_count", "gross errors left out", float(np.sum(held.gross))),
+        Figure("gross_count", "excluded outliers", float(np.sum(held.gross))),
     )
 
 
@@ -341,7 +341,7 @@ def _pictures(fit: Fit, blocks: Sequence[Residuals]) -> tuple[Picture, ...]:
         off = (residuals * block.sigma)[:, :3] / MM
         curves = tuple(Curve(c, np.asarray(x, dtype=np.float64), off[:, i]) for i, c in enumerate(COMPONENTS[:3]))
         number = "fiducial" if isinstance(block, FiducialResiduals) else "pose"
-        out.append(Picture(f"What is left of {block.name}", number, "measured minus predicted, mm", curves))
+        out.append(Picture(f"Residual of {block.name}", number, "measured minus predicted, mm", curves))
     return tuple(out)
 
 

@@ -113,7 +113,7 @@ def with_correction(text: str, switching: RsiSwitching, where: str, parts: Colle
     moves = [i for i in behind if _moves(_code(lines[i]), parts)] or [i for i in behind if _CALL.match(_code(lines[i]))]
     if not moves:
         raise ProgramError(
-            "there is no path to correct: neither LIN, CIRC nor a call behind a PTP to a start position", where=where
+            "no path to correct: neither LIN, CIRC nor a call after a PTP to a start position", where=where
         )
     path, after = moves[0], moves[-1] + 1
     late = next((i for i in starts if i > path), None)
@@ -249,7 +249,7 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False, ou
             )
         if output is not None and re.search(rf"\$OUT\s*\[\s*0*{output}\s*\]", line, re.IGNORECASE):
             raise ProgramError(
-                "the program uses the output that tells a safety PLC whether the correction may act",
+                "the program uses the output that shows a safety PLC whether the correction may act",
                 where=f"{where}:{i + 1}",
                 value=line.strip()[:60],
                 limit=f"$OUT[{output}] free",
@@ -304,7 +304,7 @@ def _no_ptp(where: str, index: int) -> ProgramError:
     return ProgramError(
         "corrections are superposed on LIN and CIRC only",
         where=f"{where}:{index + 1}",
-        value="PTP behind the first path motion",
+        value="PTP after the first path motion",
         hint="Split the program there",
     )
 
@@ -373,7 +373,7 @@ def _on(switching: RsiSwitching) -> list[str]:
 
 def _enable(switching: RsiSwitching, says: float) -> list[str]:
     return [
-        "; wait until the loop says that it is armed",
+        "; wait until the loop reports that it is armed",
         *krl_wait(_ARMED.format(switching.state_index), switching.armed_s, "counterflex run is not armed"),
         *_output(switching, on=True),
         f"$SEN_PREA[{switching.enable_index}]={says:.1f}",
@@ -382,7 +382,7 @@ def _enable(switching: RsiSwitching, says: float) -> list[str]:
 
 def _off(switching: RsiSwitching) -> list[str]:
     return [
-        "; sensor correction off: wait until the controller says that it is back at zero",
+        "; sensor correction off: wait until the controller reports zero correction",
         "WAIT SEC 0.0",
         f"$SEN_PREA[{switching.enable_index}]=0.0",
         *krl_wait("CF_ZERO( )", switching.zero_s, "the correction is not back at zero"),
@@ -416,7 +416,7 @@ def _routines(switching: RsiSwitching) -> list[str]:
         "END",
         "",
         "DEFFCT BOOL CF_ZERO( )",
-        "; the loop corrects no more, and what the controller itself says of the correction is zero",
+        "; the loop has stopped correcting, and the controller reports zero correction",
         "DECL INT cfi",
         f"IF $SEN_PREA[{switching.state_index}]>2.5 THEN",
         "RETURN FALSE",

@@ -185,7 +185,7 @@ def _corrected(path: list[str], where: str, *, master: bool, first: bool = True)
     moves = [i for i, line in enumerate(path) if _LINEAR.match(_code(line))]
     calls = [line for line in path if _CALL.match(_code(line))]
     if not moves and not (master and calls):
-        raise ProgramError("there is no path to correct: no MoveL", where=where)
+        raise ProgramError("no path to correct: no MoveL", where=where)
     out = list(path)
     before = ""
     for k, i in enumerate(moves):
@@ -225,7 +225,7 @@ def _armed(switching: EgmSwitching) -> list[str]:
     if switching.armed_signal:
         return [f"    WaitUntil {switching.armed_signal}=1\\MaxTime:={switching.armed_s:g};"]
     return [
-        '    TPReadFK cfKey,"counterflex run: does it say armed?",stEmpty,stEmpty,stEmpty,"no","yes"'
+        '    TPReadFK cfKey,"counterflex run: is it armed?",stEmpty,stEmpty,stEmpty,"no","yes"'
         f"\\MaxTime:={switching.armed_s:g};",
         "    IF cfKey<>5 THEN",
         '      TPWrite "counterflex: the loop is not armed";',
@@ -256,7 +256,7 @@ def _path_off(switching: EgmSwitching, last: str | None, where: str) -> list[str
         raise ProgramError("the last motion of the path names no point, tool and work object", where=where, value=last)
     away = f"Distance(CPos(\\Tool:={tool[1]}\\WObj:={tool[2]}),{_position(match[2], where)})>{switching.zero_mm:g}"
     return [
-        "    ! the correction goes back to zero; what is left of it is taken out slowly, and looked at",
+        "    ! the correction returns to zero; the remainder is removed slowly, and checked",
         "    ClkReset cfClock;",
         "    ClkStart cfClock;",
         f"    WHILE {away} AND ClkRead(cfClock)<{switching.zero_s:g} DO",
@@ -281,7 +281,7 @@ def _guided(path: list[str], switching: EgmSwitching, where: str) -> list[str]:
         )
     moves = [i for i, line in enumerate(path) if _LINEAR.match(_code(line))]
     if len(moves) < 2:
-        raise ProgramError("there is no path to guide along: fewer than two MoveL", where=where, value=len(moves))
+        raise ProgramError("no path for guidance: fewer than two MoveL", where=where, value=len(moves))
     for line in path[moves[0] + 1 : moves[-1]]:
         code = _code(line).strip()
         if code and not _LINEAR.match(_code(line)) and not _WAIT.match(code):

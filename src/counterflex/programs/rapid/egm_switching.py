@@ -63,7 +63,7 @@ class EgmSwitching:
                 "CommTimeout of EGM",
                 value=f"{self.timeout_s:g} s",
                 limit="> 0 and <= 0.1 s",
-                hint="While nothing comes the robot goes on with the last value it was sent",
+                hint="Without messages the robot continues with the last value received",
             )
         for name in ("armed_s", "zero_s", "zero_mm", "window_mm", "window_deg", "standing_s", "end_mm"):
             as_positive(name, getattr(self, name))

@@ -292,7 +292,7 @@ def stop_under_correction(line: str, where: str, statement: str) -> ProgramError
         statement: What stops a program in its language.
     """
     return ProgramError(
-        "the program stops for a person on its path, while the correction acts",
+        "the program stops for the operator on its path, while the correction acts",
         where=where,
         value=line.strip()[:60],
         limit=f"{statement} before the first path motion or behind the last one",

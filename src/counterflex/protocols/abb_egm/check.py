@@ -64,7 +64,7 @@ def _finding(
 
 
 def _timeout(calls: EgmCalls) -> Iterator[Finding]:
-    hint = "While nothing comes the robot goes on with the last value it was sent"
+    hint = "Without messages the robot continues with the last value received"
     for item in calls.of("EGMSETUPUC"):
         where, safe = _at(calls, item), f"\\CommTimeout:= at most {MOST_TIMEOUT_S:g} s"
         seconds = item.number("commtimeout")

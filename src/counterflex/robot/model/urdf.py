@@ -154,7 +154,7 @@ def _path(parent_of: dict[str, Any], base: str, tip: str, where: str) -> list[An
     link = tip
     while link != base:
         if link not in parent_of or len(joints) > len(parent_of):
-            raise InputError(f"{where}: link {tip!r} does not hang on link {base!r}")
+            raise InputError(f"{where}: link {tip!r} is not connected to link {base!r}")
         joints.append(parent_of[link])
         link = parent_of[link].parent
     joints.reverse()
@@ -184,7 +184,7 @@ def _check_branches(children_of: dict[str, list[Any]], base: str, joints: list[A
             waiting.append(joint.child)
             if joint.name not in chain and joint.type != _FIXED:
                 raise FileFormatError(
-                    f"joint {joint.name!r} moves beside the chain, so the robot is not serial",
+                    f"joint {joint.name!r} is outside the chain, so the robot is not serial",
                     where=where,
                     hint="Remove it or make it fixed",
                 )

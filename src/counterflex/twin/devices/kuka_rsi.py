@@ -43,7 +43,7 @@ class RsiContext:
         monitor_m: POSCORRMON: MaxTrans; beyond it the motion stops.
         monitor_rad: POSCORRMON: MaxRotAngle.
         axis_clamp_rad: AXISCORR, per axis.
-        empty_first: KR C2: the first telegram holds the counter only.
+        empty_first: KR C2: the first telegram contains the counter only.
         first_counter: First IPOC, ms.
     """
 

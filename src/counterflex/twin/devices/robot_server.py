@@ -104,8 +104,8 @@ class RobotServer:
     Attributes:
         cycles: Telegrams sent.
         stalls: Real time: how often this computer was too slow and a telegram left late.
-        stop_reason: Why it ended: ``finished``, ``cycles``, ``died``, ``sensor program gone``, or what stopped the
-            controller.
+        stop_reason: Why it ended: ``finished``, ``cycles``, ``died``, ``no more answers from the sensor program``, or
+            what stopped the controller.
     """
 
     def __init__(
@@ -196,7 +196,7 @@ class RobotServer:
                 self.stop_reason = self.controller.stopped
                 return self.stop_reason
             if self._alone:
-                self.stop_reason = "sensor program gone"
+                self.stop_reason = "no more answers from the sensor program"
                 return self.stop_reason
             if report.finished:
                 rest -= 1

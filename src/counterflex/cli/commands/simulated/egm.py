@@ -45,10 +45,10 @@ def egm(
     record: RecordFile = None,
     as_json: AsJson = False,
 ) -> None:
-    """A simulated ABB controller alone: sends EGM messages, applies what comes as a real one does, and reports.
+    """Simulate an ABB controller: it sends EGM messages, applies the answers as a real one does, and reports.
 
-    The table [egm] of the cell says which way: mode = "path" runs the program and lets it be corrected, mode = "pose"
-    goes where it is sent. No physics, no instruments.
+    The table [egm] of the cell selects the mode: mode = "path" runs the program with path correction, mode = "pose"
+    follows position guidance. No physics, no instruments.
 
     Tables of the scenario: controller, egm, faults.
 

@@ -39,7 +39,7 @@ def netft(
     fault: Fault = None,
     as_json: AsJson = False,
 ) -> None:
-    """A simulated ATI Net F/T alone: RDT records over UDP, its scaling over HTTP.
+    """Simulate an ATI Net F/T force sensor: RDT records over UDP, scaling document over HTTP.
 
     It shows a constant load, a sine or a record, with noise; faults further: saturated, frozen, status=0x80020000,
     offset (of the force), counter=STEP, silent, dying.
@@ -105,7 +105,7 @@ def tracker(
     fault: Fault = None,
     as_json: AsJson = False,
 ) -> None:
-    """A simulated laser tracker alone: sends the pose datagrams of 88 bytes, from a path or from a log.
+    """Simulate a laser tracker: it sends the pose datagrams of 88 bytes, from a path or from a log.
 
     Faults further: beam_broken@2+0.5, offset=0:1:0 (mm: a wrong reflector), nan, frozen, status=4 (inaccurate),
     counter=STEP, silent, dying.
@@ -172,7 +172,7 @@ def ads(
     fault: Fault = None,
     as_json: AsJson = False,
 ) -> None:
-    """A simulated TwinCAT alone: the symbols of the cell file's table [ads], over Beckhoff ADS.
+    """Simulate a TwinCAT: the symbols of the table [ads] of the cell file, over Beckhoff ADS.
 
     Strain terminals show the strain of a force at the tool, tracker symbols a target that moves, parameters what was
     written. Faults further: silent, dying, frozen, nan.

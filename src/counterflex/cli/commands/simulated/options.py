@@ -43,7 +43,7 @@ def print_start(_: tuple[str, int], where: tuple[str, int]) -> None:
     typer.echo(f"sending to {where[0]}:{where[1]}", err=True)
 
 
-LEFT = ("sensor program gone", "RSITimeout", "ERR_UDPUC_COMM")
+LEFT = ("no more answers from the sensor program", "RSITimeout", "ERR_UDPUC_COMM")
 """Ends of a simulated controller for which it had no part in it: nobody answered any more."""
 
 

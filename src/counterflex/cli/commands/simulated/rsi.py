@@ -52,10 +52,10 @@ def rsi(
     record: RecordFile = None,
     as_json: AsJson = False,
 ) -> None:
-    """A simulated KUKA controller alone: sends RSI telegrams, applies the answers as a real one does, and reports.
+    """Simulate a KUKA controller: it sends RSI telegrams, applies the answers as a real one does, and reports.
 
-    It runs a program or stands still; no physics, no instruments. It shows what a compensator did to the robot: largest
-    correction and step, late and refused answers, the age of the correction in force, and why it ended.
+    It runs a program or stands still; no physics, no instruments. It prints the effect on the robot: largest correction
+    and step, late and refused answers, the age of the applied correction, and the reason for the end.
 
     Exit status: 0 the program or the time ended, or an answer stopped the robot; 2 refused, or nobody ever answered;
     3 nobody answered any more.
@@ -116,4 +116,4 @@ def _tell_rsi(found: dict[str, Any]) -> None:
     typer.echo(f"correction in force at most {age['max']} cycles old; 4 or less in {age['share_at_most_4']:.4%}")
     print_reply(found)
     if found["stalls"]:
-        typer.echo(f"{found['stalls']} telegrams left late: this computer is too slow for real time", err=True)
+        typer.echo(f"{found['stalls']} telegrams sent late: this computer is too slow for real time", err=True)

@@ -118,4 +118,4 @@ def _text(file: Path) -> str:
     try:
         return data.decode("ascii")
     except UnicodeDecodeError as fault:
-        raise FileFormatError("not a parameter file: it holds more than plain text", where=str(file)) from fault
+        raise FileFormatError("not a parameter file: it is not plain text", where=str(file)) from fault

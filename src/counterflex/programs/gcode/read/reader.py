@@ -127,9 +127,9 @@ def _named(fault: ProgramError, name: str, lines: Sequence[str]) -> ProgramError
     if found is None:
         return fault
     own = any("made by counterflex" in line for line in lines[:20])
-    hint = "This is what counterflex wrote: give the original program" if own else found.hint
+    hint = "This is an output of counterflex: give the original program" if own else found.hint
     return ProgramError(
-        f"this is {found.name}; G-code as LinuxCNC reads it is wanted",
+        f"this is {found.name}; G-code as LinuxCNC reads it is required",
         where=f"{name}:{found.line}",
         value=found.text,
         hint=hint,
