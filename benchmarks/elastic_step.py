@@ -24,12 +24,12 @@ from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.robot.elasticity import equations
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.robot.elasticity.elastic_step import ElasticStep
 from counterflex.robot.elasticity.kernels.batch import ON_RIGID, compliance_threads, deflection_threads, step_threads
 from counterflex.robot.elasticity.kernels.lanes import deflection_lanes
 from counterflex.robot.elasticity.kernels.lanes_step import step_lanes
 from counterflex.robot.elasticity.kernels.scalar import DRIVE, POSITION, ROTATES, SLIDES, TURN
 from counterflex.robot.model import catalog, load_cases
+from online_step import ElasticStep
 
 Step = Callable[[Float, Float], tuple[Float, Float]]  # q, w -> deflection, q_c
 

@@ -7,12 +7,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from counterflex.core.arrays import Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.evaluate import tracking
 from counterflex.files.cell.cell import read_cell
 from counterflex.validation.reproduce import mandiola as reproduce_mandiola
 from counterflex.validation.reproduce import mandiola_report
 from counterflex.validation.reproduce.mandiola_case import write_case
+
+
+def contour_error(p: Float, corners: Float, near: Int) -> Float:
+    """Distance (n,) m of each point from a polyline: from its :func:`tracking.nearest_on_polyline`, same arguments."""
+    out: Float = np.linalg.norm(p - tracking.nearest_on_polyline(p, corners, near), axis=1)
+    return out
+
+
+def circle_error(p: Float, radius_m: float) -> Float:
+    """Distance (n,) m of points (n, 3) m from a circle about the origin in the plane z = 0."""
+    points, radius = as_float("p", p, (None, 3)), as_positive("radius_m", radius_m)
+    out: Float = np.hypot(np.hypot(points[:, 0], points[:, 1]) - radius, points[:, 2])
+    return out
 
 
 def test_the_designed_controller_against_the_published_gain_pair(tmp_path: Path) -> None:
@@ -65,7 +79,7 @@ def test_contour_and_total_error_of_a_known_path() -> None:
     actual = np.stack([np.minimum(late, 0.1), np.maximum(late - 0.1, 0.0), np.full_like(s, 1e-4)], axis=1)
     run = tracking.Tracked(s / 0.0117, command, actual, np.zeros_like(command), np.zeros((len(s), 6)))
     near = tracking.segment_of(command, corners)
-    contour = tracking.contour_error(actual, corners, near)
+    contour = contour_error(actual, corners, near)
     np.testing.assert_allclose(contour, 1e-4, rtol=1e-9)
     straight, corner = tracking.corner_zones(run, corners, 0.01)
     found = tracking.spread(run.total, straight)
@@ -83,7 +97,7 @@ def test_circle_error_and_its_turn() -> None:
     turn = tracking.turn_zone(run, 0.1 * np.pi)
     gone = angle[turn]
     assert gone[-1] - gone[0] == pytest.approx(2.0 * np.pi, abs=0.01)
-    np.testing.assert_allclose(tracking.circle_error(actual, 0.15), 1.5e-4, rtol=1e-9)
+    np.testing.assert_allclose(circle_error(actual, 0.15), 1.5e-4, rtol=1e-9)
     after = tracking.reversal_zone(run, turn, 0.2)
     np.testing.assert_allclose(np.unique(np.round(angle[after] / np.pi - 0.5)), [0.0, 1.0])
 

@@ -26,12 +26,12 @@ from counterflex.identify.kinematics.approach_sense import CHANNEL, as_play, bet
 from counterflex.identify.kinematics.proposal import propose
 from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.recipe import Identification
-from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.identify.solver.holdout import HeldOut
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.elasticity.play import lost_motion
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.plant.plant import Plant
+from derivative_check import convergence_order
 
 FILE = read_cell("examples/cells/kr300_d10_ball.toml")
 CELL = model_of(FILE)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,10 @@ import pytest
 from scipy.stats import norm, t
 
 from counterflex.core.arrays import Float
-from counterflex.identify.solver.intervals import coverage_factor, intervals, of_linear, of_prediction, of_sum
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.intervals import LEVEL, Derived, coverage_factor, intervals, of_linear
 from counterflex.identify.solver.parameters import Parameters
+from counterflex.identify.solver.residuals import Residuals
 from counterflex.identify.solver.solve import solve
 
 SEEDS = 200
@@ -76,6 +78,45 @@ def test_intervals_hold_the_truth_at_their_rate(arm: Any, noise: Noise, count: i
     assert len(well) >= (7 if count == 40 else 4), often
     assert all(0.90 <= rate[name] <= 0.99 for name in well), rate
     assert 0.93 <= np.mean([rate[name] for name in well]) <= 0.98, rate
+
+
+def of_sum(fit: Fit, terms: Mapping[str, float], level: float = LEVEL) -> Derived:
+    """A sum of parameters times constants.
+
+    Args:
+        fit: The fit.
+        terms: Constant by name of the parameter.
+        level: Probability that the interval holds the truth.
+
+    Returns:
+        One value, (1,) each.
+
+    Raises:
+        InputError: A name that is no parameter.
+    """
+    G = np.zeros((1, len(fit.values)))
+    for name, constant in terms.items():
+        G[0, fit.parameters.index(name)] += constant
+    return of_linear(fit, G, G @ fit.values, level)
+
+
+def of_prediction(fit: Fit, block: Residuals, *, noise: bool = False) -> Float:
+    """Standard deviation of what a block predicts.
+
+    Args:
+        fit: The fit.
+        block: Rows to predict, measured or not: only its Jacobian counts.
+        noise: Add the block's own standard deviation: that of the difference to a measurement to come.
+
+    Returns:
+        (rows, components) in the units of the components.
+    """
+    J = block.jacobian(fit.values)
+    n, k, _ = J.shape
+    G = (J * block.sigma[:, :, None]).reshape(n * k, -1)
+    sigma = of_linear(fit, G, np.zeros(n * k)).sigma.reshape(n, k)
+    out: Float = np.hypot(sigma, block.sigma) if noise else sigma
+    return out
 
 
 def test_predictions_and_sums_are_covered_too(arm: Any) -> None:

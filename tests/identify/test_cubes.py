@@ -21,7 +21,6 @@ from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.geometry.compliances import DIRECTIONS, springs
 from counterflex.identify.pulls.blocks import layout
-from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.elasticity.compliance import shares
 from counterflex.twin.laboratory.cubes import measure
@@ -29,6 +28,7 @@ from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.truth.nominal import nominal_truth
 from counterflex.twin.truth.perturb import perturbed
 from counterflex.twin.truth.truth import CuttingTruth, Truth
+from derivative_check import convergence_order
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 

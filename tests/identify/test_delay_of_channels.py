@@ -24,10 +24,10 @@ from counterflex.identify.delays.pairs import pairs
 from counterflex.identify.delays.residuals import Order
 from counterflex.identify.delays.stamped import Stamped, stamped
 from counterflex.identify.solver.correlated import long_run
-from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.identify.timing import recipe as timing
 from counterflex.signals.alignment import Clock
 from counterflex.signals.lag import Lag
+from derivative_check import convergence_order
 
 ROOT = Path(__file__).resolve().parents[2]
 STEP = 4.0 * MS

@@ -9,7 +9,7 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.identify.solver.derivative_check import convergence_order
+from derivative_check import convergence_order
 
 STEPS = np.array([0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 1e-6, 1e-6])
 

@@ -8,15 +8,8 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
-from counterflex.identify.geometry.hand_eye import (
-    error_of,
-    of_points,
-    of_poses,
-    open_offsets,
-    robust_of_poses,
-    robust_target,
-    robust_tracker,
-)
+from counterflex.identify.geometry.hand_eye import error_of, of_points, of_poses, open_offsets
+from counterflex.identify.geometry.hand_eye_robust import robust_of_poses, robust_target, robust_tracker
 
 ROBOT_M, ROBOT_RAD = 1e-3, 1.5e-3
 """What an uncalibrated arm is off by."""

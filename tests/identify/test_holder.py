@@ -23,7 +23,6 @@ from counterflex.identify.holder.layout import APART_M, choose_gauges, places
 from counterflex.identify.holder.recipe import RECIPE
 from counterflex.identify.holder.residuals import parameters, readings
 from counterflex.identify.recipe import Identification
-from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.sensing.force_filter import kalman_observer
 from counterflex.sensing.holder_beam import Gauge, HolderBeam
 from counterflex.sensing.strain_holder import StrainHolder, regressed_matrix, sight, tool_matrix
@@ -38,6 +37,7 @@ from counterflex.twin.plant.strain_holder import (
     WANDER,
     instrumented_holder,
 )
+from derivative_check import convergence_order
 
 BEAM = HolderBeam(0.18, 0.16, 0.015, 0.118)
 TCP = np.array(PAPER_TCP_M)

@@ -20,11 +20,11 @@ from counterflex.identify.geometry.placed_frame import PlacedFrame
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.kinematics.distance_residuals import DistanceResiduals, find_anchor
 from counterflex.identify.kinematics.plane_residuals import PlaneResiduals, find_plane
-from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.identify.solver.residuals import Residuals
 from counterflex.robot.elasticity.chain import ElasticChain, forward_elastic
 from counterflex.robot.elasticity.drive_error import DriveError, DriveErrors
 from counterflex.robot.model.calibration import calibrated
+from derivative_check import convergence_order
 
 CELL = model_of(read_cell("examples/cells/kr300_d10_ball.toml"))
 RNG = np.random.default_rng(3)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
-from counterflex.identify.solver.observability import examine, related
+from counterflex.identify.solver.observability import examine
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import solve
 
@@ -139,15 +139,3 @@ def test_named_directions_are_indeed_unseen(seed: int, unknown: str) -> None:
     assert len(named) == lost
     keep = [i for i, name in enumerate("abcdef") if name not in named]
     assert np.linalg.matrix_rank(mix[:, keep]) == len(keep)
-
-
-def test_related_parameters(arm: Any) -> None:
-    rng = np.random.default_rng(8)
-    parameters = arm.parameters()
-    points = arm.points(parameters.nominal, rng, load_n=3000.0)
-    narrow = points.subset(np.abs(points.q[:, 0]) < 0.3)
-    fit = solve(parameters, [narrow])
-    pairs = related(fit, 0.9)
-    assert pairs
-    assert all("correlation 0.9" in p or "correlation 1.0" in p for p in pairs)
-    assert len(related(fit, 0.999999)) <= len(pairs)

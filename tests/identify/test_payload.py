@@ -27,13 +27,13 @@ from counterflex.identify.payload.proposal import working_postures
 from counterflex.identify.payload.recipe import RECIPE
 from counterflex.identify.payload.residuals import SensorReadings
 from counterflex.identify.recipe import Identification
-from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.sensing.carrier import behind, carrier_pose
 from counterflex.sensing.flange_sensor import FlangeSensor, SensorMotion, idle_wrench
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.laboratory.sensor_motion import measure as swing
 from counterflex.twin.laboratory.sensor_poses import measure
 from counterflex.twin.plant.force_sensor import force_sensor
+from derivative_check import convergence_order
 
 CELL = "examples/cells/kr300_d16_small.toml"
 SIGMA = np.r_[np.full(3, 0.2), np.full(3, 0.02)]

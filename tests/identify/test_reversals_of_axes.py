@@ -21,10 +21,10 @@ from counterflex.identify.play.path import follow_with_slopes
 from counterflex.identify.play.proposal import motion
 from counterflex.identify.play.residuals import PlayPlaces, ReversalResiduals
 from counterflex.identify.reversals.data import balance, motions
-from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.elasticity.play import axis_torque, torsion_path
 from counterflex.robot.model.description import Play
+from derivative_check import convergence_order
 
 ROOT = Path(__file__).resolve().parents[2]
 TRUE = Play(32.0 * URAD, (90.0, 80.0, 150.0), (8.0 * URAD, 30.0 * URAD, 50.0 * URAD))

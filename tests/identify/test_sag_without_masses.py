@@ -30,13 +30,13 @@ from counterflex.identify.geometry.placed_frame import PlacedFrame
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.recipe import Identification
-from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.plan.sag_and_play import residual_sag
 from counterflex.robot.elasticity.axis_sag import AxisSag, unit_turns
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.elasticity.drive_error import DriveErrors
 from counterflex.robot.elasticity.gravity import weight_loads
 from counterflex.robot.model.description import EndEffector
+from derivative_check import convergence_order
 
 RIGID = Path(__file__).resolve().parents[1] / "data" / "cells" / "rigid.toml"
 NOISE_M, NOISE_RAD = 0.01 * MM, 0.02 * MRAD

@@ -21,10 +21,10 @@ from counterflex.identify.servo.data import load_steps
 from counterflex.identify.servo.exchange import exchange_probability
 from counterflex.identify.servo.residuals import Release, ServoResiduals, give_way
 from counterflex.identify.servo.ringing import lowest_mode
-from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.robot.elasticity.servo import servo_error
 from counterflex.robot.model.description import Servo
+from derivative_check import convergence_order
 
 ROOT = Path(__file__).resolve().parents[2]
 STEP = 4.0 * MS

@@ -29,7 +29,6 @@ from counterflex.identify.pulls.history import lost_angles, unknown_angles
 from counterflex.identify.pulls.pulls import AGAIN, HELD, Pulls, read_pulls
 from counterflex.identify.pulls.residuals import Shape, gains
 from counterflex.identify.recipe import Proposal
-from counterflex.identify.solver.derivative_check import convergence_order
 from counterflex.identify.stiffness import piecewise_compliance
 from counterflex.identify.stiffness import recipe as stiffness
 from counterflex.robot.elasticity.chain import ElasticChain, forward
@@ -40,6 +39,7 @@ from counterflex.twin.laboratory.pulls import measure
 from counterflex.twin.truth.nominal import nominal_truth
 from counterflex.twin.truth.perturb import perturbed
 from counterflex.twin.truth.truth import CuttingTruth, Truth
+from derivative_check import convergence_order
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 

@@ -20,7 +20,8 @@ from counterflex.files.dataset.reader import read_dataset
 from counterflex.geometry import pose, rotation
 from counterflex.identify.data.changes import TableValues
 from counterflex.identify.data.dataset import Dataset, of_arrays
-from counterflex.identify.geometry.hand_eye import of_points, of_poses, robust_of_points, robust_of_poses
+from counterflex.identify.geometry.hand_eye import of_points, of_poses
+from counterflex.identify.geometry.hand_eye_robust import robust_of_points, robust_of_poses
 from counterflex.identify.geometry.known_frames import KnownFrames, known_frames
 from counterflex.identify.recipe import Identification
 from counterflex.identify.tracker_frame import recipe as tracker_frame

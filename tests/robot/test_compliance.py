@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ModelError
-from counterflex.geometry import pose, rotation, wrench
+from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity import equations
 from counterflex.robot.elasticity.chain import ElasticChain, forward, forward_elastic, jacobian
 from counterflex.robot.elasticity.compliance import (
@@ -29,11 +29,12 @@ from counterflex.robot.elasticity.compliance import (
     linear_gap,
     shares,
 )
-from counterflex.robot.elasticity.elastic_step import ElasticStep
 from counterflex.robot.elasticity.kernels.lanes import deflection_lanes
 from counterflex.robot.elasticity.kernels.lanes_step import step_lanes
 from counterflex.robot.elasticity.kernels.step import CLAMPED, DAMPED, DAMPING_BELOW, REFUSE_BELOW, REFUSED
 from counterflex.robot.model.description import EndEffector, Robot, Segment
+from online_step import ElasticStep
+from twists import adjoint
 
 CHAINS = ("haehn", "heavy", "crooked")
 LIMITS = np.array([[-3.0, 3.0]] * 6)
@@ -96,7 +97,7 @@ def test_denkena_form_with_inverted_jacobians(crooked: ElasticChain, poses: Floa
     R6 = np.kron(np.eye(2), T_base_tcp[:3, :3])
     C_tcp = np.zeros((6, 6))
     for T_base_seg, c in zip(frames(crooked, q), crooked.compliance, strict=True):
-        J = wrench.adjoint(pose.inverse(T_base_seg) @ T_base_tcp)
+        J = adjoint(pose.inverse(T_base_seg) @ T_base_tcp)
         C_tcp += np.linalg.inv(J) @ np.diag(c) @ np.linalg.inv(J).T
     np.testing.assert_allclose(cartesian_compliance(crooked, q), R6 @ C_tcp @ R6.T, rtol=1e-11, atol=1e-18)
 

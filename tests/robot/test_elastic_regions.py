@@ -13,11 +13,11 @@ from counterflex.core.units import DEG, UM
 from counterflex.robot.elasticity import equations
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.compliance import cartesian_compliance, corrections, deflection, shares
-from counterflex.robot.elasticity.elastic_step import ElasticStep
 from counterflex.robot.elasticity.gravity import sag
 from counterflex.robot.model import catalog
 from counterflex.robot.model.description import ElasticRegion
 from counterflex.robot.model.elastic_region import beyond_regions, factor, growth
+from online_step import ElasticStep
 
 REGIONS = (
     ElasticRegion("axis2", 5, 1, (-1.9, -1.7, -1.5, -1.3), (0.7, 0.7, 1.4, 1.4)),

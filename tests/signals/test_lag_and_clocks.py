@@ -11,7 +11,6 @@ from scipy.signal import lsim
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.signals.alignment import Clock, coarse_shift
-from counterflex.signals.continuous import Continuous
 from counterflex.signals.lag import Lag
 
 STEP = 0.004
@@ -86,15 +85,3 @@ def test_what_stands_still_has_no_delay() -> None:
     t = times(200)
     with pytest.raises(InputError, match="does not move"):
         coarse_shift(t, np.zeros(200), t, np.sin(t), step_s=STEP)
-
-
-def test_a_continuous_signal_keeps_its_ends_and_its_slope() -> None:
-    t = np.sort(np.random.default_rng(0).uniform(0.0, 2.0, 400))
-    signal = Continuous(t, np.sin(3.0 * t)[:, None])
-    at = np.linspace(0.1, 1.9, 50)
-    assert signal.at(at)[:, 0] == pytest.approx(np.sin(3.0 * at), abs=1e-6)
-    assert signal.slope_at(at)[:, 0] == pytest.approx(3.0 * np.cos(3.0 * at), abs=1e-3)
-    assert signal.at(np.array([9.0]))[0, 0] == pytest.approx(np.sin(3.0 * t[-1]))
-    assert signal.slope_at(np.array([9.0]))[0, 0] == 0.0
-    with pytest.raises(InputError, match="must rise"):
-        Continuous(t[::-1], np.sin(t)[:, None])

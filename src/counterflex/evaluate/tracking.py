@@ -85,24 +85,11 @@ def nearest_on_polyline(p: Float, corners: Float, near: Int) -> Float:
     return out
 
 
-def contour_error(p: Float, corners: Float, near: Int) -> Float:
-    """Distance (n,) m of each point from a polyline: from its :func:`nearest_on_polyline`, same arguments."""
-    out: Float = np.linalg.norm(p - nearest_on_polyline(p, corners, near), axis=1)
-    return out
-
-
 def nearest_on_circle(p: Float, radius_m: float) -> Float:
     """Nearest points (n, 3) m of a circle about the origin in the plane z = 0, of points (n, 3) m off its axis."""
     points, radius = as_float("p", p, (None, 3)), as_positive("radius_m", radius_m)
     out = np.zeros_like(points)
     out[:, :2] = radius * points[:, :2] / np.linalg.norm(points[:, :2], axis=1, keepdims=True)
-    return out
-
-
-def circle_error(p: Float, radius_m: float) -> Float:
-    """Distance (n,) m of points (n, 3) m from a circle about the origin in the plane z = 0."""
-    points, radius = as_float("p", p, (None, 3)), as_positive("radius_m", radius_m)
-    out: Float = np.hypot(np.hypot(points[:, 0], points[:, 1]) - radius, points[:, 2])
     return out
 
 

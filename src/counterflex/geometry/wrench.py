@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.geometry.rotation import skew
 
 
 def cross(a: Float, b: Float) -> Float:
@@ -20,25 +19,6 @@ def cross(a: Float, b: Float) -> Float:
     ax, ay, az = a.tolist()
     bx, by, bz = b.tolist()
     return np.array((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))
-
-
-def adjoint(T_a_b: Float) -> Float:
-    """6x6 map that carries a twist given at and in b to one at and in a.
-
-    ``Ad = [[R, [p]x R], [0, R]]`` for linear-first twists.
-
-    Args:
-        T_a_b: (..., 4, 4).
-
-    Returns:
-        (..., 6, 6).
-    """
-    R, p = T_a_b[..., :3, :3], T_a_b[..., :3, 3]
-    out = np.zeros((*T_a_b.shape[:-2], 6, 6))
-    out[..., :3, :3] = R
-    out[..., 3:, 3:] = R
-    out[..., :3, 3:] = skew(p) @ R
-    return out
 
 
 def carry(T_a_b: Float, w_b: Float) -> Float:

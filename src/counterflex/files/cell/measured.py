@@ -10,7 +10,6 @@ from counterflex.files.schema import Table
 
 Shift = Annotated[float, Field(ge=-100.0, le=100.0)]
 """Displacement of a calibration, mm or mrad."""
-Count = Annotated[int, Field(ge=0)]
 
 
 class CalibrationTable(Table):

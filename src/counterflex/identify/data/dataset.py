@@ -12,8 +12,6 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError
 from counterflex.identify.data.measuring_frame import SensorFrame
 
-Scalar = float | int | str | bool
-
 
 @dataclass(frozen=True, eq=False)
 class Channel:

@@ -1,8 +1,7 @@
 """In which order to take poses: short ways, and every axis approached from the same side, so that play cancels.
 
 An axis with play rests on one side of its dead band or the other, depending on how it came. An order cannot bring
-every axis to every pose from the same side, but a good one does so far more often than chance; where it does not, an
-approach point before the pose does.
+every axis to every pose from the same side, but a good one does so far more often than chance.
 """
 
 from __future__ import annotations
@@ -12,32 +11,17 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_float
-from counterflex.core.errors import InputError, ReachError
+from counterflex.core.errors import InputError
 from counterflex.core.units import DEG
 
 BAND_RAD: Final = 0.1 * DEG
 """Move of an axis that surely takes up its play."""
-APPROACH_RAD: Final = 2.0 * DEG
-"""How far back an approach point lies."""
 REVERSAL_S: Final = 0.5
 """Time that an axis arriving from the wrong side counts for, against time of travel."""
 STOP_S: Final = 0.3
 """Time that starting and stopping adds to every move."""
 _STILL_RAD: Final = 1e-9
 _STARTS: Final = 10
-
-
-def travel_s(q: Float, speeds_rad_s: Float, start: Float | None = None) -> float:
-    """Time of travel through poses: of each move the slowest axis at full speed, plus :data:`STOP_S`.
-
-    Args:
-        q: (n, 6) rad, in order.
-        speeds_rad_s: (6,) rad/s.
-        start: (6,) rad, where the robot comes from; None starts at the first pose.
-    """
-    way = q if start is None else np.vstack([start, q])
-    moves = np.max(np.abs(np.diff(way, axis=0)) / speeds_rad_s, axis=1)
-    return float(np.sum(moves + STOP_S * (moves > 0.0)))
 
 
 def wrong_sides(q: Float, *, start: Float | None = None, wanted: Float | None = None, band: float = BAND_RAD) -> Bool:
@@ -112,57 +96,6 @@ def order_of_poses(
     tours.append(_improved(_nearest(cost, None), cost))
     best = min(tours, key=lambda tour: _length(tour, cost))
     return np.array(best[1:], dtype=np.int64) - 1
-
-
-def approach_points(
-    q: Float,
-    limits_rad: Float,
-    *,
-    start: Float | None = None,
-    wanted: Float | None = None,
-    band: float = BAND_RAD,
-    back: float = APPROACH_RAD,
-) -> Float:
-    """Where to come from, so that every axis arrives from the wanted side.
-
-    Axes that would arrive from the wrong side are first moved past the pose by ``back`` and then return; the others
-    come straight.
-
-    Args:
-        q: (n, 6) rad, in order.
-        limits_rad: (6, 2) rad.
-        start: (6,) rad, as in :func:`wrong_sides`.
-        wanted: (6,) see :func:`wrong_sides`.
-        band: See :func:`wrong_sides`.
-        back: rad.
-
-    Returns:
-        (n, 6) rad; equal to the pose where it may be approached directly.
-
-    Raises:
-        ReachError: An approach point would lie beyond a joint limit; names the axis.
-    """
-    q = as_float("q", q, (None, 6))
-    limits = as_float("limits_rad", limits_rad, (6, 2))
-    aim = _sides(wanted)
-    before = q[0] if start is None else as_float("start", start, (6,))
-    right = np.full(6, start is None)
-    out = q.copy()
-    for k, here in enumerate(q):
-        wrong = ~_right(right, (here - before) * aim, band)
-        out[k, wrong] -= aim[wrong] * back
-        beyond = wrong & ((out[k] < limits[:, 0]) | (out[k] > limits[:, 1]))
-        if np.any(beyond):
-            axis = int(np.flatnonzero(beyond)[0])
-            raise ReachError(
-                f"the approach point of axis {axis + 1} lies beyond its limit",
-                where=f"pose {k + 1}",
-                value=f"{out[k, axis] / DEG:.2f} deg",
-                limit=f"{limits[axis, 0] / DEG:.2f} .. {limits[axis, 1] / DEG:.2f} deg",
-                hint="Keep the poses further from the joint limits",
-            )
-        right, before = np.ones(6, dtype=np.bool_), here
-    return out
 
 
 def _right(before: Bool, forward: Float, band: float) -> Bool:

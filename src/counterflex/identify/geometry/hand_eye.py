@@ -1,4 +1,4 @@
-"""Where the tracker stands and where its target sits, from robot poses: linear on all poses, robust to gross errors.
+"""Where the tracker stands and where its target sits, from robot poses, by least squares over all of them.
 
 Robot poses ``A_i = T_base_tcp`` and measured ``B_i = T_tracker_target`` obey ``A_i X = Z B_i``: ``X = T_tcp_target``
 and ``Z = T_base_tracker``. Several linear starts are refined by Gauss-Newton, and the one that leaves least is taken:
@@ -9,7 +9,7 @@ and ``Z = T_base_tracker``. Several linear starts are refined by Gauss-Newton, a
 - the rotation of the tracker by registration of the points alone, as if the target sat at the TCP.
 
 Where the poses turn about one axis only, the offset of the target along it goes with the place of the tracker: it is
-left at zero, and told (:attr:`HandEye.open`).
+left at zero, and told (:func:`open_offsets`).
 
 Source: M. Shah, J. Mechanisms Robotics 5 (2013) 031007 (separable Kronecker solution of AX = YB); A. Li, L. Wang,
 D. Wu, Int. J. Phys. Sci. 5 (2010) 1530 (rotations and positions together).
@@ -18,54 +18,24 @@ D. Wu, Int. J. Phys. Sci. 5 (2010) 1530 (rotations and positions together).
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float, Int, as_float
+from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
 from counterflex.geometry.pose import register
 
 FEWEST: Final = 3
-TRIALS: Final = 200
 LENGTH_M: Final = 0.5
 """Arm at which a rotation error counts like a position error where both are judged together."""
 LEAST_TURN_RAD: Final = 0.01
 """Root mean square turn below which poses say nothing about an offset across it."""
-_SAMPLE = 5
-_POINT_SAMPLE = 8
 _STEPS = 8
 _AT_REST = 1e-7
 _ALIKE_RAD = 0.02
 _LEAST_GAP = 1e-3
-_INLIER = 6.0
-
-
-@dataclass(frozen=True, eq=False)
-class HandEye:
-    """Frames found.
-
-    Attributes:
-        T_base_tracker: (4, 4).
-        T_tcp_target: (4, 4); its rotation is identity where only points were measured.
-        error_m: (m,) distance of each measurement from its prediction, rotations counted at :data:`LENGTH_M`.
-        good: (m,) measurements that are no gross errors.
-        open: (k, 3) unit vectors in the axes of the TCP along which the poses do not tell the target's offset.
-    """
-
-    T_base_tracker: Float
-    T_tcp_target: Float
-    error_m: Float
-    good: Bool
-    open: Float = field(default_factory=lambda: np.zeros((0, 3)))
-
-    @property
-    def median_m(self) -> float:
-        """Median of the errors."""
-        return float(np.median(self.error_m))
 
 
 def open_offsets(Ts_base_tcp: Float) -> Float:
@@ -114,7 +84,7 @@ def of_poses(Ts_base_tcp: Float, Ts_tracker_target: Float, *, partly: bool = Fal
             "hand-eye calibration needs matching poses", value=(len(A), len(B)), limit=f"{FEWEST} or more each"
         )
     _check_turns(A, 1 if partly else 0)
-    found = [_refined(A, B, R_Z) for R_Z in _different(_tracker_rotations(A, B))]
+    found = [refined(A, B, R_Z) for R_Z in _different(_tracker_rotations(A, B))]
     return min(found, key=lambda pair: float(np.sum(error_of(A, B, *pair) ** 2)))
 
 
@@ -129,8 +99,18 @@ def error_of(Ts_base_tcp: Float, measured: Float, T_base_tracker: Float, T_tcp_t
     return both
 
 
-def _quick(A: Float, B: Float, partly: bool) -> tuple[Float, Float]:
-    """Frames by one linear way, not refined: rotations first where they tell, else together with the positions."""
+def quick_of_poses(Ts_base_tcp: Float, Ts_tracker_target: Float, partly: bool) -> tuple[Float, Float]:
+    """Frames by one linear way, not refined: rotations first where they tell, else together with the positions.
+
+    Args:
+        Ts_base_tcp: (m, 4, 4) robot poses, m.
+        Ts_tracker_target: (m, 4, 4) measured poses, m.
+        partly: As for :func:`of_poses`.
+
+    Returns:
+        T_base_tracker and T_tcp_target, each (4, 4).
+    """
+    A, B = Ts_base_tcp, Ts_tracker_target
     _check_turns(A, 1 if partly else 0)
     R_Z, alone = _by_rotations(A, B)
     if not alone:
@@ -198,8 +178,18 @@ def _different(starts: list[Float]) -> list[Float]:
     return out
 
 
-def _refined(A: Float, measured: Float, R_base_tracker: Float) -> tuple[Float, Float]:
-    """All numbers by Gauss-Newton from a rotation of the tracker; what the measurements do not see is not moved."""
+def refined(Ts_base_tcp: Float, measured: Float, R_base_tracker: Float) -> tuple[Float, Float]:
+    """All numbers by Gauss-Newton from a rotation of the tracker; what the measurements do not see is not moved.
+
+    Args:
+        Ts_base_tcp: (m, 4, 4) robot poses, m.
+        measured: (m, 4, 4) poses or (m, 3) m points of the target as the tracker sees them.
+        R_base_tracker: (3, 3), where to start.
+
+    Returns:
+        T_base_tracker and T_tcp_target, each (4, 4).
+    """
+    A = Ts_base_tcp
     RA, m, whole = A[:, :3, :3], len(A), measured.ndim == 3
     p = measured[:, :3, 3] if whole else measured
     RB = measured[:, :3, :3] if whole else None
@@ -307,113 +297,5 @@ def of_points(Ts_base_tcp: Float, p_tracker_target: Float, *, partly: bool = Fal
     rows, right = _point_rows(A, p)
     x, *_ = np.linalg.lstsq(rows, right, rcond=None)
     starts = [register(A[:, :3, 3], p)[0][:3, :3], _proper(np.asarray(x[:9], dtype=np.float64).reshape(3, 3).T)]
-    found = [_refined(A, p, R_Z) for R_Z in _different(starts)]
+    found = [refined(A, p, R_Z) for R_Z in _different(starts)]
     return min(found, key=lambda pair: float(np.sum(error_of(A, p, *pair) ** 2)))
-
-
-def robust_of_poses(
-    Ts_base_tcp: Float, Ts_tracker_target: Float, *, seed: int = 0, trials: int = TRIALS, partly: bool = False
-) -> HandEye:
-    """:func:`of_poses` that survives up to about 40 % of gross errors: the best of many small samples, then refined.
-
-    Args:
-        Ts_base_tcp: (m, 4, 4) robot poses, m.
-        Ts_tracker_target: (m, 4, 4) measured poses.
-        seed: Of the samples.
-        trials: Samples; 0 is plain least squares, then refined.
-        partly: As for :func:`of_poses`.
-
-    Raises:
-        InputError: As :func:`of_poses`.
-    """
-    found = _best(
-        len(Ts_base_tcp),
-        _SAMPLE,
-        lambda rows: of_poses(Ts_base_tcp[rows], Ts_tracker_target[rows], partly=partly),
-        lambda rows: _quick(Ts_base_tcp[rows], Ts_tracker_target[rows], partly),
-        lambda rows, R: _refined(Ts_base_tcp[rows], Ts_tracker_target[rows], R),
-        lambda Z, X: error_of(Ts_base_tcp, Ts_tracker_target, Z, X),
-        seed,
-        trials,
-    )
-    return replace(found, open=open_offsets(Ts_base_tcp))
-
-
-def robust_tracker(Ts_base_tcp: Float, measured: Float, T_tcp_target: Float, *, trials: int = TRIALS) -> HandEye:
-    """:func:`tracker_of_poses` that survives gross errors: the six numbers of the tracker only. Arguments as there."""
-    return _best(
-        len(Ts_base_tcp),
-        _SAMPLE,
-        lambda rows: (tracker_of_poses(Ts_base_tcp[rows], measured[rows], T_tcp_target), T_tcp_target),
-        None,
-        None,
-        lambda Z, X: error_of(Ts_base_tcp, measured, Z, X),
-        0,
-        trials,
-    )
-
-
-def robust_target(Ts_base_tcp: Float, measured: Float, T_base_tracker: Float, *, trials: int = TRIALS) -> HandEye:
-    """:func:`target_of_poses` that survives gross errors. Arguments as there."""
-    return _best(
-        len(Ts_base_tcp),
-        _SAMPLE,
-        lambda rows: (T_base_tracker, target_of_poses(Ts_base_tcp[rows], measured[rows], T_base_tracker)),
-        None,
-        None,
-        lambda Z, X: error_of(Ts_base_tcp, measured, Z, X),
-        0,
-        trials,
-    )
-
-
-def robust_of_points(
-    Ts_base_tcp: Float, p_tracker_target: Float, *, seed: int = 0, trials: int = TRIALS, partly: bool = False
-) -> HandEye:
-    """:func:`of_points` that survives gross errors. Arguments and errors as there."""
-    found = _best(
-        len(Ts_base_tcp),
-        _POINT_SAMPLE,
-        lambda rows: of_points(Ts_base_tcp[rows], p_tracker_target[rows], partly=partly),
-        None,
-        lambda rows, R: _refined(Ts_base_tcp[rows], p_tracker_target[rows], R),
-        lambda Z, X: error_of(Ts_base_tcp, p_tracker_target, Z, X),
-        seed,
-        trials,
-    )
-    return replace(found, open=open_offsets(Ts_base_tcp))
-
-
-def _best(
-    count: int,
-    sample: int,
-    fit: Callable[[Int | Bool], tuple[Float, Float]],
-    quick: Callable[[Int | Bool], tuple[Float, Float]] | None,
-    again: Callable[[Bool, Float], tuple[Float, Float]] | None,
-    error: Callable[[Float, Float], Float],
-    seed: int,
-    trials: int,
-) -> HandEye:
-    """Least median of errors over random samples, fitted quickly, then least squares over what agrees with the best."""
-    Z, X = fit(np.ones(count, dtype=np.bool_))
-    best = error(Z, X)
-    rng = np.random.default_rng(seed)
-    for _ in range(trials if count > sample else 0):
-        try:
-            trial = (quick or fit)(rng.choice(count, sample, replace=False).astype(np.int64))
-        except InputError:  # a sample that does not turn enough says nothing
-            continue
-        errors = error(*trial)
-        if np.median(errors) < np.median(best):
-            (Z, X), best = trial, errors
-    for _ in range(5):
-        good = best <= _INLIER * max(float(np.median(best)), 1e-12)
-        try:
-            trial = fit(good) if again is None else again(good, Z[:3, :3])
-        except InputError:
-            break
-        errors = error(*trial)
-        if np.median(errors) > 1.2 * np.median(best):
-            break
-        (Z, X), best = trial, errors
-    return HandEye(Z, X, best, best <= _INLIER * max(float(np.median(best)), 1e-12))

@@ -28,10 +28,10 @@ from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.manifest_checks import Misfit, check_reading, thinned
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.geometry.arm_geometry import ArmGeometry, displaced_arm
-from counterflex.identify.geometry.hand_eye import (
+from counterflex.identify.geometry.hand_eye import open_offsets
+from counterflex.identify.geometry.hand_eye_robust import (
     TRIALS,
     HandEye,
-    open_offsets,
     robust_of_points,
     robust_of_poses,
     robust_target,

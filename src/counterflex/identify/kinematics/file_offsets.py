@@ -19,14 +19,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, MRAD
 from counterflex.geometry import pose, rotation
-from counterflex.identify.geometry.hand_eye import (
-    HandEye,
-    error_of,
-    open_offsets,
-    robust_of_poses,
-    robust_target,
-    robust_tracker,
-)
+from counterflex.identify.geometry.hand_eye import error_of, open_offsets
+from counterflex.identify.geometry.hand_eye_robust import HandEye, robust_of_poses, robust_target, robust_tracker
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 
 RATIO: Final = 1.5

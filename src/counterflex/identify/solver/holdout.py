@@ -107,19 +107,6 @@ class HeldOut:
         found, before = self.identified[~self.gross], self.nominal[~self.gross]
         return float(np.quantile(found, share)), float(np.quantile(before, share))
 
-    def of_block(self, place: int) -> HeldOut:
-        """The rows of one block only."""
-        mine = self.block == place
-        return HeldOut(
-            self.block[mine],
-            self.row[mine],
-            self.fold[mine],
-            self.nominal[mine],
-            self.identified[mine],
-            self.gross[mine],
-            self.fits,
-        )
-
 
 def fold_of_groups(groups: Sequence[Int], folds: int = FOLDS, seed: int = 0) -> tuple[Int, ...]:
     """Deal whole groups to folds so that each block has about the same number of rows in every fold.

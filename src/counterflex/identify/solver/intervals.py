@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,6 @@ from scipy.stats import norm, t
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.residuals import Residuals
 
 LEVEL = 0.95
 
@@ -110,42 +108,3 @@ def of_linear(fit: Fit, derivative: Float, value: Float, level: float = LEVEL) -
     sigma = np.sqrt(np.maximum(np.sum((half @ fit.covariance) * half, axis=1), 0.0))
     k = coverage_factor(fit, level)
     return Derived(y, sigma, y - k * sigma, y + k * sigma)
-
-
-def of_sum(fit: Fit, terms: Mapping[str, float], level: float = LEVEL) -> Derived:
-    """A sum of parameters times constants.
-
-    Args:
-        fit: The fit.
-        terms: Constant by name of the parameter.
-        level: Probability that the interval holds the truth.
-
-    Returns:
-        One value, (1,) each.
-
-    Raises:
-        InputError: A name that is no parameter.
-    """
-    G = np.zeros((1, len(fit.values)))
-    for name, constant in terms.items():
-        G[0, fit.parameters.index(name)] += constant
-    return of_linear(fit, G, G @ fit.values, level)
-
-
-def of_prediction(fit: Fit, block: Residuals, *, noise: bool = False) -> Float:
-    """Standard deviation of what a block predicts.
-
-    Args:
-        fit: The fit.
-        block: Rows to predict, measured or not: only its Jacobian counts.
-        noise: Add the block's own standard deviation: that of the difference to a measurement to come.
-
-    Returns:
-        (rows, components) in the units of the components.
-    """
-    J = block.jacobian(fit.values)
-    n, k, _ = J.shape
-    G = (J * block.sigma[:, :, None]).reshape(n * k, -1)
-    sigma = of_linear(fit, G, np.zeros(n * k)).sigma.reshape(n, k)
-    out: Float = np.hypot(sigma, block.sigma) if noise else sigma
-    return out

@@ -17,15 +17,13 @@ from scipy.linalg import qr
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import DEG, MM, PERCENT
-from counterflex.identify.solver.fit import Fit, Seen
+from counterflex.identify.solver.fit import Seen
 from counterflex.identify.solver.parameters import Parameter, Parameters
 
 DETERMINED: Final = 0.5
 """Posterior by prior sigma below which the data determine a parameter."""
 UNSEEN: Final = 0.9
 """Posterior by prior sigma above which they do not see it."""
-RELATED: Final = 0.95
-"""Correlation from which two parameters are said to be found only together."""
 _RANK = 1e-9
 _PARTNER = 0.25
 _BLIND = 1.0
@@ -67,25 +65,6 @@ def examine(parameters: Parameters, free: Int, jacobian: Float, sigma_u: Float, 
         seen[place] = "determined" if sigma < DETERMINED else ("prior" if sigma > UNSEEN else "partly")
     items = [parameters.items[i] for i in free]
     return Observability(tuple(seen), rank, condition, _hidden(items, R, np.asarray(prior, dtype=np.bool_)))
-
-
-def related(fit: Fit, threshold: float = RELATED) -> tuple[str, ...]:
-    """Pairs of parameters that the data determine, but only together: strongly correlated ones, strongest first.
-
-    Args:
-        fit: The fit.
-        threshold: Least correlation.
-    """
-    C = np.abs(np.triu(fit.correlation, 1))
-    pairs = np.argwhere(threshold <= C)
-    pairs = pairs[np.argsort(-C[pairs[:, 0], pairs[:, 1]], kind="stable")]
-    out = []
-    for a, b in pairs:
-        i, j = int(fit.free_index[a]), int(fit.free_index[b])
-        if fit.seen[i] == fit.seen[j] == "determined":
-            one, other = _name(fit.parameters.items[i]), _name(fit.parameters.items[j])
-            out.append(f"{one} and {other} are found together better than each alone (correlation {C[a, b]:.3f})")
-    return tuple(out)
 
 
 def _hidden(items: Sequence[Parameter], R: Float, prior: Bool) -> tuple[str, ...]:

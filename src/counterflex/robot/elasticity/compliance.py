@@ -206,7 +206,7 @@ class Corrections:
         deflection: (..., 6) loaded minus rigid pose at q, m and rad, base axes.
         q_c: (..., 6) rad, angles whose deflected pose is the rigid pose of q.
         residual: (..., 6) what is left of the deflection at q_c.
-        sigma: (...) distance from singularity, see :class:`counterflex.robot.elasticity.elastic_step.ElasticStep`.
+        sigma: (...) distance from singularity, 1/sqrt(6) to 1 times the smallest singular value of J, 1 m as 1 rad.
         status: (...) 0, or bits DAMPED, CLAMPED, REFUSED of :mod:`counterflex.robot.elasticity.kernels.step`.
     """
 

@@ -156,7 +156,7 @@ def inverted(A: Numbers, a: Arithmetic) -> Numbers:
 
 @dataclass(frozen=True)
 class StepResult:
-    """Results of :func:`step`, as in :class:`counterflex.robot.elasticity.elastic_step.ElasticStep`."""
+    """Results of :func:`step`."""
 
     C: Numbers
     d: Numbers

@@ -162,7 +162,10 @@ def deflect(
 def step(
     real: Float, kind: Int, given: Float, out: Float, frame: Float, delta: Float, scratch: Float, gravity: int
 ) -> int:
-    """One online step for ``given = [q, w_tcp_base]`` (12,); see :class:`ElasticStep`. Returns the status bits."""
+    """One online step for ``given = [q, w_tcp_base]`` (12,), see :func:`counterflex.robot.elasticity.equations.step`.
+
+    Returns the status bits.
+    """
     m = kind.shape[0] - 1
     w = given[6:]
     trig, jac, inv, error, half, move = scratch[0], scratch[1], scratch[3], scratch[4], scratch[5], scratch[6]

@@ -1,4 +1,7 @@
-"""The online step of one chain as an object with its buffers; the arithmetic is :mod:`.kernels.step`."""
+"""The online step of one chain as an object with its buffers, for benchmarks and tests.
+
+The arithmetic is :mod:`counterflex.robot.elasticity.kernels.step`.
+"""
 
 from __future__ import annotations
 

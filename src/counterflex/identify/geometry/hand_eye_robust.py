@@ -1,0 +1,165 @@
+"""Frames of tracker and target from robot poses with gross errors among them: the best of many small samples, refined.
+
+Each sample is fitted as :mod:`.hand_eye` fits all poses; the one with the least median error over all poses decides
+which measurements agree, and these are fitted again (least median of squares). It survives about 40 % of gross errors.
+
+Source: P. J. Rousseeuw, J. American Statistical Association 79 (1984) 871.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.errors import InputError
+from counterflex.identify.geometry.hand_eye import (
+    error_of,
+    of_points,
+    of_poses,
+    open_offsets,
+    quick_of_poses,
+    refined,
+    target_of_poses,
+    tracker_of_poses,
+)
+
+TRIALS: Final = 200
+_SAMPLE = 5
+_POINT_SAMPLE = 8
+_INLIER = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class HandEye:
+    """Frames found.
+
+    Attributes:
+        T_base_tracker: (4, 4).
+        T_tcp_target: (4, 4); its rotation is identity where only points were measured.
+        error_m: (m,) distance of each measurement from its prediction, rotations counted at :data:`LENGTH_M`.
+        good: (m,) measurements that are no gross errors.
+        open: (k, 3) unit vectors in the axes of the TCP along which the poses do not tell the target's offset.
+    """
+
+    T_base_tracker: Float
+    T_tcp_target: Float
+    error_m: Float
+    good: Bool
+    open: Float = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def median_m(self) -> float:
+        """Median of the errors."""
+        return float(np.median(self.error_m))
+
+
+def robust_of_poses(
+    Ts_base_tcp: Float, Ts_tracker_target: Float, *, seed: int = 0, trials: int = TRIALS, partly: bool = False
+) -> HandEye:
+    """:func:`of_poses` that survives up to about 40 % of gross errors: the best of many small samples, then refined.
+
+    Args:
+        Ts_base_tcp: (m, 4, 4) robot poses, m.
+        Ts_tracker_target: (m, 4, 4) measured poses.
+        seed: Of the samples.
+        trials: Samples; 0 is plain least squares, then refined.
+        partly: As for :func:`of_poses`.
+
+    Raises:
+        InputError: As :func:`of_poses`.
+    """
+    found = _best(
+        len(Ts_base_tcp),
+        _SAMPLE,
+        lambda rows: of_poses(Ts_base_tcp[rows], Ts_tracker_target[rows], partly=partly),
+        lambda rows: quick_of_poses(Ts_base_tcp[rows], Ts_tracker_target[rows], partly),
+        lambda rows, R: refined(Ts_base_tcp[rows], Ts_tracker_target[rows], R),
+        lambda Z, X: error_of(Ts_base_tcp, Ts_tracker_target, Z, X),
+        seed,
+        trials,
+    )
+    return replace(found, open=open_offsets(Ts_base_tcp))
+
+
+def robust_tracker(Ts_base_tcp: Float, measured: Float, T_tcp_target: Float, *, trials: int = TRIALS) -> HandEye:
+    """:func:`tracker_of_poses` that survives gross errors: the six numbers of the tracker only. Arguments as there."""
+    return _best(
+        len(Ts_base_tcp),
+        _SAMPLE,
+        lambda rows: (tracker_of_poses(Ts_base_tcp[rows], measured[rows], T_tcp_target), T_tcp_target),
+        None,
+        None,
+        lambda Z, X: error_of(Ts_base_tcp, measured, Z, X),
+        0,
+        trials,
+    )
+
+
+def robust_target(Ts_base_tcp: Float, measured: Float, T_base_tracker: Float, *, trials: int = TRIALS) -> HandEye:
+    """:func:`target_of_poses` that survives gross errors. Arguments as there."""
+    return _best(
+        len(Ts_base_tcp),
+        _SAMPLE,
+        lambda rows: (T_base_tracker, target_of_poses(Ts_base_tcp[rows], measured[rows], T_base_tracker)),
+        None,
+        None,
+        lambda Z, X: error_of(Ts_base_tcp, measured, Z, X),
+        0,
+        trials,
+    )
+
+
+def robust_of_points(
+    Ts_base_tcp: Float, p_tracker_target: Float, *, seed: int = 0, trials: int = TRIALS, partly: bool = False
+) -> HandEye:
+    """:func:`of_points` that survives gross errors. Arguments and errors as there."""
+    found = _best(
+        len(Ts_base_tcp),
+        _POINT_SAMPLE,
+        lambda rows: of_points(Ts_base_tcp[rows], p_tracker_target[rows], partly=partly),
+        None,
+        lambda rows, R: refined(Ts_base_tcp[rows], p_tracker_target[rows], R),
+        lambda Z, X: error_of(Ts_base_tcp, p_tracker_target, Z, X),
+        seed,
+        trials,
+    )
+    return replace(found, open=open_offsets(Ts_base_tcp))
+
+
+def _best(
+    count: int,
+    sample: int,
+    fit: Callable[[Int | Bool], tuple[Float, Float]],
+    quick: Callable[[Int | Bool], tuple[Float, Float]] | None,
+    again: Callable[[Bool, Float], tuple[Float, Float]] | None,
+    error: Callable[[Float, Float], Float],
+    seed: int,
+    trials: int,
+) -> HandEye:
+    """Least median of errors over random samples, fitted quickly, then least squares over what agrees with the best."""
+    Z, X = fit(np.ones(count, dtype=np.bool_))
+    best = error(Z, X)
+    rng = np.random.default_rng(seed)
+    for _ in range(trials if count > sample else 0):
+        try:
+            trial = (quick or fit)(rng.choice(count, sample, replace=False).astype(np.int64))
+        except InputError:  # a sample that does not turn enough says nothing
+            continue
+        errors = error(*trial)
+        if np.median(errors) < np.median(best):
+            (Z, X), best = trial, errors
+    for _ in range(5):
+        good = best <= _INLIER * max(float(np.median(best)), 1e-12)
+        try:
+            trial = fit(good) if again is None else again(good, Z[:3, :3])
+        except InputError:
+            break
+        errors = error(*trial)
+        if np.median(errors) > 1.2 * np.median(best):
+            break
+        (Z, X), best = trial, errors
+    return HandEye(Z, X, best, best <= _INLIER * max(float(np.median(best)), 1e-12))
