@@ -131,7 +131,8 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain help: the library that draws boxes takes a third of the time of --help to load
     pretty_exceptions_enable=False,
     help=(
-        "Makes a milling robot accurate: predicts its deflection under the cutting force and writes the same program, compensated.\n\nFirst steps:\n\n"
+        "Makes a milling robot accurate: predicts its deflection under the cutting force and writes the same "
+        "program, compensated.\n\nFirst steps:\n\n"
         "`counterflex demo --out out/demo` runs the complete chain on a simulated cell.\n\n"
         "`counterflex cell example --out cell.toml` writes an example cell file.\n\n"
         "`counterflex compensate part.ngc --cell cell.toml --out out` compensates your program."

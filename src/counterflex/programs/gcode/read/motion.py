@@ -327,7 +327,8 @@ class MotionMaker:
         plane, began = self._state.cycle_began
         if plane != self._state.plane or abs(initial - began) > _SAME_NUMBER:
             raise block.fault(
-                f"{name} continues a series of cycles after a change of plane, offset or unit: controllers differ in the initial height of the series",
+                f"{name} continues a series of cycles after a change of plane, offset or unit: controllers differ "
+                f"in the initial height of the series",
                 f"G{self._state.motion}",
                 f"{began:.6g} in G{plane} then, {initial:.6g} in G{self._state.plane} now",
                 "End the series before the change with G80 and begin the next with G0",
