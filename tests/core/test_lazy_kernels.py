@@ -6,6 +6,8 @@ import os
 import subprocess
 import sys
 import textwrap
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -136,6 +138,21 @@ def test_a_wrong_type_is_refused_at_the_first_call_and_later(wrong: Any) -> None
         with pytest.raises(TypeError):
             fresh(wrong)
         assert fresh(np.ones(2)) == 1.0
+
+
+def test_threads_that_call_a_kernel_for_the_first_time_wait_for_it() -> None:
+    @kernel("float64(float64)")
+    def cube(x: float) -> float:
+        return x * x * x
+
+    begin = threading.Barrier(4)
+
+    def call(x: float) -> float:
+        begin.wait()
+        return cube(x)
+
+    with ThreadPoolExecutor(4) as threads:
+        assert list(threads.map(call, (1.0, 2.0, 3.0, 4.0))) == [1.0, 8.0, 27.0, 64.0]
 
 
 def test_a_kernel_that_calls_another_compiles_it_for_its_stated_types() -> None:

@@ -144,11 +144,12 @@ class _SharedCache(FunctionCache):  # type: ignore[misc]
 class _Kernel(CPUDispatcher):  # type: ignore[misc]
     """A compiled function that is compiled for the stated signatures when it is first needed, and for no other type."""
 
+    _only_stated = False
     _stated: tuple[Any, ...] = ()
 
     def state(self, signatures: tuple[Any, ...]) -> None:
         """State the only signatures that it will ever have."""
-        self._stated = signatures
+        self._only_stated, self._stated = True, signatures
 
     def enable_caching(self) -> None:
         self._cache = _SharedCache(self.py_func)
@@ -175,8 +176,8 @@ class _Kernel(CPUDispatcher):  # type: ignore[misc]
                 self.disable_compile()
 
     def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
-        if self._stated:
-            self.compile_stated()
+        if self._only_stated:
+            self.compile_stated()  # by one thread: others that call it meanwhile wait here
             return self  # is called again, and now finds its signature or raises TypeError
         return super()._compile_for_args(*args, **kws)
 
