@@ -26,7 +26,7 @@ from counterflex.protocols.kuka_rsi.config import RsiConfig
 from counterflex.protocols.kuka_rsi.link import RsiLink
 from counterflex.protocols.kuka_rsi.telegram import Writer, robot_writer
 from counterflex.protocols.processes.control_array import Request
-from counterflex.protocols.session.session import OnlineSession
+from counterflex.protocols.session.session import OnlineSession, Sensing
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.model import catalog, load_cases
@@ -91,7 +91,7 @@ class Trial:
         self.loop.reset()
         self.link = RsiLink(self.expect, port=0)
         self.session = OnlineSession(
-            self.link, self.loop, force=self.force, wrench=self.wrench, watch=WatchSettings(clock=False)
+            self.link, self.loop, sensing=Sensing(self.force, self.wrench), watch=WatchSettings(clock=False)
         )
         self.session.control[Request.ARM] = 1
         self.force.w_sensor[:] = 0.0

@@ -14,7 +14,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose
 from counterflex.protocols.processes.control_array import REQUESTS, Request
-from counterflex.protocols.session.session import OnlineSession, SessionChecks
+from counterflex.protocols.session.session import OnlineSession, Sensing, SessionChecks
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.robot.elasticity.chain import forward
 from counterflex.runtime.loop import Loop
@@ -113,9 +113,11 @@ def session(robot: _Robot, *, checked: bool = True, output: Output = Output.CART
     made = OnlineSession(
         robot,  # type: ignore[arg-type]
         Loop(CELL.chain, settings, CELL.T_base_part),
-        force=_Force(robot),  # type: ignore[arg-type]
-        wrench=lambda _q, w, _age: w.copy(),  # type: ignore[arg-type]
-        angles=AxisCheck(CELL.controller_chain, CELL.T_base_part, settings.period_s) if checked else None,
+        sensing=Sensing(
+            force=_Force(robot),  # type: ignore[arg-type]
+            wrench=lambda _q, w, _age: w.copy(),  # type: ignore[arg-type]
+            angles=AxisCheck(CELL.controller_chain, CELL.T_base_part, settings.period_s) if checked else None,
+        ),
         control=control,
         checks=SessionChecks(settle_cycles=50),
         watch=WatchSettings(clock=False),

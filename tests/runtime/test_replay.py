@@ -17,7 +17,7 @@ from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.processes.control_array import REQUESTS, Request
-from counterflex.protocols.session.session import OnlineSession, SessionChecks
+from counterflex.protocols.session.session import OnlineSession, Sensing, SessionChecks
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
@@ -151,11 +151,13 @@ def recorded(
     session = OnlineSession(
         robot,  # type: ignore[arg-type]
         chosen,
-        force=_Force(robot) if sensor else None,  # type: ignore[arg-type]
-        wrench=lambda _q, w, _age: w,  # type: ignore[arg-type]
-        tracker=_Tracker(robot),  # type: ignore[arg-type]
-        T_part_tracker=np.eye(4),
-        T_target_tcp=np.eye(4),
+        sensing=Sensing(
+            force=_Force(robot) if sensor else None,  # type: ignore[arg-type]
+            wrench=lambda _q, w, _age: w,  # type: ignore[arg-type]
+            tracker=_Tracker(robot),  # type: ignore[arg-type]
+            T_part_tracker=np.eye(4),
+            T_target_tcp=np.eye(4),
+        ),
         ring=ring,
         control=control,
         checks=SessionChecks(settle_cycles=5),

@@ -214,7 +214,7 @@ class Loop:
         """Hand over the force sensor's own samples of the cycle, see :meth:`Monitor.take`; before :meth:`run`."""
         take_fast(self._table.rows, samples, count, number)
 
-    def feed(
+    def feed(  # noqa: PLR0913 - a keyword for each field of the record that it fills
         self,
         *,
         T_part_tcp: Float,

@@ -23,7 +23,7 @@ from counterflex.protocols.abb_egm.link import EgmLink
 from counterflex.protocols.force.sensors import Opening, link_values, opened
 from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.robot.link import RobotLink
-from counterflex.protocols.session.session import OnlineSession, SessionChecks, compile_kernels, tracker_frames
+from counterflex.protocols.session.session import OnlineSession, Sensing, SessionChecks, compile_kernels, tracker_frames
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.runtime.loop import Loop
@@ -165,14 +165,16 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     return OnlineSession(
         link,
         loop,
-        force=force,
-        wrench=wrench,
-        inertia=inertia,
-        currents=motors,
-        angles=_axis_check(cell, table, loop),
-        tracker=tracker,
-        T_part_tracker=frames[0],
-        T_target_tcp=frames[1],
+        sensing=Sensing(
+            force=force,
+            wrench=wrench,
+            inertia=inertia,
+            currents=motors,
+            angles=_axis_check(cell, table, loop),
+            tracker=tracker,
+            T_part_tracker=frames[0],
+            T_target_tcp=frames[1],
+        ),
         ring=ring,
         control=control,
         checks=SessionChecks(

@@ -89,12 +89,11 @@ class SessionChecks:
     run_silent_s: float | None = 0.08
 
 
-class OnlineSession:
-    """Ties links, sensors and loop together.
+@dataclass(frozen=True, eq=False)
+class Sensing:
+    """What an online session measures with, beside what the robot says.
 
-    Args:
-        link: The robot.
-        loop: The step.
+    Attributes:
         force: Force sensor, or None.
         wrench: Its reading as process wrench; needed with ``force``.
         inertia: Takes the inertia of the spindle out of it, or None.
@@ -103,6 +102,25 @@ class OnlineSession:
         tracker: Tracker, or None.
         T_part_tracker: (4, 4) tracker in the part frame; needed with ``tracker``.
         T_target_tcp: (4, 4) tool tip in the tracker's target; needed with ``tracker``.
+    """
+
+    force: ForceSource | None = None
+    wrench: SensorWrench | None = None
+    inertia: SpindleInertia | None = None
+    currents: MotorTorque | None = None
+    angles: AxisCheck | None = None
+    tracker: TrackerLink | None = None
+    T_part_tracker: Float | None = None
+    T_target_tcp: Float | None = None
+
+
+class OnlineSession:
+    """Ties links, sensors and loop together.
+
+    Args:
+        link: The robot.
+        loop: The step.
+        sensing: See there; None: nothing but what the robot says.
         ring: Where records go, or None.
         control: Of :class:`Request`, written by the operator's side, and where it is long enough (:data:`CONTROL`) of
             all that :mod:`counterflex.protocols.processes.control_array` says; or None.
@@ -122,14 +140,7 @@ class OnlineSession:
         link: RobotLink,
         loop: Loop,
         *,
-        force: ForceSource | None = None,
-        wrench: SensorWrench | None = None,
-        inertia: SpindleInertia | None = None,
-        currents: MotorTorque | None = None,
-        angles: AxisCheck | None = None,
-        tracker: TrackerLink | None = None,
-        T_part_tracker: Float | None = None,
-        T_target_tcp: Float | None = None,
+        sensing: Sensing | None = None,
         ring: RecordRing | None = None,
         control: Int | None = None,
         checks: SessionChecks | None = None,
@@ -137,9 +148,12 @@ class OnlineSession:
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         compile_kernels()
+        senses = Sensing() if sensing is None else sensing
+        force, tracker, currents = senses.force, senses.tracker, senses.currents
+        T_part_tracker, T_target_tcp = senses.T_part_tracker, senses.T_target_tcp
         self.link, self.loop, self.force, self.tracker, self.ring = link, loop, force, tracker, ring
-        self._wrench, self._inertia, self._motors = wrench, inertia, currents
-        self._angles = angles
+        self._wrench, self._inertia, self._motors = senses.wrench, senses.inertia, currents
+        self._angles = senses.angles
         self._current_age = _FORGET_CYCLES
         self._torque: Float = loop.given[at.G_TORQUE : at.G_TORQUE + 6]
         self._q: Float = loop.given[at.G_Q : at.G_Q + 6]
@@ -249,13 +263,7 @@ class OnlineSession:
             soft = self._lacking()
         self._fill_flags(came, soft, hard, new)
         loop.run()
-        control = self.control
-        if outcome[at.O_STATE] >= _ARMED:  # served, or overtaken by what happened: it must not arm later by itself
-            control[_ARM] = 0
-        if control[_RESET]:
-            self._reset()
-        self._let_go(bool(control[_RESET]))
-        control[_RESET] = 0
+        self._serve_requests()
         if came:
             self._answered = not outcome[at.O_SILENT]
         self._reply(asked)
@@ -275,6 +283,18 @@ class OnlineSession:
                 tracker_age=self._tracker_age,
             )
         return came
+
+    def _serve_requests(self) -> None:
+        """What the operator asked for, and the step has now seen."""
+        control = self.control
+        if (
+            self._outcome[at.O_STATE] >= _ARMED
+        ):  # served, or overtaken by what happened: it must not arm later by itself
+            control[_ARM] = 0
+        if control[_RESET]:
+            self._reset()
+        self._let_go(bool(control[_RESET]))
+        control[_RESET] = 0
 
     def _fill_flags(self, came: bool, soft: int, hard: int, new: int) -> None:
         """Write what this cycle knows beside numbers into the flags of the step."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from importlib import resources
 from typing import Any, Final
@@ -15,7 +16,7 @@ from counterflex.protocols.kuka_rsi.config import RsiConfig, read_config
 from counterflex.protocols.kuka_rsi.link import RsiLink
 from counterflex.protocols.netft.link import NetftLink
 from counterflex.protocols.netft.telegram import Scaling
-from counterflex.protocols.session.session import OnlineSession, SessionChecks
+from counterflex.protocols.session.session import OnlineSession, Sensing, SessionChecks
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.kinematics.inverse import inverse_path
 from counterflex.runtime.loop import Loop
@@ -134,13 +135,14 @@ def open_session(
         force: To the sensor.
         settings: Of the loop.
         plan: What was planned, or None.
-        chosen: Other arguments of :class:`OnlineSession`.
+        chosen: Other arguments of :class:`OnlineSession` and fields of :class:`Sensing`.
     """
     cell = demo_cell()
     loop = Loop(cell.chain, settings, cell.T_base_part, plan)
     angles = AxisCheck(cell.controller_chain, _program_base(), settings.period_s)
-    parts = {"force": force, "angles": angles, "wrench": _sensor_wrench(cell), "checks": SessionChecks(), **chosen}
-    session = OnlineSession(link, loop, **parts)
+    senses = {"force": force, "angles": angles, "wrench": _sensor_wrench(cell)}
+    senses |= {field.name: chosen.pop(field.name) for field in dataclasses.fields(Sensing) if field.name in chosen}
+    session = OnlineSession(link, loop, sensing=Sensing(**senses), **{"checks": SessionChecks(), **chosen})
     loop.run()
     loop.reset()
     return session
