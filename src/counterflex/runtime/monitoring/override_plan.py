@@ -23,6 +23,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
+from counterflex.core.records import Records, record, records
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
 from counterflex.runtime.settings import OnlineSettings, robot_answer
 from counterflex.signals.ahead import Ahead
@@ -59,67 +60,57 @@ def _passed(x: Float, answer: Float, memory: Float) -> None:
         x[k] = y
 
 
-@kernel(
-    "void(float64[::1], float64[:, ::1], float64[:, ::1], float64, float64, float64, int64, float64[::1],"
-    " float64[::1], float64, float64[::1], float64, float64[::1])"
+LOOP: Final = record(
+    period=float,  # cycle, s
+    lead=float,  # how much ahead the commanded correction is read, s
+    timing=float,  # uncertainty of timing, s
+    longest=float,  # ends there, s
+    dead=int,  # cycles of dead time
+    limit=(float, 3),  # of the correction: radius, speed, acceleration
+    answer=(float, 5),  # b0 b1 b2 a1 a2 of the robot's lag
+    arm=(float, 5),  # of the arm's mode, which the correction passes too
+    arm_share=float,  # of the need that swings through that mode
 )
-def drive(
-    time: Float,
-    need: Float,
-    sent: Float,
-    period: float,
-    lead: float,
-    timing: float,
-    dead: int,
-    answer: Float,
-    arm: Float,
-    share: float,
-    limit: Float,
-    longest: float,
-    error: Float,
-) -> None:
+"""The loop as a plan is driven through it."""
+
+
+@kernel("void(float64[::1], float64[:, ::1], float64[:, ::1], Loop[::1], float64[::1])", Loop=LOOP)
+def drive(time: Float, need: Float, sent: Float, loops: Records, error: Float) -> None:
     """Remaining error of a plan.
 
     Args:
         time: (n,) s, not decreasing.
         need: (n, 3) correction that is needed there, m.
         sent: (n, 3) correction that is commanded, m.
-        period: Cycle, s.
-        lead: How much ahead ``sent`` is read, s.
-        timing: Uncertainty of timing, s.
-        dead: Cycles of dead time.
-        answer: (5,) b0 b1 b2 a1 a2 of the robot's lag.
-        arm: (5,) of the arm's mode, which the correction passes too.
-        share: Of the need that swings through that mode.
-        limit: (3,) of the correction.
-        longest: Ends there, s.
+        loops: (1,) LOOP.
         error: (n,) written: largest error from each row to the next, m.
     """
+    d = loops[0]
     n = time.shape[0]
     y, v, wanted, here, swung, now = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     of_robot, of_arm, of_need = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((3, 4, 3))
-    ring = np.zeros((dead + 1, 3))
+    ring = np.zeros((d.dead + 1, 3))
     error[:] = 0.0
     t, at, row = time[0], 0, 0
-    while t < time[n - 1] and t - time[0] < longest:
+    while t < time[n - 1] and t - time[0] < d.longest:
         while row < n - 2 and time[row + 1] < t:
             row += 1
-        _need_at(time, sent, t + lead, row, wanted)
-        limited_step(y, v, wanted, limit, period)
+        _need_at(time, sent, t + d.lead, row, wanted)
+        limited_step(y, v, wanted, d.limit[:], d.period)
         ring[at] = y
-        at = (at + 1) % (dead + 1)
+        at = (at + 1) % (d.dead + 1)
         now[:] = ring[at]
-        _passed(now, answer, of_robot)
-        _passed(now, arm, of_arm)
+        _passed(now, d.answer[:], of_robot)
+        _passed(now, d.arm[:], of_arm)
         for side in range(3):
-            _need_at(time, need, t + (side - 1.0) * timing, row, here)
+            _need_at(time, need, t + (side - 1.0) * d.timing, row, here)
             swung[:] = here
-            _passed(swung, arm, of_need[side])
+            _passed(swung, d.arm[:], of_need[side])
             square = 0.0
             for k in range(3):
-                square += ((1.0 - share) * here[k] + share * swung[k] - now[k]) ** 2
+                square += ((1.0 - d.arm_share) * here[k] + d.arm_share * swung[k] - now[k]) ** 2
             error[row] = max(error[row], math.sqrt(square))
-        t += period
+        t += d.period
 
 
 @kernel("void(float64[::1], float64[::1], float64)")
@@ -220,31 +211,21 @@ def speed_plan(
     time = np.ascontiguousarray(time_s, dtype=np.float64)
     need = np.zeros((n, 3)) if need_m is None else np.ascontiguousarray(need_m, dtype=np.float64)
     left = np.zeros(n) if left_m is None else np.ascontiguousarray(left_m, dtype=np.float64)
-    dead, answer = robot_answer(online)
-    lead = online.lead_s if ahead is None else 0.0
-    arm = np.array([1.0, 0.0, 0.0, 0.0, 0.0]) if ahead is None else _sampled(ahead.modes[0], online.period_s)
-    share = 0.0 if ahead is None else ahead.arm_share
+    through = records(LOOP)
+    loop = through[0]
+    loop.period, loop.timing, loop.limit = online.period_s, online.timing_s, online.translation.packed()
+    loop.dead, loop.answer = robot_answer(online)
+    loop.lead = online.lead_s if ahead is None else 0.0
+    loop.arm = np.array([1.0, 0.0, 0.0, 0.0, 0.0]) if ahead is None else _sampled(ahead.modes[0], online.period_s)
+    loop.arm_share = 0.0 if ahead is None else ahead.arm_share
+    loop.longest = _LONGEST_S / override.least * 2.0
     found: Float = np.zeros(n)
 
     def errors(speed: Float) -> tuple[Float, Float]:
         when = slowed_time(time, speed)
         smaller = np.ascontiguousarray(need * speed[:, None] ** exponent)
         sent = smaller if ahead is None or need_m is None else np.ascontiguousarray(ahead.command(smaller, when))
-        drive(
-            when,
-            smaller,
-            sent,
-            online.period_s,
-            lead,
-            online.timing_s,
-            dead,
-            answer,
-            arm,
-            share,
-            online.translation.packed(),
-            _LONGEST_S / override.least * 2.0,
-            found,
-        )
+        drive(when, smaller, sent, through, found)
         return np.maximum(found, left * speed), when
 
     if time[-1] - time[0] > _LONGEST_S:
