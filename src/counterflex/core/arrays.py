@@ -38,9 +38,9 @@ def rows_of_each(number: Int) -> Iterator[tuple[int, Int]]:
         Numbers in rising order, each with the indices of its rows in rising order.
     """
     order = np.argsort(number, kind="stable")
-    found, first = np.unique(number[order], return_index=True)
+    result, first = np.unique(number[order], return_index=True)
     ends = [*first[1:].tolist(), len(order)]
-    for value, begin, end in zip(found.tolist(), first.tolist(), ends[: len(found)], strict=True):
+    for value, begin, end in zip(result.tolist(), first.tolist(), ends[: len(result)], strict=True):
         yield int(value), order[begin:end]
 
 

@@ -43,15 +43,15 @@ _IMPORT = re.compile(rb"^from counterflex((?:\.\w+)*) import (?:\(([^)]*)\)|([^\
 
 def _imported(source: bytes) -> set[str]:
     """Dotted names below the package that a source text may import as modules."""
-    found = set()
+    results = set()
     for match in _IMPORT.finditer(source):
         base = match.group(1).decode().lstrip(".")
-        found.add(base)
+        results.add(base)
         for name in (match.group(2) or match.group(3)).decode().replace("\n", " ").split(","):
             word = name.split(" as ")[0].strip()
             if word:
-                found.add(f"{base}.{word}".lstrip("."))
-    return found
+                results.add(f"{base}.{word}".lstrip("."))
+    return results
 
 
 @functools.cache
@@ -134,11 +134,11 @@ class _SharedCache(FunctionCache):  # type: ignore[misc]
         self.held: contextlib.ExitStack | None = None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        found = super().load_overload(sig, target_context)
-        if found is None and self.held is not None:
+        result = super().load_overload(sig, target_context)
+        if result is None and self.held is not None:
             self.held.enter_context(_alone(Path(self.cache_path) / self._name_of_lock))
-            found = super().load_overload(sig, target_context)
-        return found
+            result = super().load_overload(sig, target_context)
+        return result
 
 
 class _Kernel(CPUDispatcher):  # type: ignore[misc]

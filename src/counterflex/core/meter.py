@@ -108,8 +108,8 @@ class Meter:
 
     def line(self) -> str:
         """How far it is, in a line."""
-        left = self.left_s()
-        rest = "" if left is None else f", about {duration(left)} left"
+        remaining = self.left_s()
+        rest = "" if remaining is None else f", about {duration(remaining)} left"
         return f"{self.what}: {100.0 * self.fraction:.0f} %{rest}"
 
     def _rates(self, ends: Sequence[float]) -> list[tuple[float, float]]:

@@ -66,10 +66,10 @@ def process_lives(process: int) -> bool:
     except OSError:
         return True
     try:
-        said = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace")
+        stat_line = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace")
     except OSError:
         return True
-    return said.rpartition(")")[2].strip()[:1] not in ("Z", "X")
+    return stat_line.rpartition(")")[2].strip()[:1] not in ("Z", "X")
 
 
 _DESCRIPTOR: Final = re.compile(r"(?:/proc/(?P<process>\d+)|/dev)/fd/(?P<number>\d+)")
@@ -154,23 +154,23 @@ def place_of(target: str | os.PathLike[str]) -> Place:
     else:
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
     try:
-        found = path.stat()
+        status = path.stat()
     except FileNotFoundError:
         return Place(path)
-    if stat.S_ISDIR(found.st_mode):
+    if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, "a folder has this name")
     if not os.access(path, os.W_OK, effective_ids=os.access in os.supports_effective_ids):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
-    regular = stat.S_ISREG(found.st_mode) and not path.parent.as_posix().startswith("/proc/")
-    return Place(path, through=not regular, before=found if regular else None)
+    regular = stat.S_ISREG(status.st_mode) and not path.parent.as_posix().startswith("/proc/")
+    return Place(path, through=not regular, before=status if regular else None)
 
 
 def is_printed(target: str | os.PathLike[str]) -> bool:
     """Whether an output goes where this program prints: then nothing else should be printed there."""
     try:
         place = place_of(target)
-        found = place.path.stat() if place.descriptor is None else os.fstat(place.descriptor)
+        status = place.path.stat() if place.descriptor is None else os.fstat(place.descriptor)
         printed = os.fstat(sys.stdout.fileno())
     except (OSError, ValueError):
         return False
-    return place.through and os.path.samestat(found, printed)
+    return place.through and os.path.samestat(status, printed)

@@ -22,10 +22,10 @@ T = TypeVar("T")
 @functools.cache
 def _outside(group: str) -> dict[str, tuple[importlib.metadata.EntryPoint, ...]]:
     """Entry points of installed packages by name; the same package listed twice on the path counts once."""
-    found: dict[str, dict[tuple[str, str], importlib.metadata.EntryPoint]] = {}
+    results: dict[str, dict[tuple[str, str], importlib.metadata.EntryPoint]] = {}
     for point in importlib.metadata.entry_points(group=group):
-        found.setdefault(point.name, {})[_package(point), point.value] = point
-    return {name: tuple(points.values()) for name, points in sorted(found.items())}
+        results.setdefault(point.name, {})[_package(point), point.value] = point
+    return {name: tuple(points.values()) for name, points in sorted(results.items())}
 
 
 def _package(point: importlib.metadata.EntryPoint) -> str:
@@ -72,8 +72,8 @@ class Registry(Generic[T]):
                 hint="Remove one of the packages, or have it rename the entry point",
             )
         if name in self.own:
-            found: T = _imported(self.own[name])
-            return found
+            result: T = _imported(self.own[name])
+            return result
         if not points:
             close = close_to(name, list(self), 1)
             raise InputError(
@@ -88,22 +88,22 @@ class Registry(Generic[T]):
         where = f"{_package(point)}: entry point {point.name} = {point.value} of {self.group}"
         hint = "Repair or remove the package; commands that do not use it work meanwhile"
         try:
-            found: Any = point.load()
+            result: Any = point.load()
         except (Exception, SystemExit) as fault:
             raise InputError(
                 f"the {self.what} of another package cannot be loaded: {type(fault).__name__}: {fault}",
                 where=where,
                 hint=hint,
             ) from fault
-        if not isinstance(found, _imported(self.kind)):
+        if not isinstance(result, _imported(self.kind)):
             raise InputError(
                 f"the {self.what} of another package is of the wrong type",
                 where=where,
-                value=type(found).__name__,
+                value=type(result).__name__,
                 limit=f"an instance of {self.kind.replace(':', '.')}",
                 hint=hint,
             )
-        thing: T = found
+        thing: T = result
         return thing
 
     def package(self, name: str) -> str:

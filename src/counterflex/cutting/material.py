@@ -240,15 +240,15 @@ def load(name: str) -> Material:
         InputError: There is no such row.
         FileFormatError: A table of another package cannot be read; those are read only where ours have no such row.
     """
-    found = _own().get(name) or _others().get(name)
-    if found is None:
+    result = _own().get(name) or _others().get(name)
+    if result is None:
         near = difflib.get_close_matches(name, names(), n=3)
         raise InputError(
             "there is no such material",
             value=name,
             hint=f"Did you mean {', '.join(near)}?" if near else f"There are: {', '.join(names())}",
         )
-    return found
+    return result
 
 
 OTHER_MATERIALS: Final[Registry[Path]] = Registry("counterflex.materials", "table of materials", "pathlib:Path", {})

@@ -69,14 +69,14 @@ def circularity(points: Float, centre: Float, radius_m: float) -> Circularity:
         # unknowns: step of the centre (2), low and high radius about the mean
         above = np.column_stack([-u, np.zeros(len(p)), -np.ones(len(p))])
         below = np.column_stack([u, np.ones(len(p)), np.zeros(len(p))])
-        found = linprog(
+        result = linprog(
             [0.0, 0.0, -1.0, 1.0],
             A_ub=np.vstack([above, below]),
             b_ub=np.concatenate([-(r - middle), r - middle]) / nominal,
             bounds=[(None, None)] * 4,
             method="highs",
         )
-        step = nominal * np.asarray(found.x[:2], dtype=np.float64)
+        step = nominal * np.asarray(result.x[:2], dtype=np.float64)
         c = c + step
         r = np.linalg.norm(p - c, axis=1)
         low, high = float(r.min()), float(r.max())

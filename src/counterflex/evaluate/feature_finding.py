@@ -82,14 +82,14 @@ def find_features(nominal: ToolPath, cutter_radius_m: float) -> tuple[Feature, .
             turn = _turn(rows)
             if turn is not None:
                 turns.append(turn)
-    found: list[Feature] = []
+    results: list[Feature] = []
     counts = {False: 0, True: 0}
     for start, end in grooves:
         ramp = abs(float(end[2] - start[2])) > _SAME_M
         counts[ramp] += 1
-        found.append(Groove(f"{'ramp' if ramp else 'groove'} {counts[ramp]}", start, end))
-    found.extend(_pockets(turns))
-    return tuple(found)
+        results.append(Groove(f"{'ramp' if ramp else 'groove'} {counts[ramp]}", start, end))
+    results.extend(_pockets(turns))
+    return tuple(results)
 
 
 def _straight(rows: Float) -> bool:
@@ -133,12 +133,12 @@ def _pockets(turns: list[tuple[Float, float, float, float]]) -> list[Feature]:
         circle = (round(radius / _SAME_M), round(z / _SAME_M))
         turned = closed.setdefault(place, {})
         turned[circle] = turned.get(circle, 0.0) + angle
-    found: list[Feature] = []
+    results: list[Feature] = []
     for place, circles in closed.items():
         whole = [circle for circle, angle in circles.items() if angle > 330.0 * DEG]
         if whole:
             radius = max(circle[0] for circle in whole) * _SAME_M
             floor = min(circle[1] for circle in whole) * _SAME_M
-            name = f"pocket {len(found) + 1}"
-            found.append(CircularPocket(name, np.array(place) * _SAME_M, radius, floor))
-    return found
+            name = f"pocket {len(results) + 1}"
+            results.append(CircularPocket(name, np.array(place) * _SAME_M, radius, floor))
+    return results

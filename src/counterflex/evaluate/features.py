@@ -179,8 +179,8 @@ def _pocket(
     diameter, round_, centre = {}, {}, {}
     for name, section in sections.items():
         reached = wall_exit(section, point[good], ray[good], 0.0)[0]
-        found = np.isfinite(reached)
-        wall = place[good][found] + reached[found, None] * ray[good][found]
+        hit = np.isfinite(reached)
+        wall = place[good][hit] + reached[hit, None] * ray[good][hit]
         if len(wall) < 45:
             continue
         circle = circularity(wall, pocket.centre, radius)

@@ -48,5 +48,5 @@ def growth(time: Float, values: Float) -> Growth | None:
     t = t - np.mean(t)
     spread = float(np.sum(t**2))
     slope = float(np.sum(t * (x - np.mean(x)))) / spread
-    left = x - np.mean(x) - slope * t
-    return Growth(slope, math.sqrt(float(np.sum(left**2)) / (len(t) - 2) / spread))
+    residual = x - np.mean(x) - slope * t
+    return Growth(slope, math.sqrt(float(np.sum(residual**2)) / (len(t) - 2) / spread))

@@ -169,29 +169,29 @@ def judge(samples: LoopSamples) -> Judgement:
 
 
 def _weaknesses(samples: LoopSamples, compute: Float, period: float) -> list[str]:
-    found = []
+    results = []
     if not samples.fifo:
-        found.append(
+        results.append(
             "no real-time priority, other programs come first: allow it (ulimit -r 80, or rtprio in limits.conf)"
         )
     if not samples.locked:
-        found.append("memory cannot be locked, it may be swapped out: allow it (ulimit -l unlimited)")
+        results.append("memory cannot be locked, it may be swapped out: allow it (ulimit -l unlimited)")
     if samples.cores < 2:
-        found.append("one core for loop and recorder: use a machine with two or more")
+        results.append("one core for loop and recorder: use a machine with two or more")
     if samples.governor not in ("", "performance"):
-        found.append(f"the processor's clock is lowered when idle ({samples.governor}): set the governor performance")
+        results.append(f"the processor's clock is lowered when idle ({samples.governor}): set the governor performance")
     if samples.clock_source not in ("", "tsc", "kvm-clock", "arch_sys_counter"):
-        found.append(f"the clock {samples.clock_source} is slow to read: see the kernel's clocksource setting")
+        results.append(f"the clock {samples.clock_source} is slow to read: see the kernel's clocksource setting")
     if samples.steal > _STEAL:
-        found.append(f"the host used {samples.steal:.1%} of the time: run on a machine of its own")
+        results.append(f"the host used {samples.steal:.1%} of the time: run on a machine of its own")
     if percentiles(compute).p99_s > _STEP * period:
-        found.append(f"the step takes up to {_ms(percentiles(compute).p99_s)} of {_ms(period)}: a faster processor")
+        results.append(f"the step takes up to {_ms(percentiles(compute).p99_s)} of {_ms(period)}: a faster processor")
     if len(samples.sync_s) and percentiles(samples.sync_s).p99_s > _SLOW_SYNC_S:
-        found.append(
+        results.append(
             f"the disk of the log takes up to {_ms(percentiles(samples.sync_s).p99_s)}:"
             " more of the log is lost with a power failure; write it elsewhere"
         )
-    return found
+    return results
 
 
 def _slowest(late: Float, compute: Float, echo: Float) -> str:

@@ -123,19 +123,19 @@ class ProcessRecord:
         good = (bits >= 0) & (bits < 1 << EVENTS) & (bits == np.floor(bits))
         if not good.all():
             raise InputError("a record holds a process event that does not exist", value=float(bits[~good][0]))
-        found = [
+        results = [
             self._event(rows[k], event)
             for k in np.flatnonzero(bits)
             for event in Event
             if int(bits[k]) >> event & 1
         ]  # fmt: skip
-        for event in found:
+        for event in results:
             self._counts[event.event] += 1
         room = FIRST_EVENTS - len(self._first)
-        self._first += found[:room]
-        self._latest.extend(found[room:])
+        self._first += results[:room]
+        self._latest.extend(results[room:])
         self._last = rows[-1].copy()
-        return tuple(found)
+        return tuple(results)
 
     def _event(self, row: Float, event: Event) -> ProcessEvent:
         begin = self._begin if self._begin is not None else 0.0

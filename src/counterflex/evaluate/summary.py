@@ -65,12 +65,12 @@ def variant_summary(variant: Variant) -> dict[str, Any]:
     }
     out["path"]["at_p_mm"] = _round(figures.at_p_m / MM)
     if variant.surface is not None:
-        found = variant.surface
+        result = variant.surface
         for name in ("surface", "floor", "wall"):
-            out[name] = _mm(getattr(found, name), area=True)
-        out["surface"]["floor_resolution_mm"] = _round(found.floor_resolution_m / MM)
-        out["surface"]["wall_resolution_mm"] = _round(found.wall_resolution_m / MM)
-        out["surface"]["wall_lost_mm2"] = _round(found.wall_lost_m2 / MM**2)
+            out[name] = _mm(getattr(result, name), area=True)
+        out["surface"]["floor_resolution_mm"] = _round(result.floor_resolution_m / MM)
+        out["surface"]["wall_resolution_mm"] = _round(result.wall_resolution_m / MM)
+        out["surface"]["wall_lost_mm2"] = _round(result.wall_lost_m2 / MM**2)
     if variant.peak_force_n is not None:
         out["peak_force_n"] = _round(variant.peak_force_n)
     return out

@@ -158,19 +158,19 @@ def surface_deviation(
         above = _material_above(actual, surface)
         wall = np.where((wall > 0.0) & (above > 0.0), np.minimum(wall, above), wall)
     cells: Float = floor[~np.isnan(floor)].astype(np.float64)
-    found = ~np.isnan(wall)
+    result = ~np.isnan(wall)
     cell_area = np.full(len(cells), actual.cell_m**2)
     return SurfaceDeviation(
         floor_m=floor,
         wall_m=wall,
         surface=weighted_figures(
-            np.concatenate([cells, wall[found]]), np.concatenate([cell_area, surface.wall_area_m2[found]])
+            np.concatenate([cells, wall[result]]), np.concatenate([cell_area, surface.wall_area_m2[result]])
         ),
         floor=weighted_figures(cells, cell_area),
-        wall=weighted_figures(wall[found], surface.wall_area_m2[found]),
+        wall=weighted_figures(wall[result], surface.wall_area_m2[result]),
         floor_resolution_m=actual.cell_m,
         wall_resolution_m=0.1 * UM,
-        wall_lost_m2=float(surface.wall_area_m2[~found].sum()),
+        wall_lost_m2=float(surface.wall_area_m2[~result].sum()),
     )
 
 
@@ -272,7 +272,7 @@ def _walls(
         return point, ray, area
     section = swept_section(p_part_tcp, cutter, max(2.0 * cell, 1e-3))
     distance, normal = wall_exit(section, point, ray, 0.5 * cell)
-    found = np.isfinite(distance) & (distance <= cell)
-    point[:, :2] += np.where(found, distance, 0.0)[:, None] * ray
+    valid = np.isfinite(distance) & (distance <= cell)
+    point[:, :2] += np.where(valid, distance, 0.0)[:, None] * ray
     projected = area * np.abs(np.sum(normal * ray, axis=1))
-    return point[found], normal[found], projected[found]
+    return point[valid], normal[valid], projected[valid]

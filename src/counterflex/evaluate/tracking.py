@@ -176,7 +176,7 @@ def reversals(q: Float, least_rad: float = 100e-6) -> list[tuple[int, int]]:
         least_rad: An axis must have moved this much before it turns, and as much after: less is noise. The row is that
             of the turn itself.
     """
-    found = []
+    results = []
     for axis, angles in enumerate(as_float("q", q, (None, None)).T):
         extreme, at, direction = angles[0], 0, 0.0
         for n, angle in enumerate(angles):
@@ -188,9 +188,9 @@ def reversals(q: Float, least_rad: float = 100e-6) -> list[tuple[int, int]]:
             if (angle - extreme) * direction > 0.0:
                 extreme, at = angle, n
             elif (extreme - angle) * direction > least_rad:
-                found.append((at, axis))
+                results.append((at, axis))
                 extreme, at, direction = angle, n, -direction
-    return found
+    return results
 
 
 def reversal_zone(tracked: Tracked, where: Bool, after_s: float, least_rad: float = 100e-6) -> Bool:

@@ -84,7 +84,7 @@ def runs_below(folder: Path) -> list[Run]:
     """
     if not folder.is_dir():
         raise FileFormatError("no such folder", where=str(folder))
-    found: dict[tuple[str, ...], Run] = {}
+    results: dict[tuple[str, ...], Run] = {}
     # The copy in an archive comes before the one beside it: its name tells which of two in one second was later.
     for path in sorted(folder.rglob(RESULT), key=lambda p: (-len(p.parts), str(p))):
         try:
@@ -92,8 +92,8 @@ def runs_below(folder: Path) -> list[Run]:
         except CounterflexError:
             continue
         key = (result["date"], result["recipe"], *(d["sha256"] for d in result["data"]), str(result["headline"]))
-        found.setdefault(key, Run(path.parent, result))
-    return sorted(found.values(), key=lambda run: (run.result["date"], run.folder.name))
+        results.setdefault(key, Run(path.parent, result))
+    return sorted(results.values(), key=lambda run: (run.result["date"], run.folder.name))
 
 
 def _bytes(path: Path) -> bytes:

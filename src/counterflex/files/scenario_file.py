@@ -203,7 +203,7 @@ def read_scenario(layers: Iterable[str], tables: Sequence[str]) -> Scenario:
         FileFormatError: A file cannot be used.
         InputError: A name or key is unknown, or a value is out of range.
     """
-    found: dict[str, Any] = {}
+    results: dict[str, Any] = {}
     where = "scenario"
     for layer in layers:
         if "=" in layer:
@@ -214,8 +214,8 @@ def read_scenario(layers: Iterable[str], tables: Sequence[str]) -> Scenario:
             data, where = _file(layer), layer
         _checked(data, where, InputError if "=" in layer else FileFormatError)
         for key, value in data.items():
-            found[key] = {**found.get(key, {}), **value} if isinstance(value, dict) else value
-    return _checked(found, where, InputError)
+            results[key] = {**results.get(key, {}), **value} if isinstance(value, dict) else value
+    return _checked(results, where, InputError)
 
 
 def _checked(data: dict[str, Any], where: str, kind: Callable[..., Exception]) -> Scenario:

@@ -176,16 +176,16 @@ def check_header(data: dict[str, Any], *, kind: str, version: int, where: str) -
         raise FileFormatError(f"not a {kind} file", where=where, value=repr(data["format"]), limit=f'format = "{kind}"')
     if "version" not in data:
         raise FileFormatError("the key 'version' is missing", where=where, limit=f"version = {version}")
-    found = data["version"]
-    if isinstance(found, bool) or not isinstance(found, int) or found < 1:
+    result = data["version"]
+    if isinstance(result, bool) or not isinstance(result, int) or result < 1:
         raise FileFormatError(
-            "the version is not a whole number", where=where, value=repr(found), limit=f"version = {version}"
+            "the version is not a whole number", where=where, value=repr(result), limit=f"version = {version}"
         )
-    if found > version:
+    if result > version:
         raise FileFormatError(
             "the file is newer than this counterflex reads",
             where=where,
-            value=f"version {found}",
+            value=f"version {result}",
             limit=f"at most {version}",
             hint="Update counterflex",
         )

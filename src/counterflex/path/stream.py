@@ -86,8 +86,8 @@ class PoseStream:
         Args:
             override: Share of the programmed speed that is wanted, 0 .. 1; reached at the limited rate.
         """
-        wanted = min(1.0, max(0.0, override))
-        self.rate += min(self._slew, max(-self._slew, wanted - self.rate))
+        requested = min(1.0, max(0.0, override))
+        self.rate += min(self._slew, max(-self._slew, requested - self.rate))
         self.at = min(float(len(self) - 1), self.at + self.rate)
 
     def pose(self, at: float | None = None) -> Float:

@@ -33,8 +33,8 @@ def arm_share(chain: ElasticChain, T_base_part: Float, q: Float, w_part: Float) 
     square = np.sum(total * total, axis=1)
     if not np.any(square > 0.0):
         return 1.0
-    kept = square > 0.0
-    return float(np.clip(np.median(np.sum(arm * total, axis=1)[kept] / square[kept]), 0.0, 1.0))
+    selected = square > 0.0
+    return float(np.clip(np.median(np.sum(arm * total, axis=1)[selected] / square[selected]), 0.0, 1.0))
 
 
 def arrival(p_part: Float, time_s: Float, deflection_part: Float) -> Float:

@@ -135,11 +135,11 @@ def jacobians(chain: ElasticChain, q: Float) -> tuple[Float, Float]:
 def _coordinates(chain: ElasticChain) -> tuple[Int, Int, Float]:
     """Segment, direction (0..5 of ``tx ty tz rx ry rz``) and sign of each coordinate; the axes come first."""
     sign = chain.sign[chain.joint >= 0]
-    found = [(int(chain.torsion[a]), 5, float(sign[a])) for a in range(AXES)]
-    turning = {segment for segment, _, _ in found}
+    results = [(int(chain.torsion[a]), 5, float(sign[a])) for a in range(AXES)]
+    turning = {segment for segment, _, _ in results}
     soft = np.argwhere(chain.compliance > 0.0).tolist()
-    found += [(segment, k, 1.0) for segment, k in soft if k != 5 or segment not in turning]
-    segment, direction, signs = zip(*found, strict=True)
+    results += [(segment, k, 1.0) for segment, k in soft if k != 5 or segment not in turning]
+    segment, direction, signs = zip(*results, strict=True)
     return np.array(segment, dtype=np.int64), np.array(direction, dtype=np.int64), np.array(signs)
 
 
@@ -231,7 +231,7 @@ def motion_along(
     inverse = as_float("inverse", np.linalg.inv(M + held), M.shape)
     answer: Float = step_s * inverse
     keep: Float = inverse @ (M - held)
-    J, J_drive = (R.T @ found for found in jacobians(chain, nominal[places]))
+    J, J_drive = (R.T @ result for result in jacobians(chain, nominal[places]))
     weight = play.axis_torque(chain, nominal)
     band, limit, slip = play.arrays(chain)
     gains = np.array(

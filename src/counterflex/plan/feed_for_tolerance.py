@@ -139,10 +139,10 @@ def lower_feed(
         outside = free & (error > wish.tolerance_m) & (share > least * (1.0 + 1e-9))
         if not outside.any():
             break
-        wanted = np.where(
+        requested = np.where(
             outside, share * np.clip((wish.tolerance_m / np.maximum(error, 1e-12)) ** _POWER, 0.5, 1.0), 1.0
         )
-        lowered = _stepped(path, group, free, np.minimum(share, np.maximum(wanted, least)), least, wish)
+        lowered = _stepped(path, group, free, np.minimum(share, np.maximum(requested, least)), least, wish)
         if np.all(lowered >= share):
             break
         share = np.minimum(share, lowered)
@@ -206,7 +206,7 @@ def _stepped(path: ToolPath, group: Int, free: Bool, share: Float, least: Float,
 def _lines(
     plan: Plan, share: Float, first: Float, error: Float, least: Float, by_chip: Bool, free: Bool, wish: FeedTolerance
 ) -> tuple[LineFeed, ...]:
-    found = []
+    results = []
     order = np.argsort(plan.line, kind="stable")
     lines = np.unique(plan.line[(share < 1.0) | (error > wish.tolerance_m)])
     begin, end = (np.searchsorted(plan.line[order], lines, side=side) for side in ("left", "right"))
@@ -220,5 +220,7 @@ def _lines(
                 why = "fixed feed"
             elif share[worst] <= least[worst] * (1.0 + 1e-9):
                 why = "least chip" if by_chip[worst] else "least feed"
-        found.append(LineFeed(int(line), float(share[rows].min()), float(first[rows].max()), float(error[worst]), why))
-    return tuple(found)
+        results.append(
+            LineFeed(int(line), float(share[rows].min()), float(first[rows].max()), float(error[worst]), why)
+        )
+    return tuple(results)

@@ -45,11 +45,11 @@ def play_compensation(setting: Setting, path: ToolPath, q: Float, w_tcp_part: Fl
     Raises:
         InputError: Shapes do not match, or the path is too long for its shaping.
     """
-    wanted = np.zeros((len(path), 3))
+    requested = np.zeros((len(path), 3))
     if setting.chain.play is None and setting.chain.servo is None:
-        return wanted
+        return requested
     touched, smooth = touched_points(setting), Shaping(SMOOTHING_S, 0.0)
-    still = np.zeros_like(wanted)
+    still = np.zeros_like(requested)
 
     def lost(x: Float) -> Float:
         moved = corrected_joints(setting.controller_chain, setting.T_base_part, q, x, still)
@@ -57,8 +57,8 @@ def play_compensation(setting: Setting, path: ToolPath, q: Float, w_tcp_part: Fl
             setting.chain, setting.T_base_part, path.p_part_tcp, moved, w_tcp_part, path.time_s, touched, setting.mode
         )
 
-    wanted = -_FIRST * lost(wanted)
+    requested = -_FIRST * lost(requested)
     for n in range(_ROUNDS):
-        found = lost(command_for(wanted, path.time_s, (), smooth))
-        wanted = wanted - (found + wanted) / (1.5 + 0.5 * n)
-    return command_for(wanted, path.time_s, (setting.mode, lag), Shaping(SMOOTHING_S, dead_s))
+        result = lost(command_for(requested, path.time_s, (), smooth))
+        requested = requested - (result + requested) / (1.5 + 0.5 * n)
+    return command_for(requested, path.time_s, (setting.mode, lag), Shaping(SMOOTHING_S, dead_s))

@@ -171,8 +171,8 @@ def shaped(loaded: LoadedRobot, displacement: Float, swinging: Float) -> Float:
         swinging: (n, 6) that follow it as the mode does.
     """
     time_s, robot = loaded.inputs.path.time_s, loaded.robot
-    wanted = np.where(loaded.near[:, None], displacement, 0.0)
-    out = by_group(wanted, swinging, time_s, loaded.feed_run, (robot.mode,), robot.setting.shaping)
+    requested = np.where(loaded.near[:, None], displacement, 0.0)
+    out = by_group(requested, swinging, time_s, loaded.feed_run, (robot.mode,), robot.setting.shaping)
     out[~loaded.reach] = 0.0
     return out
 

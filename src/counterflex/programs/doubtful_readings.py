@@ -24,17 +24,17 @@ def doubtful_readings(program: Program) -> list[str]:
 
 def _long_dwells(program: Program) -> list[str]:
     """Dwells above :data:`LONG_S`, one sentence for each length."""
-    found: dict[tuple[str, float], list[int]] = {}
+    results: dict[tuple[str, float], list[int]] = {}
     for motion in program.motions:
         if motion.kind == "dwell" and motion.duration_s > LONG_S:
             block = program.blocks[motion.block]
-            found.setdefault((_code(block), motion.duration_s), []).append(block.line)
+            results.setdefault((_code(block), motion.duration_s), []).append(block.line)
     return [
         f"{code} P{time_s:g} in line {lines[0]} waits {time_s:g} s ({time_s / MINUTE:.1f} min)"
         + (f", {len(lines)} times in all" if len(lines) > 1 else "")
         + ": P is in seconds here, as LinuxCNC reads it; where it was meant in milliseconds, as many controls read it, "
         + f"write P{time_s * 1e-3:g}"
-        for (code, time_s), lines in found.items()
+        for (code, time_s), lines in results.items()
     ]
 
 

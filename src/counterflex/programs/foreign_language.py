@@ -191,10 +191,10 @@ def foreign_language(lines: Sequence[str]) -> Foreign | None:
         for number, text in shown:
             if any(sign.search(text) for sign in sure):
                 return Foreign(signs.name, number, text[:60], signs.hint)
-        found = [next((item for item in shown if sign.search(item[1])), None) for sign in likely]
-        told = sorted(item for item in found if item is not None)
-        if len(told) > 1:
-            return Foreign(signs.name, told[0][0], told[0][1][:60], signs.hint)
+        match = [next((item for item in shown if sign.search(item[1])), None) for sign in likely]
+        hits = sorted(item for item in match if item is not None)
+        if len(hits) > 1:
+            return Foreign(signs.name, hits[0][0], hits[0][1][:60], signs.hint)
     return None
 
 

@@ -71,13 +71,13 @@ def histogram_figure(
     edges = np.linspace(-limit_mm, limit_mm, 62)
     centre = 0.5 * (edges[1:] + edges[:-1])
     data = []
-    for name, colour, found in (("before", BEFORE, before), ("after", AFTER, after)):
+    for name, colour, result in (("before", BEFORE, before), ("after", AFTER, after)):
         data.append(
             {
                 "type": "bar",
                 "name": name,
                 "x": numbers(centre, 4),
-                "y": numbers(100.0 * area_shares(surface, found, edges), 4),
+                "y": numbers(100.0 * area_shares(surface, result, edges), 4),
                 "marker": {"color": colour, "opacity": 0.75},
                 "width": round(float(edges[1] - edges[0]), 5),
                 "hovertemplate": "%{x:+.3f} mm: %{y:.2f} % of the area<extra></extra>",

@@ -33,13 +33,20 @@ def series_figure(data: ReportData) -> dict[str, Any]:
     lines: list[_Line] = []
     variants = (("before", BEFORE, data.nominal), ("after", AFTER, data.compensated))
     for name, colour, variant in variants:
-        found = variant.deviation
+        result = variant.deviation
         lines.append(
-            _Line(0, name, colour, found.time_s, found.across_m / MM, 4, found.cutting & ~found.broken, legend=True)
+            _Line(0, name, colour, result.time_s, result.across_m / MM, 4, result.cutting & ~result.broken, legend=True)
         )
         lines.append(
             _Line(
-                2, name, colour, found.time_s, found.engagement * data.engagement_scale, 3, ~found.broken, legend=False
+                2,
+                name,
+                colour,
+                result.time_s,
+                result.engagement * data.engagement_scale,
+                3,
+                ~result.broken,
+                legend=False,
             )
         )
         if variant.force_n is not None:
@@ -111,11 +118,11 @@ def prediction_map(data: PredictionData) -> dict[str, Any]:
 def signed_figure(deviation_before: PathDeviation, deviation_after: PathDeviation) -> dict[str, Any]:
     """Signed components across the feed over the length of the program: sideways and in depth."""
     lines = []
-    for name, colour, found in (("before", BEFORE, deviation_before), ("after", AFTER, deviation_after)):
-        keep = found.cutting & ~found.broken
-        lines.append(_Line(0, name, colour, found.length_m, found.across_left_m / UM, 1, keep, legend=True))
-        lines.append(_Line(1, name, colour, found.length_m, found.across_axis_m / UM, 1, keep, legend=False))
-        lines.append(_Line(2, name, colour, found.length_m, found.along_m / UM, 1, keep, legend=False))
+    for name, colour, result in (("before", BEFORE, deviation_before), ("after", AFTER, deviation_after)):
+        keep = result.cutting & ~result.broken
+        lines.append(_Line(0, name, colour, result.length_m, result.across_left_m / UM, 1, keep, legend=True))
+        lines.append(_Line(1, name, colour, result.length_m, result.across_axis_m / UM, 1, keep, legend=False))
+        lines.append(_Line(2, name, colour, result.length_m, result.along_m / UM, 1, keep, legend=False))
     titles = ("to the left<br>of feed, µm", "out of the<br>part, µm", "along feed, µm<br>(not counted)")
     return _stacked(lines, titles, (0.3, 0.3, 0.28), "length along the program, m")
 
@@ -165,9 +172,9 @@ def _stacked(
 
 def _shades(variant: VariantData) -> list[dict[str, Any]]:
     """Grey bands over the entries and exits of the uncompensated run, at most 400 of them."""
-    found = variant.deviation
+    result = variant.deviation
     shapes: list[dict[str, Any]] = []
-    for mask, colour in ((found.entry, "rgba(90,120,160,0.16)"), (found.exit, "rgba(200,120,40,0.20)")):
+    for mask, colour in ((result.entry, "rgba(90,120,160,0.16)"), (result.exit, "rgba(200,120,40,0.20)")):
         edge = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
         starts, ends = np.flatnonzero(edge == 1), np.flatnonzero(edge == -1) - 1
         for a, b in list(zip(starts, ends, strict=True))[:200]:
@@ -176,8 +183,8 @@ def _shades(variant: VariantData) -> list[dict[str, Any]]:
                     "type": "rect",
                     "xref": "x",
                     "yref": "paper",
-                    "x0": round(float(found.time_s[a]), 4),
-                    "x1": round(float(found.time_s[b]), 4),
+                    "x0": round(float(result.time_s[a]), 4),
+                    "x1": round(float(result.time_s[b]), 4),
                     "y0": 0.0,
                     "y1": 1.0,
                     "fillcolor": colour,

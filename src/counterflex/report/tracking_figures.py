@@ -155,8 +155,8 @@ def sensitivity(loops: Sequence[OpenLoop]) -> dict[str, Any]:
     """What a loop leaves of a deviation, ``|1 / (1 + L)|``, over its frequency."""
     lines = []
     for loop, colour in zip(loops, COLOURS[1:], strict=False):
-        left = np.abs(1.0 / (1.0 + loop.response))
-        lines.append(_line(loop.name, colour, numbers(loop.frequency_hz, 5), numbers(left, 5), 1.6))
+        magnitude = np.abs(1.0 / (1.0 + loop.response))
+        lines.append(_line(loop.name, colour, numbers(loop.frequency_hz, 5), numbers(magnitude, 5), 1.6))
     layout = _layout("frequency of the deviation, Hz", "remaining share")
     layout["xaxis"] |= {"type": "log", "range": [-2.0, 2.1]}
     layout["yaxis"] |= {"type": "log", "range": [-2.5, 0.5]}

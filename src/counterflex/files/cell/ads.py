@@ -25,10 +25,10 @@ def si_of(unit: str) -> tuple[str, float]:
     Raises:
         ValueError: The unit is not known.
     """
-    wanted = plain(unit)
+    requested = plain(unit)
     for si, units in UNITS.items():
-        if wanted in units:
-            return si, units[wanted]
+        if requested in units:
+            return si, units[requested]
     raise ValueError(
         f"the unit '{unit}' is not known; expected one of {', '.join(u for us in UNITS.values() for u in us)}"
     )

@@ -73,9 +73,9 @@ class StatementsTable(Table):
 
     def by_code(self) -> dict[int, Statements]:
         """Statements by M-code."""
-        found = {code: getattr(self, key) for code, key in KEYS.items()}
+        results = {code: getattr(self, key) for code, key in KEYS.items()}
         own = {int(name[1:]): lines for name, lines in self.m_codes.items()}
-        return {code: lines for code, lines in found.items() if lines is not None} | own
+        return {code: lines for code, lines in results.items() if lines is not None} | own
 
 
 class RapidStatementsTable(StatementsTable):
@@ -205,12 +205,12 @@ class ControllerTable(Table):
         Raises:
             FileFormatError: The file does not say which RSI the controller has.
         """
-        found = rsi_generation(self.rsi_version, self.kss_version)
-        if found is None:
+        result = rsi_generation(self.rsi_version, self.kss_version)
+        if result is None:
             raise FileFormatError(
                 "the cell file does not state the RSI version of the controller: its files differ",
                 where=f"{where}: controller",
                 limit='rsi_version = "3.3", "4.1" or "5.0" (on the controller: Help, Info, Options)',
                 hint="Add the key to the table [controller]",
             )
-        return found
+        return result

@@ -192,8 +192,8 @@ class OnlineTable(Table):
 
             ahead = tuple(float(b) for b in lag_filter(delays, period_s, mode))
             goals = DesignGoals(self.phase_margin_deg * DEG, 10.0 ** (self.gain_margin_db / 20.0))
-            found = design(tracker_plant(delays, period_s, mode), goals)
-            gain, proportional, notch = found.integral, found.proportional, found.notch
+            result = design(tracker_plant(delays, period_s, mode), goals)
+            gain, proportional, notch = result.integral, result.proportional, result.notch
         return TrackerTuning(
             gain=gain,
             saturation_m=self.tracker_step_um * UM,

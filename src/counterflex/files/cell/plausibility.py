@@ -251,7 +251,7 @@ def unusual(tables: CellTables) -> list[Unusual]:
     def was_identified(value: float) -> bool:
         return any(math.isclose(value, other, rel_tol=_ROUNDED) for other in identified)
 
-    found = [one for one in _apart(given) if one.key not in own and not was_identified(one.value)]
+    results = [one for one in _apart(given) if one.key not in own and not was_identified(one.value)]
     numbers = list(_numbers(given))
     largest: dict[str, float] = {}
     for key, name, value in numbers:
@@ -275,10 +275,10 @@ def unusual(tables: CellTables) -> list[Unusual]:
             continue
         hint = "is it in rad?" if radian else _meant(size, window, unit)
         low, high = (window.least, window.most) if refused else (window.low, window.high)
-        found.append(Unusual(key, value, low, high, hint, refused))
-    told = {one.key for one in found if one.hint != _AMONG}
-    found = [one for one in found if one.hint != _AMONG or one.key not in told]
-    return sorted(found, key=lambda one: not one.refused)
+        results.append(Unusual(key, value, low, high, hint, refused))
+    reported = {one.key for one in results if one.hint != _AMONG}
+    results = [one for one in results if one.hint != _AMONG or one.key not in reported]
+    return sorted(results, key=lambda one: not one.refused)
 
 
 def require_units(tables: CellTables, where: str) -> None:
@@ -291,11 +291,11 @@ def require_units(tables: CellTables, where: str) -> None:
     Raises:
         FileFormatError: One line: key, value, limit, likely unit.
     """
-    found = [one for one in unusual(tables) if one.refused]
-    if not found:
+    results = [one for one in unusual(tables) if one.refused]
+    if not results:
         return
-    first = found[0]
-    more = f" ({len(found) - 1} more like it)" if len(found) > 1 else ""
+    first = results[0]
+    more = f" ({len(results) - 1} more like it)" if len(results) > 1 else ""
     raise FileFormatError(
         f"'{first.key.rsplit('.', 1)[-1].split('[')[0]}' is in another unit, or mistyped{more}",
         where=f"{where}: {first.key}",

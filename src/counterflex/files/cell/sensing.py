@@ -97,9 +97,9 @@ class HolderTable(Table):
     def _rows(self) -> Self:
         n = len(self.gauges)
         for key in ("sensitivity_um_m_per_kn", "bias_um_m", "temperature_um_m_per_k"):
-            found = len(getattr(self, key))
-            if found not in (0, n):
-                raise ValueError(f"{key} has {found} rows; expected one for each of the {n} gauges, or none")
+            result = len(getattr(self, key))
+            if result not in (0, n):
+                raise ValueError(f"{key} has {result} rows; expected one for each of the {n} gauges, or none")
         return self
 
 
@@ -186,5 +186,5 @@ def sensing_of(sensor: SensorTable | None, holder: HolderTable | None, chain: El
     Raises:
         InputError: The end effector has no such body, or a gauge sits on no surface of the holder.
     """
-    found = {"sensor": flange_sensor(sensor, chain), "holder": strain_holder(holder)}
-    return {name: value for name, value in found.items() if value is not None}
+    results = {"sensor": flange_sensor(sensor, chain), "holder": strain_holder(holder)}
+    return {name: value for name, value in results.items() if value is not None}

@@ -137,8 +137,8 @@ class RobotTable(Table):
     def _one_source(self) -> RobotTable:
         given = [key for key in ("catalog", "geometry", "dh", "urdf") if getattr(self, key) is not None]
         if len(given) != 1:
-            found = " and ".join(given) or "none of them"
-            raise ValueError(f"a robot comes from exactly one of catalog, geometry, dh and urdf; got {found}")
+            result = " and ".join(given) or "none of them"
+            raise ValueError(f"a robot comes from exactly one of catalog, geometry, dh and urdf; got {result}")
         return self
 
 

@@ -218,7 +218,7 @@ def _mass(doc: Doc, change: BodyMass, cell: Cell, source: str) -> None:
 
 def _law(doc: Doc, change: CuttingLaw, source: str) -> None:
     law, old = change.law, _table(doc, "material")
-    kept = {"name": old.get("name") or old.get("catalog", ""), "allow_extrapolation": old.get("allow_extrapolation")}
+    entries = {"name": old.get("name") or old.get("catalog", ""), "allow_extrapolation": old.get("allow_extrapolation")}
     for key in list(old):
         del old[key]
     chip = {"chip_min_um": _written(law.h_min_m, UM), "chip_max_um": _written(law.h_max_m, UM)}
@@ -245,7 +245,7 @@ def _law(doc: Doc, change: CuttingLaw, source: str) -> None:
         }
     else:
         raise InputError("this force law has no place in a cell file", value=type(law).__name__)
-    for key, value in {**kept, **values, **chip, "source": source}.items():
+    for key, value in {**entries, **values, **chip, "source": source}.items():
         if value is not None and value != "":
             old[key] = value
 
@@ -270,8 +270,8 @@ def _new_table() -> Any:
 def _table(doc: Doc, key: str) -> Doc:
     if key not in doc:
         doc[key] = _new_table()
-    found: Doc = doc[key]
-    return found
+    result: Doc = doc[key]
+    return result
 
 
 def _row(parent: Doc, key: str, by: str, value: str | int) -> Doc:
@@ -281,8 +281,8 @@ def _row(parent: Doc, key: str, by: str, value: str | int) -> Doc:
     rows = parent[key]
     for row in rows:
         if row[by] == value:
-            found: Doc = row
-            return found
+            result: Doc = row
+            return result
     inline = isinstance(rows, tomlkit.items.Array)
     new = tomlkit.inline_table() if inline else _new_table()
     new[by] = value
@@ -294,8 +294,8 @@ def _row(parent: Doc, key: str, by: str, value: str | int) -> Doc:
 def _body(doc: Doc, name: str, cell: Cell) -> Doc:
     for row in doc.get("end_effector", ()):
         if row["name"] == name:
-            found: Doc = row
-            return found
+            result: Doc = row
+            return result
     known = [s.name for s in (*cell.robot.segments, *cell.end_effector.segments)]
     raise InputError("the cell has no such segment", value=name, limit=", ".join(known))
 

@@ -79,14 +79,14 @@ def build(name: str, kind: ChannelKind, table: ChannelTable, manifest: Manifest,
     count = cells.values.shape[1]
     convention = table.rotation or ""
     if kind.nature == "rotation":
-        wanted: tuple[int, ...] = (COLUMNS_OF.get(convention, 3),)
+        expected: tuple[int, ...] = (COLUMNS_OF.get(convention, 3),)
     else:
-        wanted = kind.allowed
-    if count not in wanted:
+        expected = kind.allowed
+    if count not in expected:
         raise FileFormatError(
             f"the channel has {count} column{'s' if count > 1 else ''}",
             where=f"{where}.columns",
-            limit=f"{' or '.join(map(str, wanted))}: {kind.text}",
+            limit=f"{' or '.join(map(str, expected))}: {kind.text}",
         )
     factors = _factors(kind, table, count, cells, where)
     extra = pick(table.sigma_columns, f"{where}.sigma_columns") if table.sigma_columns else None
@@ -350,13 +350,13 @@ def _factors(kind: ChannelKind, table: ChannelTable, count: int, cells: Cells, w
             "unit has another number of values", where=f"{where}.unit", value=len(table.unit), limit=f"1 or {count}"
         )
     if len(cells.units) == count:
-        for header, name, found, s in zip(cells.names, given, cells.units, si, strict=True):
-            if found in units.UNITS.get(s, {}) and found != units.plain(name):
+        for header, name, result, s in zip(cells.names, given, cells.units, si, strict=True):
+            if result in units.UNITS.get(s, {}) and result != units.plain(name):
                 raise FileFormatError(
                     "the unit is not the one in the header of the column",
                     where=f"{where}.unit",
                     value=repr(name),
-                    limit=f"{found!r} as in '{header}'",
+                    limit=f"{result!r} as in '{header}'",
                     hint='Where the header is wrong, say header_units = "ignore" under [[files]]',
                 )
     return np.array([units.factor(name, s, f"{where}.unit") for name, s in zip(given, si, strict=True)])

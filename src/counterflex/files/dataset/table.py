@@ -71,8 +71,8 @@ class TextTable:
                     limit=f"1..{len(self.header)} in {self.path.name}",
                 )
             return reference - 1
-        wanted = reference.removeprefix(self.how.prefix) if self.how.prefix else reference
-        places = [i for i, name in enumerate(self.header) if name == wanted.strip()]
+        requested = reference.removeprefix(self.how.prefix) if self.how.prefix else reference
+        places = [i for i, name in enumerate(self.header) if name == requested.strip()]
         if len(places) == 1:
             return places[0]
         if places:
@@ -84,7 +84,7 @@ class TextTable:
                 hint=f"Name it by its number instead: {' or '.join(str(i + 1) for i in places)}",
             )
         raise FileFormatError(
-            f"{self.path.name} has no such column", where=where, value=repr(reference), hint=self._hint(wanted)
+            f"{self.path.name} has no such column", where=where, value=repr(reference), hint=self._hint(requested)
         )
 
     def _hint(self, wanted: str) -> str:

@@ -84,12 +84,12 @@ def factor(unit: str, si: str, where: str) -> float:
         FileFormatError: Not a unit of this quantity.
     """
     known = UNITS.get(si, {si: 1.0})
-    found = known.get(plain(unit))
-    if found is None:
+    result = known.get(plain(unit))
+    if result is None:
         raise FileFormatError(
             "the unit is not one of this quantity", where=where, value=repr(unit), limit=", ".join(known)
         )
-    return found
+    return result
 
 
 def in_header(header: str) -> str | None:

@@ -131,8 +131,8 @@ def salvage(data: bytes | mmap) -> Salvaged:
             last = out.records[-1] if out.records else None
             out.finished = isinstance(last, Footer) and max(last.summary_start, last.summary_offset_start) < at
             break
-        found = _sound(data, at)
-        if found is None:
+        result = _sound(data, at)
+        if result is None:
             behind = _next(data, at)
             if behind is None:
                 break
@@ -142,7 +142,7 @@ def salvage(data: bytes | mmap) -> Salvaged:
             out.damage.append(Damage(begin, behind, len(out.chunks)))
             at = behind
             continue
-        record, at = found
+        record, at = result
         if isinstance(record, Chunk):
             out.chunks.append(record)
         else:

@@ -77,21 +77,21 @@ def repair_segment(
     file = Path(path)
     held = _held(file)  # before it is read: who is gone now has written his last
     try:
-        found = read_segment(file)
+        result = read_segment(file)
     except FileFormatError as fault:
         if not fault.data.get("nothing"):
             raise
         return Repaired(file.name, "", 0, "not one record can be read: nothing to save")
-    if found.whole:
+    if result.whole:
         return None
-    require_all(found.absent, found.about or about or {}, str(file), "written anew")
-    _require_ended(file, found, held, now_s)
+    require_all(result.absent, result.about or about or {}, str(file), "written anew")
+    _require_ended(file, result, held, now_s)
     kept = _free_name(file)
-    rows, states = found.rows, sorted(found.states, key=lambda state: state.cycle)
-    made_of = found.about or about or {}
-    finder = MissingFinder(_begin(found, made_of) if cycle is None else cycle)
+    rows, states = result.rows, sorted(result.states, key=lambda state: state.cycle)
+    made_of = result.about or about or {}
+    finder = MissingFinder(_begin(result, made_of) if cycle is None else cycle)
     finder.add(rows)
-    finder.end(found.lost_at_end)
+    finder.end(result.lost_at_end)
     missing = finder.total
     facts = {
         **_BARE,
@@ -100,8 +100,8 @@ def repair_segment(
             "records": len(rows),
             "original": kept.name,
             "missing": missing,
-            "missing_at_end": found.lost_at_end,
-            "damage": [[d.begin, d.end] for d in found.damage],
+            "missing_at_end": result.lost_at_end,
+            "damage": [[d.begin, d.end] for d in result.damage],
         },
     }
     with atomic.atomic_path(file) as part:
@@ -118,7 +118,7 @@ def repair_segment(
             stream.flush()
             os.fsync(stream.fileno())
         _keep(file, kept)
-    return Repaired(file.name, kept.name, len(rows), "", missing, len(found.damage))
+    return Repaired(file.name, kept.name, len(rows), "", missing, len(result.damage))
 
 
 def _held(file: Path) -> bool | None:
@@ -136,9 +136,9 @@ def _held(file: Path) -> bool | None:
 
 def _require_ended(file: Path, segment: Segment, held: bool | None, now_s: float | None) -> None:
     """Who holds a segment decides; where it was held on this computer, the time of the file says nothing more."""
-    told = {"where": str(file), "hint": "End the run first"}
+    context = {"where": str(file), "hint": "End the run first"}
     if held:
-        raise InputError("this segment is being written", value="a living process writes to it", **told)
+        raise InputError("this segment is being written", value="a living process writes to it", **context)
     boot = boot_id()
     if segment.finished or (held is False and boot and segment.about.get(HELD) == boot):
         return
@@ -148,7 +148,7 @@ def _require_ended(file: Path, segment: Segment, held: bool | None, now_s: float
             "this segment may be being written",
             value=f"changed {max(age, 0.0):.1f} s ago, perhaps by another computer",
             limit=f">= {STILL_S:g} s",
-            **told,
+            **context,
         )
 
 

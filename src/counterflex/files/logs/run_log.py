@@ -151,7 +151,7 @@ class RunLog:
             state: Of the loop, or None.
         """
         now = time.monotonic() if now_s is None else now_s
-        left, look = len(rows), now - self._looked >= LOOKED_S
+        remaining, look = len(rows), now - self._looked >= LOOKED_S
         if look:
             self._looked = now
             self._look_back()
@@ -162,7 +162,7 @@ class RunLog:
             try:
                 self._begin()
             except OSError as fault:
-                self._fail(fault, left, now)
+                self._fail(fault, remaining, now)
                 return
         writer, stream = self._writer, self._stream
         if writer is None or stream is None:
@@ -180,9 +180,9 @@ class RunLog:
                 if now - self._synced >= SYNC_S:
                     os.fsync(stream.fileno())
                     self._synced = now
-            self.written += left
-            self._here += left
-            left = 0
+            self.written += remaining
+            self._here += remaining
+            remaining = 0
             if self._place is not None and look:
                 self._place.check()
             if stream.tell() > SEGMENT_BYTES:
@@ -192,7 +192,7 @@ class RunLog:
         except LogGone as fault:
             self._gone(fault, now)
         except OSError as fault:
-            self._fail(fault, left, now)
+            self._fail(fault, remaining, now)
 
     def _gone(self, fault: LogGone, now: float) -> None:
         """Count as lost what is not there any more; what was moved away is finished where it is now."""
@@ -293,12 +293,12 @@ def read_segment(path: str | Path) -> Segment:
     """
     file = Path(path)
     try:
-        found = _salvaged(file)
+        result = _salvaged(file)
     except FileNotFoundError as fault:
         raise FileFormatError("no such file", where=str(file)) from fault
     except OSError as fault:
         raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
-    about = read_about(found)
+    about = read_about(result)
     if about.get("format", KIND) != KIND:
         raise FileFormatError("not a run log", where=str(file), value=about["format"])
     if about.get("version", 0) > VERSION:
@@ -308,9 +308,9 @@ def read_segment(path: str | Path) -> Segment:
     rows: list[Float] = []
     states: list[LoopState] = []
     layout = tuple((str(name), str(kind), int(count)) for name, kind, count in about.get(LAYOUT, ()))
-    columns = columns_of(found, str(about.get("counterflex", UNKNOWN)), file)
+    columns = columns_of(result, str(about.get("counterflex", UNKNOWN)), file)
     before = [0]  # records before each chunk
-    for chunk in found.chunks:
+    for chunk in result.chunks:
         for opcode, content in chunk.records():
             if opcode == Opcode.MESSAGE:
                 channel, _, data = message(content)
@@ -324,13 +324,13 @@ def read_segment(path: str | Path) -> Segment:
                 require_ours(parsed(Channel, content), str(file))
         before.append(len(rows))
     if not about and not rows:
-        said, hint = nothing_said(found, file.stat().st_size)
-        raise FileFormatError(said, where=str(file), nothing=True, hint=hint)
-    damage = tuple(Unreadable(d.begin, d.end, before[d.chunks]) for d in found.damage)
+        text, hint = nothing_said(result, file.stat().st_size)
+        raise FileFormatError(text, where=str(file), nothing=True, hint=hint)
+    damage = tuple(Unreadable(d.begin, d.end, before[d.chunks]) for d in result.damage)
     table = placed(np.array(rows).reshape(-1, len(columns)), columns)
     absent = tuple(name for name in COLUMNS if name not in columns)
-    lost = lost_at_end(found, table) + int(about.get("repaired", {}).get("missing_at_end", 0))
-    return Segment(file.name, table, about, found.finished, tuple(states), damage, lost, absent)
+    lost = lost_at_end(result, table) + int(about.get("repaired", {}).get("missing_at_end", 0))
+    return Segment(file.name, table, about, result.finished, tuple(states), damage, lost, absent)
 
 
 def _salvaged(file: Path) -> Salvaged:
@@ -357,17 +357,17 @@ def segments(folder: str | Path) -> Iterator[Segment]:
     read = False
     for file in files:
         try:
-            found = read_segment(file)
+            result = read_segment(file)
         except FileFormatError as fault:
             if not fault.data.get("nothing"):
                 raise
             refused = refused or fault
             yield Segment(file.name, np.zeros((0, len(COLUMNS))), {}, False)
             continue
-        found = found if found.about else replace(found, about=_likely(found, before))
-        yield found
+        result = result if result.about else replace(result, about=_likely(result, before))
+        yield result
         read = True
-        before = found if len(found.rows) else before
+        before = result if len(result.rows) else before
     if refused is not None and not read:
         raise refused
 

@@ -68,11 +68,11 @@ class TrackerLines:
         self._row = 1
 
     def _whole(self, names: Sequence[str]) -> bool:
-        found = [name in self._names for name in names]
-        if any(found) and not all(found):
-            missing = names[found.index(False)]
+        results = [name in self._names for name in names]
+        if any(results) and not all(results):
+            missing = names[results.index(False)]
             raise FileFormatError("a column is missing", where=f"{self._where}:1", value=missing)
-        return all(found)
+        return all(results)
 
     def measured(self, line: str, sequence: int = 0) -> TrackerPose | None:
         """The measurement of a line, or None for a comment or an empty line.
@@ -132,10 +132,10 @@ def measurements(lines: Iterable[str], where: str) -> Iterator[TrackerPose]:
         if reader is None:
             reader = TrackerLines(line, where)
             continue
-        found = reader.measured(line, sequence + 1)
-        if found is not None:
+        result = reader.measured(line, sequence + 1)
+        if result is not None:
             sequence += 1
-            yield found
+            yield result
 
 
 def read_tracker_log(path: str | Path) -> TrackerLog:
@@ -151,22 +151,22 @@ def read_tracker_log(path: str | Path) -> TrackerLog:
         raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
     except (OSError, UnicodeDecodeError) as fault:
         raise FileFormatError(f"cannot be read: {fault}", where=str(file)) from fault
-    found = list(measurements(text.splitlines(), str(file)))
-    if not found:
+    results = list(measurements(text.splitlines(), str(file)))
+    if not results:
         raise FileFormatError("a tracker log without rows", where=str(file))
-    back = next((k for k in range(1, len(found)) if found[k].time_ns <= found[k - 1].time_ns), None)
+    back = next((k for k in range(1, len(results)) if results[k].time_ns <= results[k - 1].time_ns), None)
     if back is not None:
         raise FileFormatError(
             "the clock of a tracker log does not go on",
             where=f"{file}: measurement {back + 1}",
-            value=f"{found[back].time_ns} ns",
-            limit=f"> {found[back - 1].time_ns} ns",
+            value=f"{results[back].time_ns} ns",
+            limit=f"> {results[back - 1].time_ns} ns",
         )
     return TrackerLog(
-        tuple(one.time_ns for one in found),
-        np.stack([one.T_tracker_target for one in found]),
-        tuple(one.status for one in found),
-        tuple(one.sigma_m for one in found),
+        tuple(one.time_ns for one in results),
+        np.stack([one.T_tracker_target for one in results]),
+        tuple(one.status for one in results),
+        tuple(one.sigma_m for one in results),
     )
 
 

@@ -173,7 +173,7 @@ def check_main(text: str, name: str, where: str) -> None:
 
 def called(text: str) -> tuple[str, ...]:
     """Names of the routines that the main routine of a KRL text calls without arguments, in order, each once."""
-    found: dict[str, None] = {}
+    results: dict[str, None] = {}
     inside = False
     for line in map(_code, text.splitlines()):
         if not inside:
@@ -181,8 +181,8 @@ def called(text: str) -> tuple[str, ...]:
         elif _END.match(line):
             break
         elif match := _CALL.match(line):
-            found[match[1]] = None
-    return tuple(found)
+            results[match[1]] = None
+    return tuple(results)
 
 
 def _straight(lines: Sequence[str], where: str, begin: int, path: int, after: int) -> None:
@@ -351,11 +351,11 @@ def _output(switching: RsiSwitching, *, on: bool) -> list[str]:
 
 def _on(switching: RsiSwitching) -> list[str]:
     rate = "#IPO" if switching.cycle_ms == 12 else "#IPO_FAST"
-    told = [switching.feed_hold_index, switching.enable_index, switching.state_index]
-    told += [switching.correction_index + i for i in range(6)]
+    indices = [switching.feed_hold_index, switching.enable_index, switching.state_index]
+    indices += [switching.correction_index + i for i in range(6)]
     lines = [
         "; sensor correction on",
-        *(f"$SEN_PREA[{index}]=0.0" for index in told),
+        *(f"$SEN_PREA[{index}]=0.0" for index in indices),
         f'cfr=RSI_CREATE("{switching.context}",cfid,TRUE)',
         "CF_CHECK(cfr)",
     ]

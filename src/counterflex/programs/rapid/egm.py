@@ -111,8 +111,8 @@ def called(text: str, where: str) -> tuple[str, ...]:
     """Procedures that the main procedure of a RAPID text calls without arguments, in order, each once."""
     lines = text.splitlines()
     begin, end, _ = _routine(lines, where)
-    found = (_CALL.match(_code(line)) for line in lines[begin + 1 : end])
-    names = (match[1] for match in found if match)
+    found_match = (_CALL.match(_code(line)) for line in lines[begin + 1 : end])
+    names = (match[1] for match in found_match if match)
     return tuple(dict.fromkeys(name for name in names if name.lower() not in ("stop", "exit", "return", "tperase")))
 
 

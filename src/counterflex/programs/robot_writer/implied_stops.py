@@ -29,8 +29,8 @@ class ImpliedStops:
 
     def all(self) -> Iterator[Block]:
         """Every one of them."""
-        for found in (*self.before.values(), self.within.values(), *self.behind.values()):
-            yield from found
+        for result in (*self.before.values(), self.within.values(), *self.behind.values()):
+            yield from result
 
 
 def implied_stops(program: Program) -> ImpliedStops:
@@ -46,15 +46,15 @@ def implied_stops(program: Program) -> ImpliedStops:
     told, cooled = 0, False
     for number, block in enumerate(program.blocks):
         codes = {word.value for word in block.words if word.letter == "M"}
-        wanted = _wanted(block, codes, told)
-        if told != 0 and 5.0 not in codes and (6.0 in codes or wanted != told):
+        requested = _wanted(block, codes, told)
+        if told != 0 and 5.0 not in codes and (6.0 in codes or requested != told):
             out.before[number] = [_saying(5, block)]
-            wanted = 0 if 6.0 in codes and not codes & {3.0, 4.0} else wanted
+            requested = 0 if 6.0 in codes and not codes & {3.0, 4.0} else requested
         within = _within(program, block)
         if (restart := within.pop(block.first_motion + block.motion_count, None)) is not None:
             out.behind[number] = [restart]
         out.within.update(within)
-        told = wanted
+        told = requested
         cooled = 9.0 not in codes and (cooled or bool(codes & {7.0, 8.0}))
     if told != 0 or cooled:
         last = len(program.blocks) - 1
@@ -77,18 +77,18 @@ def _wanted(block: Block, codes: set[float], told: int) -> int:
 
 def _within(program: Program, block: Block) -> dict[int, Block]:
     """Stops and starts of the spindle inside a cycle, by motion; behind its last by the number after that."""
-    found: dict[int, Block] = {}
+    results: dict[int, Block] = {}
     turning = block.modal.spindle_rpm != 0.0
     if block.motion_count < 2 or not turning:
-        return found
+        return results
     start = 3 if block.modal.spindle_rpm > 0.0 else 4
     end = block.first_motion + block.motion_count
     for index in range(block.first_motion, end + 1):
         now = index == end or program.motions[index].spindle_rad_s != 0.0
         if now != turning:
             turning = now
-            found[index] = _saying(start if now else 5, block)
-    return found
+            results[index] = _saying(start if now else 5, block)
+    return results
 
 
 def _saying(code: int, block: Block) -> Block:

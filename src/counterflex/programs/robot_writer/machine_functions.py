@@ -102,11 +102,11 @@ class MachineFunctions:
 
     def _check_told_apart(self, blocks: Iterable[Block]) -> None:
         """Refuse one statement for an M-code that the program gives several values: M62 P1 and M62 P2."""
-        said: dict[int, tuple[dict[str, str], Block]] = {}
+        messages: dict[int, tuple[dict[str, str], Block]] = {}
         for block in blocks:
             for code in _codes(block):
                 words = {key: text for key, text in _own_words(code, block).items() if not self._says(code, key)}
-                first, where = said.setdefault(code, (words, block))
+                first, where = messages.setdefault(code, (words, block))
                 if words != first:
                     letters = sorted({key[1].upper() for key in {**words, **first}})
                     raise ProgramError(

@@ -181,8 +181,8 @@ def choose_points(
     usable = (moving & ~dwells) | (stays & (~dwells | exact))
     travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
     apart = np.where(rapid | dwells, 0.0, point_spacing(1.0, cycle_s) * path.feed_m_s)
-    wanted = simplify(way, p, tolerance_m, rotvec=turned, tolerance_rad=tolerance_rad, fixed=stays)
-    fine = _Fine(refined(travel, apart, wanted))
+    vertices = simplify(way, p, tolerance_m, rotvec=turned, tolerance_rad=tolerance_rad, fixed=stays)
+    fine = _Fine(refined(travel, apart, vertices))
     way, p, travel = fine.between(way), fine.between(p), fine.between(travel)
     turned_fine, apart = fine.between(turned), apart[fine.row]
     chosen = spaced(way, p, turned_fine, travel, apart, fine.at_rows(stays), tolerance_m, tolerance_rad)
@@ -207,7 +207,7 @@ def choose_points(
         speed_m_s=held,
         exact=fine.at_rows(exact)[at_point],
         motion=path.motion[row],
-        merged=max(0, int(usable[wanted].sum()) - int(usable[0]) - len(row)) if n > 1 else 0,
+        merged=max(0, int(usable[vertices].sum()) - int(usable[0]) - len(row)) if n > 1 else 0,
         too_close=_too_close(at_point, travel, apart),
         largest_position_error_m=position,
         largest_angle_error_rad=angle,

@@ -157,10 +157,10 @@ class RobotWriter(ABC, Generic[S]):
     def origin(self) -> list[str]:
         """Comments: what made the program, from what, in which cell, for which job."""
         settings = self.settings
-        said = [f"made by counterflex {__version__} from {_plain(self.program.name)}"]
-        said += [f"cell {_plain(settings.cell)}"] if settings.cell else []
-        said += [mark(settings.job)] if settings.job else []
-        return [f"{self.comment} {line}" for line in said]
+        messages = [f"made by counterflex {__version__} from {_plain(self.program.name)}"]
+        messages += [f"cell {_plain(settings.cell)}"] if settings.cell else []
+        messages += [mark(settings.job)] if settings.job else []
+        return [f"{self.comment} {line}" for line in messages]
 
     def block(self, block: Block) -> list[str]:
         """Lines for what a block does beside moving, its comment included."""

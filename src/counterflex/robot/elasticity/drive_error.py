@@ -111,10 +111,10 @@ class DriveErrors:
         Returns:
             (..., 6) rad; exact to rounding (fixed-point iteration, a contraction by the check on slopes).
         """
-        wanted = as_float("q_link", q_link)
-        q = wanted
+        requested = as_float("q_link", q_link)
+        q = requested
         for _ in range(_ROUNDS):
-            step = wanted - self._of(q)
+            step = requested - self._of(q)
             if float(np.max(np.abs(step - q), initial=0.0)) < _REST_RAD:
                 return step
             q = step

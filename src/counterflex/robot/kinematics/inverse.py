@@ -114,7 +114,7 @@ def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | No
     With ``near`` and without limits every solution is turned as near to it as full turns go.
     """
     chain = problem.chain
-    found: list[Solution] = []
+    results: list[Solution] = []
     outside: list[Solution] = []
     for seed in [*seeds(chain, target), *([] if near is None else [near])]:
         solved = problem.polish(target, seed)
@@ -123,26 +123,26 @@ def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | No
         q, sigma, wrist = solved
         if near is not None and not within_limits:
             row = q + opw.TURN * np.round((near - q) / opw.TURN)
-            _add(found, _solution(chain, target, row, sigma, wrist))
+            _add(results, _solution(chain, target, row, sigma, wrist))
             continue
         q = _wrapped(q)
         choices = opw.turns(q, chain.joint_limits_rad)
         for row in choices:
-            _add(found, _solution(chain, target, row, sigma, wrist))
+            _add(results, _solution(chain, target, row, sigma, wrist))
         if len(choices) == 0:
             middle = chain.joint_limits_rad.mean(axis=1)
             row = opw.nearest_turn(q, middle, chain.joint_limits_rad)
             _add(outside, _solution(chain, target, row, sigma, wrist))
     if not within_limits and near is None:
         per_branch: dict[str, Solution] = {}
-        for s in sorted(found + outside, key=lambda s: -s.limit_margin_rad):
+        for s in sorted(results + outside, key=lambda s: -s.limit_margin_rad):
             per_branch.setdefault(s.branch, s)
-        found = list(per_branch.values())
-    if not found:
+        results = list(per_branch.values())
+    if not results:
         best = max(outside, key=lambda s: s.limit_margin_rad, default=None)
         worst = None if best is None else (best.branch, best.limit_axis, float(best.q[best.limit_axis]))
         raise reach_errors.unreached(chain, target, worst)
-    return sorted(found, key=lambda s: -s.limit_margin_rad)
+    return sorted(results, key=lambda s: -s.limit_margin_rad)
 
 
 def inverse(

@@ -29,9 +29,9 @@ def seeds(chain: ElasticChain, target: Float) -> list[Float]:
     """
     if chain.opw is not None:
         rows = opw.branches(chain.opw, flange_of(chain, target))
-        found = [row for row in rows if np.all(np.isfinite(row))]
-        if found:
-            return found
+        results = [row for row in rows if np.all(np.isfinite(row))]
+        if results:
+            return results
         return _edge(chain.opw, flange_of(chain, target))
     limits = chain.joint_limits_rad
     low = np.maximum(limits[:, 0], limits.mean(axis=1) - np.pi)
@@ -46,9 +46,9 @@ def _edge(geometry: Opw, T_base_flange: Float) -> list[Float]:
         for sign in (1.0, -1.0):
             moved = T_base_flange.copy()
             moved[:3, 3] -= sign * pull * outward
-            found = [row for row in opw.branches(geometry, moved) if np.all(np.isfinite(row))]
-            if found:
-                return found
+            results = [row for row in opw.branches(geometry, moved) if np.all(np.isfinite(row))]
+            if results:
+                return results
     return []
 
 

@@ -72,11 +72,11 @@ def end_effector(tcp_mm: tuple[float, float, float] = (300.0, 0.0, 150.0)) -> En
 def cases() -> list[Case]:
     """The 60 cases, positions outermost, forces innermost."""
     R_base_flange = rotation.about_y(90.0 * DEG)  # z forward, x down
-    found = []
+    results = []
     for number, position in enumerate(POSITIONS_MM, start=1):
         for name, (b, c) in ORIENTATIONS_DEG.items():
             R = rotation.about_y(b * DEG) @ rotation.about_x(c * DEG) @ R_base_flange
             T_base_tcp = pose.make(R, np.array(position) * MM)
             for direction, force in FORCES.items():
-                found.append(Case(number, name, direction, T_base_tcp, np.array([*force, 0.0, 0.0, 0.0])))
-    return found
+                results.append(Case(number, name, direction, T_base_tcp, np.array([*force, 0.0, 0.0, 0.0])))
+    return results

@@ -140,7 +140,7 @@ def open_session(
     cell = demo_cell()
     loop = Loop(cell.chain, settings, cell.T_base_part, plan)
     angles = AxisCheck(cell.controller_chain, _program_base(), settings.period_s)
-    senses = {"force": force, "angles": angles, "wrench": _sensor_wrench(cell)}
+    senses: dict[str, Any] = {"force": force, "angles": angles, "wrench": _sensor_wrench(cell)}
     senses |= {field.name: chosen.pop(field.name) for field in dataclasses.fields(Sensing) if field.name in chosen}
     session = OnlineSession(link, loop, sensing=Sensing(**senses), **{"checks": SessionChecks(), **chosen})
     loop.run()

@@ -296,8 +296,8 @@ class Cursor:
                 digits += 1
             end += 1
         if digits == 0 or points > 1:
-            found = repr(text[start : max(end, start + 8)]) if text[start:] else "nothing"
-            raise self.error("a number is expected", found)
+            result = repr(text[start : max(end, start + 8)]) if text[start:] else "nothing"
+            raise self.error("a number is expected", result)
         self.place = end
         number = float(text[start:end])
         if not math.isfinite(number):

@@ -77,9 +77,13 @@ class Source:
                 if flow is not None:
                     self._place(index, flow)
         if self._open:
-            left = self._open[-1]
+            remaining = self._open[-1]
             raise error_at(
-                name, left.start + 1, f"O{left.label} {left.keyword} is never closed", 0, lines[left.start].strip()
+                name,
+                remaining.start + 1,
+                f"O{remaining.label} {remaining.keyword} is never closed",
+                0,
+                lines[remaining.start].strip(),
             )
 
     def scan(self, index: int) -> ScannedLine:
@@ -120,8 +124,8 @@ class Source:
             if keyword == "sub":
                 self.subs[label] = construct
         else:
-            wanted = _CLOSERS.get(keyword, "if")
-            if top is None or (top.keyword, top.label) != (wanted, label):
+            requested = _CLOSERS.get(keyword, "if")
+            if top is None or (top.keyword, top.label) != (requested, label):
                 opened = f"O{top.label} {top.keyword} (line {top.start + 1})" if top else "nothing"
                 raise error_at(
                     self.name, index + 1, f"O{label} {keyword} closes nothing of its own", flow.column, f"{opened} open"

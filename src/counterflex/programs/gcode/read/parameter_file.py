@@ -64,7 +64,7 @@ def read_parameter_file(path: str | os.PathLike[str]) -> MillingMachine:
     Source: LinuxCNC, "Parameters" and "RS274NGC_PARAMETER_FILE".
     """
     file = Path(path)
-    found: dict[int, float] = {}
+    results: dict[int, float] = {}
     for number, text in enumerate(_text(file).splitlines(), start=1):
         words = text.split()
         if not words:
@@ -79,15 +79,15 @@ def read_parameter_file(path: str | os.PathLike[str]) -> MillingMachine:
                 "no line of a parameter file", where=where, value=repr(text.strip()[:40]),
                 limit=f"a number from 1 to {LAST} and a value", hint="LinuxCNC keeps it beside its INI file, as .var",
             )  # fmt: skip
-        if index in found:
+        if index in results:
             raise FileFormatError("a parameter comes twice", where=where, value=f"#{index}")
-        found[index] = value
-    _understood(found, file)
+        results[index] = value
+    _understood(results, file)
     parameters: dict[str | int, float] = {
-        index: value for index, value in found.items() if index <= _LAST_FREE or index in _STORED
+        index: value for index, value in results.items() if index <= _LAST_FREE or index in _STORED
     }
     offsets = {
-        name: tuple(found.get(start + axis, 0.0) * (MM if axis < 3 else 1.0) for axis in range(6))
+        name: tuple(results.get(start + axis, 0.0) * (MM if axis < 3 else 1.0) for axis in range(6))
         for name, start in _OFFSETS.items()
     }
     return MillingMachine(parameters, offsets, part_at_g54=True)

@@ -67,8 +67,8 @@ class Parameters:
 
     def enter(self, arguments: list[float]) -> None:
         """Open a subroutine's scope: ``#1`` ... ``#30`` are the arguments, 0 where none is given."""
-        kept = {index: self._values[index] for index in range(1, ARGUMENTS + 1) if index in self._values}
-        self._scopes.append(({}, kept))
+        selected = {index: self._values[index] for index in range(1, ARGUMENTS + 1) if index in self._values}
+        self._scopes.append(({}, selected))
         for index in range(1, ARGUMENTS + 1):
             self._values[index] = arguments[index - 1] if index <= len(arguments) else 0.0
 

@@ -123,17 +123,17 @@ def _refuse_hidden_ends(lines: Sequence[str], name: str) -> None:
 
 def _named(fault: ProgramError, name: str, lines: Sequence[str]) -> ProgramError:
     """The fault that is told: which language it is, where the text is no G-code at all."""
-    found = foreign_language(lines)
-    if found is None:
+    result = foreign_language(lines)
+    if result is None:
         return fault
     own = any("made by counterflex" in line for line in lines[:20])
-    hint = "This is an output of counterflex: give the original program" if own else found.hint
+    hint = "This is an output of counterflex: give the original program" if own else result.hint
     return ProgramError(
-        f"this is {found.name}; G-code as LinuxCNC reads it is required",
-        where=f"{name}:{found.line}",
-        value=found.text,
+        f"this is {result.name}; G-code as LinuxCNC reads it is required",
+        where=f"{name}:{result.line}",
+        value=result.text,
         hint=hint,
-        language=found.name,
+        language=result.name,
     )
 
 

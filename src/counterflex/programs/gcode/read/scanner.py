@@ -103,7 +103,7 @@ def strip_comments(text: str, name: str, line: int) -> tuple[str, list[int], lis
     Raises:
         ProgramError: A comment is not closed, or holds another opening bracket.
     """
-    kept: list[str] = []
+    selected: list[str] = []
     columns: list[int] = []
     comments: list[str] = []
     place, end = 0, len(text)
@@ -128,11 +128,11 @@ def strip_comments(text: str, name: str, line: int) -> tuple[str, list[int], lis
         if character not in _BLANK:
             if not " " < character < "\x7f":
                 raise error_at(name, line, "a character that G-code does not know", place, repr(character))
-            kept.append(character.lower())
+            selected.append(character.lower())
             columns.append(place)
         place += 1
     columns.append(place)
-    return "".join(kept), columns, comments
+    return "".join(selected), columns, comments
 
 
 def scan_line(text: str, name: str, line: int) -> ScannedLine:

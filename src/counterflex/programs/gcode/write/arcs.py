@@ -167,9 +167,9 @@ def _arc_words(
         machine.radius_replaced += 1
     words: dict[str, str] = {}
     rounded: list[float] = []
-    for axis, wanted in zip(axes[:2], piece.centre, strict=True):
+    for axis, requested in zip(axes[:2], piece.centre, strict=True):
         base = modal.p_part_origin[axis] if modal.arc_absolute else float(here[axis])
-        value = round((wanted - base) / unit, digits)
+        value = round((requested - base) / unit, digits)
         words["IJK"[axis]] = number(value, digits)
         rounded.append(base + value * unit)
     return words if holds((rounded[0], rounded[1])) else {}
