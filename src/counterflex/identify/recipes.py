@@ -25,18 +25,18 @@ RECIPES: Final[Registry[Any]] = Registry(
 )
 
 TITLES: Final = {
-    "kinematics": "geometry of the arm from tracker poses or points, distances, touched planes",
-    "tracker-frame": "pose of the tracker in the base and of its target on the tool, from fiducials or poses",
-    "stiffness": "compliances of joints, links and bodies from the displacement of the tool under known loads",
-    "cubes": "compliances of single elements from the motion of measuring cubes on the structure",
-    "play": "lost motion and friction of the axes from slow reversals",
-    "timing": "dead time, lag and clock offset between recorded channels",
-    "servo": "drive lag, loop gains and bandwidth of corrections from steps",
-    "payload": "bias, weight and centre of gravity at the force sensor from many orientations",
-    "holder": "force from the strain-gauge bridges of a tool holder",
-    "cutting": "cutting constants of a material from test slots",
+    "kinematics": "geometry of the arm, including base and tool, from tracker poses or points, distances, touched planes",
+    "tracker-frame": "pose of the tracker in the base, of its target on the tool, drift, from fiducials or poses",
+    "stiffness": "compliances of joints, links, bodies, from displacement of the tool under known loads",
+    "cubes": "compliances of single elements, from motion of measuring cubes on the structure",
+    "play": "lost motion and friction of the axes, from slow reversals",
+    "timing": "dead time, lag and clock offset between channels, from a recorded motion",
+    "servo": "drive lag, loop gains, bandwidth of corrections, from steps",
+    "payload": "bias, weight, centre of gravity, hose pack at the force sensor, from many orientations",
+    "holder": "force from strain gauges on the spindle holder, from known loads",
+    "cutting": "force constants of a material, from test slots",
 }
-"""What each recipe finds, in one line."""
+"""What each recipe identifies, and from what: in the help, in result.json, over the report, in docs/identify.md."""
 
 
 def added_kinds() -> dict[str, str]:

@@ -23,6 +23,7 @@ from counterflex.identify.geometry.compliances import DIRECTIONS, bearing_of, sp
 from counterflex.identify.pulls import checks as pull_checks
 from counterflex.identify.pulls.blocks import Layout, layout, with_honest_sigma
 from counterflex.identify.recipe import Figure, Identification, Inputs, Proposal, Recipe
+from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.residuals import Residuals
@@ -191,7 +192,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
 
 RECIPE: Final = Recipe(
     "cubes",
-    "compliance of single elements from measuring cubes on the structure",
+    TITLES["cubes"],
     ("cubes",),
     SETTINGS,
     identify,

@@ -32,6 +32,7 @@ from counterflex.identify.data.changes import CuttingLaw
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.recipe import Figure, Identification, Inputs, Recipe
+from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.jackknife import parts_of_groups, with_jackknife
@@ -282,7 +283,7 @@ def _source(data: Sequence[Dataset]) -> str:
 
 RECIPE = Recipe(
     name="cutting",
-    title="Force constants of tool and material from test cuts",
+    title=TITLES["cutting"],
     kinds=(KIND,),
     settings={**PROPOSAL, **SETTINGS},
     find=identify,

@@ -31,6 +31,7 @@ from counterflex.identify.holder.residuals import (
     with_honest_sigma,
 )
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
+from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate, fold_of_groups, score_separate
 from counterflex.identify.solver.parameters import Parameters
@@ -334,7 +335,7 @@ def _picture(blocks: Sequence[HolderReadings], unseen: Sequence[HolderReadings],
 
 RECIPE = Recipe(
     name="holder",
-    title="sensitivity of a strain-gauge spindle holder to force and moment, for any tool length",
+    title=TITLES["holder"],
     kinds=("holder_loads",),
     settings=SETTINGS,
     find=identify,

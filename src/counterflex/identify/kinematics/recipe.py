@@ -42,6 +42,7 @@ from counterflex.identify.kinematics.setup import (
 )
 from counterflex.identify.kinematics.stages import model_of_data, priors_of, refitted, with_lost, with_turns
 from counterflex.identify.recipe import Identification, Inputs, Recipe
+from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut
 from counterflex.identify.solver.solve import solve
@@ -270,7 +271,7 @@ def _changes(cell: CellModel, setup: Setup, fit: Fit, plays: Mapping[int, AxisPl
 
 RECIPE: Final = Recipe(
     name="kinematics",
-    title="Geometric calibration of the arm, with its sag and its drives",
+    title=TITLES["kinematics"],
     kinds=KINDS,
     settings={
         "sag": "auto",

@@ -45,6 +45,7 @@ from counterflex.identify.payload.proposal import FORCE_N, HEIGHT_M, MOMENT_NM, 
 from counterflex.identify.payload.residuals import SensorReadings, force_error
 from counterflex.identify.payload.sensor import sensor_before
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
+from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, score_separate
 from counterflex.identify.solver.jackknife import parts_of_groups, with_groups_once, with_jackknife
@@ -368,7 +369,7 @@ def _pictures(blocks: Sequence[SensorReadings], force: HeldOut, moment: HeldOut)
 
 RECIPE = Recipe(
     name="payload",
-    title="zero, weight, centre of gravity and mounting of the flange force sensor, drift, hose pack, inertia",
+    title=TITLES["payload"],
     kinds=KINDS,
     settings=SETTINGS,
     find=identify,

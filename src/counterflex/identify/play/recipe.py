@@ -19,6 +19,7 @@ from counterflex.identify.play.parameters import axis_play, blocks, compliance, 
 from counterflex.identify.play.proposal import propose
 from counterflex.identify.play.residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
+from counterflex.identify.recipes import TITLES
 from counterflex.identify.reversals.data import Motion, motions, motor_friction
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
@@ -293,7 +294,7 @@ def _loop(block: ReversalResiduals, fit: Fit, motion: Motion) -> Picture:
 
 RECIPE: Final = Recipe(
     name="play",
-    title="Dead band and dry friction of the axes from slow reversals",
+    title=TITLES["play"],
     kinds=("reversals",),
     settings={"bearing_m": BEARING_M, "as_stated": False},
     find=identify,

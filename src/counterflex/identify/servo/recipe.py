@@ -21,6 +21,7 @@ from counterflex.identify.delays.checks import check_delay
 from counterflex.identify.delays.delay import Delay, find_delay
 from counterflex.identify.delays.pairs import FOLLOWING, pairs
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
+from counterflex.identify.recipes import TITLES
 from counterflex.identify.reversals.data import motions, motor_friction
 from counterflex.identify.servo.data import LoadStep, load_steps
 from counterflex.identify.servo.exchange import together, with_exchange
@@ -334,7 +335,7 @@ def _pictures(block: ServoResiduals, fit: Fit) -> list[Picture]:
 
 RECIPE: Final = Recipe(
     name="servo",
-    title="Loop gains of the drives, the lowest mode, and lags of drives and corrections",
+    title=TITLES["servo"],
     kinds=("servo_steps", "reversals", "record"),
     settings={"torque_share": 0.03, "force_n": FORCE_N, "as_stated": False},
     find=identify,

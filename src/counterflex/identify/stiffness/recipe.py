@@ -26,6 +26,7 @@ from counterflex.identify.pulls.proposal import propose_pulls
 from counterflex.identify.pulls.pulls import Pulls, read_pulls
 from counterflex.identify.pulls.residuals import PullResiduals
 from counterflex.identify.recipe import Identification, Inputs, Proposal, Recipe
+from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.solver.solve import solve
@@ -217,7 +218,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
 
 RECIPE: Final = Recipe(
     "stiffness",
-    "compliance of axes, links, sensor and holder from pulls at the tool",
+    TITLES["stiffness"],
     ("pulls",),
     SETTINGS,
     identify,

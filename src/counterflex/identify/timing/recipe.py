@@ -16,6 +16,7 @@ from counterflex.identify.delays.checks import check_delay
 from counterflex.identify.delays.delay import Delay, Pair, build, find_delay
 from counterflex.identify.delays.pairs import pairs
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
+from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.holdout import HeldOut, score_separate
 from counterflex.identify.timing.proposal import propose
 
@@ -228,7 +229,7 @@ def _loop(found: Delay, c: int, label: str) -> Picture:
 
 RECIPE: Final = Recipe(
     name="timing",
-    title="Dead time, lag and clock of each channel against the one it follows",
+    title=TITLES["timing"],
     kinds=("record",),
     settings={"pairs": "auto", "lag": "auto", "through": "program", "as_stated": False},
     find=identify,

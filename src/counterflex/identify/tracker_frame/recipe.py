@@ -30,6 +30,7 @@ from counterflex.identify.geometry.placed_frame import COMPONENTS, PlacedFrame, 
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.geometry.tracker_data import arm_of, check_tracker_data, start_frames, tracker_residuals
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
+from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.solver.parameters import Parameters
@@ -347,7 +348,7 @@ def _pictures(fit: Fit, blocks: Sequence[Residuals]) -> tuple[Picture, ...]:
 
 RECIPE: Final = Recipe(
     name="tracker-frame",
-    title="Tracker in the robot base, target on the tool, drift of the tracker",
+    title=TITLES["tracker-frame"],
     kinds=("fiducials", "tracker_poses"),
     settings={
         "measure": "poses",
