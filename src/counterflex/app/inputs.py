@@ -13,17 +13,16 @@ import numpy as np
 
 from counterflex.core.arrays import Int
 from counterflex.core.errors import CounterflexError, ProgramError
-from counterflex.core.units import DEG, MM, MS
+from counterflex.core.units import MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
-from counterflex.plan.setting import Limits, Setting
+from counterflex.plan.setting import Setting
 from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine, read_parameter_file
 from counterflex.programs.gcode.read.reader import read_gcode_file
 from counterflex.programs.program import Program
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.signals.preview import Mode, Shaping
 
 STEP_M = 0.25 * MM
 """Longest step of a sampled path: a fraction of the distance over which the engagement changes."""
@@ -91,7 +90,7 @@ def read_job(file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_
     program = reading.program(file)
     if len(program.motions) == 0:
         raise ProgramError("the program moves nothing", where=str(file))
-    bare = tool_path(program, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_mm_s * MM)
+    bare = tool_path(program, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_m_s)
     path = with_settling(bare)
     _check_tools(program, cell)
     lines = np.array([program.blocks[motion.block].line for motion in program.motions], dtype=np.int64)
@@ -181,19 +180,12 @@ def setting_of(
         T_base_part=cell.T_base_part,
         datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
         branch=tables.posture.branch,
-        rotation_about_tool_rad=tables.posture.rotation_about_tool_deg * DEG,
+        rotation_about_tool_rad=tables.posture.rotation_about_tool_rad,
         law=cell.force_law if law is None else law,
         cutter_of=cell.cutter,
-        mode=Mode(2.0 * np.pi * tables.dynamics.mode_hz, tables.dynamics.damping_ratio),
-        shaping=Shaping(
-            smoothing_s=tables.dynamics.correction_smoothing_ms * MS, lead_s=tables.dynamics.correction_lead_ms * MS
-        ),
-        limits=Limits(
-            correction_m=tables.limits.correction_mm * MM,
-            rotation_rad=tables.limits.correction_deg * DEG,
-            joint_margin_rad=tables.limits.joint_margin_deg * DEG,
-            wrist_rad=tables.limits.wrist_singularity_deg * DEG,
-        ),
+        mode=tables.dynamics.mode,
+        shaping=tables.dynamics.shaping,
+        limits=tables.limits.limits,
         normal_only=normal_only,
         orientation=orientation,
         allow_extrapolation=cell.material.allow_extrapolation,

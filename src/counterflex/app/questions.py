@@ -185,7 +185,7 @@ def _at_the_blank(cell: Cell, path: str, warnings: list[str]) -> dict[str, Any]:
     x, y, top = stock.x_m(), stock.y_m(), float(stock.z.max())
     corners = np.array([[a, b, top] for a in (x[0], x[-1]) for b in (y[0], y[-1])])
     axes = np.tile([0.0, 0.0, 1.0], (len(corners), 1))
-    Rs_part_tcp = tool_orientation(axes, cell.tables.posture.rotation_about_tool_deg * DEG)
+    Rs_part_tcp = tool_orientation(axes, cell.tables.posture.rotation_about_tool_rad)
     Ts_base_tcp = tool_poses(cell.T_base_part, corners, Rs_part_tcp)
     try:
         q = inverse.inverse_path(chain, Ts_base_tcp, cell.tables.posture.branch).q

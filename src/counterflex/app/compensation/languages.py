@@ -18,7 +18,6 @@ from counterflex.app.inputs import Job
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, OutputError
 from counterflex.core.registry import Registry
-from counterflex.core.units import DEG, MM, MS
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
@@ -55,7 +54,7 @@ class WritingOrder:
     def Ts_part_tcp(self) -> Float:
         """(n, 4, 4) poses of the tool in the part frame that are to be commanded, a row for each point of the path."""
         commanded = CompensatedPath.from_correction(self.job.path, self.plan.correction_part, self.plan.rotvec_part)
-        turned = self.cell.tables.posture.rotation_about_tool_deg * DEG
+        turned = self.cell.tables.posture.rotation_about_tool_rad
         return commanded.poses(tool_orientation(self.plan.path.axis_part, turned))
 
 
@@ -118,10 +117,10 @@ def _krl(order: WritingOrder) -> Written:
         start_axes_rad=[float(angle) for angle in plan.q[0]],
         tool=controller.tool_number,
         base=controller.base_number,
-        rapid_m_s=controller.rapid_mm_s * MM,
-        acc_m_s2=controller.acceleration_mm_s2 * MM,
-        blend_m=controller.blending_mm * MM,
-        cycle_s=controller.cycle_ms * MS,
+        rapid_m_s=controller.rapid_m_s,
+        acc_m_s2=controller.acceleration_m_s2,
+        blend_m=controller.blending_m,
+        cycle_s=controller.cycle_s,
         cell=cell.name,
         job=job_hash(plan),
         tool_data={tool: int(value) for tool, value in data.items()},
@@ -140,8 +139,8 @@ def _rapid(order: WritingOrder) -> Written:
         T_base_part=cell.T_base_part,
         tool_mass_kg=mass,
         p_flange_cog=com,
-        rapid_m_s=controller.rapid_mm_s * MM,
-        cycle_s=controller.cycle_ms * MS,
+        rapid_m_s=controller.rapid_m_s,
+        cycle_s=controller.cycle_s,
         cell=cell.name,
         job=job_hash(plan),
         tool_data=tool_data(job, cell, "rapid"),

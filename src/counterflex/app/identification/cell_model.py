@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.units import DEG, MM
+from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.sensing import sensing_of
 from counterflex.identify.data.model import CellModel
@@ -40,8 +40,8 @@ def model_of(cell: Cell) -> CellModel:
         cutter_of=cell.cutter,
         frame_of=partial(getattr, cell, "T_base_part"),
         branch=cell.tables.posture.branch,
-        joint_margin_rad=cell.tables.limits.joint_margin_deg * DEG,
-        rotation_about_tool_rad=cell.tables.posture.rotation_about_tool_deg * DEG,
+        joint_margin_rad=cell.tables.limits.limits.joint_margin_rad,
+        rotation_about_tool_rad=cell.tables.posture.rotation_about_tool_rad,
         blank_part=_box(cell),
         datum_points_part=_datum_points(cell),
         tables={

@@ -15,7 +15,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, silent
-from counterflex.core.units import DEG, MM
+from counterflex.core.units import MM
 from counterflex.cutting.removal import remove_tool_path
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
@@ -46,10 +46,10 @@ def controller(cell: Cell) -> Controller:
         cell.nominal_end_effector,
         cell.T_base_part,
         branch=tables.posture.branch,
-        rotation_about_tool_rad=tables.posture.rotation_about_tool_deg * DEG,
-        blending_m=tables.controller.blending_mm * MM,
-        acceleration_m_s2=tables.controller.acceleration_mm_s2 * MM,
-        rapid_m_s=tables.controller.rapid_mm_s * MM,
+        rotation_about_tool_rad=tables.posture.rotation_about_tool_rad,
+        blending_m=tables.controller.blending_m,
+        acceleration_m_s2=tables.controller.acceleration_m_s2,
+        rapid_m_s=tables.controller.rapid_m_s,
     )
 
 

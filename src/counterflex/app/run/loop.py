@@ -9,7 +9,6 @@ import numpy as np
 from counterflex.app.inputs import setting_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.core.units import MS
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.monitor import feed_exponent
 from counterflex.files.cell.online import OnlineTable
@@ -28,7 +27,7 @@ from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.settings import unwatched
 from counterflex.runtime.settings import Delays, ForceMode, TrackerMode
 from counterflex.signals.ahead import Ahead
-from counterflex.signals.preview import Mode, Shaping
+from counterflex.signals.preview import Mode
 
 _STIFF = 1e-3
 """A direction stiffer than the softest by more than that is not bent for lost motion."""
@@ -51,10 +50,9 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
     settings = (cell.tables.online or OnlineTable()).settings(cell.tables.timing, compensated=compensated)
     delays = settings.delays
     designed = settings.tracker == TrackerMode.DESIGNED and settings.tuning.undo_play and not compensated
-    measured = Mode(2.0 * np.pi * dynamics.mode_hz, dynamics.damping_ratio)
     hardest = plan.q[int(np.argmax(np.linalg.norm(plan.w_tcp_part[:, :3], axis=1)))]
-    modes = (mode_of(cell.chain, hardest, measured), Mode(delays.natural_per_s, delays.damping))
-    shaping = Shaping(dynamics.correction_smoothing_ms * MS, delays.dead_s + dynamics.correction_lead_ms * MS)
+    modes = (mode_of(cell.chain, hardest, dynamics.mode), Mode(delays.natural_per_s, delays.damping))
+    shaping = replace(dynamics.shaping, lead_s=delays.dead_s + dynamics.shaping.lead_s)
     ahead = Ahead(arm_share(cell.chain, cell.T_base_part, plan.q, plan.w_tcp_part), modes, shaping)
     w, w_lost, cutting = plan.w_tcp_part, np.zeros_like(plan.w_tcp_part), plan.cutting.astype(np.float64)
     if not compensated and settings.pilot.lead_s is None:
@@ -127,15 +125,13 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
         plan = replace(plan, teeth=teeth)
     sensor = flange_sensor(cell.tables.sensor, cell.chain)
     inertia_kg = 0.0 if sensor is None or settings.inertia_hz > 0.0 else sensor.mass_kg
-    dynamics = cell.tables.dynamics
-    ring_s = 1.0 / (2.0 * np.pi * dynamics.mode_hz * dynamics.damping_ratio)
     seen_by = unwatched if watched is None else watched.settings
     return Loop(
         cell.chain,
         settings,
         cell.T_base_part,
         plan,
-        monitor=seen_by(settings, exponent, inertia_kg, ring_s),
+        monitor=seen_by(settings, exponent, inertia_kg, cell.tables.dynamics.ring_s),
         override=None if override is None else override.settings(),
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.units import DEG, MM
+from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.egm import EgmTable
 from counterflex.files.cell.online import OnlineTable
@@ -144,12 +144,12 @@ def planned_stream(cell: Cell, plan: Plan, period_s: float, *, compensated: bool
     contained: Float = np.concatenate([plan.correction_part, plan.rotvec_part], axis=1)
     if not compensated:
         contained = np.zeros_like(contained)
-    Rs_part_tcp = tool_orientation(plan.path.axis_part, cell.tables.posture.rotation_about_tool_deg * DEG)
+    Rs_part_tcp = tool_orientation(plan.path.axis_part, cell.tables.posture.rotation_about_tool_rad)
     return PoseStream(
         commanded_poses(Rs_part_tcp, plan.path.p_part_tcp, contained),
         plan.path,
         period_s=period_s,
         acceleration_m_s2=table.acceleration_mm_s2 * MM,
         blending_m=table.blending_mm * MM,
-        rapid_m_s=cell.tables.controller.rapid_mm_s * MM,
+        rapid_m_s=cell.tables.controller.rapid_m_s,
     )

@@ -8,6 +8,7 @@ from typing import Annotated, Final
 from pydantic import AfterValidator, Field, model_validator
 
 from counterflex.core.errors import FileFormatError
+from counterflex.core.units import MM, MS
 from counterflex.files.schema import Table
 from counterflex.programs.robot_writer.machine_functions import (
     DATA,
@@ -198,6 +199,26 @@ class ControllerTable(Table):
     def _together(self) -> ControllerTable:
         rsi_generation(self.rsi_version, self.kss_version)
         return self
+
+    @property
+    def cycle_s(self) -> float:
+        """Interpolation cycle, s."""
+        return self.cycle_ms * MS
+
+    @property
+    def blending_m(self) -> float:
+        """Distance from a corner within which it is blended, m."""
+        return self.blending_mm * MM
+
+    @property
+    def acceleration_m_s2(self) -> float:
+        """Acceleration along the path, m/s2."""
+        return self.acceleration_mm_s2 * MM
+
+    @property
+    def rapid_m_s(self) -> float:
+        """Speed of rapid moves, m/s."""
+        return self.rapid_mm_s * MM
 
     def rsi_generation(self, where: str) -> int:
         """Major version of RSI that contexts are written for: 3, 4 or 5.

@@ -20,6 +20,7 @@ from counterflex.files.cell.elastic_region import MOST_REGIONS, ElasticRegionTab
 from counterflex.files.cell.measured import CalibrationTable, IdentifiedTable
 from counterflex.files.cell.monitor import MonitorTable, OverrideTable
 from counterflex.files.cell.online import OnlineTable
+from counterflex.files.cell.planning import DynamicsTable, LimitsTable, PostureTable
 from counterflex.files.cell.sensing import HolderTable, SensorTable
 from counterflex.files.cell.timing import TimingTable
 from counterflex.files.cell.tracker import TrackerTable
@@ -306,38 +307,6 @@ def _on_one_line(points: tuple[Vector, ...]) -> bool:
     """Whether all points lie within 1 mm of one line."""
     spread = np.array(points) - np.mean(points, axis=0)
     return bool(np.linalg.svd(spread, compute_uv=False)[1] < 1.0)
-
-
-class PostureTable(Table):
-    """Which of the arm's postures is used, and the free rotation about the tool axis."""
-
-    shoulder: Literal["front", "back"] = "front"
-    elbow: Literal["up", "down"] = "up"
-    wrist: Literal["noflip", "flip"] = "noflip"
-    rotation_about_tool_deg: Annotated[float, Field(ge=-360.0, le=360.0)] = 0.0
-
-    @property
-    def branch(self) -> str:
-        """The posture as the inverse kinematics names it."""
-        return f"{self.shoulder} {self.elbow} {self.wrist}"
-
-
-class DynamicsTable(Table):
-    """How the robot answers in time: its lowest mode, and how a correction must be shaped to act like the force."""
-
-    mode_hz: Annotated[float, Field(gt=0.0, le=1e4)] = 8.0
-    damping_ratio: Annotated[float, Field(gt=0.0, lt=2.0)] = 0.1
-    correction_smoothing_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 20.0
-    correction_lead_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
-
-
-class LimitsTable(Table):
-    """Bounds on what compensation may do."""
-
-    correction_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 3.0
-    correction_deg: Annotated[float, Field(gt=0.0, le=45.0)] = 1.0
-    joint_margin_deg: NonNegative = 2.0
-    wrist_singularity_deg: NonNegative = 5.0
 
 
 class CellTables(Versioned):

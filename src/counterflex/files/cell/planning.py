@@ -1,0 +1,80 @@
+"""Tables ``[posture]``, ``[dynamics]`` and ``[limits]`` of a cell file: what planning needs beside robot and part.
+
+Fields are in shop units, as in the file; properties are what they become in SI, and nothing else converts them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from counterflex.core.units import DEG, MM, MS
+from counterflex.files.schema import Table
+from counterflex.plan.setting import Limits
+from counterflex.signals.preview import Mode, Shaping
+
+NonNegative = Annotated[float, Field(ge=0.0)]
+
+
+class PostureTable(Table):
+    """Which of the arm's postures is used, and the free rotation about the tool axis."""
+
+    shoulder: Literal["front", "back"] = "front"
+    elbow: Literal["up", "down"] = "up"
+    wrist: Literal["noflip", "flip"] = "noflip"
+    rotation_about_tool_deg: Annotated[float, Field(ge=-360.0, le=360.0)] = 0.0
+
+    @property
+    def branch(self) -> str:
+        """The posture as the inverse kinematics names it."""
+        return f"{self.shoulder} {self.elbow} {self.wrist}"
+
+    @property
+    def rotation_about_tool_rad(self) -> float:
+        """Free rotation, see :func:`counterflex.path.toolpath.tool_orientation`."""
+        return self.rotation_about_tool_deg * DEG
+
+
+class DynamicsTable(Table):
+    """How the robot answers in time: its lowest mode, and how a correction must be shaped to act like the force."""
+
+    mode_hz: Annotated[float, Field(gt=0.0, le=1e4)] = 8.0
+    damping_ratio: Annotated[float, Field(gt=0.0, lt=2.0)] = 0.1
+    correction_smoothing_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 20.0
+    correction_lead_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
+
+    @property
+    def mode(self) -> Mode:
+        """The lowest mode: angular frequency ``2 pi f`` and damping."""
+        return Mode(2.0 * math.pi * self.mode_hz, self.damping_ratio)
+
+    @property
+    def ring_s(self) -> float:
+        """Time constant with which the lowest mode dies out, ``1 / (2 pi f D)``."""
+        return 1.0 / (2.0 * math.pi * self.mode_hz * self.damping_ratio)
+
+    @property
+    def shaping(self) -> Shaping:
+        """How corrections are shaped in time."""
+        return Shaping(smoothing_s=self.correction_smoothing_ms * MS, lead_s=self.correction_lead_ms * MS)
+
+
+class LimitsTable(Table):
+    """Bounds on what compensation may do."""
+
+    correction_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 3.0
+    correction_deg: Annotated[float, Field(gt=0.0, le=45.0)] = 1.0
+    joint_margin_deg: NonNegative = 2.0
+    wrist_singularity_deg: NonNegative = 5.0
+
+    @property
+    def limits(self) -> Limits:
+        """The same, as planning takes them."""
+        return Limits(
+            correction_m=self.correction_mm * MM,
+            rotation_rad=self.correction_deg * DEG,
+            joint_margin_rad=self.joint_margin_deg * DEG,
+            wrist_rad=self.wrist_singularity_deg * DEG,
+        )
