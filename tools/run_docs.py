@@ -3,7 +3,8 @@
 Commands are the lines that begin with ``$ `` in fenced ``console`` blocks of README.md, CONTRIBUTING.md and docs/. The
 commands of one page run in order in one fresh folder, several pages at a time; it holds copies of ``examples/`` and
 ``tests/outside/``, and for README.md nothing: what it uses, its own commands must have made. A page with
-``<!-- goes on from: README.md -->`` begins with what the commands of that page have left. Examples are ``examples/*.py``.
+``<!-- goes on from: README.md -->`` begins with what the commands of that page have left. Examples are
+``examples/*.py``.
 
 Lines that begin with ``1$ ``, ``2$ ``, ... belong in a terminal each: these run at the same time.
 

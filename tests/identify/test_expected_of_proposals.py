@@ -9,7 +9,7 @@ from counterflex.app.proof.truth import truth_of
 from counterflex.core.progress import silent
 from counterflex.files.cell.cell import read_cell
 from counterflex.identify.data.dataset import of_arrays
-from counterflex.identify.recipes import recipe
+from counterflex.identify.recipes import RECIPES
 from counterflex.identify.tracker_frame import recipe as tracker_frame
 from counterflex.twin.laboratory import fiducials as measure_fiducials
 from counterflex.twin.laboratory.laboratory import laboratory
@@ -22,7 +22,7 @@ CELL = model_of(FILE)
     "name", ["tracker-frame", "kinematics", "stiffness", "cubes", "play", "timing", "servo", "payload", "cutting"]
 )
 def test_every_expected_standard_deviation_has_a_unit(name: str) -> None:
-    found = recipe(name)
+    found = RECIPES[name]
     proposal = found.propose(CELL, 12, {**found.settings, "seed": 1})
     assert proposal.expected
     assert set(proposal.units) == set(proposal.expected)
@@ -30,7 +30,7 @@ def test_every_expected_standard_deviation_has_a_unit(name: str) -> None:
 
 
 def test_frame_from_fiducials_is_known_as_well_as_promised() -> None:
-    proposal = recipe("tracker-frame").propose(CELL, 8, {"measure": "fiducials"})
+    proposal = RECIPES["tracker-frame"].propose(CELL, 8, {"measure": "fiducials"})
     measured = measure_fiducials.measure(truth_of(FILE, 0), laboratory(1), proposal.columns, {}, silent)
     data = of_arrays("fiducials", "fiducials", measured.channels, measured.sigma, group=measured.group)
     fit = tracker_frame.RECIPE.identify(CELL, [data], [], {}, silent).fits["tracker-frame"]

@@ -15,10 +15,10 @@ from counterflex.core.errors import InputError
 from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.recipe import Inputs, Recipe
-from counterflex.identify.recipes import FOLDERS, recipe
+from counterflex.identify.recipes import RECIPES
 
 CELL = cast(CellModel, None)
-RECIPES = Path(next(iter(counterflex.identify.__path__)))
+FOLDER = Path(next(iter(counterflex.identify.__path__)))
 
 
 def _dataset(kind: str) -> Any:
@@ -31,7 +31,7 @@ def _echo() -> tuple[Recipe, list[Inputs]]:
     def find(inputs: Inputs) -> Any:
         got.append(inputs)
 
-    return replace(recipe("timing"), settings={"lag": "auto", "pairs": "auto"}, find=find), got
+    return replace(RECIPES["timing"], settings={"lag": "auto", "pairs": "auto"}, find=find), got
 
 
 def test_settings_are_complete_and_those_of_the_user_win() -> None:
@@ -53,9 +53,9 @@ def test_no_data_is_refused_and_so_is_another_kind_also_in_the_holdout() -> None
     assert got == []
 
 
-@pytest.mark.parametrize("name", FOLDERS)
+@pytest.mark.parametrize("name", RECIPES.own)
 def test_a_recipe_has_no_head_of_its_own(name: str) -> None:
-    tree = ast.parse((RECIPES / FOLDERS[name] / "recipe.py").read_text(encoding="utf-8"))
+    tree = ast.parse((FOLDER / RECIPES.own[name].split(".")[2] / "recipe.py").read_text(encoding="utf-8"))
     heads = [n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == "identify"]
     assert [[a.arg for a in n.args.args] for n in heads] == [["inputs"]]
-    assert recipe(name).name == name
+    assert RECIPES[name].name == name
