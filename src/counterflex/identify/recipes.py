@@ -25,7 +25,7 @@ RECIPES: Final[Registry[Any]] = Registry(
 )
 
 TITLES: Final = {
-    "kinematics": "geometry of the arm, with base and tool, from tracker poses or points, distances, touched planes",
+    "kinematics": "geometry of arm, base and tool, from tracker poses or points, distances, touched planes",
     "tracker-frame": "pose of the tracker in the base, of its target on the tool, drift, from fiducials or poses",
     "stiffness": "compliances of joints, links, bodies, from displacement of the tool under known loads",
     "cubes": "compliances of single elements, from motion of measuring cubes on the structure",
