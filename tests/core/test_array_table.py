@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba import carray
 
-from counterflex.core.array_table import ArrayTable, matrix, reals, whole_matrix, wholes
+from counterflex.core.array_table import ArrayTable, matrix, reals, to_pointer, whole_matrix, wholes
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
+from counterflex.core.records import Records, record, records
 
 
 @kernel("float64(int64[:, ::1])")
@@ -23,6 +25,23 @@ def _mark(table: Int) -> float:
     a[a.shape[0] - 1], b[b.shape[0] - 1, b.shape[1] - 1] = -1.0, -2.0
     c[c.shape[0] - 1], d[d.shape[0] - 1, d.shape[1] - 1] = -3, -4
     return total
+
+
+ROW = record(place=(float, 3), count=int)
+
+
+@kernel("Row[::1](int64[:, ::1], int64)", Row=ROW)
+def _rows(table: Int, k: int) -> Records:
+    out: Records = carray(to_pointer(table[k, 0]), (table[k, 1],), ROW)
+    return out
+
+
+@kernel("void(int64[:, ::1])")
+def _count_up(table: Int) -> None:
+    rows = _rows(table, 1)
+    for k in range(rows.shape[0]):
+        rows[k].count += k
+        rows[k].place[2] = 0.5
 
 
 def _four() -> tuple[Float, Float, Int, Int]:
@@ -43,6 +62,16 @@ def test_a_view_is_found_where_it_lies() -> None:
     rest = _four()[1:]
     _mark(ArrayTable((whole[2:7], *rest)).rows)
     np.testing.assert_array_equal(np.flatnonzero(whole), [6])
+
+
+def test_records_are_found_as_plain_arrays_are() -> None:
+    rows = records(ROW, 4)
+    _count_up(ArrayTable((np.zeros(2), rows)).rows)
+    assert rows["count"].tolist() == [0, 1, 2, 3]
+    np.testing.assert_array_equal(rows["place"], [[0.0, 0.0, 0.5]] * 4)
+    for bad in (rows.reshape(2, 2), rows[::2]):
+        with pytest.raises(InputError, match="kernel's array"):
+            ArrayTable((bad,))
 
 
 def test_the_table_keeps_its_arrays_alive() -> None:
