@@ -62,6 +62,15 @@ def test_make_writes_a_program_that_check_passes(tmp_path: Path, cell: Path) -> 
     assert setup.number("commtimeout") == 0.1
 
 
+@pytest.mark.parametrize("host", ["mill-pc", "192.168.1", "10.0.0.1\n; run as you like", ""])
+def test_a_host_that_is_no_address_is_refused(tmp_path: Path, cell: Path, host: str) -> None:
+    """It is written into the README as what the controller has to be told."""
+    (tmp_path / "p.mod").write_text(MODULE, encoding="ascii")
+    words = ("egm", "make", "--cell", cell, "--program", tmp_path / "p.mod", "--out", tmp_path / "r", "--host", host)
+    code, said = told(*words)
+    assert (code, "not an IPv4 address" in said, (tmp_path / "r").exists()) == (1, True, False)
+
+
 def test_make_for_guidance(tmp_path: Path, cell: Path) -> None:
     text = cell.read_text(encoding="utf-8").replace("period_ms = 24", "period_ms = 4")
     cell.write_text(text + '\n[egm]\nmode = "pose"\ntimeout_ms = 40\nspeed_reference = true\n', encoding="utf-8")

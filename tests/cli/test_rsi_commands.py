@@ -253,6 +253,13 @@ def test_make_refuses_and_writes_nothing(
         assert word in said
 
 
+def test_a_program_without_its_data_list_is_refused(shop: Path, refused: Callable[..., str]) -> None:
+    """XSTART is declared there: no controller loads the program without it."""
+    (shop / "krl" / "part.dat").unlink()
+    said = refused("rsi", "make", "--cell", "cell.toml", "--program", "krl/part.src", "--out", "robot")
+    assert "XSTART, but no part.dat" in said
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

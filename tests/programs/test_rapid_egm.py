@@ -263,3 +263,32 @@ def test_comments_and_strings_are_no_instructions() -> None:
     assert [(i.line, i.arguments) for i in calls.of("WAITTIME")] == [(5, ("1",))]
     with pytest.raises(FileFormatError, match="not a RAPID module"):
         parse_egm_calls("hello", "m.mod")
+
+
+def test_guidance_keeps_stops_for_a_person_before_and_behind_the_path() -> None:
+    """``Stop;`` looks like the call of a part: such a program was said to be split."""
+    by_hand = program("    Stop;", move(0, "fine"), move(10), move(20), "    Stop;")
+    text = with_egm(by_hand, POSE, "p.mod")
+    assert text.count("Stop;") == 3
+    assert check_egm(parse_egm_calls(text, "p.mod"), WANTED["pose"]) == ()
+
+
+@pytest.mark.parametrize("switching", [PATH, POSE])
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("t_p\\", "MoveL\\", "cannot use this name; got MoveL"),
+        ("w_p;", f"{'w' * 33};", "cannot use this name; got wwww"),
+        ("PROC p()", "PROC WaitTime_()", ""),
+        ("PROC p()", "PROC MoveL()", "cannot use this name; got MoveL"),
+        ("MODULE p_m", "MODULE Proc", "cannot use this name; got Proc"),
+        ("ENDMODULE", "", "no ENDMODULE"),
+    ],
+)
+def test_names_that_no_controller_loads_are_refused(switching: EgmSwitching, old: str, new: str, said: str) -> None:
+    text = SIMPLE.replace(old, new)
+    if said:
+        with pytest.raises(ProgramError, match=said):
+            with_egm(text, switching, "p.mod")
+    else:
+        assert with_egm(text, switching, "p.mod")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -9,7 +10,7 @@ from typing import Any, Final
 from counterflex import __version__
 from counterflex.app.robot_setup.egm_readme import readme
 from counterflex.app.robot_setup.robot_folder import apart_from, read_program, refuse_errors, unwatched, write_folder
-from counterflex.core.errors import FileFormatError, ProgramError
+from counterflex.core.errors import FileFormatError, InputError, ProgramError
 from counterflex.core.units import MS
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.egm import EgmTable
@@ -99,6 +100,12 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
             where=str(settings.cell),
             hint='Add a table [online], for example with force = "pilot"',
         )
+    try:
+        ipaddress.IPv4Address(settings.host)
+    except ValueError as fault:
+        raise InputError(
+            "not an IPv4 address", where="--host", value=repr(settings.host), limit="for example 192.168.125.10"
+        ) from fault
     table = cell.tables.egm or EgmTable()
     wanted = wanted_of(cell)
     switching = EgmSwitching(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -9,7 +10,7 @@ from typing import Any, Final
 from counterflex import __version__
 from counterflex.app.robot_setup.robot_folder import apart_from, read_program, refuse_errors, unwatched, write_folder
 from counterflex.app.robot_setup.rsi_readme import readme
-from counterflex.core.errors import FileFormatError
+from counterflex.core.errors import FileFormatError, ProgramError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.cell.online import OnlineTable
@@ -242,6 +243,13 @@ def _programs(
             check_path(found[source.name].splitlines(), source.name, output=switching.output)
         if data.is_file():
             found[data.name] = _krl(data)
+        elif name == program.stem and re.search(r"\bXSTART\b", text):
+            raise ProgramError(
+                "the data list of the program is missing: the controller does not load it",
+                where=str(program),
+                value=f"XSTART, but no {data.name}",
+                hint="Keep the .dat beside the .src, as compensate writes them",
+            )
     return found, program.name, tuple(elsewhere)
 
 

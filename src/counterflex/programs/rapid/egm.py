@@ -6,16 +6,19 @@ import re
 from typing import Final
 
 from counterflex.core.errors import ProgramError
+from counterflex.programs.limits import RAPID, RESERVED
 from counterflex.programs.rapid.egm_switching import EgmSwitching
 from counterflex.programs.robot_writer.machine_functions import refuse_only_said, stop_under_correction
 
 IDENTITY: Final = "cfId"
 _PROC: Final = re.compile(r"\s*PROC\s+(\w+)\s*\(\s*\)\s*$", re.IGNORECASE)
 _END: Final = re.compile(r"\s*ENDPROC\s*$", re.IGNORECASE)
-_MODULE: Final = re.compile(r"\s*MODULE\s+\w+\s*$", re.IGNORECASE)
+_MODULE: Final = re.compile(r"\s*MODULE\s+(\w+)\s*$", re.IGNORECASE)
+_END_OF_MODULE: Final = re.compile(r"\s*ENDMODULE\s*$", re.IGNORECASE)
 _LINEAR: Final = re.compile(r"(\s*)MoveL\s+(.*),([^,]+),([^,]+),([^,;]+);\s*$", re.IGNORECASE)
 _JOINT: Final = re.compile(r"\s*Move(AbsJ|J)\b", re.IGNORECASE)
 _CALL: Final = re.compile(r"\s*([A-Za-z]\w*)\s*;\s*$")
+_NO_CALLS: Final = frozenset(("stop", "exit", "return", "tperase"))
 _TOOL: Final = re.compile(r"\s*(\w+)\s*\\\s*WObj\s*:=\s*(\w+)\s*$", re.IGNORECASE)
 _STOP: Final = re.compile(r"\s*Stop\b", re.IGNORECASE)
 _WAIT: Final = re.compile(r"\s*WaitTime\b", re.IGNORECASE)
@@ -111,9 +114,13 @@ def called(text: str, where: str) -> tuple[str, ...]:
     """Procedures that the main procedure of a RAPID text calls without arguments, in order, each once."""
     lines = text.splitlines()
     begin, end, _ = _routine(lines, where)
-    found_match = (_CALL.match(_code(line)) for line in lines[begin + 1 : end])
-    names = (match[1] for match in found_match if match)
-    return tuple(dict.fromkeys(name for name in names if name.lower() not in ("stop", "exit", "return", "tperase")))
+    return tuple(dict.fromkeys(name for line in lines[begin + 1 : end] if (name := _called(line))))
+
+
+def _called(line: str) -> str:
+    """Procedure that a line calls without arguments; empty for an instruction that looks like it (``Stop;``)."""
+    match = _CALL.match(_code(line))
+    return "" if match is None or match[1].lower() in _NO_CALLS else match[1]
 
 
 def called_parts(text: str, where: str) -> tuple[str, ...]:
@@ -137,11 +144,35 @@ def _routine(lines: list[str], where: str) -> tuple[int, int, int]:
     end = next((i for i in range(begin + 1, len(lines)) if _END.match(_code(lines[i]))), None)
     if end is None:
         raise ProgramError("the program is cut off: no ENDPROC", where=where)
+    if not any(_END_OF_MODULE.match(_code(line)) for line in lines[end:]):
+        raise ProgramError("the program is cut off: no ENDMODULE", where=where)
+    _check_names(lines, where)
     return begin, end, module
 
 
 def _code(line: str) -> str:
     return line.split("!")[0].rstrip()
+
+
+def _check_names(lines: list[str], where: str) -> None:
+    """Refuse names of modules, procedures, tools and work objects that a controller does not load.
+
+    Raises:
+        ProgramError: A name is too long or a word of the language.
+    """
+    for number, line in enumerate(lines, start=1):
+        code = _code(line)
+        named = _PROC.match(code) or _MODULE.match(code)
+        moves = _LINEAR.match(code) or _JOINT.match(code)
+        names = (named[1],) if named else (_frames(line) or ()) if moves else ()
+        for name in names:
+            if len(name) > RAPID.name_characters or name.upper() in RESERVED:
+                raise ProgramError(
+                    "RAPID cannot use this name",
+                    where=f"{where}:{number}",
+                    value=name,
+                    limit=f"no word of the language, {RAPID.name_characters} characters at most",
+                )
 
 
 def _frames(line: str) -> tuple[str, str] | None:
@@ -273,7 +304,7 @@ def _path_off(switching: EgmSwitching, last: str | None, where: str) -> list[str
 
 
 def _guided(path: list[str], switching: EgmSwitching, where: str) -> list[str]:
-    if any(_CALL.match(_code(line)) for line in path):
+    if any(_called(line) for line in path):
         raise ProgramError(
             "the program is split, its path lies in other modules",
             where=where,
