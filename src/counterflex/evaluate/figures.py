@@ -30,31 +30,6 @@ class Figures:
 NONE = Figures(0.0, 0.0, 0.0, 0.0)
 
 
-def weighted_quantile(value: Float, weight: Float, fraction: float) -> float:
-    """Smallest value below which (or at which) the given fraction of the total weight lies.
-
-    ``min { v : sum_{value <= v} weight >= fraction sum weight }``: a value that was met, never an interpolated one.
-
-    Args:
-        value: (n,) n > 0.
-        weight: (n,) >= 0, with a positive sum.
-        fraction: In 0..1.
-
-    Raises:
-        InputError: Fraction, lengths or weights are out of range.
-    """
-    value, weight = as_float("value", value, (None,)), as_float("weight", weight, (len(value),))
-    total = float(weight.sum())
-    if not 0.0 <= fraction <= 1.0:
-        raise InputError("quantile fraction is out of range", value=fraction, limit="0..1")
-    if np.any(weight < 0.0) or total <= 0.0:
-        raise InputError("weights of a quantile are negative or all zero")
-    order = np.argsort(value, kind="stable")
-    cumulated = np.cumsum(weight[order])
-    index = int(np.searchsorted(cumulated, fraction * total * (1.0 - 1e-12)))
-    return float(value[order][min(index, len(value) - 1)])
-
-
 def weighted_figures(deviation: Float, weight: Float | float = 1.0) -> Figures:
     """Largest, 99.7 % and rms magnitude of deviations.
 
@@ -64,16 +39,21 @@ def weighted_figures(deviation: Float, weight: Float | float = 1.0) -> Figures:
 
     Returns:
         The figures; all zero with ``extent == 0`` where ``n == 0`` or all weights are zero.
+
+    Raises:
+        InputError: A weight is negative.
     """
     values = as_float("deviation", deviation)
     magnitude: Float = np.linalg.norm(values, axis=-1) if values.ndim == 2 else np.abs(values)
     weights: Float = np.broadcast_to(np.asarray(weight, dtype=np.float64), magnitude.shape)
     extent = float(weights.sum())
+    if np.any(weights < 0.0):
+        raise InputError("a weight of a deviation is negative", value=float(weights.min()), limit=">= 0")
     if extent <= 0.0:
         return NONE
     return Figures(
         max_m=float(magnitude[weights > 0.0].max()),
-        p997_m=weighted_quantile(magnitude, weights, 0.997),
+        p997_m=float(np.quantile(magnitude, 0.997, weights=weights, method="inverted_cdf")),  # a value that was met
         rms_m=float(np.sqrt(np.sum(weights * magnitude**2) / extent)),
         extent=extent,
     )

@@ -9,7 +9,6 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.app.campaign.parameter_errors import parameter_errors
-from counterflex.app.campaign.step import ONLINE
 from counterflex.app.compensation.compensate import compensate, write
 from counterflex.app.inputs import read_job, setting_of
 from counterflex.app.long_jobs.step_cache import begin, fingerprint, finish, finished
@@ -27,9 +26,6 @@ from counterflex.path.toolpath import FEED
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.twin.truth.file import read_truth
 
-_PLANNING: Final = ("counterflex.app.compensation.compensate",)
-_TRUTH: Final = "counterflex.app.proof.truth"
-_MACHINING: Final = ("counterflex.app.proof.simulate",)
 POSES: Final = 16
 """Points of a program at which poses and deflections are compared with the truth."""
 
@@ -41,7 +37,7 @@ def compensated(program: str, cell_file: str, folder: str, *, progress: Progress
         ``prediction``: figures of the plan.
     """
     out = Path(folder)
-    mark = fingerprint(program, cell_file, code=_PLANNING, code_without=ONLINE, job="compensate")
+    mark = fingerprint(program, cell_file, job="compensate")
     before = finished(out, mark)
     if before is not None:
         return before
@@ -58,7 +54,7 @@ def compensated(program: str, cell_file: str, folder: str, *, progress: Progress
 def compensated_exact(program: str, cell_file: str, truth_file: str, folder: str) -> dict[str, Any]:
     """Compensate a program with the truth's exact constants, unless that was done before."""
     out = Path(folder)
-    mark = fingerprint(program, cell_file, truth_file, code=(*_PLANNING, _TRUTH), code_without=ONLINE, job="exact")
+    mark = fingerprint(program, cell_file, truth_file, job="exact")
     before = finished(out, mark)
     if before is not None:
         return before
@@ -84,7 +80,7 @@ def machined(
         Its figures.
     """
     out = Path(folder)
-    mark = fingerprint(program, original, cell_file, truth_file, code=_MACHINING, code_without=ONLINE, job="simulate")
+    mark = fingerprint(program, original, cell_file, truth_file, job="simulate")
     if finished(out, mark) is None:
         begin(out, mark)
         machining = share_of(progress, 0.0, 0.9)

@@ -23,8 +23,6 @@ from counterflex.files.cell.update import copied_text
 CELL: Final = "cell.toml"
 DATA, HOLDOUT = "data", "holdout"
 RESULT: Final = "result"
-ONLINE: Final = ("runtime", "protocols")
-"""Rooms that take no part in identifying, planning and machining without a loop."""
 WORK: Final = {
     "propose data": 3.0,
     "measure data": 3.0,
@@ -67,7 +65,7 @@ def step(
         "identify": dict(plan.identify),
         "seed": seed,
     }
-    mark = fingerprint(cell_file, truth_file, code=(__name__,), code_without=ONLINE, **facts)
+    mark = fingerprint(cell_file, truth_file, **facts)
     before = finished(out, mark)
     if before is not None:
         return before

@@ -1,25 +1,30 @@
 """Finished steps of long jobs: kept on disk, recognised by a fingerprint of everything they were made from.
 
-A fingerprint has a part for every file, every fact and every room of the program that a step rests on, so that one
-line can say why something is made again.
+A fingerprint has a part for every file, every fact and every room of the program that computes, so that one line can
+say why something is made again. What shows results (``cli``, ``report``) does not count.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import tomllib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
+import counterflex
 from counterflex import __version__
-from counterflex.app.long_jobs.code_used import code_of, toml_parts
 from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError
 
 DONE: Final = "done.json"
 """Written last into the folder of a step: its fingerprint, and what the job needs to go on."""
+_ROOT: Final = Path(counterflex.__file__).parent
+_SHOW: Final = ("cli", "report")
+"""Rooms that show results and make none."""
 _NAMED: Final = 4
 """Changed parts that a line names; the others are counted."""
 
@@ -27,16 +32,13 @@ Mark = tuple[tuple[str, str], ...]
 """Fingerprint of a step: what it is made from, and a hash of each, in order."""
 
 
-def fingerprint(*files: str | Path, code: Sequence[str] = (), code_without: Sequence[str] = (), **facts: Any) -> Mark:
-    """What a step is made from: contents of files, plain facts, code, and the version of this program.
+def fingerprint(*files: str | Path, **facts: Any) -> Mark:
+    """What a step is made from: contents of files, plain facts, and this program: its version and its files.
 
     A TOML file counts by its meaning, table by table; any other by its bytes.
 
     Args:
         files: Read whole; a file's folder does not matter.
-        code: Modules that do the work, by full name; with all that they import
-            (:func:`counterflex.app.long_jobs.code_used.code_of`).
-        code_without: Rooms of the package that they import and do not use.
         facts: Numbers, texts, lists and tables of these.
 
     Raises:
@@ -55,9 +57,40 @@ def fingerprint(*files: str | Path, code: Sequence[str] = (), code_without: Sequ
         except ValueError as fault:
             raise FileFormatError(f"not valid TOML: {fault}", where=str(file)) from fault
     parts += [(key, json.dumps(facts[key], sort_keys=True, allow_nan=False)) for key in sorted(facts)]
-    rooms = code_of(*code, without=tuple(code_without)) if code else {}
-    parts += [(f"code of {room}" if room else "code", value) for room, value in rooms.items()]
-    return tuple(parts)
+    return (*parts, *program_files())
+
+
+@cache
+def program_files() -> Mark:
+    """SHA-256, 16 hexadecimal digits, of the files of every room of this package that computes, tables included."""
+    rooms: dict[str, Any] = {}
+    for file in sorted(_ROOT.rglob("*")):
+        place = file.relative_to(_ROOT)
+        if file.is_file() and "__pycache__" not in place.parts and place.parts[0] not in _SHOW:
+            room = f"code of {place.parts[0]}" if len(place.parts) > 1 else "code"
+            rooms.setdefault(room, hashlib.sha256()).update(place.as_posix().encode() + b"\n" + file.read_bytes())
+    return tuple((room, digest.hexdigest()[:16]) for room, digest in sorted(rooms.items()))
+
+
+def toml_parts(file: Path) -> dict[str, str]:
+    """SHA-256, 16 hexadecimal digits, of the meaning of every table of a TOML file; keys outside tables under ``""``.
+
+    Args:
+        file: Of valid TOML.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is not TOML.
+    """
+    data = tomllib.loads(file.read_text(encoding="utf-8"))
+    tables = {key: value for key, value in data.items() if isinstance(value, dict | list)}
+    parts = {key: _hashed(value) for key, value in sorted(tables.items())}
+    return {"": _hashed({key: value for key, value in data.items() if key not in tables}), **parts}
+
+
+def _hashed(value: object) -> str:
+    text = json.dumps(value, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def finished(folder: Path, mark: Mark) -> dict[str, Any] | None:

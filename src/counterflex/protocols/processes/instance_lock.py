@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, Final, Self
 
 from counterflex.core.errors import OutputError
-from counterflex.core.held import boot_id
+from counterflex.core.held import boot_id, own
 
-if sys.platform == "win32":
-    import msvcrt
-else:
-    import fcntl
-
-_LOCKED_AT: Final = 4096
-"""Byte that is locked on Windows: beyond the text, so that others may read it."""
+_LONGEST: Final = 4096
+"""Longest text of a lock file that is read."""
 
 
 class InstanceLock:
@@ -43,9 +37,7 @@ class InstanceLock:
             stream = self.path.open("a+", encoding="utf-8")
         except OSError as fault:
             raise OutputError(f"no lock can be made: {fault.strerror or fault}", where=str(self.path)) from fault
-        try:
-            _lock(stream)
-        except OSError as fault:
+        if not own(stream.fileno()):
             holder = _holder(stream)
             stream.close()
             raise OutputError(
@@ -53,7 +45,7 @@ class InstanceLock:
                 where=f"port {port}",
                 value=holder,
                 hint="One at a time: end the other one first",
-            ) from fault
+            )
         self._stream = stream
         stream.seek(0)
         stream.truncate()
@@ -81,7 +73,7 @@ def holders(folder: Path) -> list[dict[str, Any]]:
     found = []
     for path in sorted(folder.glob("robot-*.lock")):
         try:
-            said = json.loads(path.read_text(encoding="utf-8")[:_LOCKED_AT])
+            said = json.loads(path.read_text(encoding="utf-8")[:_LONGEST])
         except (ValueError, OSError):
             continue
         if isinstance(said, dict):
@@ -89,17 +81,9 @@ def holders(folder: Path) -> list[dict[str, Any]]:
     return found
 
 
-def _lock(stream: TextIOWrapper) -> None:
-    if sys.platform == "win32":
-        stream.seek(_LOCKED_AT)
-        msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)
-    else:
-        fcntl.flock(stream.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
 def _holder(stream: TextIOWrapper) -> str:
     stream.seek(0)
     try:
-        return f"process {int(json.loads(stream.read(_LOCKED_AT))['pid'])}"
+        return f"process {int(json.loads(stream.read(_LONGEST))['pid'])}"
     except (ValueError, KeyError, TypeError, OSError):
         return "process not known"

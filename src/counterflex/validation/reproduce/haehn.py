@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app.campaign import campaign
-from counterflex.app.campaign.step import CELL, ONLINE
+from counterflex.app.campaign.step import CELL
 from counterflex.app.compensation import compensate
 from counterflex.app.long_jobs.step_cache import Mark, begin, fingerprint, finish, finished, made_again
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_held, pool_of, share
@@ -44,8 +44,6 @@ _BASE: Final = "cell.toml"
 PLANNED: Final = "compensated"
 """Folder of an edge's plan; no variant has this name, so that neither takes the other's place."""
 _PLAN_FILE: Final = "plan.parquet"
-_PLANNING: Final = ("counterflex.app.compensation.compensate",)
-_MILLING: Final = ("counterflex.validation.reproduce.closed_loop", "counterflex.app.proof.evaluate")
 
 
 def run(
@@ -163,7 +161,7 @@ def _prepare(place: Path, edge: str, cell: Path) -> None:
 
 def _plan_mark(place: Path) -> Mark:
     """What a plan is made from: the cell without ``[online]``, which no plan depends on."""
-    return fingerprint(place / haehn_case.OFFLINE, place / haehn_case.PROGRAM, code=_PLANNING, code_without=ONLINE)
+    return fingerprint(place / haehn_case.OFFLINE, place / haehn_case.PROGRAM)
 
 
 def _run_mark(place: Path, truth: Path, seed: int, kind: str, output: str) -> Mark:
@@ -171,7 +169,7 @@ def _run_mark(place: Path, truth: Path, seed: int, kind: str, output: str) -> Ma
     plan = place / PLANNED
     commanded = (plan / haehn_case.PROGRAM,) if haehn_case.KINDS[kind].compensated else ()
     files = (place / haehn_case.cell_name(kind, output), place / haehn_case.PROGRAM, *commanded)
-    return fingerprint(*files, plan / _PLAN_FILE, truth, code=_MILLING, kind=kind, output=output, seed=seed)
+    return fingerprint(*files, plan / _PLAN_FILE, truth, kind=kind, output=output, seed=seed)
 
 
 def one(place: Path, truth: Path, seed: int, kind: str, output: str, *, progress: Progress = silent) -> dict[str, Any]:

@@ -37,12 +37,6 @@ from counterflex.validation.reproduce.mandiola_case import VARIANTS, Case
 
 SHAPES: Final = ("square", "circle")
 QUICK_SCALE: Final = 0.15
-_PLAN_CODE: Final = ("counterflex.app.compensation.compensate",)
-_CODE: Final = (
-    "counterflex.validation.reproduce.mandiola_case",
-    "counterflex.app.compensation.compensate",
-    "counterflex.validation.reproduce.closed_loop",
-)
 CORNER_M: Final = 15.0 * MM
 """Path on either side of a corner that counts as corner, at full size: 1.3 s at 700 mm/min."""
 AFTER_REVERSAL_S: Final = 1.5
@@ -144,7 +138,7 @@ def prepare(case: Case, shape: str) -> None:
     """
     cell, program, plan = case.bare_cell, case.program(shape), case.plan(shape)
     part = plan.parent
-    mark = fingerprint(cell, program, code=_PLAN_CODE)
+    mark = fingerprint(cell, program)
     if finished(part, mark) is None:
         begin(part, mark)
         planned = compensate(program, read_cell(cell), predict=False)
@@ -166,7 +160,7 @@ def one(case: Case, shape: str, variant: str, *, progress: Progress = silent) ->
     """
     cell, program = case.cell(variant), case.program(shape)
     part = case.folder / f"{shape}-{variant}"
-    mark = fingerprint(cell, program, case.truth, code=_CODE, shape=shape, variant=variant, dead=mandiola_case.DEAD_S)
+    mark = fingerprint(cell, program, case.truth, shape=shape, variant=variant, dead=mandiola_case.DEAD_S)
     kept = finished(part, mark)
     if kept is None:
         begin(part, mark)
