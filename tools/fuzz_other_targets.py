@@ -1,4 +1,4 @@
-"""Further readers of what comes from outside: ADS, requests to a force sensor, tracker logs, robot files."""
+"""Further readers of what comes from outside: ADS, requests to a force sensor, tracker logs, contexts of RSI."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ import numpy as np
 
 from counterflex.core.errors import CounterflexError, FileFormatError, ProtocolError
 from counterflex.files.logs.tracker_log import measurements
-from counterflex.protocols.abb_egm.calls import parse_egm_calls
 from counterflex.protocols.ads import telegram as ads
-from counterflex.protocols.kuka_rsi.calls import parse_calls
 from counterflex.protocols.kuka_rsi.context import parse_context
 from counterflex.protocols.kuka_rsi.make.files import RsiFiles
 from counterflex.protocols.kuka_rsi.setup import OnlineLimits
@@ -153,40 +151,9 @@ def rsi_context(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing o
     return Target(seeds, True, check, _refused(read))
 
 
-def _program(file: str, read: Callable[[str, str], object]) -> Target:
-    """A robot program of which the calls that concern us are read: read or refused, nothing else."""
-    check = _refused(lambda data: read(data.decode("latin-1"), "fuzz"))
-    return Target([file.encode("latin-1")], True, check, check)
-
-
-def krl(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of it is compiled
-    """Calls of RSI in a KRL program."""
-    text = (
-        'DEF groove()\nDECL INT ret, id ; x\nPTP {A1 0}\nret = RSI_CREATE("counterflex.rsi", id, TRUE)\n'
-        'IF (ret <> RSIOK) THEN\nHALT\nENDIF\nret = RSI_SETPUBLICPAR(id, "POSCORR1", "LowerLimX", -3.6)\n'
-        "WAIT FOR $SEN_PINT[1] == 1\nret = RSI_ON(#ABSOLUTE, #IPO_FAST)\nLIN {X 1.5, Y 2} C_VEL\n"
-        "$SEN_PREA[1] = 4711\nret = RSI_OFF()\nEND\n"
-    )
-    return _program(text, parse_calls)
-
-
-def rapid(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of it is compiled
-    """Calls of EGM in a RAPID program."""
-    text = (
-        "MODULE groove\n! x\nVAR egmident id;\nPROC main()\nEGMReset id;\nEGMGetId id;\n"
-        'EGMSetupUC ROB_1, id, "pathCorr", "UCdevice" \\PathCorr \\APTR;\n'
-        "EGMActMove id, tool1.tframe \\SampleRate:=24;\n"
-        "EGMMoveL id, [[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]], v100, fine, tool1 \\WObj:=part;\n"
-        "EGMStop id, EGM_STOP_HOLD;\nENDPROC\nENDMODULE\n"
-    )
-    return _program(text, parse_egm_calls)
-
-
 OTHERS: dict[str, Callable[..., Target]] = {
     "ads": ads_frames,
     "netft-request": requests,
     "tracker-log": tracker_log,
     "rsi-context": rsi_context,
-    "krl": krl,
-    "rapid": rapid,
 }
