@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from counterflex.app.compensation.compensate import compensate
-from counterflex.app.inputs import SETTLING_S, read_job
+from counterflex.app.inputs import read_job
 from counterflex.app.proof import prove, simulate
 from counterflex.app.proof.truth import truth_of
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import read_cell
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
+from counterflex.plan.settling import SETTLING_S
 from counterflex.programs.gcode.read.reader import read_gcode
 
 

@@ -7,13 +7,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from counterflex.app.inputs import setting_of, with_settling
+from counterflex.app.inputs import setting_of
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.compensate import plan
 from counterflex.plan.setting import Setting
+from counterflex.plan.settling import with_settling
 from counterflex.plan.static_correction import held_in_holes
 
 PathOf = Callable[..., ToolPath]

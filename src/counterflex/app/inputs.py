@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,8 +15,9 @@ from counterflex.core.errors import CounterflexError, ProgramError
 from counterflex.core.units import MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell.cell import Cell
-from counterflex.path.toolpath import FEED, RAPID, ToolPath
+from counterflex.path.toolpath import ToolPath
 from counterflex.plan.setting import Setting
+from counterflex.plan.settling import with_settling
 from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine, read_parameter_file
 from counterflex.programs.gcode.read.reader import read_gcode_file
@@ -26,8 +26,6 @@ from counterflex.robot.elasticity.chain import ElasticChain
 
 STEP_M = 0.25 * MM
 """Longest step of a sampled path: a fraction of the distance over which the engagement changes."""
-SETTLING_S = 0.05
-"""Time the tool is given at the end of a cut to come back to its programmed place before it lifts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,27 +93,6 @@ def read_job(file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_
     _check_tools(program, cell)
     lines = np.array([program.blocks[motion.block].line for motion in program.motions], dtype=np.int64)
     return Job(program, _start_known(program, path), path, lines, _start_known(program, bare))
-
-
-def with_settling(path: ToolPath) -> ToolPath:
-    """Give the tool a stop at the end of every feed run that is followed by a rapid.
-
-    There the feed ends and with it the force, while the tool still stands in the cut. A correction that stayed until
-    the tool has left would push the relieved tool into the wall; the stop is the row at which it is taken back.
-    Only planning knows it: no stop is written, and what is machined has none.
-    """
-    last = np.flatnonzero((path.kind[:-1] == FEED) & (path.kind[1:] == RAPID))
-    if len(last) == 0:
-        return path
-    columns = {}
-    for field in dataclasses.fields(ToolPath):
-        values = getattr(path, field.name)
-        columns[field.name] = np.insert(values, last + 1, values[last], axis=0)
-    stops = last + 1 + np.arange(len(last))
-    delay = np.zeros(len(columns["time_s"]))
-    delay[stops] = SETTLING_S
-    columns["time_s"] = columns["time_s"] + np.cumsum(delay)
-    return ToolPath(**columns)
 
 
 def _check_tools(program: Program, cell: Cell) -> None:

@@ -9,31 +9,26 @@ from typing import Any
 
 from counterflex import __version__
 from counterflex.app.compensation.feed_for_tolerance import lowered_plan, shown_feed
-from counterflex.app.compensation.languages import LANGUAGES, WritingOrder, written
-from counterflex.app.compensation.prediction import chatter_said, figures, prediction
+from counterflex.app.compensation.languages import LANGUAGES, write
+from counterflex.app.compensation.prediction import beyond_measured, chatter_said, figures, prediction, summary_of
+from counterflex.app.compensation.refusals import refuse_compensated, require_options
 from counterflex.app.compensation.robot_program import check_machine
-from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
+from counterflex.app.inputs import AS_IT_IS, Reading, faults_in, read_job, setting_of
 from counterflex.core import atomic
-from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import DEG, UM
+from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import write_plan
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.feed_for_tolerance import FeedTolerance, at_feed
-from counterflex.plan.plan import Plan, job_hash
-from counterflex.programs.compensated import marks
+from counterflex.plan.plan import Plan
 from counterflex.programs.doubtful_readings import doubtful_readings
-from counterflex.robot.model.elastic_region import beyond_regions
 
-TOLERANCE_M = (0.1 * UM, 1000.0 * UM)
-"""Smallest and largest tolerance of the written path."""
 READING, PLANNING, WRITING = "reading the program", "planning", "writing the program"
 WORK = {READING: 1.5, PLANNING: 35.0, WRITING: 1.5}
 """Parts of the work with what they cost: between those of a small part and of 90 000 moves; planning tells its own."""
-PAGE = "writing the report"
-_PAGE_SHARE = 0.05
+PAGE, _PAGE_SHARE = "writing the report", 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,38 +79,20 @@ def compensate(
         CounterflexError: The program, the cell or the reach does not allow it; one line says what and where.
     """
     kind = LANGUAGES[language]
-    if not TOLERANCE_M[0] <= tolerance_m <= TOLERANCE_M[1]:
-        raise InputError(
-            "the tolerance of the written path is out of range",
-            where="compensation.tolerance_um",
-            value=f"{tolerance_m / UM:g}",
-            limit=f"{TOLERANCE_M[0] / UM:g} to {TOLERANCE_M[1] / UM:g}",
-        )
-    if feed is not None and not predict:
-        raise InputError("without a prediction no feed can be found for a tolerance", where="--no-predict")
-    begin = time.perf_counter()
-    parts = in_parts(progress, WORK)
-    planning = parts[PLANNING]
+    require_options(tolerance_m, feed, predict=predict)
+    begin, parts = time.perf_counter(), in_parts(progress, WORK)
     parts[READING](0.0)
     job = read_job(program, cell, reading=reading)
-    carried = marks("\n".join(job.program.lines))
-    if carried:
-        raise InputError(
-            "the program is compensated already and would be compensated twice",
-            where=Path(program).name,
-            value=f"job {', '.join(carried)}",
-            hint="Give the original program",
-        )
+    refuse_compensated(job.program)
     if kind.dialect is not None:
         check_machine(job, cell, kind.dialect)
     setting = setting_of(cell, normal_only=normal_only, orientation=kind.orientation)
     with faults_in(job):
         if feed is None:
-            plan = make_plan(
-                job.path, job.line_of_motion, cell.stock(), setting, predict=predict, progress=parts[PLANNING]
-            )
+            path, line = job.path, job.line_of_motion
+            plan = make_plan(path, line, cell.stock(), setting, predict=predict, progress=parts[PLANNING])
         else:
-            lowered = lowered_plan(job, cell, setting, feed, planning)
+            lowered = lowered_plan(job, cell, setting, feed, parts[PLANNING])
             plan = lowered.plan
             job = replace(job, path=plan.path, sampled=at_feed(job.sampled, lowered.share))
     parts[WRITING](0.0)
@@ -124,35 +101,15 @@ def compensate(
     facts["lines_in"] = len("\n".join(job.program.lines).splitlines())
     facts["lines_out"] = sum(len(text.splitlines()) for name, text in files.items() if not name.endswith(".dat"))
     predicted = figures(plan)
-    said = (*doubtful_readings(job.program), *_beyond_measured(cell, plan), *chatter_said(predicted["chatter"]))
+    said = (*doubtful_readings(job.program), *beyond_measured(cell, plan), *chatter_said(predicted["chatter"]))
     facts["warnings"] = [*facts.get("warnings", ()), *said]
     parts[WRITING](1.0)
-    about = {
-        "job": "compensate",
-        "program": Path(program).name,
-        "cell": cell.name,
-        "robot": cell.chain.name,
-        "language": language,
-        "files": list(files),
-        "job_hash": job_hash(plan),
-        "written": facts,
-        "prediction": predicted,
-        **({} if feed is None else {"feed": shown_feed(lowered, feed)}),
+    about = summary_of(job, plan, cell, language, files=files, written=facts, prediction=predicted)
+    about |= ({} if feed is None else {"feed": shown_feed(lowered, feed)}) | {
         "seconds": round(time.perf_counter() - begin, 3),
         "counterflex": __version__,
     }
     return Compensated(plan, files, facts, about, job.program.encoding)
-
-
-def _beyond_measured(cell: Cell, plan: Plan) -> list[str]:
-    """What is told where the path leaves the angles that errors of the drives or compliances were measured at."""
-    known = cell.drive_errors
-    ranges = {axis: [f"{angle / DEG:.0f}" for angle in known.measured_rad[axis]] for axis in known.outside(plan.q)}
-    return [
-        f"axis {axis + 1} leaves the angles at which its periodic errors were measured ({low} to {high} deg, "
-        "[drive_error] measured_deg): there they fade to nothing"
-        for axis, (low, high) in ranges.items()
-    ] + beyond_regions(cell.chain.regions, plan.q)
 
 
 def run(
@@ -195,28 +152,3 @@ def run(
             write_page(prediction_page(prediction(result.plan, cell, result.summary)), staging / "report.html")
         parts[PAGE](1.0)
     return result.summary
-
-
-def write(
-    job: Job, plan: Plan, cell: Cell, language: str, tolerance_m: float = 5.0 * UM
-) -> tuple[dict[str, str], dict[str, Any]]:
-    """Write a plan in a program language, see :func:`counterflex.app.compensation.languages.written`.
-
-    Returns:
-        Program files by name, and what the writer says about them, in shop units.
-    """
-    files, said = written(language, WritingOrder(job, plan, cell, tolerance_m))
-    return files, _shop(said)
-
-
-def _shop(said: dict[str, Any]) -> dict[str, Any]:
-    """Writer's figures with shop units in their names."""
-    out: dict[str, Any] = {}
-    for key, value in said.items():
-        if key.endswith("_m"):
-            out[key[:-2] + "_um"] = round(float(value) / UM, 3)
-        elif key.endswith("_rad"):
-            out[key[:-4] + "_deg"] = round(float(value) / DEG, 5)
-        else:
-            out[key] = list(value) if isinstance(value, tuple) else value
-    return out

@@ -18,6 +18,7 @@ from counterflex.app.inputs import Job
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, OutputError
 from counterflex.core.registry import Registry
+from counterflex.core.units import DEG, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
@@ -184,3 +185,28 @@ LANGUAGES: Final[Registry[LanguageKind]] = Registry(
         "rapid": "counterflex.app.compensation.languages:RAPID",
     },
 )
+
+
+def write(
+    job: Job, plan: Plan, cell: Cell, language: str, tolerance_m: float = 5.0 * UM
+) -> tuple[dict[str, str], dict[str, Any]]:
+    """Write a plan in a program language, see :func:`written`.
+
+    Returns:
+        Program files by name, and what the writer says about them, in shop units.
+    """
+    files, said = written(language, WritingOrder(job, plan, cell, tolerance_m))
+    return files, _shop(said)
+
+
+def _shop(said: dict[str, Any]) -> dict[str, Any]:
+    """Writer's figures with shop units in their names."""
+    out: dict[str, Any] = {}
+    for key, value in said.items():
+        if key.endswith("_m"):
+            out[key[:-2] + "_um"] = round(float(value) / UM, 3)
+        elif key.endswith("_rad"):
+            out[key[:-4] + "_deg"] = round(float(value) / DEG, 5)
+        else:
+            out[key] = list(value) if isinstance(value, tuple) else value
+    return out

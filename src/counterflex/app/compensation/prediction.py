@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import platform
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -11,13 +12,15 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name
 from counterflex.app.compensation.next_steps import after_compensation, to_load
+from counterflex.app.inputs import Job
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.figures import weighted_figures
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import RAPID
-from counterflex.plan.plan import Plan, across
+from counterflex.plan.plan import Plan, across, job_hash
 from counterflex.report.data import Fact, PredictionData
+from counterflex.robot.model.elastic_region import beyond_regions
 
 _OVERSHOOT: Final = 2.0
 _FREE_PLAY_M: Final = 20.0 * UM
@@ -175,3 +178,48 @@ def _errors(plan: Plan, found: dict[str, Any]) -> dict[str, Any]:
     first, last = found["predicted_nominal"], found["predicted_compensated"]
     headline = (first["p997_mm"], last["p997_mm"], first["max_mm"], last["max_mm"])
     return {"error_before_m": before, "error_after_m": after, "headline_mm": headline}
+
+
+def beyond_measured(cell: Cell, plan: Plan) -> list[str]:
+    """Warnings where the path leaves the angles that errors of the drives or compliances were measured at."""
+    known = cell.drive_errors
+    ranges = {axis: [f"{angle / DEG:.0f}" for angle in known.measured_rad[axis]] for axis in known.outside(plan.q)}
+    return [
+        f"axis {axis + 1} leaves the angles at which its periodic errors were measured ({low} to {high} deg, "
+        "[drive_error] measured_deg): there they fade to nothing"
+        for axis, (low, high) in ranges.items()
+    ] + beyond_regions(cell.chain.regions, plan.q)
+
+
+def summary_of(
+    job: Job,
+    plan: Plan,
+    cell: Cell,
+    language: str,
+    *,
+    files: dict[str, str],
+    written: dict[str, Any],
+    prediction: dict[str, Any],
+) -> dict[str, Any]:
+    """What ``summary.json`` says of a compensated program, in shop units.
+
+    Args:
+        job: The program.
+        plan: Of it.
+        cell: The cell.
+        language: Of the output.
+        files: Program files by name.
+        written: What the writer says about them.
+        prediction: See :func:`figures`.
+    """
+    return {
+        "job": "compensate",
+        "program": Path(job.program.name).name,
+        "cell": cell.name,
+        "robot": cell.chain.name,
+        "language": language,
+        "files": list(files),
+        "job_hash": job_hash(plan),
+        "written": written,
+        "prediction": prediction,
+    }

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
-from counterflex.app.compensation.compensate import write
+from counterflex.app.compensation.languages import write
 from counterflex.app.compensation.prediction import figures
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_held, pool_of, share
