@@ -49,7 +49,6 @@ from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
-from counterflex.runtime.state.layout import O_CAUSE, O_FEED_HOLD
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.devices.netft import NetftServer
@@ -167,13 +166,13 @@ class _Operator:
     def see(self) -> None:
         """Once a cycle, behind the answer."""
         session = self._session
-        state, outcome = session.loop.state, session.loop.outcome
+        state, result = session.loop.state, session.loop.result
         self.states[state.name.lower()] += 1
         if state != self._last and state in (State.HOLD, State.FAULT):
-            self.incidents[f"{state.name.lower()} {Cause(outcome[O_CAUSE]).name.lower()}"] += 1
+            self.incidents[f"{state.name.lower()} {Cause(result.cause).name.lower()}"] += 1
         self._last = state
         if session.loop.cycle % LOOKED_CYCLES == 0:
-            action = wanted(state.name.lower(), feed_hold=bool(outcome[O_FEED_HOLD]))
+            action = wanted(state.name.lower(), feed_hold=bool(result.feed_hold))
             if action:
                 session.control[Request[action.upper()]] = 1
                 self.requests[action] += 1

@@ -26,7 +26,6 @@ from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Output, Pilot
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import State
 from counterflex.signals.filters import Smoothing
 from counterflex.signals.limiter import MotionLimit
@@ -197,4 +196,4 @@ def test_fused_with_tracker_or_late_photogrammetry_beats_force_and_plan(setup: S
     seeing = mill(setup, fused, plan=setup.plan, cycles=900, tracker=lambda k: late if k % every == 0 else None)
     left, rest = (np.linalg.norm(m.p[600:790, 1:], axis=1) for m in (blind, seeing))
     assert np.sqrt(np.mean(rest**2)) < 0.5 * np.sqrt(np.mean(left**2))
-    assert seeing.loop.results[at.R_UNCERTAIN] < 0.2 * blind.loop.results[at.R_UNCERTAIN]
+    assert seeing.loop.result.uncertain < 0.2 * blind.loop.result.uncertain

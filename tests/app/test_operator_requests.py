@@ -54,9 +54,9 @@ def test_stop_ramps_out_with_the_feed_held_and_only_arm_arms_again(run: Run) -> 
     assert (said["done"], said["state"], said["feed_hold"]) == (True, "hold", True)
     assert run.cycles <= 2  # the next cycle takes it
     rig.run(60)
-    assert rig.loop.outcome[0] == State.RAMP_OUT  # it stands
+    assert rig.loop.result.state == State.RAMP_OUT  # it stands
     rig.run(600)
-    assert rig.loop.outcome[0] in (State.IDLE, State.READY, State.FAULT)
+    assert rig.loop.result.state in (State.IDLE, State.READY, State.FAULT)
     assert np.linalg.norm(rig.robot.correction[:3]) < 1e-6
     assert rig.robot.stopped == "Stop"
     rig.restart_robot(rig.robot.counter + 60_000)

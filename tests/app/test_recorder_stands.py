@@ -15,8 +15,7 @@ from counterflex.app.run.end import End, ended_how
 from counterflex.app.run.run import Supervised
 from counterflex.files.logs.run_log import read_log
 from counterflex.protocols.processes.control_array import Kept, Life, Shown
-from counterflex.runtime.record_ring import CYCLE, OUTCOME
-from counterflex.runtime.state.layout import O_STATE
+from counterflex.runtime.record_ring import CYCLE, column
 from counterflex.runtime.state.supervisor import State
 
 ROWS, TAKEN = 40, 25
@@ -53,7 +52,7 @@ def supervised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Supe
         row = made._ring.row()
         row[:] = 0.0
         row[1] = 4e6 * k
-        row[OUTCOME + O_STATE], row[CYCLE] = State.IDLE, k + 1
+        row[column("out_state")], row[CYCLE] = State.IDLE, k + 1
         made._ring.commit()
     yield made
     made.close()

@@ -11,7 +11,6 @@ from counterflex.files.logs.run_log import RunLog
 from counterflex.protocols.processes.control_array import CONTROL
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.record_ring import RecordRing
-from counterflex.runtime.state.layout import O_CAUSE, O_STATE
 from counterflex.runtime.state.supervisor import Cause, State
 
 STATES = [State.ACTIVE, State.HOLD, State.HOLD, State.ACTIVE, State.HOLD, State.FAULT, State.FAULT, State.IDLE]
@@ -37,7 +36,7 @@ def test_holds_and_faults_are_counted_by_cause_and_listed(tmp_path: Path) -> Non
                 row = ring.row()
                 row[:] = 0.0
                 row[1] = 4e6 * (lap * len(STATES) + k)
-                row[record.OUTCOME + O_STATE], row[record.OUTCOME + O_CAUSE] = state, cause
+                row[record.column("out_state")], row[record.column("out_cause")] = state, cause
                 row[record.CYCLE] = lap * len(STATES) + k + 1
                 ring.commit()
             recorder.take()

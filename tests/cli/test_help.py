@@ -152,7 +152,7 @@ def run_log(folder: Path) -> None:
     for row in rows:
         loop.feed(T_part_tcp=np.eye(4), q=np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0]))
         loop.run()
-        row[record.GIVEN : record.MONITOR] = np.r_[loop.given, loop.flags, loop.results, loop.outcome]
+        row[record.GIVEN : record.MONITOR] = np.r_[*loop.inputs, *loop.answers]
         row[record.MONITOR :] = np.r_[*loop.monitor.columns[1:], loop.cycle]
     log = RunLog(folder / "log", {})
     log.add(rows)

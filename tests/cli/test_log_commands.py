@@ -56,10 +56,10 @@ def cycles(loop: Loop, states: dict[int, LoopState] | None = None, *, backwards:
         )
         loop.run()
         out[k, :5] = 4 * k, 1e9 + 4e6 * k, 1e9 + 4e6 * k + 2e4 + 100 * k, 1, 28
-        out[k, record.GIVEN : record.FLAGS] = loop.given
-        out[k, record.FLAGS : record.RESULTS] = loop.flags
-        out[k, record.RESULTS : record.OUTCOME] = loop.results
-        out[k, record.OUTCOME : record.MONITOR] = loop.outcome
+        out[k, record.GIVEN : record.FLAGS] = loop.inputs[0]
+        out[k, record.FLAGS : record.RESULTS] = loop.inputs[1]
+        out[k, record.RESULTS : record.OUTCOME] = loop.answers[0]
+        out[k, record.OUTCOME : record.MONITOR] = loop.answers[1]
         fast, found, events = loop.monitor.columns
         out[k, record.FAST : record.SENSOR] = fast
         out[k, record.MONITOR : record.MONITOR_OUTCOME] = found

@@ -17,7 +17,6 @@ from counterflex.files.logs.record_units import headings, unit_of
 from counterflex.files.logs.run_log import RunLog
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.record_ring import COLUMNS, WIDTH
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
 
 HOLD, FAULT = 700, 1100
@@ -38,7 +37,7 @@ def synthetic(n: int = 1500, seed: int = 1) -> Float:
     cause = np.zeros(n)
     state[HOLD - 1 : HOLD + 99], cause[HOLD - 1 : HOLD + 99] = State.HOLD, Cause.FORCE_SATURATED
     state[FAULT - 1 :], cause[FAULT - 1 :] = State.FAULT, Cause.LIMIT_HARD
-    rows[:, record.OUTCOME + at.O_STATE], rows[:, record.OUTCOME + at.O_CAUSE] = state, cause
+    rows[:, record.column("out_state")], rows[:, record.column("out_cause")] = state, cause
     return rows
 
 
@@ -159,7 +158,7 @@ def test_the_same_incidents_however_the_records_come() -> None:
 
 def test_a_loop_that_flutters_is_counted_to_the_end() -> None:
     rows = synthetic(100)
-    rows[:, record.OUTCOME + at.O_STATE] = np.where(np.arange(100) % 2, State.HOLD, State.ACTIVE)
+    rows[:, record.column("out_state")] = np.where(np.arange(100) % 2, State.HOLD, State.ACTIVE)
     finder = IncidentFinder()
     for _ in range(MOST_INCIDENTS // 50 + 1):
         finder.add(rows)
@@ -170,10 +169,10 @@ def test_records_that_are_none_are_refused() -> None:
     rows = synthetic(10)
     with pytest.raises(InputError, match="shape"):
         IncidentFinder().add(rows[:, :5])
-    rows[4, record.OUTCOME + at.O_STATE] = 99.0
+    rows[4, record.column("out_state")] = 99.0
     with pytest.raises(InputError, match="state"):
         IncidentFinder().add(rows)
-    rows[4, record.OUTCOME + at.O_STATE], rows[4, record.OUTCOME + at.O_CAUSE] = State.FAULT, 99.0
+    rows[4, record.column("out_state")], rows[4, record.column("out_cause")] = State.FAULT, 99.0
     with pytest.raises(InputError, match="cause"):
         IncidentFinder().add(rows)
 

@@ -18,8 +18,7 @@ from counterflex.app.run.end import End, RunEnd, ended_how
 from counterflex.app.run.status import Status
 from counterflex.cli.main import app
 from counterflex.core.arrays import Float
-from counterflex.runtime.record_ring import OUTCOME, WIDTH
-from counterflex.runtime.state.layout import O_CAUSE, O_STATE
+from counterflex.runtime.record_ring import WIDTH, column
 from counterflex.runtime.state.supervisor import Cause, State
 
 DEMO = Path(counterflex.__file__).parent / "app" / "demo"
@@ -87,7 +86,7 @@ def test_a_loop_that_only_watches_is_never_armed_on_purpose() -> None:
 def rows(*states: tuple[State, Cause]) -> Float:
     out = np.zeros((len(states), WIDTH))
     for row, (state, cause) in zip(out, states, strict=True):
-        row[OUTCOME + O_STATE], row[OUTCOME + O_CAUSE] = state, cause
+        row[column("out_state")], row[column("out_cause")] = state, cause
     return out
 
 

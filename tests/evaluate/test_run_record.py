@@ -11,7 +11,6 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.evaluate.run_record import RunRecord
 from counterflex.runtime import record_ring as record
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
 
 
@@ -23,7 +22,7 @@ def rows(states: list[State]) -> Float:
     out[:, 1] = 1e9 + 4e6 * out[:, record.CYCLE]
     out[:, 2] = out[:, 1] + 20_000 + 1000 * np.arange(len(states))
     out[:, 3] = 1
-    out[:, record.OUTCOME + at.O_STATE] = states
+    out[:, record.column("out_state")] = states
     out[:, record.RESULTS] = np.cumsum([1e-6 * (s == State.ACTIVE) for s in states])
     return out
 
@@ -33,8 +32,8 @@ KNOWN = [State.IDLE] * 3 + [State.READY] * 2 + [State.ARMED] + [State.ACTIVE] * 
 
 def known() -> Float:
     out = rows(KNOWN)
-    out[16:, record.OUTCOME + at.O_CAUSE] = Cause.FORCE_STALE
-    out[16:18, record.OUTCOME + at.O_SOFT] = Cause.FORCE_STALE
+    out[16:, record.column("out_cause")] = Cause.FORCE_STALE
+    out[16:18, record.column("out_soft")] = Cause.FORCE_STALE
     out[8, 3], out[12, 3] = 0, 2
     return out
 
@@ -98,7 +97,7 @@ def test_nothing_recorded() -> None:
 @pytest.mark.parametrize("value", [7.0, -1.0, 0.5, np.nan])
 def test_a_state_that_does_not_exist(value: float) -> None:
     bad = known()
-    bad[3, record.OUTCOME + at.O_STATE] = value
+    bad[3, record.column("out_state")] = value
     with pytest.raises(InputError, match="state"):
         RunRecord().add(bad)
     with pytest.raises(InputError, match="shape"):

@@ -29,7 +29,6 @@ from counterflex.protocols.abb_egm.telegram import (
     write_guidance,
     write_robot,
 )
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.abb_egm import EgmContext, FakeEgm
 from counterflex.twin.devices.commanded_motion import Report
@@ -108,15 +107,15 @@ def test_milling_with_the_tool_down_y_is_left_of_the_feed_and_z_is_up(
 def test_a_correction_in_part_axes_goes_out_in_path_axes_without_its_part_along_the_path() -> None:
     link = EgmPathLink(port=0)
     with joined(link) as controller:
-        given = np.zeros(at.GIVEN)
+        nominal, q = np.zeros(12), np.zeros(6)
         direction = np.array([0.6, 0.8, 0.0])
         sent = np.array([0.0, 0.0, 0.0])
         for k in range(4):
             controller.send(robot(k, 1e-3 * k * direction))
             assert link.wait(1.0)
-            link.fill(given)
-            np.testing.assert_allclose(given[at.G_NOMINAL + 9 : at.G_NOMINAL + 12], 1e-3 * k * direction, atol=1e-12)
-            np.testing.assert_allclose(given[at.G_Q : at.G_Q + 6], Q, atol=1e-12)
+            link.fill(nominal, q)
+            np.testing.assert_allclose(nominal[9:], 1e-3 * k * direction, atol=1e-12)
+            np.testing.assert_allclose(q, Q, atol=1e-12)
             correction = np.array([0.3e-3, -0.1e-3, 0.2e-3, 0.0, 0.0, 0.0])
             assert link.answer(correction)
             data = controller.receive()
@@ -234,8 +233,8 @@ def test_what_a_controller_may_leave_out_is_done_without(names: tuple[str, ...])
             assert link.wait(1.0)
             assert not link.empty
             assert link.enable
-        link.fill(given := np.zeros(at.GIVEN))
-        np.testing.assert_allclose(given[at.G_NOMINAL + 9], 0.039, atol=1e-12)
+        link.fill(nominal := np.zeros(12), np.zeros(6))
+        np.testing.assert_allclose(nominal[9], 0.039, atol=1e-12)
         controller.send(cut(robot(40, (0.04, 0, 0), guided=False), *names))
         assert link.wait(1.0)
         assert not link.enable
@@ -359,7 +358,7 @@ class Guided:
         self.fake = FakeEgm(EgmContext(mode="pose", cycle_s=4e-3, **context))
         self.T = start
         self.sent: list[Float] = []
-        self.given = np.zeros(at.GIVEN)
+        self.pose, self.q = np.zeros(12), np.zeros(6)
         self.nominal: list[Float] = []
         self.trail: list[Float] = []
 
@@ -367,8 +366,8 @@ class Guided:
         report = Report(0.0, self.T, self.T, Q, Q, True, False)
         self.controller.send(self.fake.telegram(report))
         assert self.link.wait(1.0)
-        self.link.fill(self.given)
-        self.nominal.append(self.given[at.G_NOMINAL + 9 : at.G_NOMINAL + 12].copy())
+        self.link.fill(self.pose, self.q)
+        self.nominal.append(self.pose[9:].copy())
         answered = self.link.answer(correction, state=state, **told)
         data = self.controller.receive()
         assert (data is not None) is answered

@@ -20,7 +20,6 @@ from counterflex.robot.elasticity.chain import forward
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.plausibility.axis_check import ABOUT, EXACT, AxisCheck
 from counterflex.runtime.settings import ForceMode, OnlineSettings, Output
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
@@ -54,22 +53,22 @@ class _Robot:
         self.enable = self.cycle >= GATE
         return True
 
-    def _pose(self, given: Float, place: int) -> None:
+    def _pose(self, out: Float) -> None:
         T = self.base @ pose.inverse(CELL.T_base_part) @ forward(CELL.controller_chain, self.q) @ self.tool
-        given[place : place + 12] = np.r_[T[:3, :3].reshape(-1), T[:3, 3]]
+        out[:] = np.r_[T[:3, :3].reshape(-1), T[:3, 3]]
 
     @property
     def q(self) -> Float:
         out: Float = BEGIN + SPEED * 4e-3 * max(0, self.cycle - GATE)
         return out
 
-    def fill(self, given: Float) -> None:
-        self._pose(given, at.G_NOMINAL)
-        given[at.G_Q : at.G_Q + 6] = self.q
-        self.spoil(self.cycle, given)
+    def fill(self, nominal: Float, q: Float) -> None:
+        self._pose(nominal)
+        q[:] = self.q
+        self.spoil(self.cycle, q)
 
-    def fill_actual(self, given: Float) -> bool:
-        self._pose(given, at.G_ACTUAL)
+    def fill_actual(self, pose_: Float) -> bool:
+        self._pose(pose_)
         return True
 
     def fill_reported(self, _: Float) -> bool:
@@ -145,9 +144,9 @@ def test_one_telegram_with_a2_wrong_is_held_in_its_cycle(output: Output) -> None
     """A2 + 20 deg: without the check it moves the correction, with it not at all; 50 good cycles later it goes on."""
     wrong = GATE + 300
 
-    def spoil(cycle: int, given: Float) -> None:
+    def spoil(cycle: int, q: Float) -> None:
         if cycle == wrong:
-            given[at.G_Q + 1] += 20.0 * DEG
+            q[1] += 20.0 * DEG
 
     robot, blind = _Robot(spoil), _Robot(spoil)
     run, believing = session(robot, output=output), session(blind, checked=False, output=output)
@@ -175,9 +174,9 @@ def test_one_telegram_with_a2_wrong_is_held_in_its_cycle(output: Output) -> None
 def test_angles_that_stay_wrong_end_the_correction() -> None:
     """An axis whose sign turns on the way: held; the robot goes on although it is to hold, so it is told to stop."""
 
-    def spoil(cycle: int, given: Float) -> None:
+    def spoil(cycle: int, q: Float) -> None:
         if cycle >= GATE + 200:
-            given[at.G_Q + 3] *= -1.0
+            q[3] *= -1.0
 
     robot = _Robot(spoil)
     run = session(robot)

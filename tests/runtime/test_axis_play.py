@@ -11,11 +11,13 @@ import pytest
 import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.records import records
 from counterflex.core.units import URAD
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.robot.model.description import Play
 from counterflex.runtime.settings import OnlineSettings
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import State
 from counterflex.runtime.step.axis_play import AxisPlay
 
@@ -29,14 +31,13 @@ T = 4e-3
 def run(play: AxisPlay, q: Float, added: Float, state: State = State.ACTIVE) -> Float:
     """Feed a path (n, 6) and corrections (n, 6); returns what was added to them."""
     out = np.zeros_like(q)
-    flags, outcome = np.zeros(at.FLAGS, dtype=np.int64), np.zeros(at.OUTCOME, dtype=np.int64)
-    flags[at.F_ELAPSED], outcome[at.O_STATE] = 1, state
     for k in range(len(q)):
-        given, results = np.zeros(at.GIVEN), np.zeros(at.RESULTS)
-        given[at.G_Q : at.G_Q + 6] = q[k]
-        results[at.R_AXES : at.R_AXES + 6] = added[k]
-        play.after(given, flags, results, outcome)
-        out[k] = results[at.R_AXES : at.R_AXES + 6] - added[k]
+        given, result = records(GIVEN)[0], records(RESULT)[0]
+        given.elapsed, result.state = 1, state
+        given.q = q[k]
+        result.axes = added[k]
+        play.after(given, result)
+        out[k] = result.axes - added[k]
     return out
 
 
@@ -70,7 +71,7 @@ def test_it_never_jumps() -> None:
     play = AxisPlay(CHAIN, T, contained=False)
     found = run(play, swinging(), np.zeros((1200, 6)))
     steps = np.abs(np.diff(found, axis=0, prepend=0.0))
-    assert np.all(steps <= play.parameters[:, 3] * (1.0 + 1e-12))
+    assert np.all(steps <= play.plays["step"] * (1.0 + 1e-12))
     assert steps.max() < 5 * URAD
 
 
@@ -108,14 +109,13 @@ def test_a_hold_holds_it() -> None:
 def test_nothing_of_it_goes_into_another_session() -> None:
     play, q = AxisPlay(CHAIN, T, contained=False), swinging()
     assert np.abs(run(play, q[:140], np.zeros((140, 6)))[-1]).max() > 10 * URAD
-    given, results = np.zeros(at.GIVEN), np.zeros(at.RESULTS)
-    given[at.G_Q : at.G_Q + 6] = q[139]
-    flags, outcome = np.zeros(at.FLAGS, dtype=np.int64), np.zeros(at.OUTCOME, dtype=np.int64)
-    flags[at.F_ELAPSED], outcome[at.O_STATE], outcome[at.O_SILENT] = 1, State.FAULT, 1
-    play.after(given, flags, results, outcome)
-    outcome[at.O_STATE], outcome[at.O_SILENT] = State.IDLE, 0
-    play.after(given, flags, results, outcome)
-    np.testing.assert_array_equal(results[at.R_AXES : at.R_AXES + 6], 0.0)
+    given, result = records(GIVEN)[0], records(RESULT)[0]
+    given.q = q[139]
+    given.elapsed, result.state, result.silent = 1, State.FAULT, 1
+    play.after(given, result)
+    result.state, result.silent = State.IDLE, 0
+    play.after(given, result)
+    np.testing.assert_array_equal(result.axes, 0.0)
 
 
 def test_cells_and_settings_that_do_not_fit_say_so() -> None:

@@ -13,9 +13,8 @@ from counterflex.geometry import pose, rotation
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import ForceMode, OnlineSettings
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.runtime.step.limit_and_supervise import DEBOUNCE
+from counterflex.runtime.step.supervise import DEBOUNCE
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
 Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
@@ -60,11 +59,11 @@ class Program:
 
     @property
     def held(self) -> bool:
-        return bool(self.loop.outcome[at.O_FEED_HOLD])
+        return bool(self.loop.result.feed_hold)
 
     @property
     def told_to_stop(self) -> bool:
-        return bool(self.loop.outcome[at.O_STOP])
+        return bool(self.loop.result.stop)
 
 
 @pytest.mark.parametrize("planned", [True, False])

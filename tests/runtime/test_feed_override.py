@@ -23,7 +23,6 @@ from counterflex.runtime.monitoring.override_kernel import falling
 from counterflex.runtime.monitoring.override_plan import slowed_time, speed_plan, within_rate
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
 from counterflex.runtime.settings import ForceMode, OnlineSettings, Pilot
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import State
 from counterflex.signals.ahead import Ahead
 from counterflex.signals.limiter import MotionLimit
@@ -172,7 +171,7 @@ def test_nothing_is_asked_for_while_only_watching() -> None:
         loop.run()
         assert loop.monitor.speed == 1.0
         assert loop.monitor.outcome.slowed == 0
-    assert loop.outcome[at.O_STATE] == State.READY
+    assert loop.result.state == State.READY
 
 
 @pytest.mark.parametrize("bad", [{"least": 0.0}, {"least": 1.5}, {"tolerance_m": 0.0}, {"change_per_s": -1.0}])

@@ -7,14 +7,15 @@ import pytest
 from tests.runtime.test_force_step import _doubted
 from tests.runtime.test_plausibility import FEED, FORCE, Plant, straight
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
+from counterflex.core.records import records
 from counterflex.core.units import MM
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.plausibility import kernel as pk
 from counterflex.runtime.plausibility.calm_cuts import forget_calm, known_in_air, off_in_calm
 from counterflex.runtime.plausibility.limits import Plausibility
 from counterflex.runtime.settings import ForceMode, ForceOffset
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.doubts import CALM_MOST, CUT_KIND, LIMITS, MEMORY
 from counterflex.runtime.state.supervisor import Cause, State
 
 _MODES = (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.FUSED)
@@ -33,7 +34,7 @@ def _slot_with_a_gap(share: float = 1.0) -> LoopPlan:
 
 
 def _differs(plant: Plant) -> bool:
-    return bool(plant.loop.outcome[at.O_DOUBT] & pk.DOUBT_DIFFERS)
+    return bool(plant.loop.result.doubt & pk.DOUBT_DIFFERS)
 
 
 def _load(x: float, share: float = 1.0) -> Float:
@@ -80,8 +81,8 @@ def test_what_may_be_another_cut_holds_no_feed_in_the_cut_but_in_the_air_behind(
     for zero_n, share in ((_STEP, 1.0), (np.zeros(3), 1.6)):
         plant = Plant(_slot_with_a_gap(), force=mode, force_offset=ForceOffset.HOLD).ready()
         assert 0 < _second_cut(plant, zero_n, share) < 1.5
-        assert plant.loop.outcome[at.O_DEGRADED] == Cause.FORCE_DIFFERS
-        assert (plant.loop.state, plant.loop.outcome[at.O_FEED_HOLD]) == (State.ACTIVE, 0)
+        assert plant.loop.result.degraded == Cause.FORCE_DIFFERS
+        assert (plant.loop.state, plant.loop.result.feed_hold) == (State.ACTIVE, 0)
         while plant.x < 0.195 and plant.loop.state == State.ACTIVE:
             plant.cycle(_load(plant.x, share), sensed=_load(plant.x, share) + zero_n)
         assert not _differs(plant) or share == 1.0
@@ -119,19 +120,17 @@ class _Calm:
     """The kernel alone, with samples of a given residual and planned force, part axes."""
 
     def __init__(self) -> None:
-        self.limits, self.times = Plausibility().packed(4e-3)
-        self.memory: Float = np.zeros(pk.REMEMBERED)
-        self.counts: Int = np.zeros(pk.COUNTS, dtype=np.int64)
+        self.limits, self.memory, self.now = (records(kind)[0] for kind in (LIMITS, MEMORY, CUT_KIND))
+        Plausibility().pack(self.limits, 4e-3)
 
     def cut(self, residual: Float, planned: Float, feed: Float, seconds: float, way: float = FEED * 16e-3) -> bool:
         """Whether it has been told."""
         found = False
         for _ in range(round(seconds / 4e-3)):
-            row = self.memory[pk.M_STEPS : pk.M_STEPS + pk.STEP_ROW]
-            row[:3], row[6:9], row[9] = residual, planned, way
-            self.counts[pk.K_STEP_PLACE] = 1
-            work = np.zeros(pk.CALM_ROW)
-            found |= off_in_calm(feed.reshape(9).copy(), self.limits, self.times, self.memory, self.counts, work)
+            cut = self.memory.samples[0].cut
+            cut.residual[:3], cut.planned[:], cut.way = residual, planned, way
+            self.memory.sample_row = 1
+            found |= off_in_calm(feed.reshape(9).copy(), self.limits, self.memory, self.now)
         return found
 
 
@@ -150,10 +149,10 @@ def test_another_kind_of_cut_is_learnt_and_one_that_comes_back_is_known() -> Non
     for _ in range(2):
         assert not calm.cut(0.4 * slot, slot, _ALONG_X, 1.5)
         assert not calm.cut(0.2 * thin, thin, _ALONG_X, 1.5)
-    assert calm.counts[pk.K_CALM_ROWS] == 2
+    assert calm.memory.calm_rows == 2
     more = np.array([0.0, 0.0, 100.0])
     assert calm.cut(0.4 * slot + more, slot, _ALONG_X, 1.0)
-    assert calm.memory[pk.M_STEP_BEFORE : pk.M_STEP_BEFORE + 3] == pytest.approx(0.4 * slot)
+    assert calm.memory.cut_before.residual[:3] == pytest.approx(0.4 * slot)
 
 
 def test_where_no_cut_is_known_the_plan_alone_is_asked() -> None:
@@ -175,9 +174,9 @@ def test_more_kinds_than_are_kept_replace_the_one_seen_least() -> None:
     """Nothing is written beyond the table, and the slot that was cut longest is still known."""
     calm, slot = _Calm(), np.array([-110.0, 320.0, -60.0])
     calm.cut(0.0 * slot, slot, _ALONG_X, 3.0)
-    for k in range(2 * pk.CALM_MOST):
+    for k in range(2 * CALM_MOST):
         assert not calm.cut(np.zeros(3), np.array([0.0, 0.0, 60.0 * 1.3**k]), _ALONG_X, 0.6)
-    assert calm.counts[pk.K_CALM_ROWS] == pk.CALM_MOST
+    assert calm.memory.calm_rows == CALM_MOST
     assert calm.cut(_STEP, slot, _ALONG_X, 1.0)
 
 
@@ -186,12 +185,12 @@ def test_a_cut_whose_air_behind_shows_the_zero_is_known_from_then_on() -> None:
     calm, slot, deeper = _Calm(), np.array([-110.0, 320.0, -60.0]), np.array([-80.0, 200.0, -40.0])
     calm.cut(0.1 * slot, slot, _ALONG_X, 2.0)
     assert calm.cut(deeper, slot, _ALONG_X, 1.0)
-    assert calm.counts[pk.K_CALM_TOLD] == 1
-    for k in range(calm.times[pk.T_STEP_BACK]):
-        assert calm.counts[pk.K_CALM_TOLD] == 1
-        known_in_air(k != 0, calm.times, calm.memory, calm.counts)
-    known_in_air(True, calm.times, calm.memory, calm.counts)
-    assert calm.counts[pk.K_CALM_TOLD] == 0
+    assert calm.memory.calm_told == 1
+    for k in range(calm.limits.step_back):
+        assert calm.memory.calm_told == 1
+        known_in_air(k != 0, calm.limits, calm.memory)
+    known_in_air(True, calm.limits, calm.memory)
+    assert calm.memory.calm_told == 0
     assert not calm.cut(deeper, slot, _ALONG_X, 2.0)
     assert not calm.cut(0.1 * slot, slot, _ALONG_X, 2.0)
     assert calm.cut(deeper + np.array([0.0, 0.0, 150.0]), slot, _ALONG_X, 1.0)
@@ -203,12 +202,12 @@ def test_what_is_told_ends_where_the_cut_is_as_before() -> None:
     calm.cut(0.1 * slot, slot, _ALONG_X, 2.0)
     assert calm.cut(0.1 * slot + _STEP, slot, _ALONG_X, 1.0)
     assert not calm.cut(0.1 * slot, slot, _ALONG_X, 1.0)
-    assert calm.counts[pk.K_CALM_TOLD] == 0
+    assert calm.memory.calm_told == 0
 
 
 def test_it_is_learnt_anew_once_forgotten() -> None:
     """What was shown before says nothing any more."""
     calm, slot = _Calm(), np.array([-110.0, 320.0, -60.0])
     calm.cut(0.0 * slot, slot, _ALONG_X, 2.0)
-    forget_calm(calm.counts)
+    forget_calm(calm.memory)
     assert not calm.cut(_STEP, slot, _ALONG_X, 2.0)

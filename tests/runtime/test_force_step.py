@@ -10,6 +10,7 @@ import pytest
 from tests.runtime.test_plausibility import CELL, FEED, FORCE, Plant, Q, straight
 
 from counterflex.core.arrays import Float
+from counterflex.core.records import records
 from counterflex.core.units import MM
 from counterflex.files.cell.online import OnlineTable
 from counterflex.robot.elasticity.chain import jacobian
@@ -18,7 +19,7 @@ from counterflex.runtime.plausibility import kernel as pk
 from counterflex.runtime.plausibility.doubts import idle_is_wrong
 from counterflex.runtime.plausibility.limits import Plausibility
 from counterflex.runtime.settings import ForceMode, ForceOffset
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.doubts import LIMITS, MEMORY
 from counterflex.runtime.state.supervisor import Cause, State
 
 _MODES = (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.SCALE, ForceMode.FUSED)
@@ -38,15 +39,15 @@ def _in_the_plateau(mode: ForceMode, reaction: ForceOffset, **options: Any) -> P
 
 
 def _doubted(plant: Plant) -> bool:
-    return bool(plant.loop.outcome[at.O_DOUBT] & pk.DOUBT_OFFSET)
+    return bool(plant.loop.result.doubt & pk.DOUBT_OFFSET)
 
 
 def _suspected(plant: Plant) -> bool:
-    return bool(plant.loop.outcome[at.O_DOUBT] & pk.DOUBT_STEP)
+    return bool(plant.loop.result.doubt & pk.DOUBT_STEP)
 
 
 def _told(plant: Plant) -> bool:
-    return Cause.FORCE_OFFSET in (plant.loop.outcome[at.O_CAUSE], plant.loop.outcome[at.O_DEGRADED])
+    return Cause.FORCE_OFFSET in (plant.loop.result.cause, plant.loop.result.degraded)
 
 
 def _stepped(plant: Plant, step: Float, cycles: int) -> tuple[int, float]:
@@ -81,7 +82,7 @@ def test_the_correction_does_not_go_with_a_step(mode: ForceMode, reaction: Force
     assert 0 < told * 4e-3 <= 0.2
     holds = reaction == ForceOffset.HOLD and mode != ForceMode.FUSED
     assert plant.loop.state == (State.HOLD if holds else State.ACTIVE)
-    assert plant.loop.outcome[at.O_FEED_HOLD] == int(holds)
+    assert plant.loop.result.feed_hold == int(holds)
     assert bounded < 0.1 * MM
     if mode == ForceMode.MEASURED:
         assert free > 0.3 * MM
@@ -174,10 +175,10 @@ def test_motor_currents_tell_the_sensor_from_the_process(real: float, told: bool
 @pytest.mark.parametrize(("swing_n", "wrong"), [(79.0, False), (0.0, True)])
 def test_the_inertia_of_a_rapid_is_no_offset(swing_n: float, wrong: bool) -> None:
     """In the air 80 N are explained by 79 kg and 1 m/s2, and by nothing where the tool moves evenly (R17)."""
-    limits, times = Plausibility().packed(4e-3)
-    counts = np.zeros(pk.COUNTS, dtype=np.int64)
+    limits, memory = records(LIMITS)[0], records(MEMORY)[0]
+    Plausibility().pack(limits, 4e-3)
     measured = np.array([80.0, 0.0, 0.0, 0.0, 10.0, 0.0])
-    found = [idle_is_wrong(measured, True, swing_n, limits, times, counts) for _ in range(200)]
+    found = [idle_is_wrong(measured, True, swing_n, limits, memory) for _ in range(200)]
     assert found[-1] == wrong
 
 

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.records import Record, records
 from counterflex.core.units import MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
@@ -24,7 +25,7 @@ from counterflex.runtime.estimator.fusion import FusionTuning, Source, level
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Pilot, TrackerMode, TrackerTuning
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.memory import FUSION
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.signals.arrival import ArrivalClock
 from counterflex.signals.limiter import MotionLimit
@@ -39,8 +40,8 @@ WIDE = MotionLimit(4.0 * MM, 0.2, 50.0)
 QUIET = FusionTuning(factor_drift=1e-12, model_drift=1e-12, offset_drift_m=1e-15, turn_drift_rad=1e-15, gate=1e9)
 
 
-def begun(tuning: FusionTuning) -> Float:
-    fusion = np.zeros(fk.SIZE)
+def begun(tuning: FusionTuning) -> Record:
+    fusion: Record = records(FUSION)[0]
     tuning.begin(fusion)
     return fusion
 
@@ -70,13 +71,13 @@ def test_without_drift_it_is_least_squares_over_all_samples(seed: int) -> None:
             h = np.concatenate([np.tile(1e-3 * rng.standard_normal(3), 2), rng.standard_normal(3)])
             variance = (30e-6) ** 2
         y = float(h @ np.r_[1.2, 0.9, 1.0, 0.1, -0.05, 0.0, 1e-4, -2e-4, 5e-5] + np.sqrt(variance) * rng.normal())
-        fusion[fk.H : fk.H + 9] = h
+        fusion.row[:] = h
         fk.update(fusion, y, variance, 1e9)
         rows.append((h, y, variance))
     x, covariance = batch(rows, QUIET)
     sigma = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(fusion[fk.X : fk.X + 9], x, atol=1e-7 * sigma.max() / sigma.min() * sigma.min())
-    found = fusion[fk.P : fk.P + 81].reshape(9, 9)
+    np.testing.assert_allclose(fusion.estimate, x, atol=1e-7 * sigma.max() / sigma.min() * sigma.min())
+    found = fusion.covariance
     np.testing.assert_allclose(found / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=1e-6)
 
 
@@ -88,9 +89,9 @@ def test_the_covariance_stays_symmetric_and_positive_over_a_million_updates() ->
     directions = rng.standard_normal((100_000, 9)) * np.repeat([1e3, 1e3, 1.0], 3)
     for row in directions:
         fk.drift(fusion, growth[:3], growth[3:6], growth[6], growth[7])
-        fusion[fk.H : fk.H + 9] = row
+        fusion.row[:] = row
         fk.update(fusion, 0.0, 1e-12, 5.0)
-    found = fusion[fk.P : fk.P + 81].reshape(9, 9)
+    found = fusion.covariance
     np.testing.assert_array_equal(found, found.T)
     scale = np.sqrt(np.diag(found))
     assert np.all(scale > 0.0)
@@ -108,9 +109,9 @@ def test_the_order_of_samples_does_not_matter_without_drift(seed: int) -> None:
     for order in (range(30), rng.permutation(30)):
         fusion = begun(QUIET)
         for i in order:
-            fusion[fk.H : fk.H + 9] = rows[i]
+            fusion.row[:] = rows[i]
             fk.update(fusion, values[i], (30e-6) ** 2, 1e9)
-        found.append(fusion[fk.X : fk.P + 81].copy())
+        found.append(np.r_[fusion.estimate, fusion.covariance.reshape(-1)])
     scale = np.repeat([0.25, 0.15, 5e-4], 3)
     np.testing.assert_allclose(found[0][:9] / scale, found[1][:9] / scale, atol=1e-7)
     np.testing.assert_allclose(found[0][9:], found[1][9:], atol=1e-6)
@@ -122,7 +123,7 @@ def test_a_wild_value_moves_little_and_a_lasting_change_is_followed() -> None:
     frame = np.eye(3).reshape(-1)
     force = np.array([20.0, 8.0, 1e-3, 0.0])
 
-    def feed(fusion: Float, factor: float, cycles: int, gate: float) -> Float:
+    def feed(fusion: Record, factor: float, cycles: int, gate: float) -> Record:
         w = np.array([0.0, 400.0, 0.0, 0.0, 0.0, 0.0])
         for _ in range(cycles):
             fk.drift(fusion, growth[:3], growth[3:6], growth[6], growth[7])
@@ -130,13 +131,13 @@ def test_a_wild_value_moves_little_and_a_lasting_change_is_followed() -> None:
         return fusion
 
     open_, gated = (feed(begun(tuning), 1.0, 500, g) for g in (1e9, 5.0))
-    before = gated[fk.X + 1]
+    before = gated.estimate[1]
     feed(open_, 20.0, 1, 1e9)
     feed(gated, 20.0, 1, 5.0)
-    assert abs(open_[fk.X + 1] - before) > 0.3
-    assert abs(gated[fk.X + 1] - before) < 0.01
+    assert abs(open_.estimate[1] - before) > 0.3
+    assert abs(gated.estimate[1] - before) < 0.01
     feed(gated, 1.5, 1000, 5.0)
-    assert gated[fk.X + 1] == pytest.approx(1.5, abs=0.02)
+    assert gated.estimate[1] == pytest.approx(1.5, abs=0.02)
 
 
 @settings(max_examples=40, deadline=None)
@@ -145,12 +146,12 @@ def test_a_gated_value_counts_with_the_variance_that_explains_it(seed: int, apar
     """State and covariance are those of a plain update whose noise makes the innovation ``gate`` deviations large."""
     rng = np.random.default_rng(seed)
     A = rng.standard_normal((9, 9)) * np.repeat([0.3, 0.1, 1e-4], 3)
-    fusion, P = np.zeros(fk.SIZE), A.T @ A
+    fusion, P = records(FUSION)[0], A.T @ A
     x, h = (
         rng.standard_normal(9) * np.repeat([1.0, 0.1, 1e-4], 3),
         rng.standard_normal(9) / np.repeat([0.3, 0.1, 1e-4], 3),
     )
-    fusion[fk.X : fk.X + 9], fusion[fk.P : fk.P + 81], fusion[fk.H : fk.H + 9] = x, P.reshape(-1), h
+    fusion.estimate[:], fusion.covariance[:], fusion.row[:] = x, P, h
     spread, variance = float(h @ P @ h), 2.0
     innovation = apart * np.sqrt(spread + variance)
     assert fk.update(fusion, float(h @ x) + innovation, variance, gate) == pytest.approx(apart)
@@ -158,8 +159,8 @@ def test_a_gated_value_counts_with_the_variance_that_explains_it(seed: int, apar
     K = P @ h / (spread + taken)
     joseph = (np.eye(9) - np.outer(K, h)) @ P @ (np.eye(9) - np.outer(K, h)).T + taken * np.outer(K, K)
     scale = np.sqrt(np.diag(P))
-    np.testing.assert_allclose((fusion[fk.X : fk.X + 9] - x - K * innovation) / scale, 0.0, atol=1e-9 * apart)
-    found = fusion[fk.P : fk.P + 81].reshape(9, 9)
+    np.testing.assert_allclose((fusion.estimate - x - K * innovation) / scale, 0.0, atol=1e-9 * apart)
+    found = fusion.covariance
     np.testing.assert_allclose(found / np.outer(scale, scale), joseph / np.outer(scale, scale), atol=1e-9)
 
 
@@ -311,21 +312,21 @@ def test_it_degrades_step_by_step_and_says_so() -> None:
     for _ in range(600):
         bench.cycle(1.2)
     assert level(bench.loop.sources) == "plan + force + tracker"
-    assert bench.loop.outcome[at.O_DEGRADED] == 0
+    assert bench.loop.result.degraded == 0
     full = plateau(bench)
     for _ in range(200):
         bench.cycle(1.2, late=None)
     assert level(bench.loop.sources) == "plan + force"
-    assert bench.loop.outcome[at.O_DEGRADED] == Cause.TRACKER_LOST
+    assert bench.loop.result.degraded == Cause.TRACKER_LOST
     assert bench.loop.state == State.ACTIVE
     for _ in range(100):
         bench.cycle(1.2, force=False)
     assert level(bench.loop.sources) == "plan + tracker"
-    assert bench.loop.outcome[at.O_DEGRADED] == Cause.FORCE_STALE
+    assert bench.loop.result.degraded == Cause.FORCE_STALE
     for _ in range(200):
         bench.cycle(1.2, force=False, late=None)
     assert level(bench.loop.sources) == "plan"
-    assert bench.loop.outcome[at.O_DEGRADED] == Cause.FORCE_STALE
+    assert bench.loop.result.degraded == Cause.FORCE_STALE
     assert bench.loop.state == State.ACTIVE
     assert plateau(bench) < full + 30e-6
     bench.cycle(1.2, has=both)
@@ -344,7 +345,7 @@ def test_nothing_left_is_a_hold() -> None:
     for _ in range(126):
         bench.cycle(force=False, late=None)
     assert level(bench.loop.sources) == "nothing"
-    assert State(int(bench.loop.outcome[at.O_STATE])) == State.HOLD
+    assert State(int(bench.loop.result.state)) == State.HOLD
     assert bench.loop.cause == Cause.FORCE_STALE
 
 
@@ -358,7 +359,7 @@ def test_a_force_sensor_that_lies_is_left_out(cause: Cause) -> None:
         bench.cycle(5.0, soft=cause, late=None)
     np.testing.assert_array_equal(bench.loop.scale, before)
     assert bench.loop.state == State.ACTIVE
-    assert bench.loop.outcome[at.O_DEGRADED] == cause
+    assert bench.loop.result.degraded == cause
 
 
 def test_a_tracker_that_shows_another_target_is_not_believed() -> None:
@@ -370,12 +371,12 @@ def test_a_tracker_that_shows_another_target_is_not_believed() -> None:
         bench.cycle(wild=np.array([0.0, 5e-3, 0.0]))
     np.testing.assert_allclose(bench.loop.offset[:3], before[:3], atol=2e-6)  # the force goes on
     assert Source.TRACKER not in bench.loop.sources
-    assert bench.loop.outcome[at.O_DEGRADED] == Cause.TRACKER_JUMP
-    assert bench.loop.outcome[at.O_REJECTED] == 10
+    assert bench.loop.result.degraded == Cause.TRACKER_JUMP
+    assert bench.loop.result.rejected == 10
     for _ in range(4):  # three in a row where they should be
         bench.cycle()
     assert Source.TRACKER in bench.loop.sources
-    assert bench.loop.outcome[at.O_DEGRADED] == 0
+    assert bench.loop.result.degraded == 0
 
 
 def test_motor_currents_find_the_factor_where_there_is_no_sensor() -> None:
@@ -427,7 +428,7 @@ def test_what_the_program_contains_is_not_corrected_again() -> None:
             tracker_late_s=0.0,
         )
         loop.run()
-    wanted = loop.results[at.R_WANTED : at.R_WANTED + 3]
+    wanted = loop.result.wanted[:3]
     np.testing.assert_allclose(wanted[1:], -0.1 * bent[1:], atol=15e-6)
 
 
@@ -440,7 +441,7 @@ def test_gains_per_direction_hold_along_their_direction_only() -> None:
         for k in range(300):
             loop.feed(T_part_tcp=pose.make(R, np.array([0.05 + STEP * k, 0.0, 0.0])), q=Q, w_tcp_part=FORCE)
             loop.run()
-        found[gains] = loop.results[at.R_WANTED : at.R_WANTED + 3].copy()
+        found[gains] = loop.result.wanted[:3].copy()
     np.testing.assert_allclose(found[(1.0, 0.5, 1.0)], found[1.0] * [1.0, 0.5, 1.0], rtol=1e-9)
     np.testing.assert_allclose(found[(0.0, 1.0, 0.25)], found[1.0] * [0.0, 1.0, 0.25], rtol=1e-9, atol=1e-12)
 

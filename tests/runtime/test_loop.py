@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.records import records
 from counterflex.core.units import MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
@@ -23,9 +24,12 @@ from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.plausibility.kernel import DOUBT_IDLE
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Pilot, TrackerMode
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.runtime.state.cycle import CYCLE
+from counterflex.runtime.state.memory import STATE
+from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.runtime.step.limit_and_supervise import limit
+from counterflex.runtime.step.limit import limit
 from counterflex.signals.limiter import MotionLimit
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
@@ -122,16 +126,18 @@ def test_a_turned_correction_is_turned_into_axis_angles_of_a_part_askew(turns: t
 
 def test_what_was_held_fades_at_the_ramp_of_its_own_kind() -> None:
     """Translation and rotation have ramps of their own; neither takes that of the other."""
-    constants, state, results = np.zeros(at.CONSTANTS), np.zeros(at.STATE), np.zeros(at.RESULTS)
-    constants[at.C_PERIOD] = 4e-3
-    constants[at.C_TRANSLATION : at.C_TRANSLATION + 3] = constants[at.C_ROTATION : at.C_ROTATION + 3] = [1.0, 1e3, 1e6]
-    constants[at.C_RAMP : at.C_RAMP + 3] = [1.0, 5e-3, 1.0]
-    constants[at.C_RAMP_ROTATION : at.C_RAMP_ROTATION + 3] = [1.0, 40e-3, 1.0]
-    state[at.S_Y : at.S_Y + 6] = [1e-3, 0.0, 0.0, 0.0, 4e-3, 0.0]
+    settings, state, cycle, result = (records(kind)[0] for kind in (SETTINGS, STATE, CYCLE, RESULT))
+    settings.period = 4e-3
+    settings.translation[:] = settings.rotation[:] = 1.0, 1e3, 1e6
+    settings.ramp[:] = 1.0, 5e-3, 1.0
+    settings.ramp_rotation[:] = 1.0, 40e-3, 1.0
+    state.correction[:] = 1e-3, 0.0, 0.0, 0.0, 4e-3, 0.0
+    state.supervisor.state, cycle.elapsed = State.ACTIVE, 1
     sizes = []
     for k in range(10):
-        limit(int(State.ACTIVE), 1 if k == 0 else 0, 1.0, np.zeros(6), 1, constants, state, results)
-        held = state[at.S_BUMPLESS : at.S_BUMPLESS + 6]
+        cycle.held = int(k == 0)
+        limit(1.0, settings, state, cycle, result)
+        held = state.bumpless
         sizes.append((np.linalg.norm(held[:3]), np.linalg.norm(held[3:])))
     fall = -np.diff(np.array([(1e-3, 4e-3), *sizes]), axis=0)
     np.testing.assert_allclose(fall[:, 0], 5e-3 * 4e-3, rtol=1e-9)
@@ -197,7 +203,7 @@ def test_a_program_that_an_operator_slows_before_an_exit_is_not_corrected_the_ot
         mill(loop, x, six((0.0, 400.0 if x > 0.03 else 0.0, 0.0)))
     for k in range(300):
         mill(loop, places[-1] + 0.1 * step * min(k, 5), six((0.0, 400.0 * left, 0.0)))
-        assert loop.results[at.R_WRENCH + 1] > min(0.0, loop.results[at.R_MEASURED + 1]) - 1e-6
+        assert loop.result.wrench[1] > min(0.0, loop.result.measured[1]) - 1e-6
 
 
 def test_a_drifting_zero_is_seen_in_air_with_a_shaped_plan() -> None:
@@ -207,7 +213,7 @@ def test_a_drifting_zero_is_seen_in_air_with_a_shaped_plan() -> None:
     loop = armed(replace(plan, w_ahead_part=w_ahead), OnlineSettings(pilot=Pilot(lead_s=None), **WIDE))
     for k in range(1000):
         mill(loop, 1e-4 * k, six((0.0, 60.0, 0.0)))
-        if loop.outcome[at.O_DOUBT] & DOUBT_IDLE:
+        if loop.result.doubt & DOUBT_IDLE:
             return
     raise AssertionError("60 N in air are not doubted")
 
@@ -268,17 +274,17 @@ def test_what_the_program_already_contains_is_not_corrected_again() -> None:
     assert loop.correction[1] == pytest.approx(-0.2 * bent[1], rel=0.05)
 
 
-@pytest.mark.parametrize("place", [at.G_NOMINAL, at.G_NOMINAL + 9, at.G_Q + 2])
+@pytest.mark.parametrize(("name", "place"), [("nominal", 0), ("nominal", 9), ("q", 2)])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_commanded_pose_that_is_not_finite_is_a_fault_in_the_same_cycle(place: int, bad: float) -> None:
+def test_a_commanded_pose_that_is_not_finite_is_a_fault_in_the_same_cycle(name: str, place: int, bad: float) -> None:
     loop = armed(straight((0.0, 300.0, 0.0)), OnlineSettings(**WIDE))
     for k in range(300):
         before = mill(loop, 0.04 + 1e-4 * k, six((0.0, 300.0, 0.0)))
-    loop.given[place] = bad
+    loop.given[name][place] = bad
     loop.run()
     assert loop.state == State.FAULT
     assert loop.cause == Cause.NOT_FINITE
-    assert loop.outcome[at.O_STOP] == 1
+    assert loop.result.stop == 1
     assert np.all(np.isfinite(loop.correction))
     assert np.linalg.norm(loop.correction[:3] - before[:3]) < 0.2**2 / (2 * 50.0) + 0.2 * 4e-3
     mill(loop, 0.08, np.zeros(6))
@@ -293,7 +299,7 @@ def test_a_stale_force_holds_and_goes_on_when_it_is_back() -> None:
     for age in range(1, 6):
         held = mill(loop, 0.08, w, force_age=age)
         assert loop.state == (State.HOLD if age >= 3 else State.ACTIVE)
-    assert loop.outcome[at.O_FEED_HOLD] == 1
+    assert loop.result.feed_hold == 1
     np.testing.assert_allclose(held, steady, atol=2e-6)
     for _ in range(60):
         mill(loop, 0.08, w)
@@ -314,7 +320,7 @@ def test_after_a_hold_the_correction_goes_on_where_it_stood_and_ramps_to_what_is
     for _ in range(150):  # good again, the robot stands still, no force
         now = mill(loop, 0.08, np.zeros(6))
         fastest, before = max(fastest, float(np.linalg.norm(now - before))), now
-    assert loop.outcome[at.O_STATE] == State.ACTIVE
+    assert loop.result.state == State.ACTIVE
     assert fastest <= chosen.ramp_m_s * chosen.period_s * 1.01
     assert np.linalg.norm(now[:3]) < np.linalg.norm(held[:3])
     for k in range(300):

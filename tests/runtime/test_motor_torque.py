@@ -9,12 +9,13 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.records import Record, records
 from counterflex.files.cell.cell import read_cell
 from counterflex.robot.elasticity.chain import jacobian
 from counterflex.robot.elasticity.play import axis_torque
 from counterflex.runtime.estimator.idle_torque import PRESLIDING_RAD, follow_idle, less_force
 from counterflex.runtime.sensing.motor_torque import MotorTorque
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.memory import STATE
 
 CELLS = sorted((Path(__file__).resolve().parents[2] / "examples" / "cells").glob("*.toml"))
 
@@ -41,11 +42,11 @@ def test_constants_that_are_none_are_refused() -> None:
             MotorTorque(chain, np.array(bad))
 
 
-def fresh() -> Float:
-    return np.zeros(at.STATE)
+def fresh() -> Record:
+    return records(STATE)[0]
 
 
-def go(state: Float, q: Float, torque: Float, learn: bool) -> tuple[int, Float]:
+def go(state: Record, q: Float, torque: Float, learn: bool) -> tuple[int, Float]:
     idle = np.zeros(6)
     return follow_idle(q, q.copy(), torque, learn, state, idle), idle
 

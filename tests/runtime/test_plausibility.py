@@ -21,7 +21,6 @@ from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.plausibility import kernel as pk
 from counterflex.runtime.plausibility.limits import Plausibility
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, TrackerMode, TrackerTuning
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.signals.limiter import MotionLimit
 
@@ -148,7 +147,7 @@ def test_a_robot_that_turns_or_mirrors_the_correction_is_found_by_its_own_report
     found, since = -1, -1
     for k in range(400):
         state = plant.cycle(FORCE * blend_in(k, 50) if plant.x > 0.03 else None)
-        c = plant.loop._state[at.S_IN_FORCE : at.S_IN_FORCE + 3]
+        c = plant.loop.step_state.in_effect[:3]
         astray = float(np.linalg.norm((P @ c - c)[1:]))
         if since < 0 and np.linalg.norm(c) > 0.1 * MM and astray > 0.1 * MM:
             since = k
@@ -241,7 +240,7 @@ def test_the_tracker_must_see_the_tool_where_it_is_before_arming() -> None:
         for k in range(150):
             plant.cycle(move=False, jump=turn @ where - where, arm=k > 70, enable=False)
         assert plant.loop.state <= State.READY
-        assert plant.loop.outcome[at.O_DOUBT] & pk.DOUBT_FRAME
+        assert plant.loop.result.doubt & pk.DOUBT_FRAME
     for size, state in ((3.0, State.IDLE), (1.0, State.ARMED)):
         plant = Plant(None, force=ForceMode.NONE, tracker=TrackerMode.INTEGRATOR, normal_only=False)
         for k in range(150):
@@ -261,16 +260,16 @@ def test_a_broken_beam_freezes_the_integrator_and_only_the_right_reflector_goes_
     plant.ready(move=False)
     for _ in range(400):
         plant.cycle(off=off, move=False)
-    before = plant.loop._state[at.S_SUM : at.S_SUM + 3].copy()
+    before = plant.loop.step_state.tracker_integral[:3].copy()
     for _ in range(cycles):
         plant.cycle(off=off, move=False, seen=False)
-    np.testing.assert_array_equal(plant.loop._state[at.S_SUM : at.S_SUM + 3], before)
+    np.testing.assert_array_equal(plant.loop.step_state.tracker_integral[:3], before)
     jump = np.array([0.0, 0.0, jump_mm]) * MM
     for _ in range(100):
         plant.cycle(off=off, move=False, jump=jump)
-    after = plant.loop._state[at.S_SUM : at.S_SUM + 3]
+    after = plant.loop.step_state.tracker_integral[:3]
     assert plant.loop.state == State.ACTIVE
-    assert (plant.loop.outcome[at.O_DOUBT] & pk.DOUBT_RETURN > 0) == (jump_mm > 0.0)
+    assert (plant.loop.result.doubt & pk.DOUBT_RETURN > 0) == (jump_mm > 0.0)
     if jump_mm:
         np.testing.assert_array_equal(after, before)
     else:

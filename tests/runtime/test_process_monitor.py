@@ -28,7 +28,6 @@ from counterflex.runtime.monitoring.records import MEMORY, RESULTS, SETTINGS, WE
 from counterflex.runtime.monitoring.settings import MonitorSettings, Reaction, decision_interval, run_length
 from counterflex.runtime.monitoring.wear import add_ratio, normal_of_student, trend
 from counterflex.runtime.settings import ForceMode, OnlineSettings
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.signals.limiter import MotionLimit
 
@@ -300,7 +299,7 @@ def mill(
         loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True)
         loop.run()
         met |= {e for e in Event if int(loop.monitor.outcome.new) >> e & 1}
-        if obey and loop.outcome[at.O_FEED_HOLD]:
+        if obey and loop.result.feed_hold:
             break
     return met
 
@@ -328,23 +327,23 @@ def test_overload_holds_the_feed_until_a_person_resets() -> None:
     loop = active()
     assert loop.state == State.ACTIVE
     assert Event.OVERLOAD in mill(loop, 2.0, 0.06, obey=True)
-    held = pose.make(R, loop.given[9:12].copy())
+    held = pose.make(R, loop.given.nominal[9:].copy())
     stopped = 0
     for _ in range(700):  # longer than a hold may last: the correction has gone, the feed is held all the same
         loop.feed(T_part_tcp=held, q=Q, w_tcp_part=np.zeros(6), enable=True)
         loop.run()
-        assert loop.outcome[at.O_FEED_HOLD] == 1
-        stopped += int(loop.outcome[at.O_STOP])
-    assert loop.outcome[at.O_STATE] == State.READY
+        assert loop.result.feed_hold == 1
+        stopped += int(loop.result.stop)
+    assert loop.result.state == State.READY
     assert stopped == loop.settings.supervisor.stop  # and the program is told to stop once the correction has gone
-    assert loop.outcome[at.O_FEED_HOLD] == 1
-    assert loop.outcome[at.O_SOFT] == Cause.PROCESS_OVERLOAD
+    assert loop.result.feed_hold == 1
+    assert loop.result.soft == Cause.PROCESS_OVERLOAD
     loop.feed(T_part_tcp=held, q=Q, w_tcp_part=np.zeros(6), enable=True, reset=True)
     loop.run()
     for _ in range(3):
         loop.feed(T_part_tcp=held, q=Q, w_tcp_part=np.zeros(6), enable=True)
         loop.run()
-    assert loop.outcome[at.O_FEED_HOLD] == 0
+    assert loop.result.feed_hold == 0
     assert loop.monitor.events == ()
 
 
@@ -356,10 +355,10 @@ def test_reactions_are_as_chosen_and_none_without_being_armed() -> None:
     mill(stopped, 2.0, 0.06)
     assert stopped.state == State.FAULT
     assert stopped.cause == Cause.PROCESS_OVERLOAD
-    assert stopped.outcome[at.O_SILENT] == 1  # told to stop for half a second, then left to its own timeout
+    assert stopped.result.silent == 1  # told to stop for half a second, then left to its own timeout
     watching = active(arm=False)
     assert Event.OVERLOAD in mill(watching, 2.0, 0.08)
-    assert watching.outcome[at.O_FEED_HOLD] == 0
+    assert watching.result.feed_hold == 0
     assert watching.state == State.READY
 
 

@@ -26,7 +26,6 @@ from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.record_ring import COLUMNS, WIDTH, RecordRing
 from counterflex.runtime.replay import Gap, Replay
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.memory_layout import words_of
 from counterflex.runtime.state.supervisor import State
 from counterflex.runtime.state_slots import LoopState
@@ -76,16 +75,18 @@ class _Robot:
         self.elapsed, self.waited = self.waited, 1
         return True
 
-    def fill(self, given_: Float) -> None:
-        given_[:12] = np.r_[R.reshape(-1), self.x, 2e-6 * self.rng.standard_normal(2)]
-        given_[at.G_Q : at.G_Q + 6] = Q + 0.01 * self.rng.standard_normal(6)
+    def fill(self, nominal: Float, q: Float) -> None:
+        nominal[:] = np.r_[R.reshape(-1), self.x, 2e-6 * self.rng.standard_normal(2)]
+        q[:] = Q + 0.01 * self.rng.standard_normal(6)
         if self.rng.random() < self.nan:
-            given_[int(self.rng.integers(at.G_W))] = self.rng.choice([np.nan, np.inf, -np.inf])
+            place, bad = int(self.rng.integers(18)), self.rng.choice([np.nan, np.inf, -np.inf])
+            (nominal if place < 12 else q)[place % 12] = bad
+        self.commanded = nominal.copy()
 
-    def fill_reported(self, given_: Float) -> bool:
-        given_[at.G_REPORTED : at.G_REPORTED + 12] = given_[:12]
+    def fill_reported(self, pose_: Float) -> bool:
+        pose_[:] = self.commanded
         if self.sent:
-            given_[at.G_REPORTED + 9 : at.G_REPORTED + 12] += self.sent[-1][:3]
+            pose_[9:] += self.sent[-1][:3]
         return True
 
     def forget(self) -> None:
@@ -243,7 +244,7 @@ def test_a_state_that_is_not_the_loops_is_found_or_refused() -> None:
     rows, _ = recorded(chosen, cycles=300, states=states)
     words = states[0].words.copy()
     assert words.size == words_of(chosen.memory).size
-    words[at.S_Y] ^= 1 << 51
+    words[0] ^= 1 << 51  # of the correction
     wrong = Replay(loop(), after=100)
     wrong(rows, [replace(states[0], words=words)])
     assert wrong.difference is not None
@@ -266,12 +267,12 @@ def test_without_a_force_sensor_nothing_is_said_of_a_missing_cut() -> None:
 def test_the_recorded_session_corrects() -> None:
     """The property above says something only when correction acts, holds and faults in such sessions."""
     quiet, sent = recorded(loop(), loss=0.0)
-    states = set(quiet[:, record.OUTCOME + at.O_STATE].astype(int))
+    states = set(quiet[:, record.column("out_state")].astype(int))
     assert {State.READY, State.ARMED, State.ACTIVE} <= states
     assert np.linalg.norm(quiet[:, record.RESULTS : record.RESULTS + 3], axis=1).max() > 20e-6
     np.testing.assert_array_equal(np.array(sent), quiet[:, record.RESULTS : record.RESULTS + 6])
     faulty = [recorded(loop(), seed=seed, loss=0.02, nan=0.003)[0] for seed in range(8)]
-    assert {State.HOLD, State.FAULT} <= set(np.concatenate(faulty)[:, record.OUTCOME + at.O_STATE].astype(int))
+    assert {State.HOLD, State.FAULT} <= set(np.concatenate(faulty)[:, record.column("out_state")].astype(int))
 
 
 def test_a_loop_reset_is_as_a_loop_just_made() -> None:
@@ -286,8 +287,7 @@ def test_a_loop_reset_is_as_a_loop_just_made() -> None:
                 T_part_tcp=pose.make(R, np.array([1e-3 * k, np.nan if bad else 0.0, 0.0])), q=Q, w_tcp_part=np.ones(6)
             )
             one.run()
-        assert used.results.tobytes() == fresh.results.tobytes()
-        np.testing.assert_array_equal(used.outcome, fresh.outcome)
+        assert used.result.tobytes() == fresh.result.tobytes()
 
 
 @settings(max_examples=25)

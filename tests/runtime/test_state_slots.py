@@ -21,7 +21,7 @@ class _Interrupted(np.ndarray[tuple[int], np.dtype[np.int64]]):
     def copy(self, *_order: object) -> np.ndarray[tuple[int], np.dtype[np.int64]]:  # type: ignore[override]
         half = np.array(self[: self.size // 2])
         for _ in range(type(self).turns):
-            type(self).writer.put(99, 990, (np.full(self.size, 9.0),))
+            type(self).writer.put(99, 990, {"numbers": np.full(self.size, 9.0)})
         return np.concatenate([half, np.array(self[self.size // 2 :])])
 
 
@@ -32,8 +32,8 @@ def test_states_come_back_bit_for_bit_and_once() -> None:
         assert reader.states.take() is None
         numbers = np.array([[1.0, np.nan, -0.0], [np.inf, 5e-324, 3.0]])
         counts = np.array([2**62, -1])
-        ring.states.put(7, 70, (numbers, counts))
-        ring.states.put(8, 80, (numbers + 1.0, counts))
+        ring.states.put(7, 70, {"numbers": numbers, "counts": counts})
+        ring.states.put(8, 80, {"numbers": numbers + 1.0, "counts": counts})
         found = reader.states.take()
         assert found is not None
         assert (found.cycle, found.time_ns) == (8, 80)
@@ -54,7 +54,7 @@ def test_what_is_written_over_while_it_is_copied_is_not_taken(left: int) -> None
     memory = np.zeros(BYTES // 8, dtype=np.int64)
     writer, reader = StateSlots(memory), StateSlots(memory.view(_Interrupted))
     _Interrupted.writer, _Interrupted.turns = writer, left
-    writer.put(1, 10, (np.full(100, 1.0),))
+    writer.put(1, 10, {"numbers": np.full(100, 1.0)})
     found = reader.take()
     if left < 2:  # the other slot
         assert found is not None
@@ -72,5 +72,5 @@ def test_what_is_written_over_while_it_is_copied_is_not_taken(left: int) -> None
 def test_what_does_not_fit_is_refused() -> None:
     slots = StateSlots(np.zeros(BYTES // 8, dtype=np.int64))
     with pytest.raises(InputError, match="does not fit"):
-        slots.put(1, 1, (np.zeros(WORDS + 1),))
+        slots.put(1, 1, {"numbers": np.zeros(WORDS + 1)})
     assert slots.take() is None

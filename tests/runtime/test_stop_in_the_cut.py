@@ -18,9 +18,8 @@ from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.primitives.history import SPAN
 from counterflex.runtime.settings import ForceMode, OnlineSettings
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.runtime.step.limit_and_supervise import DEBOUNCE
+from counterflex.runtime.step.supervise import DEBOUNCE
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
 Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
@@ -78,7 +77,7 @@ class Job:
         self.cycles += 1
         if goes and cut_at(self.x):
             self.moved += float(np.linalg.norm(self.correction - before))
-        self.stopped = self.stopped or bool(self.loop.outcome[at.O_STOP])
+        self.stopped = self.stopped or bool(self.loop.result.stop)
         return self.state
 
     def active(self, x: float) -> Job:
@@ -107,7 +106,7 @@ class Job:
 
     @property
     def held(self) -> bool:
-        return bool(self.loop.outcome[at.O_FEED_HOLD])
+        return bool(self.loop.result.feed_hold)
 
 
 @pytest.mark.parametrize("planned", [True, False])

@@ -5,38 +5,16 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from counterflex.core.arrays import Int
 from counterflex.core.errors import InputError
+from counterflex.core.records import Records, records
+from counterflex.runtime.state.chosen import SUPERVISION
+from counterflex.runtime.state.memory import SUPERVISED, SUPERVISOR
 from counterflex.runtime.state.supervisor import (
-    AT_CAUSE,
-    AT_ENDING,
-    AT_FEED_HOLD,
-    AT_GOOD,
-    AT_HELD,
-    AT_RETURNS,
-    AT_RISE,
-    AT_STATE,
-    AT_STOP,
-    IN_ARM,
-    IN_AT_ZERO,
-    IN_AWAY,
-    IN_CUT,
-    IN_ENABLE,
-    IN_HARD,
-    IN_HEALTHY,
-    IN_RESET,
-    IN_SOFT,
-    IN_STANDS,
-    IN_STOP,
-    IN_TELEGRAM,
-    INPUTS,
-    STATES,
     Cause,
     State,
     SupervisorSettings,
@@ -44,7 +22,8 @@ from counterflex.runtime.state.supervisor import (
     supervise,
 )
 
-SETTINGS = SupervisorSettings(hold=5, good=3, rise=4, stop=2, returns=2, calm=10).packed()
+SETTINGS = records(SUPERVISION)
+SETTINGS[0] = SupervisorSettings(hold=5, good=3, rise=4, stop=2, returns=2, calm=10).packed()
 LEGAL = {
     State.IDLE: {State.READY},
     State.READY: {State.IDLE, State.ARMED, State.FAULT},
@@ -56,37 +35,23 @@ LEGAL = {
 }
 
 
-def inputs(**values: int) -> Int:
-    names = {
-        "telegram": IN_TELEGRAM,
-        "healthy": IN_HEALTHY,
-        "arm": IN_ARM,
-        "enable": IN_ENABLE,
-        "stop": IN_STOP,
-        "reset": IN_RESET,
-        "soft": IN_SOFT,
-        "hard": IN_HARD,
-        "zero": IN_AT_ZERO,
-        "stands": IN_STANDS,
-        "away": IN_AWAY,
-        "cut": IN_CUT,
-    }
-    out = np.zeros(INPUTS, dtype=np.int64)
-    out[IN_TELEGRAM] = 1
+def inputs(**values: int) -> Records:
+    out = records(SUPERVISED)
+    out[0].telegram = 1
     for name, value in values.items():
-        out[names[name]] = value
+        out[0][{"zero": "at_zero", "cut": "in_cut"}.get(name, name)] = value
     return out
 
 
 def after(state: State, **values: int) -> tuple[State, Cause]:
-    at = np.zeros(STATES, dtype=np.int64)
-    at[AT_STATE] = state
-    supervise(at, inputs(**values), SETTINGS)
-    return State(int(at[AT_STATE])), Cause(int(at[AT_CAUSE]))
+    at = records(SUPERVISOR)
+    at[0].state = state
+    supervise(at[0], inputs(**values)[0], SETTINGS[0])
+    return State(int(at[0].state)), Cause(int(at[0].cause))
 
 
 def test_the_way_in_is_deliberate() -> None:
-    at = np.zeros(STATES, dtype=np.int64)
+    at = records(SUPERVISOR)
     expected = [
         ({"healthy": 1, "zero": 1}, State.READY),
         ({"healthy": 1, "zero": 1, "enable": 1}, State.READY),
@@ -96,8 +61,8 @@ def test_the_way_in_is_deliberate() -> None:
         ({"healthy": 1, "zero": 1, "enable": 1}, State.ACTIVE),
     ]
     for values, state in expected:
-        supervise(at, inputs(**values), SETTINGS)
-        assert State(int(at[AT_STATE])) == state
+        supervise(at[0], inputs(**values)[0], SETTINGS[0])
+        assert State(int(at[0].state)) == state
 
 
 ALL = [
@@ -150,10 +115,10 @@ def test_a_reset_may_come_before_the_next_session_of_the_controller() -> None:
 def test_nothing_acts_that_was_not_armed_since_the_last_fault(
     cycles: list[tuple[dict[str, int], int, int]],
 ) -> None:
-    at, armed = np.zeros(STATES, dtype=np.int64), False
+    at, armed = records(SUPERVISOR), False
     for values, soft, hard in cycles:
-        supervise(at, inputs(**values, soft=soft, hard=hard), SETTINGS)
-        state = State(int(at[AT_STATE]))
+        supervise(at[0], inputs(**values, soft=soft, hard=hard)[0], SETTINGS[0])
+        state = State(int(at[0].state))
         if state == State.FAULT:
             armed = False
         if state == State.ARMED:
@@ -244,33 +209,33 @@ def test_every_transition_stands_in_the_table_and_every_row_is_met(state: State)
     for bits in itertools.product((0, 1), repeat=len(varied)):
         everything = dict.fromkeys(names, 0) | dict(zip(varied, bits, strict=True))
         before = Cause.PROCESS_OVERLOAD if everything["process"] else BEFORE
-        at = np.zeros(STATES, dtype=np.int64)
-        at[AT_STATE], at[AT_CAUSE], at[AT_FEED_HOLD] = state, before, everything["held"]
-        at[AT_HELD], at[AT_GOOD] = 5 * everything["lasts"], 3 * everything["calm"]
-        at[AT_ENDING] = everything["ending"]
+        at = records(SUPERVISOR)
+        at[0].state, at[0].cause, at[0].feed_hold = state, before, everything["held"]
+        at[0].held, at[0].good = 5 * everything["lasts"], 3 * everything["calm"]
+        at[0].ending = everything["ending"]
         values = {name: everything[name] for name in told}
         given_now = inputs(**values, soft=SOFT * everything["soft"], hard=HARD * everything["hard"])
-        supervise(at, given_now, SETTINGS)
-        found = State(int(at[AT_STATE])), Cause(int(at[AT_CAUSE]))
+        supervise(at[0], given_now[0], SETTINGS[0])
+        found = State(int(at[0].state)), Cause(int(at[0].cause))
         assert found == expected(state, before, everything), everything
         met |= {k for k, row in enumerate(TABLE) if row.before == state and row.fits(everything)}
     assert met == {k for k, row in enumerate(TABLE) if row.before == state}
 
 
-def started(state: State, **places: int) -> Int:
-    at = np.zeros(STATES, dtype=np.int64)
-    at[AT_STATE], at[AT_RISE] = state, 4
+def started(state: State, **places: int) -> Records:
+    at = records(SUPERVISOR)
+    at[0].state, at[0].risen = state, 4
     for name, value in places.items():
-        at[{"feed_hold": AT_FEED_HOLD, "returns": AT_RETURNS, "cause": AT_CAUSE, "stop": AT_STOP}[name]] = value
+        at[0][name] = value
     return at
 
 
-def run(at: Int, cycles: int, **values: int) -> list[tuple[State, int, int]]:
+def run(at: Records, cycles: int, **values: int) -> list[tuple[State, int, int]]:
     """States, feed hold and Stop of some cycles with the same inputs."""
     out = []
     for _ in range(cycles):
-        supervise(at, inputs(**values), SETTINGS)
-        out.append((State(int(at[AT_STATE])), int(at[AT_FEED_HOLD]), int(at[AT_STOP] > 0)))
+        supervise(at[0], inputs(**values)[0], SETTINGS[0])
+        out.append((State(int(at[0].state)), int(at[0].feed_hold), int(at[0].stop > 0)))
     return out
 
 
@@ -280,9 +245,9 @@ def test_hold_ends_when_all_is_well_for_long_enough_and_the_feed_goes_on() -> No
     found = run(at, 4, enable=1, stands=1)
     assert [state for state, _, _ in found] == [State.HOLD, State.HOLD, State.HOLD, State.ACTIVE]
     assert [hold for _, hold, _ in found] == [1, 1, 1, 0]
-    assert at[AT_CAUSE] == Cause.NONE
-    assert at[AT_RISE] == 4
-    assert at[AT_GOOD] == 0
+    assert at[0].cause == Cause.NONE
+    assert at[0].risen == 4
+    assert at[0].good == 0
 
 
 def test_hold_does_not_limp() -> None:
@@ -301,7 +266,7 @@ def test_a_robot_that_stands_is_ramped_out_with_its_feed_held_then_stopped() -> 
     at = started(State.ACTIVE)
     held = run(at, 8, enable=1, soft=8, stands=1)
     assert [state for state, _, _ in held].index(State.RAMP_OUT) == 6
-    assert at[AT_CAUSE] == Cause.FORCE_STALE
+    assert at[0].cause == Cause.FORCE_STALE
     assert all(hold == 1 for _, hold, _ in held)
     assert all(stop == 0 for _, _, stop in held)
     behind = run(at, 5, enable=1, zero=1)
@@ -309,7 +274,7 @@ def test_a_robot_that_stands_is_ramped_out_with_its_feed_held_then_stopped() -> 
     assert [stop for _, _, stop in behind] == [1, 1, 0, 0, 0]
     assert all(hold == 1 for _, hold, _ in behind)
     assert run(at, 1, enable=1, zero=1, healthy=1) == [(State.READY, 1, 0)]
-    assert at[AT_CAUSE] == Cause.FORCE_STALE
+    assert at[0].cause == Cause.FORCE_STALE
     assert run(at, 2, enable=1, zero=1, healthy=1, reset=1)[-1] == (State.READY, 0, 0)
 
 
@@ -320,7 +285,7 @@ def test_a_robot_that_goes_on_is_stopped_with_its_correction() -> None:
     states = [state for state, _, _ in found]
     assert State.RAMP_OUT not in states
     assert states.index(State.FAULT) == 6
-    assert at[AT_CAUSE] == Cause.HELD_TOO_LONG
+    assert at[0].cause == Cause.HELD_TOO_LONG
 
 
 def test_a_robot_that_stands_and_goes_on_in_turn_is_stopped_after_the_same_time() -> None:
@@ -333,7 +298,7 @@ def test_a_robot_that_stands_and_goes_on_in_turn_is_stopped_after_the_same_time(
     states = [state for state, _, _ in found]
     assert states.count(State.RAMP_OUT) > 4
     assert states[-1] == State.FAULT
-    assert at[AT_CAUSE] == Cause.HELD_TOO_LONG
+    assert at[0].cause == Cause.HELD_TOO_LONG
 
 
 def test_a_feed_that_is_held_is_not_let_go_by_a_program_that_switches_off_in_the_cut() -> None:
@@ -372,18 +337,18 @@ class Operation(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.at: Int = np.zeros(STATES, dtype=np.int64)
+        self.at = records(SUPERVISOR)
         self.armed = self.asked = self.asked_to_end = False
         self.enable = self.cut = 0
         self.held = 0
 
     @property
     def state(self) -> State:
-        return State(int(self.at[AT_STATE]))
+        return State(int(self.at[0].state))
 
     def step(self, **values: int) -> None:
         before = self.state
-        supervise(self.at, inputs(enable=self.enable, cut=self.cut, **values), SETTINGS)
+        supervise(self.at[0], inputs(enable=self.enable, cut=self.cut, **values)[0], SETTINGS[0])
         after = self.state
         if before in (State.ACTIVE, State.HOLD, State.RAMP_OUT) and (values.get("stop") or not self.enable):
             self.asked_to_end = True
@@ -448,11 +413,11 @@ class Operation(RuleBasedStateMachine):
     @invariant()
     def a_feed_hold_stays(self) -> None:
         if self.asked:
-            assert self.at[AT_FEED_HOLD] == 1
+            assert self.at[0].feed_hold == 1
 
     @invariant()
     def stop_goes_with_a_held_feed(self) -> None:
-        assert self.at[AT_STOP] == 0 or (self.at[AT_FEED_HOLD] == 1 and self.state <= State.READY)
+        assert self.at[0].stop == 0 or (self.at[0].feed_hold == 1 and self.state <= State.READY)
 
 
 TestOperation = Operation.TestCase

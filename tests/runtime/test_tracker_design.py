@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
+from counterflex.core.records import records
 from counterflex.runtime.design.feed_forward import lag_filter
 from counterflex.runtime.design.tracker import (
     DesignGoals,
@@ -28,7 +29,8 @@ from counterflex.runtime.design.tracker import (
     observer_response,
 )
 from counterflex.runtime.settings import Delays
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.runtime.state.memory import STATE
 from counterflex.runtime.step.tracker import designed
 
 T = 0.004
@@ -204,16 +206,16 @@ def test_the_observer_is_an_integrator_that_knows_what_is_on_its_way() -> None:
 @pytest.mark.parametrize("hz", [0.5, 3.0, 8.5, 20.0])
 def test_the_kernel_is_the_controller_of_the_design(hz: float) -> None:
     gains = design(TRAILING)
-    constants, state = np.zeros(at.CONSTANTS), np.zeros(at.STATE)
-    constants[at.C_GAIN], constants[at.C_PROPORTIONAL] = gains.integral, gains.proportional
-    constants[at.C_NOTCH : at.C_NOTCH + 5] = gains.notch
-    constants[at.C_SATURATION : at.C_SATURATION + 2] = 1e9
+    settings, state = records(SETTINGS)[0], records(STATE)[0]
+    settings.gain, settings.proportional = gains.integral, gains.proportional
+    settings.notch[:] = gains.notch
+    settings.saturation[:] = 1e9
     n = 6000
     turn = np.exp(2j * np.pi * hz * T * np.arange(n))
     out = np.empty(n)
     for k in range(n):
-        designed(np.full(6, turn[k].real), True, constants, state)
-        out[k] = gains.proportional * state[at.S_FILTERED + 4] - state[at.S_SUM + 4]
+        designed(np.full(6, turn[k].real), True, settings, state)
+        out[k] = gains.proportional * state.notch_output[4] - state.tracker_integral[4]
     half = n // 2
     basis = np.stack([turn[half:].real, -turn[half:].imag, np.ones(half)], axis=1)
     real, imaginary, _ = np.linalg.lstsq(basis, out[half:], rcond=None)[0]

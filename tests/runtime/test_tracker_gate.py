@@ -16,7 +16,6 @@ from counterflex.geometry import pose, rotation
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.plausibility import kernel as pk
 from counterflex.runtime.settings import ForceMode
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
@@ -70,19 +69,17 @@ class Tracked:
 
     @property
     def rejected(self) -> int:
-        return int(self.loop.outcome[at.O_REJECTED])
+        return int(self.loop.result.rejected)
 
     @property
     def doubt(self) -> int:
-        return int(self.loop.outcome[at.O_DOUBT])
+        return int(self.loop.result.doubt)
 
     def learnt(self) -> Any:
         """What the tracker's samples have moved so far."""
-        state = self.loop._state
-        offset = (
-            self.loop.offset if self.loop.settings.force == ForceMode.FUSED else state[at.S_OFFSET : at.S_OFFSET + 6]
-        )
-        return np.r_[state[at.S_SUM : at.S_SUM + 6], offset]
+        state = self.loop.step_state
+        offset = self.loop.offset if self.loop.settings.force == ForceMode.FUSED else state.offset
+        return np.r_[state.tracker_integral, offset]
 
 
 @pytest.mark.parametrize("tracker", MODES)
@@ -96,11 +93,11 @@ def test_one_sample_that_jumps_moves_nothing_and_is_counted(tracker: str, jump_m
     np.testing.assert_array_equal(robot.learnt(), before)
     assert robot.doubt & pk.DOUBT_JUMP
     assert robot.rejected == 1
-    assert robot.loop.outcome[at.O_DEGRADED] == Cause.TRACKER_JUMP
+    assert robot.loop.result.degraded == Cause.TRACKER_JUMP
     robot.cycle()
     assert robot.rejected == 1
     assert robot.loop.state == State.ACTIVE
-    assert robot.loop.outcome[at.O_DEGRADED] == Cause.NONE
+    assert robot.loop.result.degraded == Cause.NONE
 
 
 @pytest.mark.parametrize("tracker", MODES)
@@ -112,7 +109,7 @@ def test_a_jump_that_stays_is_never_followed_and_holds(tracker: str, jump_mm: fl
     while robot.cycle(np.array([0.0, jump_mm, 0.0]) * MM) != State.HOLD:
         assert robot.k <= begin + most
     assert robot.loop.cause == Cause.TRACKER_JUMP
-    assert robot.loop.outcome[at.O_FEED_HOLD] == 1
+    assert robot.loop.result.feed_hold == 1
     np.testing.assert_array_equal(robot.learnt(), before)
     assert np.linalg.norm(robot.loop.correction[:3] - correction[:3]) < 20 * UM
 
@@ -142,7 +139,7 @@ def test_beside_a_force_a_tracker_that_is_lost_holds_or_is_left_out_as_set(track
         )
         if state != State.ACTIVE:
             break
-    assert robot.loop.outcome[at.O_DEGRADED] == cause
+    assert robot.loop.result.degraded == cause
     if lost == "hold":
         assert (robot.loop.state, robot.loop.cause) == (State.HOLD, cause)
         assert robot.k <= begin + 27
@@ -199,11 +196,11 @@ def test_what_was_rejected_is_not_believed_later_because_time_has_passed(tracker
         assert robot.cycle(np.array(jump) * MM) == State.ACTIVE
     np.testing.assert_allclose(robot.learnt(), before, atol=3 * UM)
     assert robot.rejected == 700
-    assert robot.loop.outcome[at.O_DEGRADED] == Cause.TRACKER_JUMP
+    assert robot.loop.result.degraded == Cause.TRACKER_JUMP
     for _ in range(100):  # until their share is small
         robot.cycle()
     assert robot.rejected <= 703  # three in a row where they should be
-    assert robot.loop.outcome[at.O_DEGRADED] == Cause.NONE
+    assert robot.loop.result.degraded == Cause.NONE
 
 
 def test_the_estimator_holds_samples_of_any_age_and_pause_against_their_own_time_pair() -> None:
@@ -235,4 +232,4 @@ def test_the_estimator_holds_samples_of_any_age_and_pause_against_their_own_time
     seldom(500, np.array([0.0, 0.5, 0.0]) * MM)
     assert robot.rejected - before == 50
     np.testing.assert_allclose(robot.learnt(), learnt, atol=10 * UM)
-    assert robot.loop.outcome[at.O_DEGRADED] == Cause.TRACKER_JUMP
+    assert robot.loop.result.degraded == Cause.TRACKER_JUMP

@@ -12,6 +12,7 @@ import pytest
 import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.records import as_reals, records
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.online import OnlineTable
@@ -20,7 +21,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import Delays, OnlineSettings
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
 from counterflex.runtime.state.supervisor import State
 from counterflex.runtime.step.feed_forward import rates
 
@@ -60,7 +61,7 @@ def running(settings: OnlineSettings, plan: LoopPlan | None = None) -> Loop:
     start = pose.make(R, np.zeros(3))
     for arm, enable in ((False, False), (True, False), (False, True)):
         loop.feed(T_part_tcp=start, q=Q, T_part_actual=start, arm=arm, enable=enable)
-        loop.given[at.G_TRACKER_LATE] = 0.0
+        loop.given.tracker_late = 0.0
         loop.run()
     assert loop.state == State.ACTIVE
     return loop
@@ -73,7 +74,7 @@ def cycle(
     nominal = pose.make(R, np.array([x, 0.0, 0.0]))
     actual = pose.make(rotation.about_z(turn) @ R, nominal[:3, 3] + (np.zeros(3) if off is None else off))
     loop.feed(T_part_tcp=nominal, q=Q, T_part_actual=actual if seen else None, enable=True, tracker_age=age)
-    loop.given[at.G_TRACKER_LATE] = 0.0
+    loop.given.tracker_late = 0.0
     loop.run()
     return loop.correction.copy()
 
@@ -101,7 +102,7 @@ def test_a_lost_telegram_does_not_show_in_the_speed() -> None:
         k += gone
         nominal = pose.make(R, np.array([0.01 * T * k, 0.0, 0.0]))
         loop.feed(T_part_tcp=nominal, q=Q, T_part_actual=nominal, enable=True, elapsed=gone)
-        loop.given[at.G_TRACKER_LATE] = 0.0
+        loop.given.tracker_late = 0.0
         loop.run()
         if n > 250:
             assert loop.correction[0] == pytest.approx(FOLLOW * 0.01, abs=0.02 * UM)
@@ -111,11 +112,11 @@ def test_a_fast_program_is_undone_as_far_as_allowed_and_the_sum_stands_still() -
     loop = running(chosen())
     for k in range(120):
         cycle(loop, 0.1 * T * k, np.array([-9e-4, 0.0, 0.0]))
-    forward = loop._state[at.S_FORWARD : at.S_FORWARD + 3]
+    forward = loop.step_state.known_ahead[:3]
     assert np.linalg.norm(forward) == pytest.approx(2.0 * MM, rel=1e-9)
-    before = loop._state[at.S_SUM]
+    before = loop.step_state.tracker_integral[0]
     cycle(loop, 0.1 * T * 120, np.array([-9e-4, 0.0, 0.0]))
-    assert loop._state[at.S_SUM] == before
+    assert loop.step_state.tracker_integral[0] == before
 
 
 def test_a_steady_deviation_is_summed_up_in_all_six_components() -> None:
@@ -123,10 +124,10 @@ def test_a_steady_deviation_is_summed_up_in_all_six_components() -> None:
     off, turn = np.array([20e-6, -30e-6, 10e-6]), 0.001 * DEG
     for _ in range(100):
         cycle(loop, 0.0, off, turn=turn)
-    first = loop._state[at.S_SUM : at.S_SUM + 6].copy()
+    first = loop.step_state.tracker_integral.copy()
     for _ in range(100):
         cycle(loop, 0.0, off, turn=turn)
-    gained = (loop._state[at.S_SUM : at.S_SUM + 6] - first) / 100
+    gained = (loop.step_state.tracker_integral - first) / 100
     gain = loop.settings.tuning.gain
     np.testing.assert_allclose(gained[:3], -gain * off, rtol=1e-3)
     np.testing.assert_allclose(gained[3:], [0.0, 0.0, -gain * turn], rtol=1e-3, atol=1e-12)
@@ -137,11 +138,11 @@ def test_without_a_sample_the_sum_stands_still_and_the_loop_holds() -> None:
     off = np.array([0.0, 50e-6, 0.0])
     for _ in range(50):
         cycle(loop, 0.0, off)
-    kept = loop._state[at.S_SUM : at.S_SUM + 6].copy()
+    kept = loop.step_state.tracker_integral.copy()
     sent = loop.correction.copy()
     for age in range(1, 40):
         correction = cycle(loop, 0.0, off, seen=False, age=age)
-    np.testing.assert_array_equal(loop._state[at.S_SUM : at.S_SUM + 6], kept)
+    np.testing.assert_array_equal(loop.step_state.tracker_integral, kept)
     assert loop.state == State.HOLD
     assert np.linalg.norm(correction - sent) < 5e-6
 
@@ -155,9 +156,9 @@ def test_a_pose_that_is_no_number_is_not_remembered() -> None:
     assert loop.state == State.FAULT
     for k in range(20, 40):
         cycle(loop, 0.01 * T * k)
-        assert not loop.outcome[at.O_HARD]
-    assert np.all(np.isfinite(loop._state))
-    assert np.all(np.isfinite(loop._ring))
+        assert not loop.result.hard
+    for name in ("state", "ring"):
+        assert np.all(np.isfinite(as_reals(loop.memory[name])))
 
 
 def test_what_was_summed_up_is_gone_when_the_correction_is_armed_anew() -> None:
@@ -169,7 +170,7 @@ def test_what_was_summed_up_is_gone_when_the_correction_is_armed_anew() -> None:
     start = pose.make(R, np.zeros(3))
     for arm in [False] * 300 + [True]:
         loop.feed(T_part_tcp=start, q=Q, T_part_actual=start, arm=arm)
-        loop.given[at.G_TRACKER_LATE] = 0.0
+        loop.given.tracker_late = 0.0
         loop.run()
     assert loop.state == State.ARMED
     for _ in range(100):
@@ -212,12 +213,13 @@ def test_speed_and_acceleration_of_a_uniformly_accelerated_pose_are_exact() -> N
         t = k * T
         return pose.make(rotation.about_z(turn * t + 0.5 * spin * t * t) @ R, v * t + 0.5 * a * t * t)
 
-    ring = np.zeros((at.RING_ROWS, at.RING))
+    ring, state = records(PAST, PAST_ROWS), records(STATE)[0]
     for k in range(1, 20):
-        ring[k, :9], ring[k, 9:12], ring[k, at.RING_CLOCK] = place(k)[:3, :3].reshape(-1), place(k)[:3, 3], float(k)
-    rate, second, one, two = np.zeros(6), np.zeros(6), np.zeros(at.RING), np.zeros(at.RING)
-    now = ring[19, :12].copy()
-    assert rates(ring, 19, now, 19.0, T, rate, second, np.zeros(6), np.zeros(12), one, two)
+        ring[k].nominal[:9], ring[k].nominal[9:] = place(k)[:3, :3].reshape(-1), place(k)[:3, 3]
+        ring[k].clock = float(k)
+    now, state.ring_row, state.clock = ring[19].nominal.copy(), 19, 19.0
+    assert rates(ring, now, T, state, np.zeros(6), np.zeros(12))
+    rate, second = state.path_rate, state.path_acceleration
     np.testing.assert_allclose(rate[:3], v + a * 19 * T, rtol=1e-9)
     np.testing.assert_allclose(second[:3], a, rtol=1e-7)
     np.testing.assert_allclose(rate[3:], [0.0, 0.0, turn + spin * 19 * T], atol=1e-6)

@@ -34,7 +34,6 @@ from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.record_ring import RING_BYTES, WIDTH, RecordRing
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
-from counterflex.runtime.state import layout as at
 
 _WRITE_S: Final = 0.1
 _SYNC_EVERY: Final = 10
@@ -117,7 +116,7 @@ def feed(loop: Loop, k: int) -> None:
         force = np.array([45.0, 260.0, -65.0, 0.0, 0.0, 0.0])
         loop.feed(T_part_tcp=T, q=_Q, w_tcp_part=force, T_part_actual=T, arm=k == 2, enable=k > 4)
     else:
-        loop.given[at.G_NOMINAL + 9] = loop.given[at.G_ACTUAL + 9] = x
+        loop.given.nominal[9] = loop.given.actual[9] = x
     loop.run()
 
 

@@ -17,6 +17,9 @@ a record is a pointer. A row of a record goes to a kernel of plain arrays as a s
 
 from __future__ import annotations
 
+import ctypes
+import functools
+import math
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -73,3 +76,32 @@ def as_words(array: np.ndarray[Any, Any]) -> Int:
     """(n,) view of an array, of records or of plain numbers, as whole numbers of 64 bits: every bit of it."""
     out: Int = array.reshape(-1).view(np.int64)
     return out
+
+
+def reals_and_words(array: np.ndarray[Any, Any]) -> tuple[Float, Int]:
+    """(n,) and (m,) views of one record whose float fields come first: its float64, then its whole numbers."""
+    kinds = [kind.base for kind, *_ in (array.dtype.fields or {}).values()]
+    count = sum(kind.itemsize for kind, *_ in (array.dtype.fields or {}).values() if kind.base == np.float64) // 8
+    if sorted(kinds, key=lambda kind: kind != np.float64) != kinds:
+        raise ValueError("a float field behind a whole one")
+    return as_reals(array)[:count], as_words(array)[count:]
+
+
+def attributes(array: np.ndarray[Any, Any]) -> Any:
+    """One record for code of Python that runs in every cycle: an attribute takes 40 ns, not 600 ns.
+
+    Whole numbers take Python's own only. The memory is that of the array, which must stay.
+    """
+    words: Any = as_words(array)
+    return _structure(array.dtype).from_buffer(words)
+
+
+@functools.cache
+def _structure(kind: np.dtype[Any]) -> type[ctypes.Structure]:
+    fields: list[tuple[str, Any]] = []
+    for name, (inner, *_) in (kind.fields or {}).items():
+        number: Any = ctypes.c_double if inner.base == np.float64 else ctypes.c_int64
+        if inner.base.fields:
+            number = _structure(inner.base)
+        fields.append((name, number * math.prod(inner.shape) if inner.shape else number))
+    return type("Fields", (ctypes.Structure,), {"_fields_": fields})

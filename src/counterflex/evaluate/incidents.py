@@ -10,7 +10,6 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.runtime import record_ring as record
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
 
 MOST_INCIDENTS: Final = 10_000
@@ -70,7 +69,7 @@ class IncidentFinder:
             raise InputError("records have the wrong shape", value=rows.shape, limit=("n", record.WIDTH))
         if len(rows) == 0:
             return
-        states = rows[:, record.OUTCOME + at.O_STATE]
+        states = rows[:, record.column("out_state")]
         if not np.isin(states, list(State)).all():
             raise InputError("a record holds a state that does not exist", value=float(states.max()))
         if self._begin_ns is None:
@@ -81,7 +80,7 @@ class IncidentFinder:
             if self.total > MOST_INCIDENTS:
                 continue
             row = rows[k]
-            cause = float(row[record.OUTCOME + at.O_CAUSE])
+            cause = float(row[record.column("out_cause")])
             if cause not in list(Cause):
                 raise InputError("a record holds a cause that does not exist", value=cause)
             self.found.append(

@@ -14,7 +14,6 @@ from counterflex.evaluate.missing_cycles import MissingFinder
 from counterflex.evaluate.process_record import ProcessFigures, ProcessRecord
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.estimator.fusion import Source
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
 
 _RECEIVED, _SENT, _ELAPSED = 1, 2, 3
@@ -130,13 +129,13 @@ class RunRecord:
             raise InputError("records have the wrong shape", value=rows.shape, limit=("n", record.WIDTH))
         if len(rows) == 0:
             return
-        states = _numbers(rows[:, record.OUTCOME + at.O_STATE], len(State), "state")
+        states = _numbers(rows[:, record.column("out_state")], len(State), "state")
         if self._last is None:
             self._begin = float(rows[0, _RECEIVED])
             joined, known = rows, states
         else:
             joined = np.concatenate([self._last[None], rows])
-            known = np.concatenate([[int(self._last[record.OUTCOME + at.O_STATE])], states])
+            known = np.concatenate([[int(self._last[record.column("out_state")])], states])
         self._missing.add(rows)
         self._count(rows, states)
         self._process.add(rows)
@@ -156,11 +155,11 @@ class RunRecord:
         self._telegrams_lost += int((rows[came, _ELAPSED] - 1).sum())
         self._reply.append((rows[came, _SENT] - rows[came, _RECEIVED]) * 1e-9)
         self._cycles += np.bincount(states, minlength=len(State))
-        soft = _numbers(rows[:, record.OUTCOME + at.O_SOFT], len(Cause), "cause")
-        hard = _numbers(rows[:, record.OUTCOME + at.O_HARD], len(Cause), "cause")
+        soft = _numbers(rows[:, record.column("out_soft")], len(Cause), "cause")
+        hard = _numbers(rows[:, record.column("out_hard")], len(Cause), "cause")
         self._causes += np.bincount(np.where(hard > 0, hard, soft), minlength=len(Cause))
         self._sources += np.bincount(
-            _numbers(rows[:, record.OUTCOME + at.O_SOURCES], _SOURCES, "set of sources"), minlength=_SOURCES
+            _numbers(rows[:, record.column("out_sources")], _SOURCES, "set of sources"), minlength=_SOURCES
         )
         length = np.linalg.norm(rows[:, record.RESULTS : record.RESULTS + 3], axis=1)
         self._largest = max(self._largest, float(length.max()))
@@ -183,11 +182,11 @@ class RunRecord:
                     (float(row[_RECEIVED]) - self._begin) * 1e-9,
                     State(int(states[k])),
                     State(int(states[k + 1])),
-                    Cause(int(row[record.OUTCOME + at.O_CAUSE])),
+                    Cause(int(row[record.column("out_cause")])),
                 )
             )
 
-        sources = rows[:, record.OUTCOME + at.O_SOURCES].astype(np.int64)
+        sources = rows[:, record.column("out_sources")].astype(np.int64)
         for k in np.flatnonzero(np.diff(sources)):
             if len(self._sources_changes) >= MOST_CHANGES:
                 break
@@ -198,7 +197,7 @@ class RunRecord:
                     (float(row[_RECEIVED]) - self._begin) * 1e-9,
                     Source(int(sources[k])),
                     Source(int(sources[k + 1])),
-                    Cause(int(row[record.OUTCOME + at.O_DEGRADED])),
+                    Cause(int(row[record.column("out_degraded")])),
                 )
             )
 

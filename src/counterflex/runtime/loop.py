@@ -11,23 +11,23 @@ from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.jit import compile_stated
+from counterflex.core.records import as_reals, as_words, attributes, reals_and_words, records
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.kernels.step import OUT_C, OUT_SIZE, SCRATCH
 from counterflex.runtime.cycle import cycle, take_fast
-from counterflex.runtime.estimator import fusion_kernel as fk
 from counterflex.runtime.estimator.fusion import Source
-from counterflex.runtime.loop_constants import SCALE_VARIANCE, pack_choices, pack_constants
+from counterflex.runtime.loop_constants import SCALE_VARIANCE, pack_limits, pack_settings
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.monitor import Monitor
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
 from counterflex.runtime.monitoring.settings import MonitorSettings, unwatched
-from counterflex.runtime.plausibility_stage import PlausibilityStage
 from counterflex.runtime.primitives.localize import PLAN_COLUMNS
 from counterflex.runtime.settings import ForceMode, OnlineSettings
-from counterflex.runtime.state import layout as at
-from counterflex.runtime.state.memory_layout import Layout, layout_of, put_words
+from counterflex.runtime.state.loop_record import LOOP
+from counterflex.runtime.state.memory_layout import Layout, layout_before, layout_of, put_words
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.runtime.step.axis_play import AxisPlay
+from counterflex.runtime.step.axis_play_kernel import PLAY, PLAYED
 from counterflex.signals.filters import Smoother
 
 _NO_CURRENTS = 10_000
@@ -39,7 +39,7 @@ _OFFSET_RAD2 = (5e-3) ** 2
 class Loop:
     """One online loop.
 
-    Fill ``given`` and ``flags`` (or use :meth:`feed`), call :meth:`run`, read ``correction``. Nothing is allocated in
+    Fill ``given`` (or use :meth:`feed`), call :meth:`run`, read ``result`` or ``correction``. Nothing is allocated in
     :meth:`run`, and nothing compiled: that is done when a loop is made. Not safe to share between threads.
 
     Args:
@@ -51,10 +51,15 @@ class Loop:
         override: How the program's speed may be changed; None leaves it alone.
 
     Attributes:
-        given: (GIVEN,) inputs, see :mod:`counterflex.runtime.state.layout`.
-        flags: (FLAGS,) inputs.
-        results: (RESULTS,) results.
-        outcome: (OUTCOME,) results.
+        given: Inputs, :data:`counterflex.runtime.state.given.GIVEN`.
+        result: Results, :data:`counterflex.runtime.state.result.RESULT`.
+        quick_given: The inputs once more, read and written faster (:func:`counterflex.core.records.attributes`).
+        quick_result: Likewise the results.
+        quick_tests: Likewise what the tests remember.
+        step_state: What the step remembers, :data:`counterflex.runtime.state.memory.STATE`.
+        tests: What the plausibility tests remember, :data:`counterflex.runtime.state.doubts.MEMORY`.
+        inputs: The inputs once more: (56,) numbers and (14,) whole numbers, as the run log has them.
+        answers: Likewise the results: (67,) and (13,).
         correction: (6,) view: what to send, m and rotation vector, part axes.
         axes: (6,) view: the same as change of the axis angles, rad.
         settings: As given.
@@ -92,34 +97,33 @@ class Loop:
         compact = chain.compact
         m = compact.stations
         self._real, self._kind = compact.real, compact.kind
-        self._constants = pack_constants(settings, as_float("T_base_part", T_base_part, (4, 4)), plan)
-        self._constants[at.C_TORSION : at.C_TORSION + 6] = chain.compliance[chain.torsion, 5]
-        self._choices = pack_choices(settings, plan)
-        self._supervisor = settings.supervisor.packed()
         self._plan = np.zeros((2, PLAN_COLUMNS)) if plan is None else plan.packed()
-        self.given: Float = np.zeros(at.GIVEN)
-        self.flags: Int = np.zeros(at.FLAGS, dtype=np.int64)
-        self.results: Float = np.zeros(at.RESULTS)
-        self.outcome: Int = np.zeros(at.OUTCOME, dtype=np.int64)
-        self.correction: Float = self.results[at.R_CORRECTION : at.R_CORRECTION + 6]
-        self.axes: Float = self.results[at.R_AXES : at.R_AXES + 6]
+        self._loop = loop = records(LOOP)
+        self.given, self.result, self.step_state, self.tests = (
+            loop[name][0] for name in ("given", "result", "state", "tests")
+        )
+        pack_settings(loop["settings"][0], settings, as_float("T_base_part", T_base_part, (4, 4)), plan)
+        loop["settings"][0].torsion[:] = chain.compliance[chain.torsion, 5]
+        pack_limits(loop["limits"][0], settings)
+        self.quick_given, self.quick_result, self.quick_tests = (
+            attributes(loop[name]) for name in ("given", "result", "tests")
+        )
+        self.inputs = reals_and_words(loop["given"])
+        self.answers = reals_and_words(loop["result"])
+        self.correction: Float = self.result.correction
+        self.axes: Float = self.result.axes
         self.measured_filter = Smoother(settings.smoothing, 6)
         self.predicted_filter = Smoother(settings.smoothing, 6)
-        self._state: Float = np.zeros(at.STATE)
-        self._whole: Int = np.zeros(at.WHOLE, dtype=np.int64)
-        self._ring: Float = np.zeros((at.RING_ROWS, at.RING))
         self._elastic: Float = np.zeros(OUT_SIZE)
         self._frame: Float = np.zeros((m + 1, 12))
         self._delta: Float = np.zeros((m, 6))
         self._scratch: Float = np.zeros((SCRATCH, 36))
-        self._load: Float = np.zeros(12)
-        self._work: Float = np.zeros((11, 12))
         self.monitor = _monitor(settings, self._plan, plan, monitor, override)
-        self.plausibility = PlausibilityStage(settings)
         self._axis_play: AxisPlay | None = None
         if settings.axis_play:
             own = np.array(settings.own_play_rad)
             self._axis_play = AxisPlay(chain, settings.period_s, contained=settings.compensated, own_rad=own)
+        self._place: Float = self.step_state.place
         self.state_cycles = max(1, round(_STATE_S / settings.period_s))
         self._table = self._arrays()
         self.memory = self._memory()
@@ -128,40 +132,33 @@ class Loop:
 
     def reset(self) -> None:
         """Begin anew: IDLE, correction zero, nothing learnt, place on the path unknown; as a loop just made."""
-        for array in (self._state, self._elastic, self._frame, self._delta, self._scratch, self._load, self._work):
+        for array in (self._elastic, self._frame, self._delta, self._scratch):
             array[:] = 0.0
-        self.results[:] = 0.0
-        self.outcome[:] = 0
-        self._state[at.S_PLACE] = -1.0
-        self._state[at.S_SCALE : at.S_SCALE + 3] = 1.0
-        self._state[at.S_SPEED] = self._state[at.S_SLOWER] = 1.0
-        self._state[at.S_VARIANCE : at.S_VARIANCE + 3] = SCALE_VARIANCE
-        self._state[at.S_OFFSET_VARIANCE : at.S_OFFSET_VARIANCE + 2] = _OFFSET_M2, _OFFSET_RAD2
-        self.settings.fusion.begin(self._state[at.S_FUSION : at.S_FUSION + fk.SIZE])
-        self._whole[:] = 0
-        self._ring[:] = 0.0
-        self.given[:] = 0.0
-        self.flags[:] = 0
+        for name in ("given", "state", "ring", "result", "tests", "cycle", "work"):
+            as_words(self._loop[name])[:] = 0
+        state = self.step_state
+        state.place[0] = -1.0
+        state.scale[:] = 1.0
+        state.speed = state.force_at_speed = 1.0
+        state.scale_variance[:] = SCALE_VARIANCE
+        state.offset_variance[:] = _OFFSET_M2, _OFFSET_RAD2
+        self.settings.fusion.begin(state.fusion)
         self.measured_filter.reset(np.zeros(6))
         self.predicted_filter.reset(np.zeros(6))
         self.monitor.reset()
-        self.plausibility.reset()
         if self._axis_play is not None:
             self._axis_play.reset()
 
     def _arrays(self) -> ArrayTable:
-        """All arrays of a cycle in the order of :mod:`counterflex.runtime.cycle`."""
-        m, p, play = self.measured_filter, self.predicted_filter, self._axis_play
-        none = np.zeros((0, 1)), np.zeros((0, 1)), np.zeros(1, dtype=np.int64)
+        """Arrays of a cycle beside its record, in the order of :mod:`counterflex.runtime.cycle`."""
+        m, p = self.measured_filter, self.predicted_filter
+        none = records(PLAY, 0), records(PLAYED, 0), np.zeros(1, dtype=np.int64)
         return ArrayTable(
             (
-                *(self.given, self.flags, self._constants, self._choices, self._supervisor, self._plan),
-                *(self._real, self._kind, self._state, self._whole, self._ring),
+                *(self._plan, self._real, self._kind, self._elastic, self._frame, self._delta, self._scratch),
                 *(m.coefficients, m.memory, m.ring, m.place, p.memory, p.ring, p.place),
-                *(self._elastic, self._frame, self._delta, self._scratch, self._load),
-                *(self.results, self.outcome, self._work),
-                *self.plausibility.arrays(),
-                *(none if play is None else play.arrays()),
+                *(none if self._axis_play is None else self._axis_play.arrays()),
+                *(*self.inputs, *self.answers),
                 *self.monitor.records,
             )
         )
@@ -169,11 +166,9 @@ class Loop:
     def _memory(self) -> dict[str, np.ndarray[Any, Any]]:
         m, p, play = self.measured_filter, self.predicted_filter, self._axis_play
         own: dict[str, np.ndarray[Any, Any]] = {
-            "state": self._state,
-            "counts": self._whole,
-            "ring": self._ring,
-            "results": self.results,
-            "outcome": self.outcome,
+            "state": self._loop["state"],
+            "ring": as_reals(self._loop["ring"]),
+            "result": self._loop["result"],
             "measured.memory": m.memory,
             "measured.ring": m.ring,
             "measured.place": m.place,
@@ -184,10 +179,7 @@ class Loop:
             "frame": self._frame,
             "delta": self._delta,
             "scratch": self._scratch,
-            "load": self._load,
-            "work": self._work,
-            "plausibility.memory": self.plausibility.memory,
-            "plausibility.counts": self.plausibility.counts,
+            "tests": self._loop["tests"],
         }
         if play is not None:
             own |= {"axis_play.memory": play.memory, "axis_play.begun": play.begun}
@@ -203,16 +195,20 @@ class Loop:
 
         Args:
             words: (n,) its numbers one behind the other, bit for bit as whole numbers of 64 bits.
-            layout: What they mean, see :attr:`layout`; empty: as in logs that do not say it.
+            layout: What they mean, see :attr:`layout`; empty: as here, or where there are more of them as in logs
+                that do not say it.
 
         Raises:
             InputError: Another loop's: not as many numbers, or others.
         """
-        put_words(self.memory, words, layout or self.layout)
+        if not layout:
+            own = self.layout
+            layout = own if words.size == sum(count for _, _, count in own) else layout_before(own)
+        put_words(self.memory, words, layout)
 
     def take(self, samples: Float, count: int, number: int) -> None:
         """Hand over the force sensor's own samples of the cycle, see :meth:`Monitor.take`; before :meth:`run`."""
-        take_fast(self._table.rows, samples, count, number)
+        take_fast(self._loop, self._table.rows, samples, count, number)
 
     def feed(  # noqa: PLR0913 - a keyword for each field of the record that it fills
         self,
@@ -260,30 +256,28 @@ class Loop:
             tracker_sigma_m: Standard deviation that the tracker states; 0 where it does not.
             torque: (6,) N m, torque of the process about the axes from motor currents; None where there are none.
         """
-        self.given[:9] = T_part_tcp[:3, :3].reshape(-1)
-        self.given[9:12] = T_part_tcp[:3, 3]
-        self.given[at.G_Q : at.G_Q + 6] = q
+        given = self.given
+        _put_pose(given.nominal, T_part_tcp)
+        given.q[:] = q
         if w_tcp_part is not None:
-            self.given[at.G_W : at.G_W + 6] = w_tcp_part
+            given.wrench[:] = w_tcp_part
         if T_part_actual is not None:
-            self.given[at.G_ACTUAL : at.G_ACTUAL + 9] = T_part_actual[:3, :3].reshape(-1)
-            self.given[at.G_ACTUAL + 9 : at.G_ACTUAL + 12] = T_part_actual[:3, 3]
+            _put_pose(given.actual, T_part_actual)
         if T_part_reported is not None:
-            self.given[at.G_REPORTED : at.G_REPORTED + 9] = T_part_reported[:3, :3].reshape(-1)
-            self.given[at.G_REPORTED + 9 : at.G_REPORTED + 12] = T_part_reported[:3, 3]
+            _put_pose(given.reported, T_part_reported)
         new = int(T_part_actual is not None)
-        self.given[at.G_TRACKER_LATE] = -1.0 if tracker_late_s is None else tracker_late_s
-        self.given[at.G_TRACKER_SIGMA] = tracker_sigma_m
+        given.tracker_late = -1.0 if tracker_late_s is None else tracker_late_s
+        given.tracker_sigma = tracker_sigma_m
         if torque is not None:
-            self.given[at.G_TORQUE : at.G_TORQUE + 6] = torque
-        self.flags[:] = (
+            given.torque[:] = torque
+        self.inputs[1][:] = (
             elapsed, force_age, new, tracker_age, healthy, arm, enable, stop, reset, soft, hard, sources,
             int(torque is None) * _NO_CURRENTS, int(T_part_reported is not None),
         )  # fmt: skip
 
     def run(self) -> None:
         """One cycle."""
-        cycle(self._table.rows)
+        cycle(self._loop, self._table.rows)
 
     @property
     def compliance(self) -> Float:
@@ -293,17 +287,19 @@ class Loop:
     @property
     def in_effect(self) -> Float:
         """(6,) view: correction that the robot has made of what was sent, m and rotation vector, part axes."""
-        return self._state[at.S_IN_FORCE : at.S_IN_FORCE + 6]
+        out: Float = self.step_state.in_effect
+        return out
 
     @property
     def planned_force(self) -> Float:
         """(3,) view: force that the plan expects here, through the filters of the measured one, N, part axes."""
-        return self._state[at.S_BEFORE : at.S_BEFORE + 3]
+        out: Float = self.step_state.predicted_before[:3]
+        return out
 
     @property
     def planned(self) -> bool:
         """Whether there is a plan."""
-        return bool(self._choices[at.W_PLAN])
+        return bool(self._loop["settings"][0].has_plan)
 
     @property
     def plan_rows(self) -> int:
@@ -313,24 +309,22 @@ class Loop:
     @property
     def cycle(self) -> int:
         """Cycles run since the start or the last :meth:`reset`; after the first :meth:`run` it is 1."""
-        return int(self._whole[at.N_CYCLES])
+        return int(self.step_state.cycles)
 
     def sha256(self) -> str:
         """Hash over every number the step is given besides its inputs: two loops that agree in it compute the same."""
         digest = hashlib.sha256()
         m = self.measured_filter
         for array in (
-            self._constants,
-            self._choices,
-            self._supervisor,
+            as_words(self._loop["settings"]),
+            as_words(self._loop["limits"]),
             self._plan,
             self._real,
             self._kind,
             m.coefficients,
             np.array(m.ring.shape),
             *self.monitor.numbers(),
-            *self.plausibility.numbers(),
-            *(() if self._axis_play is None else (self._axis_play.parameters,)),
+            *(() if self._axis_play is None else (as_words(self._axis_play.plays),)),
         ):
             digest.update(f"{array.dtype.str}{array.shape}".encode())
             digest.update(np.ascontiguousarray(array).tobytes())
@@ -339,36 +333,46 @@ class Loop:
     @property
     def state(self) -> State:
         """State of the supervisor."""
-        return State(int(self.outcome[at.O_STATE]))
+        return State(int(self.result.state))
 
     @property
     def cause(self) -> Cause:
         """Why it is in that state."""
-        return Cause(int(self.outcome[at.O_CAUSE]))
+        return Cause(int(self.result.cause))
 
     @property
     def scale(self) -> Float:
         """(3,) learnt factors of the force: feed, across, along the tool."""
         if self.settings.force == ForceMode.FUSED:
-            return self._state[at.S_FUSION + fk.X : at.S_FUSION + fk.X + 3].copy()
-        return self._state[at.S_SCALE : at.S_SCALE + 3].copy()
+            out: Float = self.step_state.fusion.estimate[:3].copy()
+        else:
+            out = self.step_state.scale.copy()
+        return out
 
     @property
     def offset(self) -> Float:
         """(6,) deviation that force and plan do not explain, m and rad, part axes."""
         if self.settings.force == ForceMode.FUSED:
-            return self.results[at.R_OFFSET : at.R_OFFSET + 6].copy()
-        return self._state[at.S_OFFSET : at.S_OFFSET + 6].copy()
+            out: Float = self.result.offset.copy()
+        else:
+            out = self.step_state.offset.copy()
+        return out
 
     @property
     def sources(self) -> Source:
         """What the estimate of the last cycle rests on; nothing where the loop has no estimator."""
-        return Source(int(self.outcome[at.O_SOURCES]))
+        return Source(int(self.result.sources))
 
     @property
     def place(self) -> float:
         """Row of the plan, with fraction; -1 unknown."""
-        return float(self._state[at.S_PLACE] + self._state[at.S_PLACE + 1])
+        return float(self._place[0] + self._place[1])
+
+
+def _put_pose(out: Float, T: Float) -> None:
+    """Rotation by rows, then position, (12,) written."""
+    out[:9] = T[:3, :3].reshape(-1)
+    out[9:] = T[:3, 3]
 
 
 def _monitor(

@@ -1,17 +1,16 @@
-"""The constants and choices of the online step, packed from settings and plan in the places of the layout."""
+"""Constants, modes and limits of the online step, written into its record from settings and plan."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.records import Record
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.primitives.localize import PLAN_A, PLAN_W
 from counterflex.runtime.settings import (
     ForceMode,
     Lost,
@@ -22,120 +21,131 @@ from counterflex.runtime.settings import (
     per_direction,
     robot_answer,
 )
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.chosen import SUPERVISION
+from counterflex.runtime.state.memory import PAST_ROWS
 
 SCALE_VARIANCE: Final = 0.25**2
 """Variance of a learnt factor of the force before anything is learnt."""
 _WINDOW = 200
+_SETTLED_S = 0.2
 TORQUE_MEMORY_S: Final = 0.5
 """Over which the friction in a motor current stays the same, so that its samples are no new information."""
 
 
-def pack_constants(settings: OnlineSettings, T_base_part: Float, plan: LoopPlan | None) -> Float:
-    """Constants of the step.
+def pack_settings(out: Record, settings: OnlineSettings, T_base_part: Float, plan: LoopPlan | None) -> None:
+    """Write constants, modes and delays in whole cycles of the step.
 
     Args:
+        out: :data:`counterflex.runtime.state.chosen.SETTINGS`; written.
         settings: Of the loop.
         T_base_part: (4, 4) part frame.
         plan: Of the program, or None.
 
-    Returns:
-        (at.CONSTANTS,) in the places ``C_...`` of :mod:`counterflex.runtime.state.layout`, SI.
-    """
-    T, tuning = settings.period_s, settings.tuning
-    out = np.zeros(at.CONSTANTS)
-
-    def put(place: int, values: Sequence[float] | Float) -> None:
-        out[place : place + len(values)] = values
-
-    lead = _lead(settings, plan)
-    out[at.C_SOON] = settings.delays.correction_s if _shaped(settings, plan) else settings.lead_s
-    put(at.C_PERIOD, [T, lead, settings.pilot.threshold_n, T / settings.pilot.blend_s])
-    fused = settings.force == ForceMode.FUSED
-    for place, name, factor in (
-        (at.C_KP, "proportional", 1.0),
-        (at.C_KI, "integral_per_s", T),
-        (at.C_KD, "derivative_s", 1.0 / T),
-    ):
-        put(place, [factor * gain for gain in per_direction(name, getattr(settings, name))])
-    put(at.C_WITHOUT, [float(settings.compensated), force_delay(settings) if plan is None else 0.0])
-    out[at.C_FOLLOW] = settings.delays.follow_s if fused else 0.0
-    put(at.C_FUSION, settings.fusion.packed(T))
-    out[at.C_TRACKER_LATE] = settings.delays.tracker_s
-    put(at.C_TORQUE, np.square(settings.fusion.torque_nm) * TORQUE_MEMORY_S / T)
-    put(at.C_TRANSLATION, settings.translation.packed())
-    put(at.C_ROTATION, settings.rotation.packed())
-    share = settings.ramp_m_s / settings.translation.speed
-    put(at.C_RAMP, settings.translation.packed() * [1.0, share, 1.0])
-    put(at.C_RAMP_ROTATION, settings.rotation.packed() * [1.0, share, 1.0])
-    out[at.C_HARD] = settings.hard_factor
-    drift = settings.scale_drift**2 * T
-    alike = 1.0 if fused else math.sqrt(max(1.0, settings.correlation_s / T))  # the estimator knows of the swing
-    put(at.C_SCALE, [alike * settings.force_noise_n, alike * settings.timing_s / T, drift, SCALE_VARIANCE])
-    put(at.C_GAIN, [tuning.gain, tuning.saturation_m, tuning.saturation_rad])
-    put(at.C_DRIFT, [tuning.drift_m**2 * T, tuning.drift_rad**2 * T])
-    put(at.C_NOISE, [tuning.noise_m**2, tuning.noise_rad**2])
-    put(at.C_JUMP, [tuning.largest_jump_m, settings.off_path_m])
-    put(at.C_ANSWER, robot_answer(settings)[1])
-    put(at.C_SWING, settings.fusion.swing(T))
-    put(at.C_INERTIA, inertia_smoothing(settings).coefficients())
-    put(at.C_R_BASE_PART, T_base_part[:3, :3].reshape(-1))
-    out[at.C_PROPORTIONAL] = tuning.proportional
-    put(at.C_NOTCH, tuning.notch)
-    put(at.C_LAG, [*tuning.lag_filter, tuning.lag_most_m])
-    return out
-
-
-def pack_choices(settings: OnlineSettings, plan: LoopPlan | None) -> Int:
-    """Choices of the step: modes, switches, and delays in whole cycles.
-
-    Args:
-        settings: Of the loop.
-        plan: Of the program, or None.
-
-    Returns:
-        (at.CHOICES,) in the places ``W_...`` of :mod:`counterflex.runtime.state.layout`.
-
     Raises:
         InputError: A delay is longer than the loop remembers.
     """
+    _pack_constants(out, settings, plan)
+    _pack_tracker(out, settings)
+    _pack_modes(out, settings, plan)
+    _pack_delays(out, settings, plan)
+    out.R_base_part[:] = T_base_part[:3, :3].reshape(-1)
+    supervision = settings.supervisor.packed()
+    for name, value in zip(SUPERVISION.names or (), supervision, strict=True):
+        out.supervisor[name] = value
+
+
+def _pack_constants(out: Record, settings: OnlineSettings, plan: LoopPlan | None) -> None:
+    T, fused = settings.period_s, settings.force == ForceMode.FUSED
+    out.period, out.lead = T, _lead(settings, plan)
+    out.preview = settings.delays.correction_s if _shaped(settings, plan) else settings.lead_s
+    out.threshold, out.blend = settings.pilot.threshold_n, T / settings.pilot.blend_s
+    for k, (name, factor) in enumerate((("proportional", 1.0), ("integral_per_s", T), ("derivative_s", 1.0 / T))):
+        gains = per_direction(name, getattr(settings, name))
+        out.gains[3 * k : 3 * k + 3] = [factor * gain for gain in gains]
+    out.contained = float(settings.compensated)
+    out.reference_late = force_delay(settings) if plan is None else 0.0
+    out.follow = settings.delays.follow_s if fused else 0.0
+    out.fusion[:] = settings.fusion.packed(T)
+    out.torque_variance[:] = np.square(settings.fusion.torque_nm) * TORQUE_MEMORY_S / T
+    out.translation[:] = settings.translation.packed()
+    out.rotation[:] = settings.rotation.packed()
+    share = settings.ramp_m_s / settings.translation.speed
+    out.ramp[:] = settings.translation.packed() * [1.0, share, 1.0]
+    out.ramp_rotation[:] = settings.rotation.packed() * [1.0, share, 1.0]
+    out.hard_factor, out.off_path = settings.hard_factor, settings.off_path_m
+    drift = settings.scale_drift**2 * T
+    alike = 1.0 if fused else math.sqrt(max(1.0, settings.correlation_s / T))  # the estimator knows of the swing
+    out.scale[:] = alike * settings.force_noise_n, alike * settings.timing_s / T, drift, SCALE_VARIANCE
+    out.answer[:] = robot_answer(settings)[1]
+    out.swing[:] = settings.fusion.swing(T)
+    out.inertia[:] = inertia_smoothing(settings).coefficients()
+
+
+def _pack_tracker(out: Record, settings: OnlineSettings) -> None:
+    T, tuning = settings.period_s, settings.tuning
+    out.tracker_late = settings.delays.tracker_s
+    out.gain, out.proportional = tuning.gain, tuning.proportional
+    out.saturation[:] = tuning.saturation_m, tuning.saturation_rad
+    out.drift[:] = tuning.drift_m**2 * T, tuning.drift_rad**2 * T
+    out.noise[:] = tuning.noise_m**2, tuning.noise_rad**2
+    out.largest_jump = tuning.largest_jump_m
+    out.notch[:] = tuning.notch
+    out.lag[:] = tuning.lag_filter
+    out.lag_most = tuning.lag_most_m
+
+
+def _pack_modes(out: Record, settings: OnlineSettings, plan: LoopPlan | None) -> None:
+    out.force, out.tracker = settings.force, settings.tracker
+    out.compensated, out.normal_only = settings.compensated, settings.normal_only
+    out.orientation, out.has_plan = settings.orientation, plan is not None
+    out.tracker_lost_holds = settings.tracker_lost == Lost.HOLD or settings.force == ForceMode.NONE
+    out.force_offset = settings.force_offset
+    out.reads_ahead = _shaped(settings, plan)
+    designed = settings.tracker == TrackerMode.DESIGNED
+    out.undo_lag = designed and settings.tuning.undo_lag
+    out.undo_play = designed and settings.tuning.undo_play and plan is not None and not settings.compensated
+
+
+def _pack_delays(out: Record, settings: OnlineSettings, plan: LoopPlan | None) -> None:
     T, delays = settings.period_s, settings.delays
     tracker = round(delays.tracker_s / T)
     dead, _ = robot_answer(settings)
     ahead = settings.lead_s if settings.force == ForceMode.SCALE else -force_delay(settings)
     if settings.force in (ForceMode.PILOT, ForceMode.SCALE) and _shaped(settings, plan):
         ahead = delays.correction_s
-    back = {
-        at.W_NOMINAL_BACK: round((delays.follow_s + delays.tracker_s) / T),
-        at.W_CORRECTION_BACK: dead + (0 if settings.force == ForceMode.FUSED else tracker),
-        at.W_DEFLECTION_BACK: max(0, round((ahead + delays.tracker_s) / T)),
-        at.W_REPORTED_BACK: round(delays.follow_s / T),
-    }
-    if max(back.values()) >= at.RING_ROWS:
+    out.nominal_back = round((delays.follow_s + delays.tracker_s) / T)
+    out.correction_back = dead + (0 if settings.force == ForceMode.FUSED else tracker)
+    out.deflection_back = max(0, round((ahead + delays.tracker_s) / T))
+    out.reported_back = round(delays.follow_s / T)
+    back = max(out.nominal_back, out.correction_back, out.deflection_back, out.reported_back)
+    if back >= PAST_ROWS:
         raise InputError(
-            "the delays are longer than the loop remembers",
-            value=f"{max(back.values())} cycles",
-            limit=f"< {at.RING_ROWS}",
+            "the delays are longer than the loop remembers", value=f"{back} cycles", limit=f"< {PAST_ROWS}"
         )
-    out = np.zeros(at.CHOICES, dtype=np.int64)
-    out[at.W_FORCE], out[at.W_TRACKER] = settings.force, settings.tracker
-    out[at.W_COMPENSATED], out[at.W_NORMAL] = settings.compensated, settings.normal_only
-    out[at.W_ORIENTATION], out[at.W_PLAN] = settings.orientation, plan is not None
-    out[at.W_TRACKER_LOST] = settings.tracker_lost == Lost.HOLD or settings.force == ForceMode.NONE
-    out[at.W_FORCE_OFFSET] = settings.force_offset
-    out[at.W_STALE], out[at.W_LOST] = settings.stale_cycles, settings.lost_cycles
-    out[at.W_WINDOW] = _WINDOW
+    out.stale, out.lost = settings.stale_cycles, settings.lost_cycles
+    out.window = _WINDOW
     bridged = plan is not None and settings.force in (ForceMode.PILOT, ForceMode.SCALE)
-    out[at.W_BRIDGE] = settings.stale_cycles + (round(settings.bridge_s / T) if bridged else 0)
-    out[at.W_AHEAD] = PLAN_A if _shaped(settings, plan) else PLAN_W
-    out[at.W_TRACKER_STALE] = max(1, round(settings.fusion.tracker_stale_s / T))
-    out[at.W_DISBELIEVED] = settings.fusion.disbelieved
-    designed = settings.tracker == TrackerMode.DESIGNED
-    out[at.W_LAG] = designed and settings.tuning.undo_lag
-    out[at.W_PLAY] = designed and settings.tuning.undo_play and plan is not None and not settings.compensated
-    for place, value in back.items():
-        out[place] = value
-    return out
+    out.bridge = settings.stale_cycles + (round(settings.bridge_s / T) if bridged else 0)
+    out.tracker_stale = max(1, round(settings.fusion.tracker_stale_s / T))
+    out.disbelieved = settings.fusion.disbelieved
+
+
+def pack_limits(out: Record, settings: OnlineSettings) -> None:
+    """Write the limits of the plausibility tests.
+
+    Args:
+        out: :data:`counterflex.runtime.state.doubts.LIMITS`; written.
+        settings: Of the loop.
+    """
+    integrates = settings.tracker in (TrackerMode.INTEGRATOR, TrackerMode.DESIGNED)
+    gain = settings.tuning.gain if integrates else 0.0
+    fusion, period_s = settings.fusion, settings.period_s
+    settings.plausibility.pack(out, period_s, gain, fusion.mode_hz, fusion.mode_damping)
+    out.step_torque = period_s / TORQUE_MEMORY_S
+    out.tracker_late = settings.delays.tracker_s
+    if settings.force == ForceMode.FUSED:  # which takes slow trackers, too
+        out.silent_cycles = max(1, round(fusion.tracker_stale_s / period_s))
+    out.settled = round((_SETTLED_S + 2.0 * settings.smoothing.delay_s) / period_s)
 
 
 def _shaped(settings: OnlineSettings, plan: LoopPlan | None) -> bool:

@@ -19,10 +19,11 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.held import clear_unheld, share
-from counterflex.core.records import count_of
+from counterflex.core.records import count_of, reals_and_words, records
 from counterflex.runtime.monitoring import records as monitor
 from counterflex.runtime.monitoring.events import Event
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.given import GIVEN as _GIVEN
+from counterflex.runtime.state.result import RESULT as _RESULT
 from counterflex.runtime.state_slots import BYTES as STATE_BYTES
 from counterflex.runtime.state_slots import StateSlots
 
@@ -108,10 +109,10 @@ FAST: Final = 5
 """Place of what the force sensor's own samples said: given."""
 SENSOR: Final = FAST + count_of(monitor.FAST)
 GIVEN: Final = SENSOR + 6
-FLAGS: Final = GIVEN + at.GIVEN
-RESULTS: Final = FLAGS + at.FLAGS
-OUTCOME: Final = RESULTS + at.RESULTS
-MONITOR: Final = OUTCOME + at.OUTCOME
+FLAGS: Final = GIVEN + reals_and_words(records(_GIVEN))[0].size
+RESULTS: Final = GIVEN + count_of(_GIVEN)
+OUTCOME: Final = RESULTS + reals_and_words(records(_RESULT))[0].size
+MONITOR: Final = RESULTS + count_of(_RESULT)
 MONITOR_OUTCOME: Final = MONITOR + count_of(monitor.RESULTS)
 CYCLE: Final = MONITOR_OUTCOME + count_of(monitor.OUTCOME)
 """Place of the loop's own count of cycles: 1 in its first, one more in each; a step says that records are lost."""

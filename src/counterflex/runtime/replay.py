@@ -110,13 +110,13 @@ class Replay:
             if not self._follows(cycle):
                 self.skipped += 1
                 continue
-            loop.given[:] = rows[k, record.GIVEN : record.FLAGS]
-            loop.flags[:] = rows[k, record.FLAGS : record.RESULTS]
+            loop.inputs[0][:] = rows[k, record.GIVEN : record.FLAGS]
+            loop.inputs[1][:] = rows[k, record.FLAGS : record.RESULTS]
             fast, results, outcome = loop.monitor.columns
             fast[:] = rows[k, record.FAST : record.SENSOR]
             loop.run()
-            answers[k, : record.OUTCOME - record.RESULTS] = loop.results
-            answers[k, record.OUTCOME - record.RESULTS : record.MONITOR - record.RESULTS] = loop.outcome
+            answers[k, : record.OUTCOME - record.RESULTS] = loop.answers[0]
+            answers[k, record.OUTCOME - record.RESULTS : record.MONITOR - record.RESULTS] = loop.answers[1]
             answers[k, record.MONITOR - record.RESULTS : record.MONITOR_OUTCOME - record.RESULTS] = results
             answers[k, record.MONITOR_OUTCOME - record.RESULTS :] = outcome
             done.append(k)

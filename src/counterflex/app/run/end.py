@@ -10,8 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.protocols.session.tracker_off import off_said
-from counterflex.runtime.record_ring import OUTCOME
-from counterflex.runtime.state.layout import O_CAUSE, O_STATE
+from counterflex.runtime.record_ring import column
 from counterflex.runtime.state.supervisor import Cause, State
 
 AS_ASKED: Final = "as asked"
@@ -49,7 +48,7 @@ class RunEnd:
         Args:
             rows: (n, WIDTH) of :class:`counterflex.runtime.record_ring.RecordRing`.
         """
-        states, causes = rows[:, OUTCOME + O_STATE].astype(int), rows[:, OUTCOME + O_CAUSE].astype(int)
+        states, causes = rows[:, column("out_state")].astype(int), rows[:, column("out_cause")].astype(int)
         changed = np.flatnonzero(np.diff(states, prepend=self._state))
         for k in changed:
             before, state = self._state, int(states[k])

@@ -18,7 +18,6 @@ from counterflex.evaluate.incidents import Incident, IncidentFinder
 from counterflex.files.logs.record_units import headings
 from counterflex.files.logs.run_log import segments
 from counterflex.runtime import record_ring as record
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
 
 AROUND: Final = 250
@@ -158,8 +157,8 @@ def _table(rows: Float, first: int) -> polars.DataFrame:
         {
             "from_incident [cycles]": cycles - first,
             "from_incident [s]": (rows[:, 1] - begin_ns) * 1e-9,
-            "state": [State(int(v)).name.lower() for v in rows[:, record.OUTCOME + at.O_STATE]],
-            "cause": [Cause(int(v)).name.lower() for v in rows[:, record.OUTCOME + at.O_CAUSE]],
+            "state": [State(int(v)).name.lower() for v in rows[:, record.column("out_state")]],
+            "cause": [Cause(int(v)).name.lower() for v in rows[:, record.column("out_cause")]],
         }
     )
     values = polars.DataFrame(rows, schema=headings(), orient="row")

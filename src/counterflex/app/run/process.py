@@ -24,7 +24,6 @@ from counterflex.protocols.session.session import OnlineSession
 from counterflex.protocols.system.realtime import prepare
 from counterflex.protocols.system.signals import hear_signals
 from counterflex.runtime.record_ring import RecordRing
-from counterflex.runtime.state.layout import O_STOP
 from counterflex.runtime.state.supervisor import State
 
 END_S: Final = 5.0
@@ -150,4 +149,4 @@ def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int, livin
 
 def _at_rest(session: OnlineSession) -> bool:
     """Nothing is corrected, and the robot is not being told to stop any more: it is told so to the end."""
-    return not (session.loop.state in _ACTING or session.loop.outcome[O_STOP])
+    return not (session.loop.state in _ACTING or session.loop.result.stop)

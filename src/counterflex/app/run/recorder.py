@@ -32,8 +32,7 @@ from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, T
 from counterflex.protocols.processes.living import Beat, Living
 from counterflex.protocols.processes.shared_words import SharedWords
 from counterflex.protocols.system.signals import hear_signals
-from counterflex.runtime.record_ring import OUTCOME, RESULTS, RecordRing
-from counterflex.runtime.state.layout import O_CAUSE, O_DEGRADED, O_SOFT, O_STATE
+from counterflex.runtime.record_ring import RESULTS, RecordRing, column
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.runtime.state_slots import LoopState
 
@@ -101,11 +100,11 @@ class Recorder:
         self._end.add(rows)
         self._cycles += int(np.sum(answered))
         self._worst = max(self._worst, float(np.max(np.linalg.norm(rows[:, RESULTS : RESULTS + 3], axis=1))))
-        for value, count in zip(*np.unique(rows[:, OUTCOME + O_STATE], return_counts=True), strict=True):
+        for value, count in zip(*np.unique(rows[:, column("out_state")], return_counts=True), strict=True):
             name = State(int(value)).name.lower()
             self._states[name] = self._states.get(name, 0) + int(count)
-        for column in (O_CAUSE, O_SOFT, O_DEGRADED):
-            self._causes |= {Cause(int(c)).name.lower() for c in np.unique(rows[:, OUTCOME + column]) if c}
+        for name in ("out_cause", "out_soft", "out_degraded"):
+            self._causes |= {Cause(int(c)).name.lower() for c in np.unique(rows[:, column(name)]) if c}
 
     def _shown_incidents(self) -> dict[str, Any]:
         found = [one.shown() for one in numbered({1: self._incidents})]

@@ -14,8 +14,7 @@ from counterflex.files.logs.place import trouble_said
 from counterflex.protocols.processes.control_array import Kept, Life, Shown, Tally
 from counterflex.protocols.session.tracker_off import off_said, tracker_off
 from counterflex.runtime.estimator.fusion import Source
-from counterflex.runtime.record_ring import OUTCOME, RESULTS, RecordRing, column
-from counterflex.runtime.state.layout import O_CAUSE, O_DEGRADED, O_FEED_HOLD, O_REJECTED, O_SOFT, O_SOURCES, O_STATE
+from counterflex.runtime.record_ring import RESULTS, RecordRing, column
 from counterflex.runtime.state.supervisor import Cause, State
 
 
@@ -113,19 +112,19 @@ class StatusReader:
         off = tracker_off(control)
         x, y, z = (float(v) * 1e6 for v in last[RESULTS : RESULTS + 3])
         return Status(
-            State(int(last[OUTCOME + O_STATE])),
-            Cause(int(last[OUTCOME + O_CAUSE]) or int(last[OUTCOME + O_SOFT])),
+            State(int(last[column("out_state")])),
+            Cause(int(last[column("out_cause")]) or int(last[column("out_soft")])),
             int(control[Shown.CYCLES]),
             (x, y, z),
             float(np.median((rows[:, 2] - rows[:, 1]) * 1e-3)) if len(rows) else 0.0,
             trouble_said(int(control[Kept.TROUBLE])),
             int(control[Kept.LOST]),
             int(control[Tally.FOREIGN]),
-            Source(int(last[OUTCOME + O_SOURCES])),
-            Cause(int(last[OUTCOME + O_DEGRADED])),
+            Source(int(last[column("out_sources")])),
+            Cause(int(last[column("out_degraded")])),
             tuple(events),
             float(last[column("speed_asked")]),
-            bool(last[OUTCOME + O_FEED_HOLD]),
+            bool(last[column("out_feed_hold")]),
             int(control[Tally.TARES]),
             control[Tally.IDLE_MN] * 1e-3,
             control[Tally.IDLE_MNM] * 1e-3,
@@ -135,7 +134,7 @@ class StatusReader:
             _shared(int(control[Shown.FORCE_MN]), 1e-3),
             _shared(int(control[Shown.PLANNED_MN]), 1e-3),
             (now - int(control[Life.LOOP_NS])) * NS,
-            int(last[OUTCOME + O_REJECTED]),
+            int(last[column("out_rejected")]),
             int(control[Tally.TRACKER_SET_BACK]),
             "" if off is None else off_said(off),
         )

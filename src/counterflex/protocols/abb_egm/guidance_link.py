@@ -16,7 +16,6 @@ from counterflex.geometry import pose, rotation
 from counterflex.path.stream import PoseStream
 from counterflex.protocols.abb_egm.link import EgmLink, put_pose
 from counterflex.protocols.abb_egm.telegram import write_guidance
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import State, risen
 
 _PATIENCE: Final = 250
@@ -131,10 +130,10 @@ class EgmGuidanceLink(EgmLink):
         self.clamped = self.clamped or self._behind >= _BEHIND
         self.enable = running and self.guided and not self.stream.finished
 
-    def fill(self, given: Float) -> None:
+    def fill(self, nominal: Float, q: Float) -> None:
         """Write the planned pose that the robot should be at, and its axis angles."""
-        put_pose(given, at.G_NOMINAL, self._nominal[self._place])
-        given[at.G_Q : at.G_Q + 6] = self._q
+        put_pose(nominal, self._nominal[self._place])
+        q[:] = self._q
 
     def answer(
         self,

@@ -14,7 +14,6 @@ from counterflex.protocols.abb_egm.telegram import RobotState, read_robot
 from counterflex.protocols.robot.port import Counters, RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
 from counterflex.runtime.plausibility.axis_check import ABSENT, EXACT
-from counterflex.runtime.state import layout as at
 
 LARGEST_DATAGRAM: Final = 4096
 _WRAP: Final = 1 << 32
@@ -193,14 +192,14 @@ class EgmLink:
         T_part_tcp: Float = self._T_part_frame @ T_frame_tcp
         return T_part_tcp
 
-    def fill_actual(self, given: Float) -> bool:
+    def fill_actual(self, pose: Float) -> bool:
         """Write the pose that the controller reports (encoders, nominal geometry) as measured."""
-        put_pose(given, at.G_ACTUAL, self._T_part_actual)
+        put_pose(pose, self._T_part_actual)
         return True
 
-    def fill_reported(self, given: Float) -> bool:
+    def fill_reported(self, pose: Float) -> bool:
         """False: whether the planned pose of a message contains the correction is not documented."""
-        del given
+        del pose
         return False
 
     def fill_currents(self, current: Float) -> bool:
@@ -223,7 +222,7 @@ class EgmLink:
         self._port.close()
 
 
-def put_pose(given: Float, place: int, T: Float) -> None:
+def put_pose(pose: Float, T: Float) -> None:
     """Write a pose (4, 4) into inputs of the step: rotation by rows, position."""
-    given[place : place + 9] = T[:3, :3].reshape(-1)
-    given[place + 9 : place + 12] = T[:3, 3]
+    pose[:9] = T[:3, :3].reshape(-1)
+    pose[9:] = T[:3, 3]

@@ -11,7 +11,6 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import UM
 from counterflex.protocols.abb_egm.link import EgmLink, put_pose
 from counterflex.protocols.abb_egm.telegram import PATH_PERIOD_S, write_path_correction
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import State
 
 _SHORTEST: Final = 2.0 * UM
@@ -42,11 +41,11 @@ class EgmPathLink(EgmLink):
         self._at = -1
         self._R_part_path: Float | None = None
 
-    def fill(self, given: Float) -> None:
+    def fill(self, nominal: Float, q: Float) -> None:
         """Write planned pose (measured, where the controller sends none) and axis angles as commanded."""
         T = self._T_part_actual if self._T_part_planned is None else self._T_part_planned
-        put_pose(given, at.G_NOMINAL, T)
-        given[at.G_Q : at.G_Q + 6] = self._q
+        put_pose(nominal, T)
+        q[:] = self._q
         self._follow(T)
 
     def _follow(self, T_part_tcp: Float) -> None:

@@ -17,7 +17,6 @@ from counterflex.protocols.kuka_rsi.telegram import LARGEST_DATAGRAM, answer_wri
 from counterflex.protocols.robot.port import Counters, RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
 from counterflex.runtime.plausibility.axis_check import ABOUT, ABSENT, EXACT
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import State
 
 _CURRENTS = tuple(f"MACur.A{i}" for i in range(1, 7))
@@ -224,22 +223,22 @@ class RsiLink:
         """The newest telegram holds nothing but its counter (a KR C2's first): answer it, do not use it."""
         return self._empty
 
-    def fill(self, given: Float) -> None:
-        """Write commanded pose and axis angles of the newest telegram into the inputs of the step."""
-        read_stand(self._held, self._nominal, self._axes, given, at.G_NOMINAL, at.G_Q)
+    def fill(self, nominal: Float, q: Float) -> None:
+        """Write commanded pose and axis angles of the newest telegram: (12,) rotation by rows and position, and (6,) rad."""
+        read_stand(self._held, self._nominal, self._axes, nominal, q)
 
-    def fill_actual(self, given: Float) -> bool:
+    def fill_actual(self, pose: Float) -> bool:
         """Write the pose that the controller reports (encoders, nominal geometry) as measured; False without RIst."""
         if self._actual is None:
             return False
-        read_pose(self._held, self._actual, given, at.G_ACTUAL)
+        read_pose(self._held, self._actual, pose, 0)
         return True
 
-    def fill_reported(self, given: Float) -> bool:
+    def fill_reported(self, pose: Float) -> bool:
         """Write the pose that the controller itself reports (RIst: encoders, nominal geometry); False without one."""
         if self._actual is None:
             return False
-        read_pose(self._held, self._actual, given, at.G_REPORTED)
+        read_pose(self._held, self._actual, pose, 0)
         return True
 
     def fill_currents(self, current: Float) -> bool:

@@ -56,11 +56,11 @@ def read_axes(values: Float, place: Int, out: Float, at: int) -> None:
         out[at + k] = values[place[k]] * _DEG
 
 
-@kernel("void(float64[::1], int64[::1], int64[::1], float64[::1], int64, int64)")
-def read_stand(values: Float, pose: Int, axes: Int, out: Float, at_pose: int, at_axes: int) -> None:
+@kernel("void(float64[::1], int64[::1], int64[::1], float64[::1], float64[::1])")
+def read_stand(values: Float, pose: Int, axes: Int, nominal: Float, q: Float) -> None:
     """:func:`read_pose` and :func:`read_axes` in one call."""
-    read_pose(values, pose, out, at_pose)
-    read_axes(values, axes, out, at_axes)
+    read_pose(values, pose, nominal, 0)
+    read_axes(values, axes, q, 0)
 
 
 @kernel("void(float64[::1], float64[::1], int64[::1])")

@@ -58,14 +58,14 @@ class RobotLink(Protocol):
             Whether there is a telegram to be answered. :attr:`elapsed` says how many cycles passed.
         """
 
-    def fill(self, given: Float) -> None:
-        """Write commanded pose without correction and axis angles into the inputs of the step."""
+    def fill(self, nominal: Float, q: Float, /) -> None:
+        """Write commanded pose without correction, (12,) rotation by rows and position, and axis angles, (6,) rad."""
 
-    def fill_actual(self, given: Float) -> bool:
-        """Write the pose that the motors stand at into the place of a measured one; False where it is not sent."""
+    def fill_actual(self, pose: Float, /) -> bool:
+        """Write the pose that the motors stand at, (12,); False where it is not sent."""
 
-    def fill_reported(self, given: Float, /) -> bool:
-        """Write the pose that the controller itself reports, correction included; False where it reports none."""
+    def fill_reported(self, pose: Float, /) -> bool:
+        """Write the pose that the controller itself reports, correction included, (12,); False where it reports none."""
 
     def fill_currents(self, current: Float, /) -> bool:
         """Write the motor currents (6,), in the controller's unit; False where it sends none."""

@@ -6,7 +6,7 @@ from typing import Final
 
 from counterflex.core.units import MS
 from counterflex.protocols.robot.port import Verdict
-from counterflex.runtime.step.limit_and_supervise import SESSION_S
+from counterflex.runtime.step.supervise import SESSION_S
 
 _SESSION_MS: Final = round(SESSION_S / MS)
 """How far ahead the counter may jump within one session."""

@@ -27,10 +27,10 @@ def write_record(
     row[3] = link.elapsed
     row[4] = 0.0 if force is None else force.good
     row[record.SENSOR : record.GIVEN] = 0.0 if force is None else force.w_sensor
-    row[record.GIVEN : record.FLAGS] = loop.given
-    row[record.FLAGS : record.RESULTS] = loop.flags
-    row[record.RESULTS : record.OUTCOME] = loop.results
-    row[record.OUTCOME : record.MONITOR] = loop.outcome
+    row[record.GIVEN : record.FLAGS] = loop.inputs[0]
+    row[record.FLAGS : record.RESULTS] = loop.inputs[1]
+    row[record.RESULTS : record.OUTCOME] = loop.answers[0]
+    row[record.OUTCOME : record.MONITOR] = loop.answers[1]
     fast, found, events = loop.monitor.columns
     row[record.FAST : record.SENSOR] = fast
     row[record.MONITOR : record.MONITOR_OUTCOME] = found

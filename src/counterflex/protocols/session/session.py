@@ -34,7 +34,6 @@ from counterflex.runtime.sensing.motor_torque import MotorTorque
 from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
 from counterflex.runtime.settings import ForceMode, Output, TrackerMode
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.signals.arrival import ArrivalClock
 
@@ -155,13 +154,15 @@ class OnlineSession:
         self._wrench, self._inertia, self._motors = senses.wrench, senses.inertia, currents
         self._angles = senses.angles
         self._current_age = _FORGET_CYCLES
-        self._torque: Float = loop.given[at.G_TORQUE : at.G_TORQUE + 6]
-        self._q: Float = loop.given[at.G_Q : at.G_Q + 6]
-        self._w: Float = loop.given[at.G_W : at.G_W + 6]
-        self._flags, self._outcome = loop.flags.data, loop.outcome.data  # read faster than arrays
-        self._stand: Float = np.zeros(at.GIVEN)
-        self._commanded: Float = loop.given[at.G_NOMINAL : at.G_NOMINAL + 12]
-        self._reached: Float = self._stand[at.G_ACTUAL : at.G_ACTUAL + 12]
+        self._torque: Float = loop.given.torque
+        self._q: Float = loop.given.q
+        self._w: Float = loop.given.wrench
+        self._given, self._result = loop.quick_given, loop.quick_result
+        self._stand: Float = np.zeros(12)
+        self._nominal: Float = loop.given.nominal
+        self._actual: Float = loop.given.actual
+        self._reported: Float = loop.given.reported
+        self._in_effect: Float = loop.step_state.in_effect[:3]
         self._since = 0
         self._T_part_tracker = np.eye(4) if T_part_tracker is None else np.ascontiguousarray(T_part_tracker)
         self._T_target_tcp = np.eye(4) if T_target_tcp is None else np.ascontiguousarray(T_target_tcp)
@@ -230,21 +231,21 @@ class OnlineSession:
         """
         link, loop = self.link, self.loop
         received = self._clock_ns()
-        given, flags, outcome = loop.given, self._flags, self._outcome
+        given, result = self._given, self._result
         soft, hard = 0, 0
         self._another = self._another or (came and link.restarted)
         asked = came
         if came and link.empty:  # says nothing of the robot
-            if outcome[at.O_STATE] <= _READY:
+            if result.state <= _READY:
                 link.answer(loop.correction, loop.axes if self._axes else None)
                 return True
             came = False  # once something is in force it stays in force, and is no telegram
-        flags[at.F_REPORTED] = 0
+        given.is_reported = 0
         if came and self._another:
             hard, self._another = _RESTARTED, False
         if came:
-            link.fill(given)
-            flags[at.F_REPORTED] = int(link.fill_reported(given))
+            link.fill(self._nominal, self._q)
+            given.is_reported = int(link.fill_reported(self._reported))
         soft, hard = self._watch_telegrams(came, received, hard)
         if came and self._angles is not None:
             soft = self._watch_angles(self._angles) or soft
@@ -252,20 +253,20 @@ class OnlineSession:
         new = 0
         try:
             soft, hard = self._read_force(soft, hard)
-            new = self._read_tracker(given)
+            new = self._read_tracker()
             self._read_currents(came)
         except Exception as fault:  # whatever it is: the robot is told to stop, not left with what stood last
             self._failed(fault)
         if link.clamped and soft == 0:
             soft = _CLAMPED
         soft, hard = self._watch_program(soft, hard, received)
-        if soft == 0 and outcome[at.O_STATE] <= _READY:
+        if soft == 0 and result.state <= _READY:
             soft = self._lacking()
         self._fill_flags(came, soft, hard, new)
         loop.run()
         self._serve_requests()
         if came:
-            self._answered = not outcome[at.O_SILENT]
+            self._answered = not result.silent
         self._reply(asked)
         sent = self._clock_ns()
         self.compute_ns = sent - received
@@ -287,9 +288,7 @@ class OnlineSession:
     def _serve_requests(self) -> None:
         """What the operator asked for, and the step has now seen."""
         control = self.control
-        if (
-            self._outcome[at.O_STATE] >= _ARMED
-        ):  # served, or overtaken by what happened: it must not arm later by itself
+        if self._result.state >= _ARMED:  # served, or overtaken by what happened: it must not arm later by itself
             control[_ARM] = 0
         if control[_RESET]:
             self._reset()
@@ -297,40 +296,40 @@ class OnlineSession:
         control[_RESET] = 0
 
     def _fill_flags(self, came: bool, soft: int, hard: int, new: int) -> None:
-        """Write what this cycle knows beside numbers into the flags of the step."""
-        link, flags, control = self.link, self._flags, self.control
-        flags[at.F_ELAPSED] = link.elapsed if came else 0
-        flags[at.F_FORCE_AGE] = self._force_age if self._needs_force or self.force is None else 0
-        flags[at.F_TRACKER_NEW], flags[at.F_TRACKER_AGE] = new, self._tracker_age
-        flags[at.F_HEALTHY] = self._healthy()
-        flags[at.F_ARM], flags[at.F_STOP] = control[_ARM], control[_STOP]
-        flags[at.F_RESET] = control[_RESET]
-        flags[at.F_ENABLE] = int(link.enable) if came else flags[at.F_ENABLE]
-        flags[at.F_SOFT], flags[at.F_HARD] = soft, hard
-        flags[at.F_SOURCES], flags[at.F_CURRENT_AGE] = self._sources, self._current_age
+        """Write what this cycle knows beside numbers into the inputs of the step."""
+        link, given, control = self.link, self._given, self.control
+        given.elapsed = link.elapsed if came else 0
+        given.force_age = self._force_age if self._needs_force or self.force is None else 0
+        given.tracker_new, given.tracker_age = new, self._tracker_age
+        given.healthy = self._healthy()
+        given.arm, given.stop = int(control[_ARM]), int(control[_STOP])
+        given.reset = int(control[_RESET])
+        given.enable = int(link.enable) if came else given.enable
+        given.soft, given.hard = soft, hard
+        given.sources, given.current_age = self._sources, self._current_age
 
     def _reply(self, asked: bool) -> None:
         """Answer the telegram, or repeat a stop where the protocol does that without one."""
-        link, loop, outcome = self.link, self.loop, self._outcome
-        if asked and not outcome[at.O_SILENT]:
+        link, loop, result = self.link, self.loop, self._result
+        if asked and not result.silent:
             try:
                 link.answer(
                     loop.correction,
                     loop.axes if self._axes else None,
-                    stop=bool(outcome[at.O_STOP]),
-                    feed_hold=bool(outcome[at.O_FEED_HOLD]),
-                    state=_STATES[outcome[at.O_STATE]],
+                    stop=bool(result.stop),
+                    feed_hold=bool(result.feed_hold),
+                    state=_STATES[result.state],
                     override=loop.monitor.speed,
                 )
             except Exception as fault:  # a fault in the next cycle; the controller keeps what it has
                 self._failed(fault)
         elif self._repeat is not None:
             self._repeat(
-                stop=bool(outcome[at.O_STOP]),
-                feed_hold=bool(outcome[at.O_FEED_HOLD]),
+                stop=bool(result.stop),
+                feed_hold=bool(result.feed_hold),
                 override=loop.monitor.speed,
-                state=_STATES[outcome[at.O_STATE]],
-                silent=bool(outcome[at.O_SILENT]),
+                state=_STATES[result.state],
+                silent=bool(result.silent),
             )
 
     def _watch_telegrams(self, came: bool, received: int, hard: int) -> tuple[int, int]:
@@ -359,11 +358,11 @@ class OnlineSession:
         told = link.measured_is != ABSENT and link.fill_actual(self._stand)
         return angles(
             self._q,
-            self._commanded,
+            self._nominal,
             self.loop.correction,
-            learn=self._outcome[at.O_STATE] <= _READY,
+            learn=self._result.state <= _READY,
             commanded_is=link.commanded_is,
-            measured=self._reached if told else None,
+            measured=self._stand if told else None,
             measured_is=link.measured_is,
         )
 
@@ -371,7 +370,7 @@ class OnlineSession:
         """What is wrong on this side: the loop's own program, the job, the log, the other processes of the run."""
         if self.trouble and hard == 0 and not self.control[_RESET]:
             hard = _INTERNAL
-        armed = self._outcome[at.O_STATE] > _ARMED
+        armed = self._result.state > _ARMED
         if self._job is not None and self.link.job not in (0, self._job):
             if armed:
                 hard = hard or _WRONG_JOB
@@ -399,14 +398,14 @@ class OnlineSession:
 
     def _reset(self) -> None:
         """A person's: out of what was latched here; the sensor's zero is taken again where nothing is corrected."""
-        state = self.loop.outcome[at.O_STATE]
+        state = self._result.state
         if state <= _READY:
             self.trouble = ""
             self._tare.again()
 
     def _let_go(self, reset: bool) -> None:
         """Another session may come from another port: after a person's reset, or when nothing is going on at all."""
-        idle = self._outcome[at.O_STATE] == _IDLE
+        idle = self._result.state == _IDLE
         if idle and (reset or self._silent_cycles >= _FORGET_PEER_CYCLES):
             self.link.forget()
 
@@ -427,7 +426,7 @@ class OnlineSession:
         age = (self._clock_ns() - self._time_zero_ns) * 1e-9
         w = self._wrench(self._q, force.w_sensor, age)
         tare = self._tare
-        idle = self._outcome[at.O_STATE] <= _READY
+        idle = self._result.state <= _READY
         if not tare.accepted and idle and self.watch.good > self._checks.settle_cycles // 2:
             tare.take(w)
         if self._needs_force and tare.refusals and soft == 0:
@@ -442,20 +441,19 @@ class OnlineSession:
     def _without_inertia(self, inertia: SpindleInertia, w: Float) -> Float:
         """From where the motors stand: as the controller says, else as it should answer what was sent."""
         if not self.link.fill_actual(self._stand):
-            nominal = self.loop.given[at.G_NOMINAL : at.G_NOMINAL + 12]
-            self._stand[at.G_ACTUAL : at.G_ACTUAL + 12] = nominal
-            self._stand[at.G_ACTUAL + 9 : at.G_ACTUAL + 12] += self.loop.in_effect[:3]
+            self._stand[:] = self._nominal
+            self._stand[9:] += self._in_effect
         since, self._since = self._since, 0
-        return inertia(self._stand, w, self.loop.compliance, since, at_t=at.G_ACTUAL)
+        return inertia(self._stand, w, self.loop.compliance, since)
 
-    def _read_tracker(self, given: Float) -> int:
+    def _read_tracker(self) -> int:
         self._tracker_age += 1
         if self.tracker is None or not self.tracker.drain():
             return 0
         self._tracker_age = 0
-        tool_pose(self._T_part_tracker, self.tracker.T_tracker_target, self._T_target_tcp, given, at.G_ACTUAL)
-        given[at.G_TRACKER_LATE] = self._arrival.age(self.link.counter * MS, self.tracker.time_ns * NS)
-        given[at.G_TRACKER_SIGMA] = self.tracker.sigma_m
+        tool_pose(self._T_part_tracker, self.tracker.T_tracker_target, self._T_target_tcp, self._actual, 0)
+        self._given.tracker_late = self._arrival.age(self.link.counter * MS, self.tracker.time_ns * NS)
+        self._given.tracker_sigma = self.tracker.sigma_m
         return 1
 
     def _read_currents(self, came: bool) -> None:

@@ -11,8 +11,6 @@ from counterflex.protocols.processes.control_array import REQUESTS, Life, Shown,
 from counterflex.protocols.robot.port import Counters
 from counterflex.protocols.session.tare import Tare
 from counterflex.runtime.loop import Loop
-from counterflex.runtime.plausibility.kernel import K_FRAME, M_SEEN, M_TURN
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.states import State
 
 _TALLIES: Final = slice(REQUESTS, REQUESTS + len(Tally))
@@ -35,12 +33,12 @@ class Teller:
 
     def __init__(self, control: Int, loop: Loop, counters: Counters, tare: Tare, *, force: bool, tracker: bool) -> None:
         self._control, self._counters, self._tare, self._loop = control, counters, tare, loop
-        self._results, self._outcome = loop.results.data, loop.outcome.data  # read faster than arrays
+        self._result, self._tests = loop.quick_result, loop.quick_tests
+        self._correction, self._measured = loop.correction.data, loop.result.measured.data  # read faster than arrays
         self._planned = loop.planned_force.data
         self._rows = loop.plan_rows - 1 if loop.planned else 0
         self._force_ns, self._tracker_ns = (0 if force else _NOTHING), (0 if tracker else _NOTHING)
         self._robot_ns = 0
-        self._doubts, self._seen = loop.plausibility.counts.data, loop.plausibility.memory.data
         limits = loop.settings.plausibility
         self._frame_nm, self._frame_udeg = round(1e9 * limits.frame_m), round(1e6 * limits.frame_rad / DEG)
         control[Shown.TRACKER_OFF_NM] = control[Shown.TRACKER_TURN_UDEG] = _NOTHING
@@ -90,20 +88,20 @@ class Teller:
             self._force_ns = now_ns
         if tracker_age == 0 and self._tracker_ns != _NOTHING:
             self._tracker_ns = now_ns
-        results, outcome, planned = self._results, self._outcome, self._planned
+        result, planned = self._result, self._planned
         place = self._loop.place
         control[_SHOWN] = (
-            outcome[at.O_STATE],
-            outcome[at.O_CAUSE] or outcome[at.O_SOFT],
-            outcome[at.O_HARD],
-            outcome[at.O_FEED_HOLD],
-            _whole(1e9, *results[at.R_CORRECTION : at.R_CORRECTION + 3]),
+            result.state,
+            result.cause or result.soft,
+            result.hard,
+            result.feed_hold,
+            _whole(1e9, *self._correction[:3]),
             cycles,
             self._robot_ns,
             self._force_ns,
             self._tracker_ns,
             round(1e6 * place / self._rows) if self._rows and place >= 0.0 else _NOTHING,
-            _NOTHING if self._force_ns == _NOTHING else _whole(1e3, *results[at.R_MEASURED : at.R_MEASURED + 3]),
+            _NOTHING if self._force_ns == _NOTHING else _whole(1e3, *self._measured[:3]),
             _whole(1e3, *planned[:3]) if self._rows else _NOTHING,
             *self._tracker_off(),
         )
@@ -111,11 +109,11 @@ class Teller:
 
     def _tracker_off(self) -> tuple[int, int, int, int]:
         """Distance, its limit, angle, its limit; -1 for what was found where that does not keep the loop idle."""
-        if self._doubts[K_FRAME] != 1 or self._outcome[at.O_STATE] >= State.ARMED:
+        if self._tests.frame != 1 or self._result.state >= State.ARMED:
             return _NOTHING, self._frame_nm, _NOTHING, self._frame_udeg
-        seen = self._seen
-        distance = _whole(1e9, *seen[M_SEEN : M_SEEN + 3])
-        return distance, self._frame_nm, _whole(1e6 / DEG, *seen[M_TURN : M_TURN + 3]), self._frame_udeg
+        tests = self._tests
+        distance = _whole(1e9, *tests.deviation)
+        return distance, self._frame_nm, _whole(1e6 / DEG, *tests.turn), self._frame_udeg
 
 
 def _whole(units: float, x: float, y: float, z: float) -> int:

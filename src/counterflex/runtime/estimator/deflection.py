@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import math
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.robot.elasticity.kernels.step import OUT_C
-from counterflex.runtime.estimator.fusion_kernel import SIZE as FUSION_SIZE
+from counterflex.core.records import Record, Records
 from counterflex.runtime.estimator.fusion_kernel import (
-    TURN,
-    X,
     bend,
     drift,
     fused_load,
@@ -21,12 +18,15 @@ from counterflex.runtime.estimator.fusion_kernel import (
     uncertainty,
     unexplained,
 )
-from counterflex.runtime.estimator.fusion_kernel import D as BENT
 from counterflex.runtime.estimator.idle_torque import follow_idle, less_force
 from counterflex.runtime.primitives.frames import pose_deviation
 from counterflex.runtime.primitives.history import row_at
 from counterflex.runtime.primitives.lag_filters import lag
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.runtime.state.cycle import CYCLE
+from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
+from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import Cause
 
 _FORCE_STALE, _FORCE_INVALID = int(Cause.FORCE_STALE), int(Cause.FORCE_INVALID)
@@ -37,37 +37,33 @@ _SPAN = 4
 """Cycles over which accelerations are taken."""
 
 
-@kernel("int64(int64[::1], int64[::1], int64, int64, int64)")
-def sources_of(flags: Int, choices: Int, soft: int, disbelieved: int, planned: int) -> int:
+@kernel("int64(Given, Settings, int64, int64, int64)", Given=GIVEN, Settings=SETTINGS)
+def sources_of(given: Record, settings: Record, soft: int, disbelieved: int, planned: int) -> int:
     """Bits of Source that can be used in this cycle.
 
     Args:
-        flags: Inputs of the cycle.
-        choices: Of the loop.
+        given: Inputs of the cycle.
+        settings: Of the loop.
         soft: Cause of a hold found outside of the step; one of the force sensor's means that it is not used.
         disbelieved: Tracker samples in a row that were too far off.
         planned: 1 where there is a plan.
     """
-    has = flags[at.F_SOURCES]
+    has = given.sources
     found = _FROM_PLAN if planned == 1 else 0
     bad = soft in (_FORCE_STALE, _FORCE_INVALID, _FORCE_SATURATED, _FORCE_OFFSET)
-    if has & _FROM_FORCE and not bad and flags[at.F_FORCE_AGE] < choices[at.W_STALE]:
+    if has & _FROM_FORCE and not bad and given.force_age < settings.stale:
         found |= _FROM_FORCE
-    if (
-        has & _FROM_TRACKER
-        and flags[at.F_TRACKER_AGE] < choices[at.W_TRACKER_STALE]
-        and disbelieved < choices[at.W_DISBELIEVED]
-    ):
+    if has & _FROM_TRACKER and given.tracker_age < settings.tracker_stale and disbelieved < settings.disbelieved:
         found |= _FROM_TRACKER
-    if has & _FROM_CURRENTS and not found & _FROM_FORCE and flags[at.F_CURRENT_AGE] < choices[at.W_STALE]:
+    if has & _FROM_CURRENTS and not found & _FROM_FORCE and given.current_age < settings.stale:
         found |= _FROM_CURRENTS
     return found
 
 
-@kernel("boolean(int64[::1])")
-def currents_shown(flags: Int) -> bool:
+@kernel("boolean(Given)", Given=GIVEN)
+def currents_shown(given: Record) -> bool:
     """Whether motor currents came in this cycle, in use or not."""
-    return bool(flags[at.F_SOURCES] & _FROM_CURRENTS) and flags[at.F_CURRENT_AGE] == 0
+    return bool(given.sources & _FROM_CURRENTS) and given.current_age == 0
 
 
 @kernel("int64(int64, int64, int64)")
@@ -81,19 +77,19 @@ def missing_cause(has: int, found: int, soft: int) -> int:
     return 0
 
 
-@kernel("void(float64[:, ::1], int64, int64, float64[::1], float64[::1])")
-def answered(ring: Float, here: int, back: int, constants: Float, state: Float) -> None:
+@kernel("void(Past[::1], int64, int64, Settings, State)", Past=PAST, Settings=SETTINGS, State=STATE)
+def answered(ring: Records, here: int, back: int, settings: Record, state: Record) -> None:
     """Correction in effect, one cycle on: what was sent ``back`` cycles ago through the robot's second-order lag.
 
     Args:
-        ring: Of the last cycles.
+        ring: Past cycles.
         here: Row of this cycle.
         back: Cycles of dead time.
-        constants: Of the loop.
+        settings: Of the loop.
         state: Of the step; changed.
     """
-    sent = ring[(here - back + at.RING_ROWS) % at.RING_ROWS]
-    lag(sent, at.RING_SENT, constants, at.C_ANSWER, state, at.S_ANSWER, state, at.S_IN_FORCE)
+    sent = ring[(here - back + PAST_ROWS) % PAST_ROWS]
+    lag(sent.sent[:], settings.answer[:], state.answer_filter[:], state.in_effect[:])
 
 
 @kernel("boolean(int64)")
@@ -103,78 +99,75 @@ def of_a_sensor(soft: int) -> bool:
 
 
 @kernel(
-    "void(float64[::1], int64, float64[::1], float64[::1], float64, float64[::1], float64[::1], float64[::1],"
-    " float64[::1], float64[::1], float64)"
+    "void(Given, int64, Settings, float64[::1], State, Cycle, Result, float64)",
+    Given=GIVEN,
+    Settings=SETTINGS,
+    State=STATE,
+    Cycle=CYCLE,
+    Result=RESULT,
 )
 def _currents(
-    given: Float,
+    given: Record,
     found: int,
-    constants: Float,
-    filtered: Float,
-    cut: float,
-    predicted: Float,
-    direction: Float,
+    settings: Record,
     jac: Float,
-    state: Float,
-    results: Float,
+    state: Record,
+    cycle: Record,
+    result: Record,
     gate: float,
 ) -> None:
     """Motor currents: what they show beside the force is their zero; where no force is measured, the rest tells it."""
-    torque, forced = given[at.G_TORQUE : at.G_TORQUE + 6], found & _FROM_FORCE != 0
-    idle, beside = state[at.S_IDLE : at.S_IDLE + 6], state[at.S_BESIDE : at.S_BESIDE + 6]
-    R = constants[at.C_R_BASE_PART : at.C_R_BASE_PART + 9]
-    motor, link = state[at.S_MOTOR : at.S_MOTOR + 6], state[at.S_MOTOR + 6 : at.S_MOTOR + 12]
+    torque, forced = given.torque[:], found & _FROM_FORCE != 0
+    idle, beside = state.idle[:], state.torque_residual[:]
+    R = settings.R_base_part[:]
+    motor, link = state.motor[:], state.link[:]
     for k in range(6):
         beside[k] = torque[k]
         link[k] = 0.0
-    less_force(filtered if forced else predicted, jac, R, link)
+    less_force(result.measured[:] if forced else cycle.predicted[:], jac, R, link)
     if forced:
         for k in range(6):
             beside[k] += link[k]
     for k in range(6):
-        motor[k] = given[at.G_Q + k] + results[at.R_AXES + k]
-        link[k] = motor[k] - constants[at.C_TORSION + k] * link[k]
-    known = follow_idle(motor, link, beside, cut <= 0.0 or forced, state, idle)
-    if known == 0 or cut <= 0.0 or not (found & _FROM_CURRENTS and found & _FROM_PLAN):
+        motor[k] = given.q[k] + result.axes[k]
+        link[k] = motor[k] - settings.torsion[k] * link[k]
+    known = follow_idle(motor, link, beside, cycle.cut <= 0.0 or forced, state, idle)
+    if known == 0 or cycle.cut <= 0.0 or not (found & _FROM_CURRENTS and found & _FROM_PLAN):
         return
-    fusion = state[at.S_FUSION : at.S_FUSION + FUSION_SIZE]
-    shares(predicted, direction, fusion[BENT : BENT + 18])
-    results[at.R_SURPRISE + 2] = take_torque(
-        fusion, torque, idle, known, jac, R, constants[at.C_TORQUE : at.C_TORQUE + 6], gate
-    )
+    fusion = state.fusion
+    shares(cycle.predicted[:], cycle.direction[:], fusion.bent[:])
+    result.surprise[2] = take_torque(fusion, torque, idle, known, jac, R, settings.torque_variance[:], gate)
 
 
-@kernel("float64(float64[::1])")
-def _swing_share(state: Float) -> float:
+@kernel("float64(State)", State=STATE)
+def _swing_share(state: Record) -> float:
     """Swing of the arm by the deflection under the predicted force: by which share the force at the sensor swings."""
     square = 0.0
     for k in range(3):
         total = 0.0
         for d in range(3):
-            total += state[at.S_FUSION + BENT + 6 * d + k]
+            total += state.fusion.bent[6 * d + k]
         square += total * total
-    return min(1.0, state[at.S_SWING] / math.sqrt(square)) if square > 0.0 else 0.0
+    return min(1.0, state.swing / math.sqrt(square)) if square > 0.0 else 0.0
 
 
 @kernel(
-    "void(float64[::1], int64, boolean, float64[::1], float64[::1], float64, float64[::1], float64[::1],"
-    " float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])"
+    "void(Given, int64, boolean, Settings, float64[::1], State, Cycle, Result)",
+    Given=GIVEN,
+    Settings=SETTINGS,
+    State=STATE,
+    Cycle=CYCLE,
+    Result=RESULT,
 )
 def estimate_loads(
-    given: Float,
+    given: Record,
     found: int,
     shown: bool,
-    constants: Float,
-    filtered: Float,
-    cut: float,
-    predicted: Float,
-    late: Float,
-    ahead: Float,
-    direction: Float,
+    settings: Record,
     jac: Float,
-    state: Float,
-    results: Float,
-    used: Float,
+    state: Record,
+    cycle: Record,
+    result: Record,
 ) -> None:
     """Factors of the force from what is measured, and the load that the deflection is computed from.
 
@@ -182,207 +175,185 @@ def estimate_loads(
         given: Inputs of the cycle.
         found: Bits of Source in use.
         shown: There are motor currents in this cycle, and the robot moves; in use or not, their zero is learnt.
-        constants: Of the loop.
-        filtered: (6,) measured force.
-        cut: Above 0 where the plan cuts.
-        predicted: (6,) now; written where there is no plan, as the next two.
-        late: (6,) predicted, through the filters of the measured force.
-        ahead: (6,) predicted for the time at which a correction acts.
-        direction: (9,) feed, across, along the tool.
+        settings: Of the loop.
         jac: (36,) rigid Jacobian of the last cycle, base axes.
         state: Of the step; changed.
-        results: Of the step; factors and innovations are written.
-        used: (6,) written.
+        cycle: The used wrench is written, without a plan the predicted ones too.
+        result: Of the step, with the measured force; factors and innovations are written.
     """
-    fusion = state[at.S_FUSION : at.S_FUSION + FUSION_SIZE]
-    growth = constants[at.C_FUSION : at.C_FUSION + 9]
+    fusion = state.fusion
+    growth = settings.fusion[:]
     drift(fusion, growth[:3], growth[3:6], growth[6], growth[7])
     gate = growth[8]
     for k in range(3):
-        results[at.R_SURPRISE + k] = 0.0
+        result.surprise[k] = 0.0
     if not found & _FROM_PLAN:
         if found & _FROM_FORCE:
             for k in range(6):
-                state[at.S_REFERENCE + k] = filtered[k]
+                state.reference[k] = result.measured[k]
         for k in range(6):
-            predicted[k] = late[k] = ahead[k] = state[at.S_REFERENCE + k]
-    elif found & _FROM_FORCE and cut > 0.0:
-        results[at.R_SURPRISE] = take_force(
+            cycle.predicted[k] = cycle.late[k] = cycle.ahead[k] = state.reference[k]
+    elif found & _FROM_FORCE and cycle.cut > 0.0:
+        result.surprise[0] = take_force(
             fusion,
-            filtered,
-            late,
-            state[at.S_BEFORE : at.S_BEFORE + 6],
-            direction,
-            constants[at.C_SCALE : at.C_SCALE + 4],
+            result.measured[:],
+            cycle.late[:],
+            state.predicted_before[:],
+            cycle.direction[:],
+            settings.scale[:],
             _swing_share(state),
             gate,
         )
     if shown:
-        _currents(given, found, constants, filtered, cut, predicted, direction, jac, state, results, gate)
-    fused_load(fusion, ahead, direction, constants[at.C_WITHOUT], used)
+        _currents(given, found, settings, jac, state, cycle, result, gate)
+    fused_load(fusion, cycle.ahead[:], cycle.direction[:], settings.contained, cycle.used[:])
 
 
-@kernel("void(float64[::1], float64[::1], int64, float64[:, ::1], float64[::1])")
-def _swing(constants: Float, bent: Float, here: int, ring: Float, state: Float) -> None:
+@kernel("void(Settings, float64[::1], int64, Past[::1], State)", Settings=SETTINGS, Past=PAST, State=STATE)
+def _swing(settings: Record, bent: Float, here: int, ring: Records, state: Record) -> None:
     """How far the arm may swing about where it should stand: ``|p''| / w^2`` of its lowest mode, dying out.
 
     Where it should stand is path, correction in effect and expected deflection; a tracker sees the swing, which is no
     error of the model.
 
     Args:
-        constants: Of the loop.
+        settings: Of the loop.
         bent: (18,) D of this cycle.
         here: Row of this cycle.
-        ring: Of the last cycles; this one's place and swing are written.
+        ring: Past cycles; written.
         state: Of the step; changed.
     """
-    now, one = ring[here], ring[(here - _SPAN + at.RING_ROWS) % at.RING_ROWS]
-    two = ring[(here - 2 * _SPAN + at.RING_ROWS) % at.RING_ROWS]
+    now, one = ring[here], ring[(here - _SPAN + PAST_ROWS) % PAST_ROWS]
+    two = ring[(here - 2 * _SPAN + PAST_ROWS) % PAST_ROWS]
     square = 0.0
     for k in range(3):
-        stand = now[at.RING_NOMINAL + 9 + k] + now[at.RING_IN_FORCE + k]
+        stand = now.nominal[9 + k] + now.in_effect[k]
         for d in range(3):
-            stand += (state[at.S_FUSION + X + d] + state[at.S_FUSION + X + 3 + d]) * bent[6 * d + k]
-        now[at.RING_STAND + k] = stand
-        square += (stand - 2.0 * one[at.RING_STAND + k] + two[at.RING_STAND + k]) ** 2
-    span = _SPAN * constants[at.C_PERIOD]
-    fresh = math.sqrt(square) / (span * span) * constants[at.C_SWING]
-    if two[at.RING_CLOCK] <= 0.0:
+            stand += (state.fusion.estimate[d] + state.fusion.estimate[3 + d]) * bent[6 * d + k]
+        now.stand[k] = stand
+        square += (stand - 2.0 * one.stand[k] + two.stand[k]) ** 2
+    span = _SPAN * settings.period
+    fresh = math.sqrt(square) / (span * span) * settings.swing[0]
+    if two.clock <= 0.0:
         fresh = 0.0
-    state[at.S_SWING] = max(fresh, state[at.S_SWING] * constants[at.C_SWING + 1])
-    now[at.RING_SWING] = state[at.S_SWING]
+    state.swing = max(fresh, state.swing * settings.swing[1])
+    now.swing = state.swing
 
 
 @kernel(
-    "void(float64[::1], float64[::1], int64, boolean, int64, float64[:, ::1], float64[::1], int64[::1],"
-    " float64[::1], float64[::1])"
+    "void(Given, Settings, int64, boolean, int64, Past[::1], State, Result, float64[::1])",
+    Given=GIVEN,
+    Settings=SETTINGS,
+    Past=PAST,
+    State=STATE,
+    Result=RESULT,
 )
 def _take_sample(
-    given: Float,
-    constants: Float,
+    given: Record,
+    settings: Record,
     first: int,
     active: bool,
     here: int,
-    ring: Float,
-    state: Float,
-    whole: Int,
-    results: Float,
+    ring: Records,
+    state: Record,
+    result: Record,
     deviation: Float,
 ) -> None:
-    fusion = state[at.S_FUSION : at.S_FUSION + FUSION_SIZE]
-    past = state[at.S_PAST : at.S_PAST + at.RING]
-    rest, bent = state[at.S_REST : at.S_REST + 6], state[at.S_PAST_BENT : at.S_PAST_BENT + 18]
-    period, growth = constants[at.C_PERIOD], constants[at.C_FUSION : at.C_FUSION + 9]
-    late = given[at.G_TRACKER_LATE] if given[at.G_TRACKER_LATE] >= 0.0 else constants[at.C_TRACKER_LATE]
-    clock = state[at.S_CLOCK] - late / period
+    fusion = state.fusion
+    past = state.past
+    rest, bent = state.residual[:], state.past_bent[:]
+    period, growth = settings.period, settings.fusion[:]
+    late = given.tracker_late if given.tracker_late >= 0.0 else settings.tracker_late
+    clock = state.clock - late / period
     # The correction belongs to the instant of the sample, path and force to what the robot follows then.
     if not row_at(ring, here, clock, past):
         return
     for k in range(6):
-        rest[k] = -past[at.RING_IN_FORCE + k]
-    behind = clock - constants[at.C_FOLLOW] / period
-    known = min(behind + constants[at.C_REFERENCE_LATE] / period, state[at.S_CLOCK])
+        rest[k] = -past.in_effect[k]
+    behind = clock - settings.follow / period
+    known = min(behind + settings.reference_late / period, state.clock)
     if not row_at(ring, here, known, past):
         return
     for k in range(18):
-        bent[k] = past[at.RING_BENT + k]
+        bent[k] = past.bent[k]
     if not row_at(ring, here, behind, past):
         return
     pose_deviation(
-        given,
-        at.G_ACTUAL,
-        past[at.RING_NOMINAL : at.RING_NOMINAL + 12],
-        past[at.RING_CONTAINED : at.RING_CONTAINED + 6],
+        given.actual[:],
+        0,
+        past.nominal[:],
+        past.contained[:],
         deviation,
     )
-    frame = past[at.RING_FRAME : at.RING_FRAME + 9]
+    frame = past.frame[:]
     for k in range(6):
         rest[k] += deviation[k]
     if first == 1:
         along = deviation[0] * frame[0] + deviation[1] * frame[1] + deviation[2] * frame[2]
         for k in range(3):
             deviation[k] -= along * frame[k]
-    without = constants[at.C_WITHOUT]
-    largest = constants[at.C_JUMP] if active else math.inf
+    without = settings.contained
+    largest = settings.largest_jump if active else math.inf
     if not unexplained(fusion, rest, bent, frame, first, without) <= largest:
-        whole[at.N_DISBELIEVED] += 1
+        state.disbelieved += 1
         return
-    whole[at.N_DISBELIEVED] = 0
+    state.disbelieved = 0
     square = 0.0
     for k in range(18):
         square += bent[k] * bent[k] if k % 6 < 3 else 0.0
-    spread = constants[at.C_NOISE] + given[at.G_TRACKER_SIGMA] ** 2
-    spread += past[at.RING_SWING] ** 2
+    spread = settings.noise[0] + given.tracker_sigma**2
+    spread += past.swing**2
     spread += late / period * (growth[2] + (growth[0] + growth[1]) * square)
-    noise_turn = constants[at.C_NOISE + 1] + late / period * growth[6]
-    results[at.R_SURPRISE + 1] = take_deviation(
-        fusion, rest, bent, frame, first, without, spread, noise_turn, growth[8]
-    )
+    noise_turn = settings.noise[1] + late / period * growth[6]
+    result.surprise[1] = take_deviation(fusion, rest, bent, frame, first, without, spread, noise_turn, growth[8])
 
 
 @kernel(
-    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], float64[::1], float64[::1],"
-    " float64[::1], float64[::1], boolean, float64[:, ::1], float64[::1], int64[::1], float64[::1], float64[::1])"
+    "void(Given, Settings, float64[::1], State, Past[::1], Cycle, Result)",
+    Given=GIVEN,
+    Settings=SETTINGS,
+    State=STATE,
+    Past=PAST,
+    Cycle=CYCLE,
+    Result=RESULT,
 )
 def estimate_deviation(
-    given: Float,
-    flags: Int,
-    constants: Float,
-    choices: Int,
-    elastic: Float,
-    nominal: Float,
-    contained: Float,
-    predicted: Float,
-    direction: Float,
-    active: bool,
-    ring: Float,
-    state: Float,
-    whole: Int,
-    results: Float,
-    deviation: Float,
+    given: Record, settings: Record, C: Float, state: Record, ring: Records, cycle: Record, result: Record
 ) -> None:
     """Remember this cycle, and take a tracker sample with what was known at its own time.
 
     Args:
         given: Inputs of the cycle.
-        flags: Likewise.
-        constants: Of the loop.
-        choices: Likewise.
-        elastic: Output of the elastic step.
-        nominal: (12,) commanded pose.
-        contained: (6,) correction that the program contains here.
-        predicted: (6,) force now.
-        direction: (9,).
-        active: The correction acts.
-        ring: Of the last cycles; changed.
+        settings: Of the loop.
+        C: (36,) compliance of the arm at the tip, base axes, by rows.
         state: Of the step; changed.
-        whole: Likewise.
-        results: What is estimated is written.
-        deviation: (6,) written where there is a sample.
+        ring: Past cycles; this one is written.
+        cycle: The deviation is written where there is a sample.
+        result: What is estimated is written.
     """
-    fusion = state[at.S_FUSION : at.S_FUSION + FUSION_SIZE]
-    bent = fusion[BENT : BENT + 18]
-    shares(predicted, direction, bent)
-    bend(fusion, elastic, OUT_C, constants[at.C_R_BASE_PART : at.C_R_BASE_PART + 9])
-    here = whole[at.N_RING]
+    fusion = state.fusion
+    bent = fusion.bent[:]
+    shares(cycle.predicted[:], cycle.direction[:], bent)
+    bend(fusion, C, settings.R_base_part[:])
+    here = state.ring_row
     now = ring[here]
     for k in range(12):
-        now[at.RING_NOMINAL + k] = nominal[k]
+        now.nominal[k] = given.nominal[k]
     for k in range(6):
-        now[at.RING_CONTAINED + k] = contained[k]
-        now[at.RING_IN_FORCE + k] = state[at.S_IN_FORCE + k]
+        now.contained[k] = cycle.contained[k]
+        now.in_effect[k] = state.in_effect[k]
     for k in range(9):
-        now[at.RING_FRAME + k] = direction[k]
+        now.frame[k] = cycle.direction[k]
     for k in range(18):
-        now[at.RING_BENT + k] = bent[k]
-    now[at.RING_CLOCK] = state[at.S_CLOCK]
-    _swing(constants, bent, here, ring, state)
-    first = 1 if choices[at.W_NORMAL] == 1 else 0
-    if flags[at.F_SOURCES] & _FROM_TRACKER and flags[at.F_TRACKER_NEW] == 1:
-        _take_sample(given, constants, first, active, here, ring, state, whole, results, deviation)
-    results[at.R_UNCERTAIN] = uncertainty(fusion, bent, direction, first)
+        now.bent[k] = bent[k]
+    now.clock = state.clock
+    _swing(settings, bent, here, ring, state)
+    first = 1 if settings.normal_only == 1 else 0
+    if given.sources & _FROM_TRACKER and given.tracker_new == 1:
+        _take_sample(given, settings, first, cycle.active == 1, here, ring, state, result, cycle.deviation[:])
+    result.uncertain = uncertainty(fusion, bent, cycle.direction[:], first)
     for k in range(3):
-        results[at.R_FACTOR + k] = fusion[X + k]
-        results[at.R_MODEL + k] = fusion[X + 3 + k]
-        results[at.R_OFFSET + k] = fusion[X + 6 + k]
-        results[at.R_OFFSET + 3 + k] = fusion[TURN + k]
+        result.factor[k] = fusion.estimate[k]
+        result.model[k] = fusion.estimate[3 + k]
+        result.offset[k] = fusion.estimate[6 + k]
+        result.offset[3 + k] = fusion.turn[k]

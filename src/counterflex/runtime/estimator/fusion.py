@@ -9,8 +9,8 @@ from enum import IntFlag
 import numpy as np
 
 from counterflex.core.arrays import Float, as_positive
+from counterflex.core.records import Record
 from counterflex.core.units import DEG, MM, UM
-from counterflex.runtime.estimator import fusion_kernel as fk
 
 
 class Source(IntFlag):
@@ -92,10 +92,9 @@ class FusionTuning:
         w = 2.0 * math.pi * self.mode_hz
         return 1.0 / (w * w), math.exp(-self.mode_damping * w * period_s)
 
-    def begin(self, fusion: Float) -> None:
-        """Write what is known at the start into the state (SIZE,): factors 1, model right, no offset."""
-        fusion[:] = 0.0
-        fusion[fk.X : fk.X + 3] = 1.0
-        for i in range(fk.N):
-            fusion[fk.P + (fk.N + 1) * i] = (self.factor, self.model, self.offset_m)[i // 3] ** 2
-        fusion[fk.TURN_VARIANCE] = self.turn_rad**2
+    def begin(self, fusion: Record) -> None:
+        """Write what is known at the start into the state: factors 1, model right, no offset."""
+        fusion.estimate[:3] = 1.0
+        variances = np.square([self.factor] * 3 + [self.model] * 3 + [self.offset_m] * 3)
+        fusion.covariance[:] = np.diag(variances)
+        fusion.turn_variance = self.turn_rad**2

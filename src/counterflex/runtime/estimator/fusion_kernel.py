@@ -29,27 +29,20 @@ from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
+from counterflex.core.records import Record
 from counterflex.runtime.estimator.force import LEAST_FORCE_N
+from counterflex.runtime.state.memory import FUSION
 
 N: Final = 9
 """Numbers of the state."""
-X: Final = 0  # 9: k, a, b
-P: Final = 9  # 81: covariance by rows
-TURN: Final = 90  # 3: offset of the orientation, rad
-TURN_VARIANCE: Final = 93
-D: Final = 94  # 18: deflection (6) of this cycle under the predicted force along each direction, part axes
-H: Final = 112  # 9: work
-U: Final = 121  # 9: work
-GAIN: Final = 130  # 9: work
-SIZE: Final = 139
 
 
-@kernel("float64(float64[::1], float64, float64, float64)")
-def update(fusion: Float, y: float, variance: float, gate: float) -> float:
+@kernel("float64(Fusion, float64, float64, float64)", Fusion=FUSION)
+def update(fusion: Record, y: float, variance: float, gate: float) -> float:
     """Take one scalar ``y = H x + noise`` with the row H that stands in ``fusion``.
 
     Args:
-        fusion: (SIZE,) state, covariance and work space; changed.
+        fusion: State of the filter; changed.
         y: Measurement.
         variance: Of its noise, > 0.
         gate: Standard deviations beyond which the noise is taken larger.
@@ -61,51 +54,49 @@ def update(fusion: Float, y: float, variance: float, gate: float) -> float:
     for i in range(N):
         total = 0.0
         for j in range(N):
-            total += fusion[P + N * i + j] * fusion[H + j]
-        fusion[U + i] = total
+            total += fusion.covariance[i, j] * fusion.row[j]
+        fusion.product[i] = total
     for i in range(N):
-        innovation -= fusion[H + i] * fusion[X + i]
-        spread += fusion[H + i] * fusion[U + i]
+        innovation -= fusion.row[i] * fusion.estimate[i]
+        spread += fusion.row[i] * fusion.product[i]
     s = spread + variance
     apart = innovation / math.sqrt(s)
     if apart * apart > gate * gate:
         s = innovation * innovation / (gate * gate)
         variance = s - spread
     for i in range(N):
-        fusion[GAIN + i] = fusion[U + i] / s
-        fusion[X + i] += fusion[GAIN + i] * innovation
+        fusion.gain[i] = fusion.product[i] / s
+        fusion.estimate[i] += fusion.gain[i] * innovation
     # Joseph form in rank-one steps: W = (1 - K H) P, then W (1 - K H)^T + K R K^T.
     for i in range(N):
-        row = P + N * i
         along = 0.0
         for j in range(N):
-            fusion[row + j] -= fusion[GAIN + i] * fusion[U + j]
-            along += fusion[row + j] * fusion[H + j]
+            fusion.covariance[i, j] -= fusion.gain[i] * fusion.product[j]
+            along += fusion.covariance[i, j] * fusion.row[j]
         for j in range(N):
-            fusion[row + j] += (fusion[GAIN + i] * variance - along) * fusion[GAIN + j]
+            fusion.covariance[i, j] += (fusion.gain[i] * variance - along) * fusion.gain[j]
     for i in range(N):
         for j in range(i):
-            mean = 0.5 * (fusion[P + N * i + j] + fusion[P + N * j + i])
-            fusion[P + N * i + j] = fusion[P + N * j + i] = mean
+            mean = 0.5 * (fusion.covariance[i, j] + fusion.covariance[j, i])
+            fusion.covariance[i, j] = fusion.covariance[j, i] = mean
     return apart
 
 
-@kernel("void(float64[::1], float64[::1], float64[::1], float64, float64)")
-def drift(fusion: Float, growth: Float, largest: Float, turn_growth: float, turn_largest: float) -> None:
+@kernel("void(Fusion, float64[::1], float64[::1], float64, float64)", Fusion=FUSION)
+def drift(fusion: Record, growth: Float, largest: Float, turn_growth: float, turn_largest: float) -> None:
     """One cycle without a measurement: variances grow, not beyond what was not known at the start.
 
     Args:
-        fusion: (SIZE,); changed.
+        fusion: State of the filter; changed.
         growth: (3,) of k, a, b per cycle: 1, 1, m2.
         largest: (3,) variances at the start.
         turn_growth: Of the orientation's offset, rad2.
         turn_largest: Likewise.
     """
     for i in range(N):
-        place = P + (N + 1) * i
-        if fusion[place] + growth[i // 3] <= largest[i // 3]:
-            fusion[place] += growth[i // 3]
-    fusion[TURN_VARIANCE] = min(fusion[TURN_VARIANCE] + turn_growth, turn_largest)
+        if fusion.covariance[i, i] + growth[i // 3] <= largest[i // 3]:
+            fusion.covariance[i, i] += growth[i // 3]
+    fusion.turn_variance = min(fusion.turn_variance + turn_growth, turn_largest)
 
 
 @kernel("void(float64[::1], float64[::1], float64[::1])")
@@ -129,12 +120,12 @@ def shares(w: Float, frame: Float, out: Float) -> None:
             out[6 * d + k] = part * w[k]
 
 
-@kernel("void(float64[::1], float64[::1], float64[::1], float64, float64[::1])")
-def fused_load(fusion: Float, w: Float, frame: Float, without: float, out: Float) -> None:
+@kernel("void(Fusion, float64[::1], float64[::1], float64, float64[::1])", Fusion=FUSION)
+def fused_load(fusion: Record, w: Float, frame: Float, without: float, out: Float) -> None:
     """Wrench whose deflection is the expected one: ``sum_d (k_d + a_d - without) w_d``.
 
     Args:
-        fusion: (SIZE,).
+        fusion: State of the filter.
         w: (6,) predicted, ahead of time.
         frame: (9,) directions.
         without: 1 where the program contains the correction of the predicted deflection, else 0.
@@ -146,7 +137,7 @@ def fused_load(fusion: Float, w: Float, frame: Float, without: float, out: Float
     for d in range(3):
         a, b, c = frame[3 * d], frame[3 * d + 1], frame[3 * d + 2]
         h = a * w[0] + b * w[1] + c * w[2]
-        factor = fusion[X + d] + fusion[X + 3 + d] - without
+        factor = fusion.estimate[d] + fusion.estimate[3 + d] - without
         part = h * h / square if square > 0.0 else 1.0 / 3.0
         out[0] += factor * h * a
         out[1] += factor * h * b
@@ -155,40 +146,42 @@ def fused_load(fusion: Float, w: Float, frame: Float, without: float, out: Float
             out[k] += factor * part * w[k]
 
 
-@kernel("void(float64[::1], float64[::1], int64, float64[::1])")
-def bend(fusion: Float, C: Float, at_c: int, R_base_part: Float) -> None:
+@kernel("void(Fusion, float64[::1], float64[::1])", Fusion=FUSION)
+def bend(fusion: Record, C: Float, R_base_part: Float) -> None:
     """Deflection D of the three wrenches that stand in its place: ``R^T C R w``, part axes.
 
     Args:
-        fusion: (SIZE,) with three wrenches in D; changed to deflections, m and rad.
-        C: Array that holds the compliance (36, base axes) from ``at_c`` on.
-        at_c: See above.
+        fusion: State of the filter with three wrenches in D; changed to deflections, m and rad.
+        C: (36,) compliance, base axes, by rows.
         R_base_part: (9,) by rows.
     """
-    w, x = fusion[U : U + N], fusion[GAIN : GAIN + N]  # work space of nine
+    w, x, bent = fusion.product[:], fusion.gain[:], fusion.bent[:]  # the first two as work space
     R = R_base_part
     for d in range(3):
         for part in range(2):
-            place = D + 6 * d + 3 * part
-            p, q, r = fusion[place], fusion[place + 1], fusion[place + 2]
+            place = 6 * d + 3 * part
+            p, q, r = bent[place], bent[place + 1], bent[place + 2]
             for k in range(3):
                 w[3 * part + k] = R[3 * k] * p + R[3 * k + 1] * q + R[3 * k + 2] * r
         for i in range(6):
             total = 0.0
             for j in range(6):
-                total += C[at_c + 6 * i + j] * w[j]
+                total += C[6 * i + j] * w[j]
             x[i] = total
         for part in range(2):
             for k in range(3):
                 total = 0.0
                 for j in range(3):
                     total += R[3 * j + k] * x[3 * part + j]
-                fusion[D + 6 * d + 3 * part + k] = total
+                bent[6 * d + 3 * part + k] = total
 
 
-@kernel("float64(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64, float64)")
+@kernel(
+    "float64(Fusion, float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64, float64)",
+    Fusion=FUSION,
+)
 def take_force(
-    fusion: Float,
+    fusion: Record,
     measured: Float,
     predicted: Float,
     before: Float,
@@ -200,7 +193,7 @@ def take_force(
     """Update with a measured force.
 
     Args:
-        fusion: (SIZE,); changed.
+        fusion: State of the filter; changed.
         measured: (6,) filtered, part axes.
         predicted: (6,) through the same filters.
         before: (6,) predicted of the last cycle.
@@ -221,20 +214,20 @@ def take_force(
             continue
         change = h - (a * before[0] + b * before[1] + c * before[2])
         for i in range(N):
-            fusion[H + i] = 0.0
-        fusion[H + d] = h
+            fusion.row[i] = 0.0
+        fusion.row[d] = h
         noise = tuning[0] * tuning[0] + (tuning[1] * change) ** 2 + (swing * h) ** 2
         apart = update(fusion, y, noise, gate)
         worst = max(worst, abs(apart))
     return worst
 
 
-@kernel("float64(float64[::1], float64[::1], float64[::1], float64[::1], int64, float64)")
-def unexplained(fusion: Float, rest: Float, bent: Float, frame: Float, first: int, without: float) -> float:
+@kernel("float64(Fusion, float64[::1], float64[::1], float64[::1], int64, float64)", Fusion=FUSION)
+def unexplained(fusion: Record, rest: Float, bent: Float, frame: Float, first: int, without: float) -> float:
     """Part of a deviation that the present estimate does not expect, m.
 
     Args:
-        fusion: (SIZE,).
+        fusion: State of the filter.
         rest: (6,) deviation less the correction in effect.
         bent: (18,) D of the time of the sample.
         frame: (9,) directions of that time.
@@ -245,17 +238,20 @@ def unexplained(fusion: Float, rest: Float, bent: Float, frame: Float, first: in
     for n in range(first, 3):
         left = 0.0
         for k in range(3):
-            here = rest[k] - fusion[X + 6 + k]
+            here = rest[k] - fusion.estimate[6 + k]
             for d in range(3):
-                here -= (fusion[X + d] + fusion[X + 3 + d] - without) * bent[6 * d + k]
+                here -= (fusion.estimate[d] + fusion.estimate[3 + d] - without) * bent[6 * d + k]
             left += frame[3 * n + k] * here
         total += left * left
     return math.sqrt(total)
 
 
-@kernel("float64(float64[::1], float64[::1], float64[::1], float64[::1], int64, float64, float64, float64, float64)")
+@kernel(
+    "float64(Fusion, float64[::1], float64[::1], float64[::1], int64, float64, float64, float64, float64)",
+    Fusion=FUSION,
+)
 def take_deviation(
-    fusion: Float,
+    fusion: Record,
     rest: Float,
     bent: Float,
     frame: Float,
@@ -268,7 +264,7 @@ def take_deviation(
     """Update with a deviation that a tracker measured.
 
     Args:
-        fusion: (SIZE,); changed.
+        fusion: State of the filter; changed.
         rest: (6,) deviation less the correction in effect, m and rad.
         bent: (18,) D of the time of the sample.
         frame: (9,) directions of that time.
@@ -285,30 +281,33 @@ def take_deviation(
     for n in range(first, 3):
         y = 0.0
         for i in range(N):
-            fusion[H + i] = 0.0
+            fusion.row[i] = 0.0
         for k in range(3):
             u = frame[3 * n + k]
             y += u * rest[k]
-            fusion[H + 6 + k] = u
+            fusion.row[6 + k] = u
             for d in range(3):
                 y += without * u * bent[6 * d + k]
-                fusion[H + d] += u * bent[6 * d + k]
+                fusion.row[d] += u * bent[6 * d + k]
         for d in range(3):
-            fusion[H + 3 + d] = fusion[H + d]
+            fusion.row[3 + d] = fusion.row[d]
         worst = max(worst, abs(update(fusion, y, variance, gate)))
-    share = fusion[TURN_VARIANCE] / (fusion[TURN_VARIANCE] + turn_variance)
-    fusion[TURN_VARIANCE] *= 1.0 - share
+    share = fusion.turn_variance / (fusion.turn_variance + turn_variance)
+    fusion.turn_variance *= 1.0 - share
     for k in range(3):
-        left = rest[3 + k] - fusion[TURN + k]
+        left = rest[3 + k] - fusion.turn[k]
         for d in range(3):
-            left -= (fusion[X + d] + fusion[X + 3 + d] - without) * bent[6 * d + 3 + k]
-        fusion[TURN + k] += share * left
+            left -= (fusion.estimate[d] + fusion.estimate[3 + d] - without) * bent[6 * d + 3 + k]
+        fusion.turn[k] += share * left
     return worst
 
 
-@kernel("float64(float64[::1], float64[::1], float64[::1], int64, float64[::1], float64[::1], float64[::1], float64)")
+@kernel(
+    "float64(Fusion, float64[::1], float64[::1], int64, float64[::1], float64[::1], float64[::1], float64)",
+    Fusion=FUSION,
+)
 def take_torque(
-    fusion: Float,
+    fusion: Record,
     torque: Float,
     zero: Float,
     known: int,
@@ -320,7 +319,7 @@ def take_torque(
     """Update with the torque that the process puts on the axes: ``tau_j = sum_d (J^T w_d)_j k_d``.
 
     Args:
-        fusion: (SIZE,) with the three wrenches of :func:`shares` in D; changed.
+        fusion: State of the filter with the three wrenches of :func:`shares` in D; changed.
         torque: (6,) N m, from motor currents.
         zero: (6,) N m, what they show without a cut.
         known: Bit per axis whose zero is known; the others are left out.
@@ -332,32 +331,30 @@ def take_torque(
     Returns:
         Largest innovation by its standard deviation.
     """
-    R, worst = R_base_part, 0.0
+    R, bent, worst = R_base_part, fusion.bent[:], 0.0
     for j in range(6):
         if not known >> j & 1:
             continue
         for i in range(N):
-            fusion[H + i] = 0.0
+            fusion.row[i] = 0.0
         for d in range(3):
             total = 0.0
             for part in range(2):
-                place = D + 6 * d + 3 * part
+                place = 6 * d + 3 * part
                 for k in range(3):
-                    base = (
-                        R[3 * k] * fusion[place] + R[3 * k + 1] * fusion[place + 1] + R[3 * k + 2] * fusion[place + 2]
-                    )
+                    base = R[3 * k] * bent[place] + R[3 * k + 1] * bent[place + 1] + R[3 * k + 2] * bent[place + 2]
                     total += jac[6 * (3 * part + k) + j] * base
-            fusion[H + d] = total
+            fusion.row[d] = total
         worst = max(worst, abs(update(fusion, torque[j] - zero[j], variance[j], gate)))
     return worst
 
 
-@kernel("float64(float64[::1], float64[::1], float64[::1], int64)")
-def uncertainty(fusion: Float, bent: Float, frame: Float, first: int) -> float:
+@kernel("float64(Fusion, float64[::1], float64[::1], int64)", Fusion=FUSION)
+def uncertainty(fusion: Record, bent: Float, frame: Float, first: int) -> float:
     """Standard deviation of the expected deviation in the direction in which it is largest, m.
 
     Args:
-        fusion: (SIZE,); its work space is changed.
+        fusion: State of the filter; its work space is changed.
         bent: (18,) deflections D.
         frame: (9,) directions.
         first: First direction that counts.
@@ -365,17 +362,17 @@ def uncertainty(fusion: Float, bent: Float, frame: Float, first: int) -> float:
     worst = 0.0
     for n in range(first, 3):
         for i in range(N):
-            fusion[H + i] = 0.0
+            fusion.row[i] = 0.0
         for k in range(3):
             u = frame[3 * n + k]
-            fusion[H + 6 + k] = u
+            fusion.row[6 + k] = u
             for d in range(3):
-                fusion[H + d] += u * bent[6 * d + k]
+                fusion.row[d] += u * bent[6 * d + k]
         for d in range(3):
-            fusion[H + 3 + d] = fusion[H + d]
+            fusion.row[3 + d] = fusion.row[d]
         total = 0.0
         for i in range(N):
             for j in range(N):
-                total += fusion[H + i] * fusion[P + N * i + j] * fusion[H + j]
+                total += fusion.row[i] * fusion.covariance[i, j] * fusion.row[j]
         worst = max(worst, total)
     return math.sqrt(max(0.0, worst))

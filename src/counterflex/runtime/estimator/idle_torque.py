@@ -13,7 +13,8 @@ from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.runtime.state import layout as at
+from counterflex.core.records import Record
+from counterflex.runtime.state.memory import STATE
 
 PRESLIDING_RAD: Final = 1e-4
 """Way over which dry friction builds up from nothing; twice as much turns it round. That of robots is shorter."""
@@ -22,20 +23,20 @@ _LEAST: Final = 25.0
 _MEMORY: Final = 125.0
 
 
-@kernel("float64(float64, float64[::1], int64)", inline=True)
-def _presliding(q: float, way: Float, k: int) -> float:
+@kernel("float64(float64, State, int64)", inline=True, State=STATE)
+def _presliding(q: float, state: Record, k: int) -> float:
     """Elastic part of the way of a sliding contact, -1 .. 1: ``z = clamp(z + dq / presliding)``.
 
     Args:
         q: Angle now, rad.
-        way: (25,) z, behind them the last angles, and 1 where there are any; changed.
-        k: Which.
+        state: Of the step; changed.
+        k: Which: of the motors, then of the links.
     """
-    if way[24] > 0.0:
-        way[k] = min(max(way[k] + (q - way[12 + k]) / PRESLIDING_RAD, -1.0), 1.0)
-    way[12 + k] = q
-    z: float = way[k]
-    return z
+    if state.has_angles > 0.0:
+        z = state.presliding[k] + (q - state.angles_before[k]) / PRESLIDING_RAD
+        state.presliding[k] = min(max(z, -1.0), 1.0)
+    state.angles_before[k] = q
+    return float(state.presliding[k])
 
 
 @kernel("void(float64[::1], float64[::1], float64[::1], float64[::1])")
@@ -57,8 +58,8 @@ def less_force(w: Float, jac: Float, R_base_part: Float, torque: Float) -> None:
                 torque[j] -= jac[6 * (3 * part + k) + j] * base
 
 
-@kernel("int64(float64[::1], float64[::1], float64[::1], boolean, float64[::1], float64[::1])")
-def follow_idle(motor: Float, link: Float, torque: Float, learn: bool, state: Float, idle: Float) -> int:
+@kernel("int64(float64[::1], float64[::1], float64[::1], boolean, State, float64[::1])", State=STATE)
+def follow_idle(motor: Float, link: Float, torque: Float, learn: bool, state: Record, idle: Float) -> int:
     """Learn the idle torques, and say which hold now.
 
     Args:
@@ -72,19 +73,18 @@ def follow_idle(motor: Float, link: Float, torque: Float, learn: bool, state: Fl
     Returns:
         Bit per axis whose idle torque is known.
     """
-    way = state[at.S_TORQUE_WAY : at.S_TORQUE_WAY + 25]
     known = 0
     for k in range(6):
-        on_motor, on_link = _presliding(motor[k], way, k), _presliding(link[k], way, 6 + k)
+        on_motor, on_link = _presliding(motor[k], state, k), _presliding(link[k], state, 6 + k)
         turned = min(abs(on_motor), abs(on_link)) >= _TURNED and on_motor * on_link > 0.0
         side = k if on_motor > 0.0 else 6 + k
-        seen = state[at.S_TORQUE_SEEN + side]
+        seen = state.idle_cycles[side]
         if turned and learn:
             seen = min(seen + 1.0, _MEMORY)
-            state[at.S_TORQUE + side] += (torque[k] - state[at.S_TORQUE + side]) / seen
-            state[at.S_TORQUE_SEEN + side] = seen
-        idle[k] = state[at.S_TORQUE + side]
+            state.idle_torque[side] += (torque[k] - state.idle_torque[side]) / seen
+            state.idle_cycles[side] = seen
+        idle[k] = state.idle_torque[side]
         if turned and seen >= _LEAST:
             known |= 1 << k
-    way[24] = 1.0
+    state.has_angles = 1.0
     return known

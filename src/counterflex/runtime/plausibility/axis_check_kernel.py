@@ -217,10 +217,10 @@ def angles_agree(
         not judged.
     """
     c = checks[0]
-    if not (all_finite(q, 0, 6) and all_finite(commanded, 0, 12)):
+    if not (all_finite(q) and all_finite(commanded)):
         return AGREE
     measured_is = c.measured_is
-    if measured_is != ABSENT and not all_finite(measured, 0, 12):
+    if measured_is != ABSENT and not all_finite(measured):
         measured_is = ABSENT
     m = kind.shape[0] - 1
     joint_trig(q, c.trig[:])

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
+from counterflex.core.records import Record, Records
 from counterflex.runtime.plausibility.doubts import direction_is_wrong, idle_is_wrong
 from counterflex.runtime.plausibility.force_step import SUSPECTED, TOLD
 from counterflex.runtime.plausibility.kernel import (
@@ -23,29 +24,20 @@ from counterflex.runtime.plausibility.kernel import (
     DOUBT_RESIDUAL,
     DOUBT_RETURN,
     DOUBT_STEP,
-    K_AIR,
-    K_ANSWER,
-    K_CALM_TOLD,
-    K_DIRECTION,
-    K_EARLY,
-    K_HARD,
-    K_REJECTED,
-    K_RESIDUAL,
-    K_SIGN,
-    K_SOFT,
-    K_STEP,
-    K_WHY,
-    M_FORCE,
-    T_WINDOW,
     answer_is_wrong,
     frame_is_wrong,
     residual_grows,
 )
 from counterflex.runtime.plausibility.tracker_gate import tracker_cause
 from counterflex.runtime.plausibility.tracker_sample import judge_sample, judges
+from counterflex.runtime.primitives.finite import is_sample
 from counterflex.runtime.primitives.frames import all_finite, pose_deviation
-from counterflex.runtime.state import layout as at
-from counterflex.runtime.state.supervisor import AT_STATE, Cause, State
+from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.runtime.state.doubts import LIMITS, MEMORY, WORK
+from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
+from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.state.supervisor import Cause, State
 
 _ARMED, _ACTIVE = int(State.ARMED), int(State.ACTIVE)
 _WRONG_FRAME, _DIVERGENCE = int(Cause.WRONG_FRAME), int(Cause.DIVERGENCE)
@@ -59,17 +51,15 @@ _STANDS_M = 20e-6
 _TURN_BACK = 3
 
 
-@kernel("int64(float64[::1], float64[::1], boolean, boolean, float64, int64, float64[::1], int64[::1], int64[::1])")
+@kernel("int64(float64[::1], float64[::1], boolean, boolean, float64, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
 def watch_force(
     measured: Float,
     predicted: Float,
     good: bool,
     cuts: bool,
     swing_n: float,
-    settled: int,
-    limits: Float,
-    times: Int,
-    counts: Int,
+    limits: Record,
+    memory: Record,
 ) -> int:
     """Doubts about the force where there is a plan.
 
@@ -79,118 +69,114 @@ def watch_force(
         good: The measured one is fresh.
         cuts: The plan cuts material now or within the lead.
         swing_n: Force that inertia explains.
-        settled: Cycles after a cut until the filters have forgotten it.
         limits: Of the tests.
-        times: Likewise.
-        counts: Their counters; changed.
+        memory: Of the tests; changed.
     """
-    counts[K_AIR] = 0 if cuts else min(counts[K_AIR] + 1, settled)
+    memory.air = 0 if cuts else min(memory.air + 1, limits.settled)
     doubt = 0
-    if direction_is_wrong(measured, predicted, good, limits, times, counts):
+    if direction_is_wrong(measured, predicted, good, limits, memory):
         doubt |= DOUBT_DIRECTION
-    if idle_is_wrong(measured, good and counts[K_AIR] >= settled, swing_n, limits, times, counts):
+    if idle_is_wrong(measured, good and memory.air >= limits.settled, swing_n, limits, memory):
         doubt |= DOUBT_IDLE
     return doubt
 
 
-@kernel("void(float64[:, ::1], int64, int64, float64[::1])")
-def _way(ring: Float, newer: int, older: int, out: Float) -> None:
-    rows = at.RING_ROWS
+@kernel("void(Past[::1], int64, int64, float64[::1])", Past=PAST)
+def _way(ring: Records, newer: int, older: int, out: Float) -> None:
+    rows = PAST_ROWS
     for k in range(3):
-        now = ring[(newer + rows) % rows, at.RING_NOMINAL + 9 + k]
-        out[k] = now - ring[(older + rows) % rows, at.RING_NOMINAL + 9 + k]
+        now = ring[(newer + rows) % rows].nominal[9 + k]
+        out[k] = now - ring[(older + rows) % rows].nominal[9 + k]
 
 
 @kernel(
-    "int64(float64[::1], float64[:, ::1], int64, int64, int64, float64[::1], boolean, float64[::1], int64[::1],"
-    " float64[::1], int64[::1], float64[:, ::1])"
+    "int64(Given, Past[::1], int64, int64, int64, State, boolean, Limits, Memory, Work)",
+    Limits=LIMITS,
+    Memory=MEMORY,
+    Work=WORK,
+    Given=GIVEN,
+    Past=PAST,
+    State=STATE,
 )
 def watch_robot(
-    given: Float,
-    ring: Float,
+    given: Record,
+    ring: Records,
     here: int,
     back: int,
     cycles: int,
-    state: Float,
+    state: Record,
     corrects: bool,
-    limits: Float,
-    times: Int,
-    memory: Float,
-    counts: Int,
-    work: Float,
+    limits: Record,
+    memory: Record,
+    work: Record,
 ) -> int:
     """Doubts about what the robot makes of the correction, by the pose that it reports.
 
     Args:
-        given: Inputs of the cycle, with the reported pose.
-        ring: Of the last cycles, this one included.
+        given: Inputs of the cycle.
+        ring: Past cycles.
         here: Its next row.
         back: Cycles back to the commanded pose that the reported one belongs to.
         cycles: Run so far; at the beginning nothing is known of the motion.
-        state: State of the step.
+        state: Of the step.
         corrects: The correction may act.
         limits: Of the tests.
-        times: Likewise.
-        memory: What they remember; changed.
-        counts: Their counters; changed.
-        work: (2, 14) work space.
+        memory: Of the tests; changed.
+        work: Work space.
     """
-    window = times[T_WINDOW]
+    window = limits.window
     if cycles <= max(_TURN_BACK * window + window, back) + 1:
         return 0
-    difference, moved, before, space = work[0, :3], work[0, 3:6], work[0, 6:9], work[0, 9:12]
-    row = (here - 1 - back + at.RING_ROWS) % at.RING_ROWS
+    difference, moved, before, space = work.one[:3], work.one[3:6], work.one[6:9], work.one[9:12]
+    row = (here - 1 - back + PAST_ROWS) % PAST_ROWS
     for k in range(3):
-        past = given[at.G_NOMINAL + 9 + k] if back == 0 else ring[row, at.RING_NOMINAL + 9 + k]
-        difference[k] = given[at.G_REPORTED + 9 + k] - past
+        past = given.nominal[9 + k] if back == 0 else ring[row].nominal[9 + k]
+        difference[k] = given.reported[9 + k] - past
     _way(ring, here - 1, here - 1 - window, moved)
     _way(ring, here - 1 - _TURN_BACK * window, here - 1 - (_TURN_BACK + 1) * window, before)
     change = 0.0
     for k in range(3):
-        change += state[at.S_V + k] ** 2
+        change += state.correction_rate[k] ** 2
     wrong = answer_is_wrong(
         difference,
-        state[at.S_IN_FORCE : at.S_IN_FORCE + 3],
+        state.in_effect[:3],
         moved,
         before,
         math.sqrt(change),
         space,
         corrects,
         limits,
-        times,
         memory,
-        counts,
     )
     return DOUBT_ANSWER if wrong else 0
 
 
-@kernel("int64(float64[::1], float64[:, ::1], int64, int64, float64[::1], int64[::1], int64[::1])")
-def watch_frame(deviation: Float, ring: Float, here: int, at_state: int, limits: Float, times: Int, counts: Int) -> int:
+@kernel("int64(float64[::1], Past[::1], int64, int64, Limits, Memory)", Limits=LIMITS, Memory=MEMORY, Past=PAST)
+def watch_frame(deviation: Float, ring: Records, here: int, at_state: int, limits: Record, memory: Record) -> int:
     """Doubt about the tracker's frame before arming: a new sample; while the robot moves it can only be confirmed.
 
     Args:
         deviation: (6,) measured minus commanded pose, the component along the feed included.
-        ring: Of the last cycles.
+        ring: Past cycles.
         here: Its next row.
         at_state: State of the supervisor.
         limits: Of the tests.
-        times: Likewise.
-        counts: Their counters; changed.
+        memory: Of the tests; changed.
     """
     if at_state >= _ARMED:
         return 0
-    rows = at.RING_ROWS
+    rows = PAST_ROWS
     way = 0.0
     for k in range(3):
-        now = ring[(here - 1 + rows) % rows, at.RING_NOMINAL + 9 + k]
-        way += (now - ring[(here - 1 - times[T_WINDOW] + rows) % rows, at.RING_NOMINAL + 9 + k]) ** 2
-    return DOUBT_FRAME if frame_is_wrong(deviation, math.sqrt(way) > _STANDS_M, limits, counts) else 0
+        now = ring[(here - 1 + rows) % rows].nominal[9 + k]
+        way += (now - ring[(here - 1 - limits.window + rows) % rows].nominal[9 + k]) ** 2
+    return DOUBT_FRAME if frame_is_wrong(deviation, math.sqrt(way) > _STANDS_M, limits, memory) else 0
 
 
-@kernel("void(int64[::1])")
-def forget_doubts(counts: Int) -> None:
+@kernel("void(Memory)", Memory=MEMORY)
+def forget_doubts(memory: Record) -> None:
     """The operator's reset: what was counted towards a fault begins anew."""
-    counts[K_ANSWER] = counts[K_RESIDUAL] = counts[K_SIGN] = counts[K_DIRECTION] = 0
+    memory.answer = memory.residual = memory.sign = memory.direction = 0
 
 
 @kernel("Tuple((int64, int64))(int64, int64)")
@@ -223,23 +209,25 @@ def causes(doubt: int, at_state: int) -> tuple[int, int]:
 
 
 @kernel(
-    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[:, ::1], float64[::1],"
-    " float64[::1], int64[::1], float64[::1], int64[::1], float64[:, ::1])"
+    "void(Given, Settings, State, Past[::1], Result, Limits, Memory, Work)",
+    Limits=LIMITS,
+    Memory=MEMORY,
+    Work=WORK,
+    Given=GIVEN,
+    Settings=SETTINGS,
+    State=STATE,
+    Past=PAST,
+    Result=RESULT,
 )
 def before_step(
-    given: Float,
-    flags: Int,
-    constants: Float,
-    choices: Int,
-    state: Float,
-    whole: Int,
-    ring: Float,
-    results: Float,
-    limits: Float,
-    times: Int,
-    memory: Float,
-    counts: Int,
-    work: Float,
+    given: Record,
+    settings: Record,
+    state: Record,
+    ring: Records,
+    result: Record,
+    limits: Record,
+    memory: Record,
+    work: Record,
 ) -> None:
     """Take out what must not be used in this cycle, and hand over the causes that the last one left.
 
@@ -248,145 +236,133 @@ def before_step(
     nothing, so that a recorded cycle replays.
 
     Args:
-        given: Inputs of the step; changed.
-        flags: Likewise.
-        constants: Of the loop.
-        choices: Likewise.
-        state: State of the step, as the last cycle left it.
-        whole: Likewise.
-        ring: Likewise.
-        results: Likewise.
+        given: Inputs of the cycle; changed.
+        settings: Of the loop.
+        state: Of the step.
+        ring: Past cycles.
+        result: Of the step.
         limits: Of the tests.
-        times: Likewise.
-        memory: What they remember; changed.
-        counts: Their counters; changed.
-        work: (2, 14) work space.
+        memory: Of the tests; changed.
+        work: Work space.
     """
-    soft, early = flags[at.F_SOFT], 0
-    if all_finite(given, at.G_W, at.G_ACTUAL):
+    soft, early = given.soft, 0
+    if all_finite(given.wrench[:]):
         for k in range(6):
-            memory[M_FORCE + k] = given[at.G_W + k]
+            memory.force[k] = given.wrench[k]
     else:
         for k in range(6):
-            given[at.G_W + k] = memory[M_FORCE + k]
-        flags[at.F_FORCE_AGE] = max(flags[at.F_FORCE_AGE], choices[at.W_STALE])
+            given.wrench[k] = memory.force[k]
+        given.force_age = max(given.force_age, settings.stale)
         soft = _FORCE_INVALID if soft == 0 else soft
-    if flags[at.F_TRACKER_NEW] != 0 and not all_finite(given, at.G_ACTUAL, at.G_TORQUE):
-        flags[at.F_TRACKER_NEW] = 0
+    if given.tracker_new != 0 and not is_sample(given):
+        given.tracker_new = 0
         soft = _TRACKER_LOST if soft == 0 else soft
-    if not all_finite(given, at.G_TORQUE, at.G_REPORTED):
+    if not all_finite(given.torque[:]):
         for k in range(6):
-            given[at.G_TORQUE + k] = 0.0
-        flags[at.F_CURRENT_AGE] = _NO_CURRENTS
-    if flags[at.F_REPORTED] == 1 and not all_finite(given, at.G_REPORTED, at.GIVEN):
-        flags[at.F_REPORTED] = 0
+            given.torque[k] = 0.0
+        given.current_age = _NO_CURRENTS
+    if given.is_reported == 1 and not all_finite(given.reported[:]):
+        given.is_reported = 0
         soft = _MALFORMED if soft == 0 else soft
-    if flags[at.F_RESET] == 1:
-        forget_doubts(counts)
-    acts = whole[AT_STATE] > _ARMED
-    if judges(flags, choices):
-        early = judge_sample(
-            given, flags, constants, choices, acts, state, whole, ring, results, limits, times, memory, counts, work
-        )
-        why = counts[K_WHY] if counts[K_WHY] != 0 else _TRACKER_LOST
-        if early & DOUBT_RETURN and choices[at.W_FORCE] == 0 and soft == 0:
+    if given.reset == 1:
+        forget_doubts(memory)
+    acts = state.supervisor.state > _ARMED
+    if judges(given, settings):
+        early = judge_sample(given, settings, acts, state, ring, result, limits, memory, work)
+        why = memory.why if memory.why != 0 else _TRACKER_LOST
+        if early & DOUBT_RETURN and settings.force == 0 and soft == 0:
             soft = why
-        if soft == 0 or (soft == _TRACKER_LOST and choices[at.W_FORCE] == _FUSED):
-            lost = tracker_cause(limits, times, memory, counts)
-            if choices[at.W_TRACKER_LOST] == 1 and lost != 0:
+        if soft == 0 or (soft == _TRACKER_LOST and settings.force == _FUSED):
+            lost = tracker_cause(limits, memory)
+            if settings.tracker_lost_holds == 1 and lost != 0:
                 soft = lost
     if soft == 0:
-        soft = counts[K_SOFT]
-    flags[at.F_SOFT] = soft
-    if flags[at.F_HARD] == 0:
-        flags[at.F_HARD] = counts[K_HARD]
-    counts[K_EARLY] = early
+        soft = memory.soft
+    given.soft = soft
+    if given.hard == 0:
+        given.hard = memory.hard
+    memory.early = early
 
 
 @kernel(
-    "void(float64[::1], int64[::1], int64[::1], float64[::1], int64[::1], float64[:, ::1], float64[::1], int64[::1],"
-    " float64[::1], int64[::1], int64, float64, float64[::1], int64[::1], float64[:, ::1])"
+    "void(Given, Settings, State, Past[::1], Result, Limits, float64, Memory, Work)",
+    Limits=LIMITS,
+    Memory=MEMORY,
+    Work=WORK,
+    Given=GIVEN,
+    Settings=SETTINGS,
+    State=STATE,
+    Past=PAST,
+    Result=RESULT,
 )
 def after_step(
-    given: Float,
-    flags: Int,
-    choices: Int,
-    state: Float,
-    whole: Int,
-    ring: Float,
-    results: Float,
-    outcome: Int,
-    limits: Float,
-    times: Int,
-    settled: int,
+    given: Record,
+    settings: Record,
+    state: Record,
+    ring: Records,
+    result: Record,
+    limits: Record,
     swing_n: float,
-    memory: Float,
-    counts: Int,
-    work: Float,
+    memory: Record,
+    work: Record,
 ) -> None:
-    """Find doubts in what the cycle gave; writes them into ``outcome`` and keeps their causes for the next cycle.
+    """Find doubts in what the cycle gave; writes them into the result and keeps their causes for the next cycle.
 
     Args:
-        given: Inputs of the step.
-        flags: Likewise.
-        choices: Of the loop.
-        state: State of the step.
-        whole: Likewise.
-        ring: Likewise.
-        results: Of the step.
-        outcome: Likewise; O_DOUBT is written.
+        given: Inputs of the cycle.
+        settings: Of the loop.
+        state: Of the step.
+        ring: Past cycles.
+        result: Of the step; written.
         limits: Of the tests.
-        times: Likewise.
-        settled: Cycles after a cut until the force filters have forgotten it.
         swing_n: Force at the sensor that inertia explains.
-        memory: What the tests remember; changed.
-        counts: Their counters; changed.
-        work: (2, 14) work space.
+        memory: Of the tests; changed.
+        work: Work space.
     """
-    doubt, now = counts[K_EARLY], outcome[at.O_STATE]
-    forced = choices[at.W_FORCE] != 0
+    doubt, now = memory.early, result.state
+    forced = settings.force != 0
     acts = now > _ARMED
-    here = whole[at.N_RING]
-    if forced and choices[at.W_PLAN] == 1:
-        good = flags[at.F_FORCE_AGE] < choices[at.W_STALE]
-        soon = state[at.S_SOON : at.S_SOON + 3]
-        cuts = results[at.R_CUT] > 0.0 or soon[0] != 0.0 or soon[1] != 0.0 or soon[2] != 0.0
-        measured = results[at.R_MEASURED : at.R_MEASURED + 6]
-        predicted = state[at.S_BEFORE : at.S_BEFORE + 6]
-        doubt |= watch_force(measured, predicted, good, cuts, swing_n, settled, limits, times, counts)
-        if counts[K_STEP] == SUSPECTED:
+    here = state.ring_row
+    if forced and settings.has_plan == 1:
+        good = given.force_age < settings.stale
+        soon = state.preview[:3]
+        cuts = result.cut > 0.0 or soon[0] != 0.0 or soon[1] != 0.0 or soon[2] != 0.0
+        measured = result.measured[:]
+        predicted = state.predicted_before[:]
+        doubt |= watch_force(measured, predicted, good, cuts, swing_n, limits, memory)
+        if memory.step == SUSPECTED:
             doubt |= DOUBT_STEP
-        elif counts[K_STEP] == TOLD:
+        elif memory.step == TOLD:
             doubt |= DOUBT_OFFSET
-        if counts[K_CALM_TOLD] == 1:
+        if memory.calm_told == 1:
             doubt |= DOUBT_DIFFERS
-        if not good and flags[at.F_FORCE_AGE] < choices[at.W_BRIDGE]:
+        if not good and given.force_age < settings.bridge:
             doubt |= DOUBT_BRIDGED
-    if flags[at.F_REPORTED] == 1 and flags[at.F_ELAPSED] > 0:
-        back, cycles = choices[at.W_REPORTED_BACK], whole[at.N_CYCLES]
+    if given.is_reported == 1 and given.elapsed > 0:
+        back, cycles = settings.reported_back, state.cycles
         doubt |= watch_robot(
-            given, ring, here, back, cycles, state, acts, limits, times, memory, counts, work
+            given, ring, here, back, cycles, state, acts, limits, memory, work
         )  # fmt: skip
-    if (choices[at.W_TRACKER] != 0 or choices[at.W_FORCE] == _FUSED) and flags[at.F_TRACKER_NEW] == 1:
-        row = (here - 1 - choices[at.W_NOMINAL_BACK] + at.RING_ROWS) % at.RING_ROWS
-        nothing, found = work[0, :6], work[1, :6]
+    if (settings.tracker != 0 or settings.force == _FUSED) and given.tracker_new == 1:
+        row = (here - 1 - settings.nominal_back + PAST_ROWS) % PAST_ROWS
+        nothing, found = work.one[:6], work.two[:6]
         for k in range(6):
             nothing[k] = 0.0
-        pose_deviation(given, at.G_ACTUAL, ring[row, at.RING_NOMINAL : at.RING_NOMINAL + 12], nothing, found)
-        doubt |= watch_frame(found, ring, here, now, limits, times, counts)
-        bent = results[at.R_DEFLECTION : at.R_DEFLECTION + 3]
+        pose_deviation(given.actual[:], 0, ring[row].nominal[:], nothing, found)
+        doubt |= watch_frame(found, ring, here, now, limits, memory)
+        bent = result.deflection[:3]
         size = math.sqrt(bent[0] ** 2 + bent[1] ** 2 + bent[2] ** 2)
-        deviation = results[at.R_DEVIATION : at.R_DEVIATION + 6]
-        in_force = state[at.S_IN_FORCE : at.S_IN_FORCE + 3]
-        if residual_grows(deviation, in_force, size, now == _ACTIVE, limits, times, memory, counts):
+        deviation = result.deviation[:]
+        in_force = state.in_effect[:3]
+        if residual_grows(deviation, in_force, size, now == _ACTIVE, limits, memory):
             doubt |= DOUBT_RESIDUAL
-    outcome[at.O_DOUBT], outcome[at.O_REJECTED] = doubt, counts[K_REJECTED]
-    if judges(flags, choices) and outcome[at.O_DEGRADED] in (0, _TRACKER_LOST):
-        why = counts[K_WHY] if counts[K_WHY] != 0 else tracker_cause(limits, times, memory, counts)
+    result.doubt, result.rejected = doubt, memory.rejected
+    if judges(given, settings) and result.degraded in (0, _TRACKER_LOST):
+        why = memory.why if memory.why != 0 else tracker_cause(limits, memory)
         if why != 0:
-            outcome[at.O_DEGRADED] = why
-    if counts[K_STEP] == TOLD:
-        outcome[at.O_DEGRADED] = _OFFSET
-    elif counts[K_CALM_TOLD] == 1 and outcome[at.O_DEGRADED] == 0:
-        outcome[at.O_DEGRADED] = _DIFFERS
-    counts[K_SOFT], counts[K_HARD] = causes(doubt, now)
+            result.degraded = why
+    if memory.step == TOLD:
+        result.degraded = _OFFSET
+    elif memory.calm_told == 1 and result.degraded == 0:
+        result.degraded = _DIFFERS
+    memory.soft, memory.hard = causes(doubt, now)

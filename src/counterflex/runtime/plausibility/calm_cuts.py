@@ -24,34 +24,21 @@ from __future__ import annotations
 
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.runtime.plausibility.force_change import STANDS_M, apart, mean_rows, size
-from counterflex.runtime.plausibility.kernel import (
-    CALM_MOST,
-    CALM_ROW,
-    K_CALM,
-    K_CALM_AIR,
-    K_CALM_LONG,
-    K_CALM_OFF,
-    K_CALM_ROWS,
-    K_CALM_TOLD,
-    L_STEP_N,
-    M_CALM,
-    M_CALM_FIRST,
-    M_CALM_LAST,
-    M_CALM_OTHER,
-    M_CALM_SPREAD,
-    M_CALM_SUM,
-    M_STEP_BEFORE,
-    T_STEP_BACK,
-    T_STEP_PERIOD,
+from counterflex.core.records import Record
+from counterflex.runtime.plausibility.force_change import (
+    STANDS_M,
+    add_cut,
+    apart,
+    clear_cut,
+    copy_cut,
+    divide_cut,
+    mean_cut,
+    size,
 )
+from counterflex.runtime.state.doubts import CALM_MOST, CUT, CUT_KIND, LIMITS, MEMORY
 
-_P: Final = 6  # in a row: planned force, way, direction of feed, periods
-_WAY: Final = 9
-_FEED: Final = 10
-_SEEN: Final = 13
 _EVEN: Final = 0.1
 """Share by which planned force and speed may change within a calm period, and be another kind."""
 _EVEN_N: Final = 10.0
@@ -72,173 +59,204 @@ _MEMORY: Final = 500.0
 _OFF: Final = 2
 
 
-@kernel("void(int64[::1])")
-def forget_calm(counts: Int) -> None:
+@kernel("void(Memory)", Memory=MEMORY)
+def forget_calm(memory: Record) -> None:
     """What calm cuts have shown is learnt anew."""
-    counts[K_CALM] = counts[K_CALM_LONG] = counts[K_CALM_OFF] = counts[K_CALM_ROWS] = 0
-    counts[K_CALM_TOLD] = counts[K_CALM_AIR] = 0
+    memory.calm = memory.calm_long = memory.calm_off = memory.calm_rows = 0
+    memory.calm_told = memory.calm_air = 0
 
 
-@kernel("void(float64[::1], float64[::1], int64, boolean)")
-def _turn(frame: Float, x: Float, begin: int, back: bool) -> None:
-    """Turn the vector ``x[begin:begin+3]`` into axes given by rows, or back out of them."""
-    a, b, c = x[begin], x[begin + 1], x[begin + 2]
-    for k in range(3):
-        x[begin + k] = (
-            frame[k] * a + frame[3 + k] * b + frame[6 + k] * c
-            if back
-            else frame[3 * k] * a + frame[3 * k + 1] * b + frame[3 * k + 2] * c
-        )
+@kernel("void(float64[::1], float64[::1], boolean)")
+def _turn(frame: Float, x: Float, back: bool) -> None:
+    """Turn the vectors of three of ``x`` into axes given by rows, or back out of them."""
+    for begin in range(0, x.shape[0], 3):
+        a, b, c = x[begin], x[begin + 1], x[begin + 2]
+        for k in range(3):
+            x[begin + k] = (
+                frame[k] * a + frame[3 + k] * b + frame[6 + k] * c
+                if back
+                else frame[3 * k] * a + frame[3 * k + 1] * b + frame[3 * k + 2] * c
+            )
 
 
-@kernel("float64(float64[::1], float64[::1])")
-def _unlike(now: Float, kind: Float) -> float:
+@kernel("float64(Kind, Kind)", Kind=CUT_KIND)
+def _unlike(now: Record, kind: Record) -> float:
     """Force by which two cuts may differ because planned force, speed and direction of feed do, N."""
-    faster = max(now[_WAY], kind[_WAY])
-    uneven = abs(now[_WAY] - kind[_WAY]) / faster if faster > 0.0 else 0.0
-    wrong = _OTHER + size(kind) / max(size(kind[_P:_WAY]), _EVEN_N)
-    measured = size(now[_P:_WAY]) + max(size(now), size(kind))
-    turned = _TURNED_N * apart(now[_FEED:_SEEN], kind[_FEED:_SEEN])
-    return float(wrong * apart(now[_P:_WAY], kind[_P:_WAY]) + measured * uneven + turned)
+    residual, planned = size(now.cut.residual[:]), now.cut.planned[:]
+    known, expected = size(kind.cut.residual[:]), kind.cut.planned[:]
+    faster = max(now.cut.way, kind.cut.way)
+    uneven = abs(now.cut.way - kind.cut.way) / faster if faster > 0.0 else 0.0
+    wrong = _OTHER + known / max(size(expected), _EVEN_N)
+    measured = size(planned) + max(residual, known)
+    turned = _TURNED_N * apart(now.feed[:], kind.feed[:])
+    return float(wrong * apart(planned, expected) + measured * uneven + turned)
 
 
-@kernel("int64(float64[::1], float64[::1], int64[::1], float64)")
-def _most_like(now: Float, memory: Float, counts: Int, least: float) -> int:
+@kernel("int64(Kind, Memory, float64)", Kind=CUT_KIND, Memory=MEMORY)
+def _most_like(now: Record, memory: Record, least: float) -> int:
     """Row of the kind of cut most like this one, of those seen so often; -1 where there is none.
 
     Where the plan knows no difference between several, the one with the residual nearest to this one: a harder skin.
     """
     smallest = nearest = -1.0
     found = -1
-    for i in range(counts[K_CALM_ROWS]):
-        row = memory[M_CALM + CALM_ROW * i : M_CALM + CALM_ROW * (i + 1)]
-        if row[_SEEN] >= least:
-            unlike = _unlike(now, row)
+    for i in range(memory.calm_rows):
+        if memory.kinds[i].seen >= least:
+            unlike = _unlike(now, memory.kinds[i])
             smallest = unlike if smallest < 0.0 else min(smallest, unlike)
-    for i in range(counts[K_CALM_ROWS]):
-        row = memory[M_CALM + CALM_ROW * i : M_CALM + CALM_ROW * (i + 1)]
-        if row[_SEEN] >= least and _unlike(now, row) <= smallest + _EVEN_N:
-            off = apart(now, row)
+    for i in range(memory.calm_rows):
+        kind = memory.kinds[i]
+        if kind.seen >= least and _unlike(now, kind) <= smallest + _EVEN_N:
+            off = apart(now.cut.residual[:], kind.cut.residual[:])
             if found < 0 or off < nearest:
                 found, nearest = i, off
     return found
 
 
-@kernel("void(int64, boolean, float64[::1], float64, float64[::1], int64[::1])")
-def _keep(i: int, new: bool, now: Float, seen: float, memory: Float, counts: Int) -> None:
+@kernel("void(float64[::1], float64[::1], float64)")
+def _approach(now: Float, out: Float, seen: float) -> None:
+    """Mean over so many periods: ``out += (now - out) / seen``."""
+    for k in range(out.shape[0]):
+        out[k] += (now[k] - out[k]) / seen
+
+
+@kernel("void(int64, boolean, Cut, float64[::1], float64, Memory)", Cut=CUT, Memory=MEMORY)
+def _keep(i: int, new: bool, cut: Record, feed: Float, seen: float, memory: Record) -> None:
     """Into row i, or as a new kind that counts as seen so often."""
-    if new and counts[K_CALM_ROWS] < CALM_MOST:
-        i = counts[K_CALM_ROWS]
-        counts[K_CALM_ROWS] += 1
+    if new and memory.calm_rows < CALM_MOST:
+        i = memory.calm_rows
+        memory.calm_rows += 1
     elif new:
         i = 0
         for j in range(1, CALM_MOST):
-            if memory[M_CALM + CALM_ROW * j + _SEEN] < memory[M_CALM + CALM_ROW * i + _SEEN]:
+            if memory.kinds[j].seen < memory.kinds[i].seen:
                 i = j
-    row = memory[M_CALM + CALM_ROW * i : M_CALM + CALM_ROW * (i + 1)]
-    row[_SEEN] = seen if new else min(row[_SEEN] + 1.0, _MEMORY)
-    for k in range(_SEEN):
-        row[k] = now[k] if new else row[k] + (now[k] - row[k]) / row[_SEEN]
+    kind = memory.kinds[i]
+    if new:
+        kind.seen = seen
+        copy_cut(cut, kind.cut)
+        for k in range(3):
+            kind.feed[k] = feed[k]
+        return
+    kind.seen = min(kind.seen + 1.0, _MEMORY)
+    _approach(cut.residual[:], kind.cut.residual[:], kind.seen)
+    _approach(cut.planned[:], kind.cut.planned[:], kind.seen)
+    kind.cut.way += (cut.way - kind.cut.way) / kind.seen
+    _approach(feed, kind.feed[:], kind.seen)
 
 
-@kernel("void(float64[::1], float64[::1], int64[::1])")
-def _learn(now: Float, memory: Float, counts: Int) -> None:
+@kernel("void(Kind, Memory)", Kind=CUT_KIND, Memory=MEMORY)
+def _learn(now: Record, memory: Record) -> None:
     """Into its kind, or as a new one; where there are too many in place of the one seen least."""
-    i = _most_like(now, memory, counts, 0.0)
-    new = i < 0 or _unlike(now, memory[M_CALM + CALM_ROW * i : M_CALM + CALM_ROW * (i + 1)]) > _EVEN_N + _EVEN * size(
-        now[_P:_WAY]
-    )
-    _keep(i, new, now, 1.0, memory, counts)
+    i = _most_like(now, memory, 0.0)
+    new = i < 0 or _unlike(now, memory.kinds[i]) > _EVEN_N + _EVEN * size(now.cut.planned[:])
+    _keep(i, new, now.cut, now.feed[:], 1.0, memory)
 
 
-@kernel("void(boolean, int64[::1], float64[::1], int64[::1])")
-def known_in_air(right: bool, times: Int, memory: Float, counts: Int) -> None:
+@kernel("void(boolean, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+def known_in_air(right: bool, limits: Record, memory: Record) -> None:
     """Take what was told for a kind of cut that is known, once the sensor has shown in air that its zero is right.
 
     Args:
         right: It shows next to nothing where nothing is cut.
-        times: (TIMES,).
-        memory: (REMEMBERED,); changed.
-        counts: (COUNTS,); changed.
+        limits: Of the tests.
+        memory: Of the tests; changed.
     """
-    counts[K_CALM_AIR] = counts[K_CALM_AIR] + 1 if right and counts[K_CALM_TOLD] == 1 else 0
-    if counts[K_CALM_AIR] >= times[T_STEP_BACK]:
-        _keep(-1, True, memory[M_CALM_OTHER : M_CALM_OTHER + _SEEN], _KNOWN, memory, counts)
-        counts[K_CALM_TOLD] = counts[K_CALM_AIR] = 0
+    memory.calm_air = memory.calm_air + 1 if right and memory.calm_told == 1 else 0
+    if memory.calm_air >= limits.step_back:
+        _keep(-1, True, memory.differing, memory.differing_feed[:], _KNOWN, memory)
+        memory.calm_told = memory.calm_air = 0
 
 
-@kernel("boolean(float64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1])")
-def off_in_calm(feed: Float, limits: Float, times: Int, memory: Float, counts: Int, work: Float) -> bool:
+@kernel("boolean(float64[::1], Limits, Memory, Kind)", Limits=LIMITS, Memory=MEMORY, Kind=CUT_KIND)
+def _period_ends(feed: Float, limits: Record, memory: Record, now: Record) -> bool:
+    """Take the newest sample into the running period; whether that ends, with its means in ``now``, feed axes."""
+    cut, total = now.cut, memory.calm_sum
+    mean_cut(memory, 0, 1, cut)
+    _turn(feed, cut.residual[:], False)
+    _turn(feed, cut.planned[:], False)
+    if memory.calm == 0:
+        memory.calm_spread_n = memory.calm_spread_way = 0.0
+        clear_cut(total)
+        for k in range(3):
+            memory.calm_planned[k] = cut.planned[k]
+        memory.calm_way = cut.way
+    add_cut(cut, total)
+    memory.calm_spread_n = max(memory.calm_spread_n, apart(cut.planned[:], memory.calm_planned[:]))
+    memory.calm_spread_way = max(memory.calm_spread_way, abs(cut.way - memory.calm_way))
+    memory.calm += 1
+    if memory.calm < limits.step_period:
+        return False
+    copy_cut(total, cut)
+    divide_cut(cut, memory.calm)
+    for k in range(3):
+        now.feed[k] = feed[k]
+    memory.calm = 0
+    return True
+
+
+@kernel("boolean(Memory, Kind)", Memory=MEMORY, Kind=CUT_KIND)
+def _is_calm(memory: Record, now: Record) -> bool:
+    """Whether plan, speed and residual have stayed over two periods."""
+    cut, last = now.cut, memory.calm_last
+    load = size(cut.planned[:])
+    even = memory.calm_spread_n < _EVEN_N + _EVEN * load and memory.calm_spread_way < _EVEN * cut.way
+    even = even and cut.way > STANDS_M and load > 2.0 * _EVEN_N
+    alike = apart(cut.residual[:], last.residual[:]) < _ALIKE_N + _ALIKE * load
+    alike = alike and apart(cut.planned[:], last.planned[:]) < _EVEN_N + _EVEN * load
+    copy_cut(cut, last)
+    memory.calm_long = memory.calm_long + 1 if even and (alike or memory.calm_long == 0) else 0
+    if memory.calm_long < 2:
+        memory.calm_off = 0
+        return False
+    return True
+
+
+@kernel("float64(Limits, Memory, Kind)", Limits=LIMITS, Memory=MEMORY, Kind=CUT_KIND)
+def _expect(limits: Record, memory: Record, now: Record) -> float:
+    """Write into ``cut_before`` what such cuts have shown; by how much the residual may differ from it, N."""
+    before, load = memory.cut_before, size(now.cut.planned[:])
+    copy_cut(now.cut, before)
+    for k in range(6):
+        before.residual[k] = 0.0
+    largest = limits.step_n + _UNKNOWN * load
+    like = _most_like(now, memory, _KNOWN)
+    if like >= 0:
+        known = limits.step_n + _SCATTER * load + _unlike(now, memory.kinds[like])
+        if known < largest:
+            largest = known
+            copy_cut(memory.kinds[like].cut, before)
+    return float(largest)
+
+
+@kernel("boolean(float64[::1], Limits, Memory, Kind)", Limits=LIMITS, Memory=MEMORY, Kind=CUT_KIND)
+def off_in_calm(feed: Float, limits: Record, memory: Record, now: Record) -> bool:
     """Take the newest sample; whether the force has been off for two calm periods.
 
-    Then K_CALM_TOLD is 1 until such a period is not off, or a way in air tells (:func:`known_in_air`), and
-    ``M_STEP_BEFORE`` holds what goes on in its place: the residual, planned force and way of its kind.
+    Then ``calm_told`` is 1 until such a period is not off, or a way in air tells (:func:`known_in_air`), and
+    ``cut_before`` holds what goes on in its place: the residual, planned force and way of its kind.
 
     Args:
         feed: (9,) rows: unit vectors along the feed, across it, along the tool, part axes.
-        limits: (LIMITS,).
-        times: (TIMES,).
-        memory: (REMEMBERED,) with the ring of samples; changed.
-        counts: (COUNTS,); changed.
-        work: (CALM_ROW,) work space.
+        limits: Of the tests.
+        memory: Of the tests; changed.
+        now: Work space.
     """
-    now = work[:_SEEN]
-    total, first = memory[M_CALM_SUM : M_CALM_SUM + 10], memory[M_CALM_FIRST : M_CALM_FIRST + 4]
-    spread, last = memory[M_CALM_SPREAD : M_CALM_SPREAD + 2], memory[M_CALM_LAST : M_CALM_LAST + 10]
-    mean_rows(memory, counts, 0, 1, 0, now[:10])
-    for begin in range(0, _WAY, 3):
-        _turn(feed, now, begin, False)
-    if counts[K_CALM] == 0:
-        spread[0] = spread[1] = 0.0
-        for k in range(10):
-            total[k] = 0.0
-        for k in range(4):
-            first[k] = now[_P + k]
-    for k in range(10):
-        total[k] += now[k]
-    spread[0] = max(spread[0], apart(now[_P:_WAY], first))
-    spread[1] = max(spread[1], abs(now[_WAY] - first[3]))
-    counts[K_CALM] += 1
-    if counts[K_CALM] < times[T_STEP_PERIOD]:
+    if not _period_ends(feed, limits, memory, now) or not _is_calm(memory, now):
         return False
-    for k in range(10):
-        now[k] = total[k] / counts[K_CALM]
+    largest, before = _expect(limits, memory, now), memory.cut_before
+    if apart(now.cut.residual[:], before.residual[:]) <= largest:
+        memory.calm_off = memory.calm_told = 0
+        _learn(now, memory)
+        return False
+    memory.calm_off += 1
+    if memory.calm_off < _OFF:
+        return False
+    memory.calm_told = 1
+    copy_cut(now.cut, memory.differing)
     for k in range(3):
-        now[_FEED + k] = feed[k]
-    counts[K_CALM] = 0
-    load = size(now[_P:_WAY])
-    even = spread[0] < _EVEN_N + _EVEN * load and spread[1] < _EVEN * now[_WAY] and now[_WAY] > STANDS_M
-    even = even and load > 2.0 * _EVEN_N
-    alike = apart(now, last) < _ALIKE_N + _ALIKE * load and apart(now[_P:_WAY], last[_P:_WAY]) < _EVEN_N + _EVEN * load
-    for k in range(10):
-        last[k] = now[k]
-    counts[K_CALM_LONG] = counts[K_CALM_LONG] + 1 if even and (alike or counts[K_CALM_LONG] == 0) else 0
-    if counts[K_CALM_LONG] < 2:
-        counts[K_CALM_OFF] = 0
-        return False
-    like = _most_like(now, memory, counts, _KNOWN)
-    before = memory[M_STEP_BEFORE : M_STEP_BEFORE + 10]
-    largest = limits[L_STEP_N] + _UNKNOWN * load
-    for k in range(10):
-        before[k] = now[k] if k >= _P else 0.0
-    if like >= 0:
-        row = memory[M_CALM + CALM_ROW * like : M_CALM + CALM_ROW * (like + 1)]
-        known = limits[L_STEP_N] + _SCATTER * load + _unlike(now, row)
-        if known < largest:
-            largest = known
-            for k in range(10):
-                before[k] = row[k]
-    if apart(now, before) <= largest:
-        counts[K_CALM_OFF] = counts[K_CALM_TOLD] = 0
-        _learn(now, memory, counts)
-        return False
-    counts[K_CALM_OFF] += 1
-    if counts[K_CALM_OFF] < _OFF:
-        return False
-    counts[K_CALM_TOLD] = 1
-    for k in range(_SEEN):
-        memory[M_CALM_OTHER + k] = now[k]
-    for begin in range(0, _WAY, 3):
-        _turn(feed, before, begin, True)
-    counts[K_CALM_LONG] = counts[K_CALM_OFF] = 0
+        memory.differing_feed[k] = now.feed[k]
+    _turn(feed, before.residual[:], True)
+    _turn(feed, before.planned[:], True)
+    memory.calm_long = memory.calm_off = 0
     return True

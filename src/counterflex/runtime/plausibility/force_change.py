@@ -5,27 +5,15 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
+from counterflex.core.records import Record
 from counterflex.runtime.estimator.idle_torque import less_force
-from counterflex.runtime.plausibility.kernel import (
-    K_STEP_PLACE,
-    L_IDLE_N,
-    L_STEP_TORQUE,
-    M_STEP_PLAN,
-    M_STEP_WORK,
-    M_STEPS,
-    STEP_MOST,
-    STEP_ROW,
-    T_STEP_PERIOD,
-)
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.runtime.state.doubts import CUT, LIMITS, MEMORY, STEP_MOST
 
-TORQUE: Final = 10
-"""Place of the six torques in a row."""
 STANDS_M: Final = 4e-6
 """Way over the cycles in which the speed is taken, below which the program stands."""
-_WAY: Final = 9
 _NOTHING_N: Final = 1.0
 _SHARE_SIGMA: Final = 0.3
 """Standard deviation of the share of a change that the currents show, up to which they tell."""
@@ -45,58 +33,122 @@ def size(a: Float) -> float:
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
-@kernel("boolean(float64[::1], float64[::1], float64[::1], float64)")
-def missing(residual: Float, planned: Float, limits: Float, noise: float) -> bool:
+@kernel("boolean(float64[::1], float64[::1], Limits, float64)", Limits=LIMITS)
+def missing(residual: Float, planned: Float, limits: Record, noise: float) -> bool:
     """Whether next to nothing is measured where a force is planned: no cut, or a tool that is gone."""
     x, y, z = residual[0] + planned[0], residual[1] + planned[1], residual[2] + planned[2]
-    least = max(limits[L_IDLE_N], _MISSING * size(planned)) + noise
+    least = max(limits.idle_n, _MISSING * size(planned)) + noise
     return bool(x * x + y * y + z * z < least * least and size(planned) > 2.0 * least)
 
 
-@kernel("boolean(float64[::1], float64[::1], float64[::1], float64[::1])")
-def zero_is_right(mean: Float, planned: Float, limits: Float, memory: Float) -> bool:
+@kernel("boolean(Cut, float64[::1], Limits, Memory)", Cut=CUT, Limits=LIMITS, Memory=MEMORY)
+def zero_is_right(mean: Record, planned: Float, limits: Record, memory: Record) -> bool:
     """Whether the sensor shows next to nothing where nothing is cut: in air, or at rest.
 
     Args:
-        mean: (10,) of a few samples: residual, planned force, way.
+        mean: Of a few samples.
         planned: (3,) force now, N.
-        limits: (LIMITS,).
-        memory: (REMEMBERED,).
+        limits: Of the tests.
+        memory: Of the tests.
     """
-    stands = mean[_WAY] <= STANDS_M
-    if not stands and (memory[M_STEP_PLAN] >= limits[L_IDLE_N] or size(planned) >= _NOTHING_N):
+    stands, residual = mean.way <= STANDS_M, mean.residual[:]
+    if not stands and (memory.plan_change >= limits.idle_n or size(planned) >= _NOTHING_N):
         return False
-    x, y, z = mean[0] + planned[0], mean[1] + planned[1], mean[2] + planned[2]
-    return bool(x * x + y * y + z * z < limits[L_IDLE_N] ** 2)
+    x, y, z = residual[0] + planned[0], residual[1] + planned[1], residual[2] + planned[2]
+    return bool(x * x + y * y + z * z < limits.idle_n**2)
 
 
-@kernel("void(float64[::1], int64[::1], int64, int64, int64, float64[::1])")
-def mean_rows(memory: Float, counts: Int, back: int, rows: int, first: int, out: Float) -> None:
-    """Mean of what stands from ``first`` on in so many rows, the newest of them ``back`` before the newest of all.
+@kernel("int64(Memory, int64)", Memory=MEMORY)
+def sample_at(memory: Record, back: int) -> int:
+    """Row of the sample that was taken so many samples before the newest."""
+    return int((memory.sample_row - 1 - back + 2 * STEP_MOST) % STEP_MOST)
+
+
+@kernel("void(Cut)", Cut=CUT)
+def clear_cut(out: Record) -> None:
+    """Zero."""
+    for k in range(6):
+        out.residual[k] = 0.0
+    for k in range(3):
+        out.planned[k] = 0.0
+    out.way = 0.0
+
+
+@kernel("void(Cut, Cut)", Cut=CUT)
+def add_cut(cut: Record, out: Record) -> None:
+    """``out += cut``."""
+    for k in range(6):
+        out.residual[k] += cut.residual[k]
+    for k in range(3):
+        out.planned[k] += cut.planned[k]
+    out.way += cut.way
+
+
+@kernel("void(Cut, int64)", Cut=CUT)
+def divide_cut(out: Record, by: int) -> None:
+    """``out /= by``."""
+    for k in range(6):
+        out.residual[k] /= by
+    for k in range(3):
+        out.planned[k] /= by
+    out.way /= by
+
+
+@kernel("void(Cut, Cut)", Cut=CUT)
+def copy_cut(cut: Record, out: Record) -> None:
+    """``out = cut``."""
+    for k in range(6):
+        out.residual[k] = cut.residual[k]
+    for k in range(3):
+        out.planned[k] = cut.planned[k]
+    out.way = cut.way
+
+
+@kernel("void(Memory, int64, int64, Cut)", Memory=MEMORY, Cut=CUT)
+def mean_cut(memory: Record, back: int, count: int, out: Record) -> None:
+    """Mean residual, planned force and way of so many samples.
 
     Args:
-        memory: (REMEMBERED,) with the ring of samples.
-        counts: (COUNTS,) with its place.
-        back: See above.
-        rows: See above, at least 1.
-        first: Place in a row.
-        out: (n,) written.
+        memory: Of the tests.
+        back: Samples that are newer.
+        count: See above, at least 1.
+        out: Written.
     """
-    for k in range(out.shape[0]):
+    clear_cut(out)
+    for i in range(count):
+        add_cut(memory.samples[sample_at(memory, back + i)].cut, out)
+    divide_cut(out, count)
+
+
+@kernel("void(Memory, int64, int64, float64[::1])", Memory=MEMORY)
+def mean_torque(memory: Record, back: int, count: int, out: Float) -> None:
+    """Mean torque of the axes, (6,) written, of so many samples; as :func:`mean_cut`."""
+    for k in range(6):
         out[k] = 0.0
-    for i in range(rows):
-        place = (counts[K_STEP_PLACE] - 1 - back - i + 2 * STEP_MOST) % STEP_MOST
-        row = M_STEPS + STEP_ROW * place + first
-        for k in range(out.shape[0]):
-            out[k] += memory[row + k]
-    for k in range(out.shape[0]):
-        out[k] /= rows
+    for i in range(count):
+        sample = memory.samples[sample_at(memory, back + i)]
+        for k in range(6):
+            out[k] += sample.torque[k]
+    for k in range(6):
+        out[k] /= count
 
 
-@kernel("int64(float64[::1], float64[::1], int64, float64[::1], float64[::1], int64[::1], float64[::1], int64[::1])")
-def by_currents(
-    change: Float, jac: Float, first: int, constants: Float, limits: Float, times: Int, memory: Float, counts: Int
-) -> int:
+@kernel("float64(Memory, int64, int64)", Memory=MEMORY)
+def mean_ringing(memory: Record, back: int, count: int) -> float:
+    """Mean of how the residual rang in so many samples; as :func:`mean_cut`."""
+    total = 0.0
+    for i in range(count):
+        total += memory.samples[sample_at(memory, back + i)].ringing
+    return total / count
+
+
+@kernel(
+    "int64(float64[::1], float64[::1], int64, Settings, Limits, Memory)",
+    Limits=LIMITS,
+    Memory=MEMORY,
+    Settings=SETTINGS,
+)
+def by_currents(change: Float, jac: Float, first: int, settings: Record, limits: Record, memory: Record) -> int:
     """What the torque of the axes says of a change of the force: 1 the process, -1 the sensor, 0 nothing.
 
     The share of ``J^T dw`` that is found in the change of the torques, by least squares.
@@ -105,23 +157,20 @@ def by_currents(
         change: (6,) N, N m, part axes.
         jac: (36,) Jacobian of the TCP, base axes.
         first: Samples since the change.
-        constants: Of the loop.
-        limits: (LIMITS,).
-        times: (TIMES,).
-        memory: (REMEMBERED,); its work space is changed.
-        counts: (COUNTS,).
+        settings: Of the loop.
+        limits: Of the tests.
+        memory: Of the tests; changed.
     """
-    now = memory[M_STEP_WORK : M_STEP_WORK + 6]
-    before, expected = memory[M_STEP_WORK + 6 : M_STEP_WORK + 12], memory[M_STEP_WORK + 12 : M_STEP_WORK + 18]
-    period = times[T_STEP_PERIOD]
-    mean_rows(memory, counts, 0, period, TORQUE, now)
-    mean_rows(memory, counts, first, period, TORQUE, before)
+    now, before, expected = memory.torque_now[:], memory.torque_then[:], memory.torque_expected[:]
+    period = limits.step_period
+    mean_torque(memory, 0, period, now)
+    mean_torque(memory, first, period, before)
     for k in range(6):
         expected[k] = 0.0
-    less_force(change, jac, constants[at.C_R_BASE_PART : at.C_R_BASE_PART + 9], expected)
+    less_force(change, jac, settings.R_base_part[:], expected)
     both = square = 0.0
     for k in range(6):
-        weight = 1.0 / max(constants[at.C_TORQUE + k] * limits[L_STEP_TORQUE], 1e-9)
+        weight = 1.0 / max(settings.torque_variance[k] * limits.step_torque, 1e-9)
         both -= weight * expected[k] * (now[k] - before[k])
         square += weight * expected[k] * expected[k]
     if square * _SHARE_SIGMA * _SHARE_SIGMA < 1.0:

@@ -27,51 +27,28 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
+from counterflex.core.records import Record, Records
 from counterflex.runtime.plausibility.calm_cuts import forget_calm, known_in_air, off_in_calm
 from counterflex.runtime.plausibility.force_change import (
     STANDS_M,
-    TORQUE,
     apart,
     by_currents,
-    mean_rows,
+    copy_cut,
+    mean_cut,
+    mean_ringing,
     missing,
+    sample_at,
     size,
     zero_is_right,
 )
-from counterflex.runtime.plausibility.kernel import (
-    K_CALM,
-    K_CALM_LONG,
-    K_CALM_OFF,
-    K_STEP,
-    K_STEP_BACK,
-    K_STEP_EVEN,
-    K_STEP_FILLED,
-    K_STEP_PLACE,
-    K_STEP_SINCE,
-    L_STEP_FADE,
-    L_STEP_MEMORY,
-    L_STEP_N,
-    L_STEP_PLAN,
-    M_STEP_BEFORE,
-    M_STEP_CHANGE,
-    M_STEP_NOISE,
-    M_STEP_PLAN,
-    M_STEP_SIZE,
-    M_STEP_SWING,
-    M_STEP_WORK,
-    M_STEPS,
-    STEP_MOST,
-    STEP_ROW,
-    T_STEP_BACK,
-    T_STEP_FEW,
-    T_STEP_LONG,
-    T_STEP_PERIOD,
-)
 from counterflex.runtime.primitives.frames import directions
-from counterflex.runtime.state import layout as at
-from counterflex.runtime.state.supervisor import AT_STATE, Cause, State
+from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.runtime.state.doubts import CUT, LIMITS, MEMORY, STEP_MOST, WORK
+from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
+from counterflex.runtime.state.supervisor import Cause, State
 
 SUSPECTED: Final = 1
 TOLD: Final = 2
@@ -82,7 +59,6 @@ _OFFSET = int(Cause.FORCE_OFFSET)
 _STALE, _INVALID, _SATURATED = int(Cause.FORCE_STALE), int(Cause.FORCE_INVALID), int(Cause.FORCE_SATURATED)
 _TELL, _PLAN, _HOLDS, _FUSED = 0, 1, 2, 4
 _FROM_CURRENTS = 8
-_PLANNED, _WAY, _CHANGE, _RANG = 6, 9, 16, 17  # in a row, behind the residual
 _SPAN: Final = 4
 """Cycles over which the commanded speed is taken."""
 _STEADY: Final = 0.2
@@ -102,298 +78,291 @@ _AGREES: Final = 0.5
 _NOTHING_N: Final = 1.0
 
 
-@kernel("Tuple((float64, float64))(float64[:, ::1], int64, float64[::1], float64)")
-def _commanded_motion(ring: Float, here: int, nominal: Float, period: float) -> tuple[float, float]:
+@kernel("Tuple((float64, float64))(Past[::1], int64, float64[::1], float64)", Past=PAST)
+def _commanded_motion(ring: Records, here: int, nominal: Float, period: float) -> tuple[float, float]:
     """Way of the commanded point in the last cycles, m, and its acceleration over twice as many, m/s2."""
-    one = ring[(here - _SPAN + at.RING_ROWS) % at.RING_ROWS]
-    two = ring[(here - 2 * _SPAN + at.RING_ROWS) % at.RING_ROWS]
+    one = ring[(here - _SPAN + PAST_ROWS) % PAST_ROWS]
+    two = ring[(here - 2 * _SPAN + PAST_ROWS) % PAST_ROWS]
     square = second = 0.0
     for k in range(3):
-        p, q, r = nominal[9 + k], one[at.RING_NOMINAL + 9 + k], two[at.RING_NOMINAL + 9 + k]
+        p, q, r = nominal[9 + k], one.nominal[9 + k], two.nominal[9 + k]
         square += (p - q) ** 2
         second += (p - 2.0 * q + r) ** 2
     return math.sqrt(square), math.sqrt(second) / (_SPAN * period) ** 2
 
 
-@kernel("void(int64[::1])")
-def forget_step(counts: Int) -> None:
+@kernel("void(Memory)", Memory=MEMORY)
+def forget_step(memory: Record) -> None:
     """Nothing is held against the force any more, and that it comes back is no step."""
-    if counts[K_STEP] != 0:
-        counts[K_STEP_FILLED] = counts[K_STEP_EVEN] = 0
-    counts[K_STEP] = counts[K_STEP_SINCE] = counts[K_STEP_BACK] = 0
+    if memory.step != 0:
+        memory.samples_filled = memory.step_even = 0
+    memory.step = memory.step_since = memory.step_back = 0
 
 
-@kernel("float64(float64[::1], float64[::1])")
-def _uneven(now: Float, before: Float) -> float:
+@kernel("float64(Cut, Cut)", Cut=CUT)
+def _uneven(now: Record, before: Record) -> float:
     """Share by which the speed has changed; 1 where the program stands."""
-    most = max(now[_WAY], before[_WAY])
-    return 1.0 - min(now[_WAY], before[_WAY]) / most if most > STANDS_M else 1.0
+    most = max(now.way, before.way)
+    return 1.0 - min(now.way, before.way) / most if most > STANDS_M else 1.0
 
 
-@kernel("void(float64[::1], float64, float64, float64[::1], float64[::1], int64[::1], float64[::1], int64[::1])")
-def _take(
-    given: Float, way: float, swing_n: float, state: Float, limits: Float, times: Int, memory: Float, counts: Int
-) -> None:
+@kernel("void(Given, float64, float64, State, Limits, Memory)", Limits=LIMITS, Memory=MEMORY, Given=GIVEN, State=STATE)
+def _take(given: Record, way: float, swing_n: float, state: Record, limits: Record, memory: Record) -> None:
     """Keep a sample, and what swings on of what plan, program and force did before.
 
     Args:
         given: Inputs of the cycle.
         way: Of the commanded point in a few cycles, m: its speed.
         swing_n: Force of what hangs behind the sensor, as the program accelerates it now and it may swing on.
-        state: Of the step, with the planned force of the last cycle.
-        limits: (LIMITS,).
-        times: (TIMES,).
-        memory: (REMEMBERED,); changed.
-        counts: (COUNTS,); changed.
+        state: Of the step.
+        limits: Of the tests.
+        memory: Of the tests; changed.
     """
-    place, few = counts[K_STEP_PLACE], times[T_STEP_FEW]
-    begin = M_STEPS + STEP_ROW * place
-    row = memory[begin : begin + STEP_ROW]
-    last = M_STEPS + STEP_ROW * ((place - 1 + STEP_MOST) % STEP_MOST)
+    place, few = memory.sample_row, limits.step_few
+    row, last = memory.samples[place], memory.samples[(place - 1 + STEP_MOST) % STEP_MOST]
     square = change = 0.0
     for k in range(6):
-        row[k] = given[at.G_W + k] - state[at.S_LATE + k]
-        row[TORQUE + k] = given[at.G_TORQUE + k]
+        row.cut.residual[k] = given.wrench[k] - state.predicted_late[k]
+        row.torque[k] = given.torque[k]
     for k in range(3):
-        row[_PLANNED + k] = state[at.S_LATE + k]
-        square += given[at.G_W + k] ** 2
-        change += (row[k] - memory[last + k]) ** 2
-    row[_WAY], row[_CHANGE] = way, 0.0
-    counts[K_STEP_PLACE] = (place + 1) % STEP_MOST
-    if counts[K_STEP_FILLED] > 0 and counts[K_STEP] == 0:
-        change = min(0.5 * change, (_SIGMAS * limits[L_STEP_N]) ** 2)
-        memory[M_STEP_NOISE] = _NOISE_KEEP * memory[M_STEP_NOISE] + (1.0 - _NOISE_KEEP) * change
-    counts[K_STEP_FILLED] = min(counts[K_STEP_FILLED] + 1, STEP_MOST)
-    window = min(times[T_STEP_PERIOD] + few, counts[K_STEP_FILLED])
-    planned = row[_PLANNED : _PLANNED + 3]
-    spread, fade = apart(state[at.S_SOON : at.S_SOON + 3], planned), limits[L_STEP_FADE]
+        row.cut.planned[k] = state.predicted_late[k]
+        square += given.wrench[k] ** 2
+        change += (row.cut.residual[k] - last.cut.residual[k]) ** 2
+    row.cut.way, row.change = way, 0.0
+    memory.sample_row = (place + 1) % STEP_MOST
+    if memory.samples_filled > 0 and memory.step == 0:
+        change = min(0.5 * change, (_SIGMAS * limits.step_n) ** 2)
+        memory.noise = _NOISE_KEEP * memory.noise + (1.0 - _NOISE_KEEP) * change
+    memory.samples_filled = min(memory.samples_filled + 1, STEP_MOST)
+    window = min(limits.step_period + few, memory.samples_filled)
+    planned = row.cut.planned[:]
+    spread, fade = apart(state.preview[:3], planned), limits.step_fade
     for back in range(1, window):
-        old = M_STEPS + STEP_ROW * ((place - back + STEP_MOST) % STEP_MOST) + _PLANNED
-        spread = max(spread, apart(memory[old : old + 3], planned))
-    memory[M_STEP_PLAN] = max(spread, fade * memory[M_STEP_PLAN])
-    memory[M_STEP_SWING] = max(swing_n, fade * memory[M_STEP_SWING])
-    memory[M_STEP_SIZE] = max(math.sqrt(square), fade * memory[M_STEP_SIZE])
+        old = memory.samples[(place - back + STEP_MOST) % STEP_MOST]
+        spread = max(spread, apart(old.cut.planned[:], planned))
+    memory.plan_change = max(spread, fade * memory.plan_change)
+    memory.swing_n = max(swing_n, fade * memory.swing_n)
+    memory.force_size = max(math.sqrt(square), fade * memory.force_size)
     # Not what belongs to the samples in which a step shows now.
-    known = memory[M_STEPS + STEP_ROW * ((place - few - 1 + STEP_MOST) % STEP_MOST) + _CHANGE]
-    row[_RANG] = memory[M_STEP_CHANGE] = max(known, limits[L_STEP_MEMORY] * memory[M_STEP_CHANGE])
+    known = memory.samples[(place - few - 1 + STEP_MOST) % STEP_MOST].change
+    memory.residual_change = max(known, limits.step_memory * memory.residual_change)
+    row.ringing = memory.residual_change
 
 
-@kernel("float64(float64[::1], float64[::1], float64, float64, int64, float64[::1])")
-def _bound(now: Float, before: Float, step_n: float, share: float, samples: int, memory: Float) -> float:
+@kernel("float64(Cut, Cut, float64, float64, int64, Memory)", Cut=CUT, Memory=MEMORY)
+def _bound(now: Record, before: Record, step_n: float, share: float, samples: int, memory: Record) -> float:
     """By how much the mean residual of so many samples may differ from an earlier one, N.
 
     ``step + |dp| + |m| dv / v + s D + 0.4 I + 0.7 C + 4 noise``: change of the planned force and of the speed between
     the two, and what swings on: of the planned force's change D, of inertia I, of the residual's own changes C before.
 
     Args:
-        now: (10,) mean residual, planned force, way.
-        before: (10,) likewise.
+        now: Means.
+        before: Likewise.
         step_n: Smallest step.
         share: Of a change of the planned force that swings on.
         samples: Of the mean.
-        memory: (REMEMBERED,).
+        memory: Of the tests.
     """
-    explained = apart(now[_PLANNED : _PLANNED + 3], before[_PLANNED : _PLANNED + 3])
-    explained += _uneven(now, before) * memory[M_STEP_SIZE] + share * memory[M_STEP_PLAN]
-    explained += _INERTIA * memory[M_STEP_SWING] + _AGAIN * memory[M_STEP_CHANGE]
-    return float(step_n + explained + _SIGMAS * math.sqrt(memory[M_STEP_NOISE] / samples))
+    explained = apart(now.planned[:], before.planned[:])
+    explained += _uneven(now, before) * memory.force_size + share * memory.plan_change
+    explained += _INERTIA * memory.swing_n + _AGAIN * memory.residual_change
+    return float(step_n + explained + _SIGMAS * math.sqrt(memory.noise / samples))
 
 
 @kernel(
-    "void(float64, float64[::1], float64[::1], float64[::1], boolean, float64[::1], int64[::1], float64[::1],"
-    " int64[::1], float64[::1])"
+    "void(float64, float64[::1], Settings, float64[::1], boolean, Limits, Memory, Cut)",
+    Cut=CUT,
+    Limits=LIMITS,
+    Memory=MEMORY,
+    Settings=SETTINGS,
 )
 def _tell(
     rang: float,
     planned: Float,
-    constants: Float,
+    settings: Record,
     jac: Float,
     shown: bool,
-    limits: Float,
-    times: Int,
-    memory: Float,
-    counts: Int,
-    mean: Float,
+    limits: Record,
+    memory: Record,
+    mean: Record,
 ) -> None:
     """Tell the force if its mean over the last period stands off from that before, which rang by so much, or not."""
-    period, before = times[T_STEP_PERIOD], memory[M_STEP_BEFORE : M_STEP_BEFORE + 10]
-    mean_rows(memory, counts, 0, period, 0, mean)
-    noise = _SIGMAS * math.sqrt(memory[M_STEP_NOISE] / period)
-    least = limits[L_STEP_N] + _AGAIN * rang
-    bound = _bound(mean, before, least, 0.5 * limits[L_STEP_PLAN], period, memory)
-    stands = apart(mean, before) > bound and size(mean) > _AGREES * limits[L_STEP_N]
-    stands = stands and not missing(mean, planned, limits, noise)
+    period, before = limits.step_period, memory.cut_before
+    mean_cut(memory, 0, period, mean)
+    noise = _SIGMAS * math.sqrt(memory.noise / period)
+    least = limits.step_n + _AGAIN * rang
+    bound = _bound(mean, before, least, 0.5 * limits.step_plan, period, memory)
+    residual = mean.residual[:]
+    stands = apart(residual, before.residual[:]) > bound and size(residual) > _AGREES * limits.step_n
+    stands = stands and not missing(residual, planned, limits, noise)
     if stands and shown:
         for k in range(6):
-            mean[k] -= before[k]
-        stands = by_currents(mean[:6], jac, counts[K_STEP_SINCE], constants, limits, times, memory, counts) != 1
-    counts[K_STEP] = TOLD if stands else 0
-    counts[K_STEP_SINCE] = counts[K_STEP_BACK] = 0
+            residual[k] -= before.residual[k]
+        stands = by_currents(residual, jac, memory.step_since, settings, limits, memory) != 1
+    memory.step = TOLD if stands else 0
+    memory.step_since = memory.step_back = 0
 
 
 @kernel(
-    "void(float64[::1], float64[::1], float64[::1], boolean, boolean, float64[::1], int64[::1], float64[::1],"
-    " int64[::1], float64[:, ::1])"
+    "void(float64[::1], Settings, float64[::1], boolean, boolean, Limits, Memory, Work)",
+    Limits=LIMITS,
+    Memory=MEMORY,
+    Work=WORK,
+    Settings=SETTINGS,
 )
 def _judge(
     planned: Float,
-    constants: Float,
+    settings: Record,
     jac: Float,
     acts: bool,
     shown: bool,
-    limits: Float,
-    times: Int,
-    memory: Float,
-    counts: Int,
-    work: Float,
+    limits: Record,
+    memory: Record,
+    work: Record,
 ) -> None:
     """Suspect, tell, or believe again, by the samples so far.
 
     Args:
         planned: (3,) force before the filters, N.
-        constants: Of the loop.
+        settings: Of the loop.
         jac: (36,) Jacobian of the TCP, base axes.
         acts: The correction may act.
         shown: There are motor currents.
-        limits: (LIMITS,).
-        times: (TIMES,).
-        memory: (REMEMBERED,); changed.
-        counts: (COUNTS,); changed.
-        work: (2, 14) work space.
+        limits: Of the tests.
+        memory: Of the tests; changed.
+        work: Work space.
     """
-    few, period = times[T_STEP_FEW], times[T_STEP_PERIOD]
-    fresh, mean, before = work[0, :10], work[1, :10], memory[M_STEP_BEFORE : M_STEP_BEFORE + 10]
-    mean_rows(memory, counts, 0, few, 0, fresh)
-    noise = _SIGMAS * math.sqrt(memory[M_STEP_NOISE] / few)
-    if counts[K_STEP] == TOLD:
-        again = _uneven(fresh, before) < _STEADY and apart(fresh, before) < 0.5 * limits[L_STEP_N] + noise
+    few, period = limits.step_few, limits.step_period
+    fresh, mean, before = work.fresh, work.period_mean, memory.cut_before
+    mean_cut(memory, 0, few, fresh)
+    noise = _SIGMAS * math.sqrt(memory.noise / few)
+    if memory.step == TOLD:
+        again = (
+            _uneven(fresh, before) < _STEADY
+            and apart(fresh.residual[:], before.residual[:]) < 0.5 * limits.step_n + noise
+        )
         right = zero_is_right(fresh, planned, limits, memory)
-        counts[K_STEP_BACK] = counts[K_STEP_BACK] + 1 if again or right else 0
-        if counts[K_STEP_BACK] >= times[T_STEP_BACK]:
-            forget_step(counts)
+        memory.step_back = memory.step_back + 1 if again or right else 0
+        if memory.step_back >= limits.step_back:
+            forget_step(memory)
         return
-    if missing(fresh, planned, limits, noise):
-        forget_step(counts)
-        counts[K_STEP_FILLED] = counts[K_STEP_EVEN] = 0
-        counts[K_STEP] = _ENTERING
+    if missing(fresh.residual[:], planned, limits, noise):
+        forget_step(memory)
+        memory.samples_filled = memory.step_even = 0
+        memory.step = _ENTERING
         return
-    if counts[K_STEP] == SUSPECTED:
-        counts[K_STEP_SINCE] += 1
-        if counts[K_STEP_SINCE] >= period + few:
-            _tell(0.0, planned, constants, jac, shown, limits, times, memory, counts, mean)
+    if memory.step == SUSPECTED:
+        memory.step_since += 1
+        if memory.step_since >= period + few:
+            _tell(0.0, planned, settings, jac, shown, limits, memory, mean)
         return
-    if counts[K_STEP_FILLED] < period + few:
+    if memory.samples_filled < period + few:
         return
-    mean_rows(memory, counts, few, period, 0, mean)
-    newest = M_STEPS + STEP_ROW * ((counts[K_STEP_PLACE] - 1 + STEP_MOST) % STEP_MOST)
-    memory[newest + _CHANGE] = apart(fresh, mean)
-    if counts[K_STEP] == _ENTERING:
-        counts[K_STEP] = _ENTERING if memory[newest + _CHANGE] > _EVEN * limits[L_STEP_N] + noise else 0
+    mean_cut(memory, few, period, mean)
+    newest = memory.samples[sample_at(memory, 0)]
+    newest.change = apart(fresh.residual[:], mean.residual[:])
+    if memory.step == _ENTERING:
+        memory.step = _ENTERING if newest.change > _EVEN * limits.step_n + noise else 0
         return
-    even = memory[M_STEP_PLAN] < _EVEN * limits[L_STEP_N] and _uneven(fresh, mean) < _STEADY
-    counts[K_STEP_EVEN] = min(counts[K_STEP_EVEN] + 1, STEP_MOST) if even else 0
+    even = memory.plan_change < _EVEN * limits.step_n and _uneven(fresh, mean) < _STEADY
+    memory.step_even = min(memory.step_even + 1, STEP_MOST) if even else 0
     if not acts:
         return
-    bound = _bound(fresh, mean, _SOONER * limits[L_STEP_N], limits[L_STEP_PLAN], few, memory)
-    if memory[newest + _CHANGE] > bound and size(fresh) > _AGREES * limits[L_STEP_N] + noise:
-        counts[K_STEP], counts[K_STEP_SINCE] = SUSPECTED, few
-        for k in range(10):
-            before[k] = mean[k]
+    bound = _bound(fresh, mean, _SOONER * limits.step_n, limits.step_plan, few, memory)
+    if newest.change > bound and size(fresh.residual[:]) > _AGREES * limits.step_n + noise:
+        memory.step, memory.step_since = SUSPECTED, few
+        copy_cut(mean, before)
         return
-    if counts[K_STEP_EVEN] < times[T_STEP_LONG] + period:
+    if memory.step_even < limits.step_long + period:
         return
-    rang = memory[M_STEP_WORK : M_STEP_WORK + 1]
-    mean_rows(memory, counts, times[T_STEP_LONG], period, _RANG, rang)
-    counts[K_STEP_SINCE] = times[T_STEP_LONG]
-    mean_rows(memory, counts, times[T_STEP_LONG], period, 0, before)
-    _tell(rang[0], planned, constants, jac, shown, limits, times, memory, counts, mean)
+    rang = mean_ringing(memory, limits.step_long, period)
+    memory.step_since = limits.step_long
+    mean_cut(memory, limits.step_long, period, before)
+    _tell(rang, planned, settings, jac, shown, limits, memory, mean)
 
 
 @kernel(
-    "void(float64[::1], int64[::1], int64[::1], float64[::1], float64[:, ::1], float64[::1], int64[::1],"
-    " float64[:, ::1], float64[::1], float64, float64[::1], int64[::1], float64[::1], int64[::1], float64[:, ::1])"
+    "void(Given, Settings, float64[:, ::1], State, Past[::1], float64[::1], float64, Limits, Memory, Work)",
+    Limits=LIMITS,
+    Memory=MEMORY,
+    Work=WORK,
+    Given=GIVEN,
+    Settings=SETTINGS,
+    State=STATE,
+    Past=PAST,
 )
 def believe_force(
-    given: Float,
-    flags: Int,
-    choices: Int,
-    constants: Float,
+    given: Record,
+    settings: Record,
     plan: Float,
-    state: Float,
-    whole: Int,
-    ring: Float,
+    state: Record,
+    ring: Records,
     jac: Float,
     swing_kg: float,
-    limits: Float,
-    times: Int,
-    memory: Float,
-    counts: Int,
-    work: Float,
+    limits: Record,
+    memory: Record,
+    work: Record,
 ) -> None:
-    """Which force the step takes for the measured one (R17): writes S_BELIEVED, and F_SOFT where the loop must hold.
+    """Which force the step takes for the measured one (R17): writes ``believed``, and ``soft`` where the loop must hold.
 
     It is ``planned + s r0`` in place of the measured one while a step is suspected, and once it is told with anything
     but ``"tell"``; s the share of the planned force that is left of what it was. Run again over its own output it
     changes nothing, so that a recorded cycle replays.
 
     Args:
-        given: Inputs of the step.
-        flags: Likewise; F_SOFT is changed.
-        choices: Of the loop.
-        constants: Likewise.
+        given: Inputs of the cycle; changed.
+        settings: Of the loop.
         plan: (n, PLAN_COLUMNS).
-        state: State of the step; S_BELIEVED is written.
-        whole: Likewise.
-        ring: Of the last cycles.
+        state: Of the step; written.
+        ring: Past cycles.
         jac: (36,) rigid Jacobian of the TCP in the last cycle, base axes, by rows.
         swing_kg: Largest force at the sensor by the recent acceleration of the program.
         limits: Of the tests.
-        times: Likewise.
-        memory: What they remember; changed.
-        counts: Their counters; changed.
-        work: (2, 14) work space.
+        memory: Of the tests; changed.
+        work: Work space.
     """
     for k in range(6):
-        state[at.S_BELIEVED + k] = given[at.G_W + k]
-    if choices[at.W_FORCE] == 0 or choices[at.W_PLAN] == 0:
+        state.believed[k] = given.wrench[k]
+    if settings.force == 0 or settings.has_plan == 0:
         return
-    acts = whole[AT_STATE] > _ARMED
+    acts = state.supervisor.state > _ARMED
     # A feed hold is acknowledged by a reset, too; what it was held for goes on.
-    if not acts or (flags[at.F_RESET] == 1 and whole[AT_STATE] != _HOLD):
-        forget_step(counts)
-        forget_calm(counts)
-    set_to, fused = choices[at.W_FORCE_OFFSET], choices[at.W_FORCE] == _FUSED  # which has other sources
+    if not acts or (given.reset == 1 and state.supervisor.state != _HOLD):
+        forget_step(memory)
+        forget_calm(memory)
+    set_to, fused = settings.force_offset, settings.force == _FUSED  # which has other sources
     leaves_out = set_to == _PLAN or (fused and set_to != _TELL)
-    soft = flags[at.F_SOFT]
-    if flags[at.F_FORCE_AGE] >= choices[at.W_STALE] or soft in (_STALE, _INVALID, _SATURATED):
-        counts[K_STEP_FILLED] = counts[K_STEP_EVEN] = counts[K_STEP_BACK] = 0
-        counts[K_CALM] = counts[K_CALM_LONG] = counts[K_CALM_OFF] = 0
-        if counts[K_STEP] == SUSPECTED:
-            forget_step(counts)
+    soft = given.soft
+    if given.force_age >= settings.stale or soft in (_STALE, _INVALID, _SATURATED):
+        memory.samples_filled = memory.step_even = memory.step_back = 0
+        memory.calm = memory.calm_long = memory.calm_off = 0
+        if memory.step == SUSPECTED:
+            forget_step(memory)
     else:
-        nominal = given[at.G_NOMINAL : at.G_NOMINAL + 12]
-        way, acceleration = _commanded_motion(ring, whole[at.N_RING], nominal, constants[at.C_PERIOD])
-        if whole[at.N_CYCLES] < 2 * _SPAN:
+        nominal = given.nominal[:]
+        way, acceleration = _commanded_motion(ring, state.ring_row, nominal, settings.period)
+        if state.cycles < 2 * _SPAN:
             acceleration = 0.0
-        _take(given, way, swing_kg * acceleration, state, limits, times, memory, counts)
-        shown = bool(flags[at.F_SOURCES] & _FROM_CURRENTS) and flags[at.F_CURRENT_AGE] < choices[at.W_STALE]
-        late = state[at.S_LATE : at.S_LATE + 3]
-        _judge(late, constants, jac, acts, shown, limits, times, memory, counts, work)
-        known_in_air(zero_is_right(work[0, :10], late, limits, memory), times, memory, counts)
-        if counts[K_STEP] != 0 or not acts:
-            counts[K_CALM] = counts[K_CALM_LONG] = counts[K_CALM_OFF] = 0
+        _take(given, way, swing_kg * acceleration, state, limits, memory)
+        shown = bool(given.sources & _FROM_CURRENTS) and given.current_age < settings.stale
+        late = state.predicted_late[:3]
+        _judge(late, settings, jac, acts, shown, limits, memory, work)
+        known_in_air(zero_is_right(work.fresh, late, limits, memory), limits, memory)
+        if memory.step != 0 or not acts:
+            memory.calm = memory.calm_long = memory.calm_off = 0
         else:
-            feed = work[0, :9]
-            directions(plan, int(state[at.S_PLACE]), nominal, feed)
+            feed = work.feed[:]
+            directions(plan, int(state.place[0]), nominal, feed)
             # It may be another cut: the feed is not held for it, the way in air tells.
-            if off_in_calm(feed, limits, times, memory, counts, work[1]) and leaves_out:
-                counts[K_STEP], counts[K_STEP_SINCE], counts[K_STEP_BACK] = TOLD, 0, 0
-    acts_as_set = counts[K_STEP] == TOLD and set_to != _TELL
-    if counts[K_STEP] == SUSPECTED or acts_as_set:
-        share, load = 1.0, size(memory[M_STEP_BEFORE + _PLANNED : M_STEP_BEFORE + _PLANNED + 3])
+            if off_in_calm(feed, limits, memory, work.now) and leaves_out:
+                memory.step, memory.step_since, memory.step_back = TOLD, 0, 0
+    acts_as_set = memory.step == TOLD and set_to != _TELL
+    if memory.step == SUSPECTED or acts_as_set:
+        share, load = 1.0, size(memory.cut_before.planned[:])
         if load > _NOTHING_N:
-            share = min(1.0, size(state[at.S_LATE : at.S_LATE + 3]) / load)
+            share = min(1.0, size(state.predicted_late[:3]) / load)
         for k in range(6):
-            state[at.S_BELIEVED + k] = state[at.S_LATE + k] + share * memory[M_STEP_BEFORE + k]
-    if acts_as_set and (set_to == _HOLDS or fused) and flags[at.F_SOFT] == 0:
-        flags[at.F_SOFT] = _OFFSET
+            state.believed[k] = state.predicted_late[k] + share * memory.cut_before.residual[k]
+    if acts_as_set and (set_to == _HOLDS or fused) and given.soft == 0:
+        given.soft = _OFFSET

@@ -19,125 +19,10 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-
-# Limits, float64.
-L_LEAST: Final = 0  # m: below it neither correction nor deviation says anything
-L_ANSWER: Final = 1  # share of the correction that may be missing or too much
-L_ANSWER_LATE: Final = 2  # s: how much later than thought the robot may answer a correction
-L_FOLLOW_LATE: Final = 3  # s: likewise its path, where the path turns
-L_GROWTH: Final = 4  # residual by what it was at the start
-L_AGAINST: Final = 5  # share of the correction's change by which the residual may grow against it
-L_FRAME_M: Final = 6
-L_FRAME_RAD: Final = 7
-L_RETURN_M: Final = 8
-L_COSINE: Final = 9  # of the largest angle between measured and predicted force
-L_FORCE_N: Final = 10  # least force that has a direction
-L_IDLE_N: Final = 11
-L_IDLE_NM: Final = 12
-L_PERIOD: Final = 13
-L_MIRRORED: Final = 14  # share by which the residual's change may differ from the correction's mirrored one
-L_SHARE: Final = 15  # share of a tracker's last samples that may be rejected
-L_LATE: Final = 16  # s, age of a tracker's sample that does not say it
-L_STEP_N: Final = 17  # N, step of the residual of the force
-L_STEP_PLAN: Final = 18  # share of a change of the planned force that swings on
-L_STEP_FADE: Final = 19  # what is left of a swing of the arm after a cycle
-L_STEP_TORQUE: Final = 20  # of the variances C_TORQUE: of a single sample
-L_STEP_MEMORY: Final = 21  # what is left of a change of the residual after a cycle
-LIMITS: Final = 22
-
-# Limits in cycles, int64.
-T_ANSWER: Final = 0
-T_RESIDUAL: Final = 1
-T_GAP: Final = 2  # cycles without a sample after which the return is checked, see gap_cycles
-T_RETURN: Final = 3  # samples in a row that must agree
-T_DIRECTION: Final = 4
-T_IDLE: Final = 5
-T_WINDOW: Final = 6  # cycles over which changes of residual and correction are compared
-T_SIGN: Final = 7  # samples in a row that mirror the correction; 0: not judged
-T_SHARE: Final = 8  # samples over which the share of rejected ones is kept
-T_SILENT: Final = 9  # cycles without a believed sample after which the tracker is lost
-T_STEP_FEW: Final = 10  # samples of the force in which a step shows
-T_STEP_PERIOD: Final = 11  # of the arm's lowest mode
-T_STEP_LONG: Final = 12  # over which a slower one is looked for
-T_STEP_BACK: Final = 13  # after which it is over
-TIMES: Final = 14
-
-# What is remembered, float64.
-M_STANDING: Final = 0  # 3: reported minus commanded while nothing is corrected and the robot stands
-M_START: Final = 3  # residual before the correction acted
-M_EXPECTED: Final = 4  # largest expected deflection, fading
-M_SEEN: Final = 5  # 3: last believed deviation
-M_MODEL: Final = 8  # 3: correction in effect plus expected deflection then
-M_RING: Final = 11  # WINDOW_MOST x 6: residual and correction in effect of the last cycles
-WINDOW_MOST: Final = 64
-M_FORCE: Final = M_RING + 6 * WINDOW_MOST  # 6: last wrench that was numbers
-M_POSE: Final = M_FORCE + 6  # 12: last sample as it came
-M_STOOD: Final = M_POSE + 12  # 6: commanded position and correction in effect then
-M_TURN: Final = M_STOOD + 6  # 3: orientation of the last believed deviation
-M_CLOCK: Final = M_TURN + 3  # when it was measured, cycles of the controller
-M_LATE: Final = M_CLOCK + 1  # how late it came, s
-M_SHARE: Final = M_LATE + 1  # share of rejected samples
-M_PAUSE: Final = M_SHARE + 1  # usual cycles without a sample between two; 0 where one comes in every cycle
-STEP_MOST: Final = 256
-STEP_ROW: Final = 18
-"""Residual (6) and planned force (3) before the filters, way of the tool, torques of the axes (6), change, and the
-fading largest of those before."""
-M_STEPS: Final = M_PAUSE + 1
-M_STEP_BEFORE: Final = M_STEPS + STEP_ROW * STEP_MOST  # 10: mean residual, planned force, way before the step
-M_STEP_PLAN: Final = M_STEP_BEFORE + 10  # by how much the planned force has changed recently, fading, N
-M_STEP_SWING: Final = M_STEP_PLAN + 1  # likewise the largest force of inertia
-M_STEP_SIZE: Final = M_STEP_SWING + 1  # likewise the largest measured force
-M_STEP_CHANGE: Final = M_STEP_SIZE + 1  # likewise by how much the residual has changed
-M_STEP_NOISE: Final = M_STEP_CHANGE + 1  # variance of a sample, by what changes from one to the next
-M_STEP_WORK: Final = M_STEP_NOISE + 1  # 18: work space
-CALM_MOST: Final = 16
-CALM_ROW: Final = 14
-"""Mean residual (6) and planned force (3), feed axes; way of the tool; direction of feed (3); periods seen."""
-M_CALM: Final = M_STEP_WORK + 18  # CALM_MOST x CALM_ROW: what calm cuts have shown
-M_CALM_SUM: Final = M_CALM + CALM_MOST * CALM_ROW  # 10: of the period that is running
-M_CALM_FIRST: Final = M_CALM_SUM + 10  # 4: planned force and way with which it began
-M_CALM_SPREAD: Final = M_CALM_FIRST + 4  # 2: largest differences from them
-M_CALM_LAST: Final = M_CALM_SPREAD + 2  # 10: means of the period before
-M_CALM_OTHER: Final = M_CALM_LAST + 10  # 13: a row without its last: what was told
-REMEMBERED: Final = M_CALM_OTHER + 13
-
-# Counters, int64.
-K_ANSWER: Final = 0
-K_RESIDUAL: Final = 1
-K_FRAME: Final = 2  # 1: the last sample was beyond the limits of the frame test
-K_UNSEEN: Final = 3  # cycles without a sample
-K_WAITING: Final = 4  # 1: after a gap, no sample has been believed yet
-K_AGREED: Final = 5
-K_DIRECTION: Final = 6
-K_IDLE: Final = 7
-K_PLACE: Final = 8  # of the ring
-K_FILLED: Final = 9
-K_AIR: Final = 10  # cycles since the plan last cut
-K_KNOWN: Final = 11  # 1: a sample has been believed
-K_SOFT: Final = 12  # causes for the next cycle
-K_HARD: Final = 13
-K_EARLY: Final = 14  # doubts found before the step
-K_SIGN: Final = 15
-K_REJECTED: Final = 16  # samples of the tracker that were rejected, in all
-K_WHY: Final = 17  # cause of the last one, 0 once one has been believed
-K_WITHOUT: Final = 18  # cycles since one was believed
-K_SAME: Final = 19  # samples in a row that repeat the one before although the tool moves
-K_PAUSED: Final = 20  # cycles since a sample came, believed or not
-K_STEP: Final = 21  # 1: the force is suspected of a step, 2: told of one
-K_STEP_SINCE: Final = 22
-K_STEP_BACK: Final = 23
-K_STEP_PLACE: Final = 24  # of its ring
-K_STEP_FILLED: Final = 25
-K_STEP_EVEN: Final = 26  # cycles since plan or speed changed
-K_CALM: Final = 27  # samples of the period that is running
-K_CALM_LONG: Final = 28  # calm periods in a row
-K_CALM_OFF: Final = 29  # of them off what such cuts have shown before
-K_CALM_ROWS: Final = 30
-K_CALM_TOLD: Final = 31  # 1: told
-K_CALM_AIR: Final = 32  # cycles in air since, in which the sensor shows nothing
-COUNTS: Final = 33
+from counterflex.core.records import Record
+from counterflex.runtime.state.doubts import LIMITS, MEMORY
 
 # Bits that say what is doubted.
 DOUBT_ANSWER: Final = 1
@@ -175,8 +60,9 @@ def _norm(x: Float) -> float:
 
 
 @kernel(
-    "boolean(float64[::1], float64[::1], float64[::1], float64[::1], float64, float64[::1], boolean, float64[::1],"
-    " int64[::1], float64[::1], int64[::1])"
+    "boolean(float64[::1], float64[::1], float64[::1], float64[::1], float64, float64[::1], boolean, Limits, Memory)",
+    Limits=LIMITS,
+    Memory=MEMORY,
 )
 def answer_is_wrong(
     difference: Float,
@@ -186,14 +72,12 @@ def answer_is_wrong(
     change_m_s: float,
     work: Float,
     corrects: bool,
-    limits: Float,
-    times: Int,
-    memory: Float,
-    counts: Int,
+    limits: Record,
+    memory: Record,
 ) -> bool:
     """Whether the robot does something else than the correction it is sent (R19, WRONG_FRAME).
 
-    ``|P (r - r0 - c)| > max(L, s |c|) + t_c |dc/dt| + t_f |v| sin(turn)`` over T_ANSWER cycles in a row, with r the
+    ``|P (r - r0 - c)| > max(L, s |c|) + t_c |dc/dt| + t_f |v| sin(turn)`` over ``answer_cycles`` in a row, with r the
     reported minus the commanded position, r0 the same at rest without a correction, c the correction in effect, P the
     projection across the motion (along it the robot lags), v the speed and ``turn`` how far the path has turned lately.
 
@@ -205,26 +89,24 @@ def answer_is_wrong(
         change_m_s: Speed at which the correction changes.
         work: (3,) work space.
         corrects: The correction may act: r0 is not learnt.
-        limits: (LIMITS,).
-        times: (TIMES,).
-        memory: (REMEMBERED,); changed.
-        counts: (COUNTS,); changed.
+        limits: Of the tests.
+        memory: Of the tests; changed.
 
     Returns:
         Whether it has lasted long enough to be a fault.
     """
     way, before = _norm(moved), _norm(moved_before)
     size = _norm(in_effect)
-    least = limits[L_LEAST]
+    least = limits.least_m
     if not corrects and size < 1e-6 and way < 1e-6:
         for k in range(3):
-            memory[M_STANDING + k] += _SETTLE * (difference[k] - memory[M_STANDING + k])
+            memory.standing[k] += _SETTLE * (difference[k] - memory.standing[k])
     if size < least:
-        counts[K_ANSWER] = 0
+        memory.answer = 0
         return False
     along = 0.0
     for k in range(3):
-        work[k] = difference[k] - memory[M_STANDING + k] - in_effect[k]
+        work[k] = difference[k] - memory.standing[k] - in_effect[k]
         along += work[k] * moved[k]
     turn = 0.0
     if way > 1e-6:
@@ -236,84 +118,80 @@ def answer_is_wrong(
                 cosine += moved[k] * moved_before[k]
             cosine = min(1.0, max(-1.0, cosine / (way * before)))
             turn = math.sqrt(max(0.0, 1.0 - cosine * cosine)) if cosine > 0.0 else 1.0
-    speed = max(way, before) / (times[T_WINDOW] * limits[L_PERIOD])
-    bound = max(least, limits[L_ANSWER] * size)
-    bound += limits[L_ANSWER_LATE] * change_m_s + limits[L_FOLLOW_LATE] * speed * turn
+    speed = max(way, before) / (limits.window * limits.period)
+    bound = max(least, limits.answer_share * size)
+    bound += limits.answer_late_s * change_m_s + limits.follow_late_s * speed * turn
     # NaN is no agreement.
-    counts[K_ANSWER] = 0 if _norm(work) <= bound else counts[K_ANSWER] + 1
-    return bool(counts[K_ANSWER] >= times[T_ANSWER])
+    memory.answer = 0 if _norm(work) <= bound else memory.answer + 1
+    return bool(memory.answer >= limits.answer_cycles)
 
 
-@kernel("boolean(float64[::1], float64[::1], float64, boolean, float64[::1], int64[::1], float64[::1], int64[::1])")
+@kernel("boolean(float64[::1], float64[::1], float64, boolean, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
 def residual_grows(
     deviation: Float,
     in_effect: Float,
     expected_m: float,
     active: bool,
-    limits: Float,
-    times: Int,
-    memory: Float,
-    counts: Int,
+    limits: Record,
+    memory: Record,
 ) -> bool:
     """Whether the tracker's deviation grows under the correction (R19: sign test, DIVERGENCE).
 
     Counted are samples with ``|d| > 0.1 mm`` and ``|d| > 1.5 max(start, expected)``: start is the residual before the
     correction acted, expected the deflection under the force that is known. A deviation can also grow by itself; so a
-    sample counts only where the residual moves against the correction, over T_WINDOW cycles: ``dd . dc < -a |dc|^2``.
+    sample counts only where the residual moves against the correction, over ``window`` cycles: ``dd . dc < -a |dc|^2``.
     A right correction gives ``dd = dc`` plus what the process adds, a wrong sign ``dd = -dc``.
 
-    That mirror image is judged sooner: ``|d| > 0.1 mm`` and ``|dd + dc| < 0.2 |dc|`` over T_SIGN samples in a row.
+    That mirror image is judged sooner: ``|d| > 0.1 mm`` and ``|dd + dc| < 0.2 |dc|`` over ``sign_samples`` in a row.
     A process under a right correction would have to grow by ``dp = -2 dc`` to look so. While an integrator of gain K
-    per second follows a ramp or a sine it does for 0.2 / K s at most; T_SIGN is twice that.
+    per second follows a ramp or a sine it does for 0.2 / K s at most; ``sign_samples`` is twice that.
 
     Args:
         deviation: (3,) d across the feed, m, part axes: a new sample.
         in_effect: (3,) correction in effect, as the loop computes it.
         expected_m: Size of the deflection under the known force; 0 where none is known.
         active: The correction acts.
-        limits: (LIMITS,).
-        times: (TIMES,).
-        memory: (REMEMBERED,); changed.
-        counts: (COUNTS,); changed.
+        limits: Of the tests.
+        memory: Of the tests; changed.
 
     Returns:
         Whether it has lasted long enough to be a fault.
     """
     size = _norm(deviation)
-    window = times[T_WINDOW]
-    place = counts[K_PLACE]
-    old = M_RING + 6 * place
+    window = limits.window
+    place = memory.window_row
+    old = memory.deviations[place]
     against = mirrored = False
-    if counts[K_FILLED] >= window:
+    if memory.window_filled >= window:
         both = square = apart = 0.0
         for k in range(3):
-            change = in_effect[k] - memory[old + 3 + k]
-            grown = deviation[k] - memory[old + k]
+            change = in_effect[k] - old.in_effect[k]
+            grown = deviation[k] - old.deviation[k]
             both += change * grown
             square += change * change
             apart += (grown + change) ** 2
-        tells = math.sqrt(square) > 0.3 * limits[L_LEAST]
-        against = tells and both < -limits[L_AGAINST] * square
-        mirrored = tells and apart < limits[L_MIRRORED] ** 2 * square
+        tells = math.sqrt(square) > 0.3 * limits.least_m
+        against = tells and both < -limits.against * square
+        mirrored = tells and apart < limits.mirrored**2 * square
     for k in range(3):
-        memory[old + k], memory[old + 3 + k] = deviation[k], in_effect[k]
-    counts[K_PLACE] = (place + 1) % window
-    counts[K_FILLED] = min(window, counts[K_FILLED] + 1)
-    memory[M_EXPECTED] = max(expected_m, _FADE * memory[M_EXPECTED])
+        old.deviation[k], old.in_effect[k] = deviation[k], in_effect[k]
+    memory.window_row = (place + 1) % window
+    memory.window_filled = min(window, memory.window_filled + 1)
+    memory.expected = max(expected_m, _FADE * memory.expected)
     if not active:
-        memory[M_START] += _SETTLE * (size - memory[M_START])
-        counts[K_RESIDUAL] = counts[K_SIGN] = 0
+        memory.start += _SETTLE * (size - memory.start)
+        memory.residual = memory.sign = 0
         return False
-    start = max(memory[M_START], memory[M_EXPECTED])
-    bad = size > limits[L_LEAST] and size > limits[L_GROWTH] * start and against
-    counts[K_RESIDUAL] = counts[K_RESIDUAL] + 1 if bad else 0
-    counts[K_SIGN] = counts[K_SIGN] + 1 if size > limits[L_LEAST] and mirrored else 0
-    wrong_sign = times[T_SIGN] > 0 and counts[K_SIGN] >= times[T_SIGN]
-    return bool(wrong_sign or counts[K_RESIDUAL] >= times[T_RESIDUAL])
+    start = max(memory.start, memory.expected)
+    bad = size > limits.least_m and size > limits.growth * start and against
+    memory.residual = memory.residual + 1 if bad else 0
+    memory.sign = memory.sign + 1 if size > limits.least_m and mirrored else 0
+    wrong_sign = limits.sign_samples > 0 and memory.sign >= limits.sign_samples
+    return bool(wrong_sign or memory.residual >= limits.residual_cycles)
 
 
-@kernel("boolean(float64[::1], boolean, float64[::1], int64[::1])")
-def frame_is_wrong(deviation: Float, moves: bool, limits: Float, counts: Int) -> bool:
+@kernel("boolean(float64[::1], boolean, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+def frame_is_wrong(deviation: Float, moves: bool, limits: Record, memory: Record) -> bool:
     """Whether the tracker sees the tool elsewhere than where the controller says it is (R19, before arming).
 
     A robot that moves trails its program: then a sample can only prove the frame, not disprove it.
@@ -321,38 +199,34 @@ def frame_is_wrong(deviation: Float, moves: bool, limits: Float, counts: Int) ->
     Args:
         deviation: (6,) measured minus commanded pose, m and rad: a new sample.
         moves: The robot moves.
-        limits: (LIMITS,).
-        counts: (COUNTS,); changed.
+        limits: Of the tests.
+        memory: Of the tests; changed.
 
     Returns:
         Whether the last sample that could be judged lay beyond 2 mm or 0.2 deg.
     """
     angle = math.sqrt(deviation[3] ** 2 + deviation[4] ** 2 + deviation[5] ** 2)
-    if _norm(deviation) <= limits[L_FRAME_M] and angle <= limits[L_FRAME_RAD]:
-        counts[K_FRAME] = 0
+    if _norm(deviation) <= limits.frame_m and angle <= limits.frame_rad:
+        memory.frame = 0
     elif not moves:
-        counts[K_FRAME] = 1
-    return bool(counts[K_FRAME] == 1)
+        memory.frame = 1
+    return bool(memory.frame == 1)
 
 
-@kernel("int64(int64[::1], float64[::1])")
-def gap_cycles(times: Int, memory: Float) -> int:
-    """Cycles without a believed sample that are a gap: T_GAP, or three usual pauses of a tracker that sends seldom."""
-    return int(max(times[T_GAP], math.ceil(3.0 * memory[M_PAUSE])))
+@kernel("int64(Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+def gap_cycles(limits: Record, memory: Record) -> int:
+    """Cycles without a believed sample that are a gap: ``gap_cycles``, or three usual pauses where few come."""
+    return int(max(limits.gap_cycles, math.ceil(3.0 * memory.pause)))
 
 
-@kernel(
-    "boolean(float64[::1], float64[::1], float64[::1], boolean, float64[::1], int64[::1], float64[::1], int64[::1])"
-)
+@kernel("boolean(float64[::1], float64[::1], float64[::1], boolean, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
 def return_is_believed(
     deviation: Float,
     in_effect: Float,
     expected: Float,
     corrects: bool,
-    limits: Float,
-    times: Int,
-    memory: Float,
-    counts: Int,
+    limits: Record,
+    memory: Record,
 ) -> bool:
     """Whether a tracker's sample may be used: after a gap only where it goes on as predicted (R18).
 
@@ -366,29 +240,27 @@ def return_is_believed(
         in_effect: (3,) correction in effect.
         expected: (3,) deflection under the known force.
         corrects: The correction acts or stands.
-        limits: (LIMITS,).
-        times: (TIMES,).
-        memory: (REMEMBERED,); changed.
-        counts: (COUNTS,); changed.
+        limits: Of the tests.
+        memory: Of the tests; changed.
     """
-    if counts[K_UNSEEN] >= gap_cycles(times, memory):
-        counts[K_WAITING], counts[K_AGREED] = 1, 0
-    counts[K_UNSEEN] = 0
+    if memory.unseen >= gap_cycles(limits, memory):
+        memory.waiting, memory.agreed = 1, 0
+    memory.unseen = 0
     if not corrects:
-        counts[K_WAITING] = 0
-    if counts[K_WAITING] == 1:
-        gap, least, largest = 0.0, times[T_RETURN], limits[L_RETURN_M]
+        memory.waiting = 0
+    if memory.waiting == 1:
+        gap, least, largest = 0.0, limits.return_samples, limits.return_m
         for k in range(3):
-            predicted = memory[M_SEEN + k] + in_effect[k] + expected[k] - memory[M_MODEL + k]
+            predicted = memory.deviation[k] + in_effect[k] + expected[k] - memory.model[k]
             gap += (deviation[k] - predicted) ** 2
-        if counts[K_KNOWN] == 0:
-            gap, least, largest = _norm(deviation) ** 2, 1, limits[L_FRAME_M]
-        counts[K_AGREED] = counts[K_AGREED] + 1 if math.sqrt(gap) <= largest else 0
-        if counts[K_AGREED] < least:
+        if memory.known == 0:
+            gap, least, largest = _norm(deviation) ** 2, 1, limits.frame_m
+        memory.agreed = memory.agreed + 1 if math.sqrt(gap) <= largest else 0
+        if memory.agreed < least:
             return False
-        counts[K_WAITING] = 0
-        counts[K_FILLED] = 0
-    counts[K_KNOWN] = 1
+        memory.waiting = 0
+        memory.window_filled = 0
+    memory.known = 1
     for k in range(3):
-        memory[M_SEEN + k], memory[M_MODEL + k] = deviation[k], in_effect[k] + expected[k]
+        memory.deviation[k], memory.model[k] = deviation[k], in_effect[k] + expected[k]
     return True

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-import numpy as np
-
-from counterflex.core.arrays import Float, Int, as_positive
+from counterflex.core.arrays import as_positive
 from counterflex.core.errors import InputError
+from counterflex.core.records import Record
 from counterflex.core.units import DEG, MM, MS
-from counterflex.runtime.plausibility import kernel as pk
+from counterflex.runtime.state.doubts import STEP_MOST, WINDOW_MOST
 
 _SIGN_LEAST = 15
 """Samples that must at least mirror the correction."""
@@ -94,57 +93,42 @@ class Plausibility:
                 "plausibility: angle_rad lets every direction pass", value=self.angle_rad / DEG, limit="< 180 deg"
             )
 
-    def packed(
-        self, period_s: float, gain: float = 0.0, mode_hz: float = 8.0, mode_damping: float = 0.1
-    ) -> tuple[Float, Int]:
-        """(LIMITS,) and (TIMES,) for the kernels, with times in cycles of ``period_s``, at least one each.
+    def pack(
+        self, out: Record, period_s: float, gain: float = 0.0, mode_hz: float = 8.0, mode_damping: float = 0.1
+    ) -> None:
+        """Write limits, and times in cycles of ``period_s``, at least one each.
 
         Args:
+            out: :data:`counterflex.runtime.state.doubts.LIMITS`; written.
             period_s: Cycle.
             gain: Of the tracker's integrator, per cycle; 0: none, the mirror image is not judged.
             mode_hz: Lowest mode of the arm, about which it swings when a load comes or goes.
             mode_damping: Its damping ratio.
         """
-        limits = np.zeros(pk.LIMITS)
-        for place, value in (
-            (pk.L_LEAST, self.least_m),
-            (pk.L_ANSWER, self.answer_share),
-            (pk.L_ANSWER_LATE, self.answer_late_s),
-            (pk.L_FOLLOW_LATE, self.follow_late_s),
-            (pk.L_GROWTH, self.growth),
-            (pk.L_AGAINST, self.against),
-            (pk.L_FRAME_M, self.frame_m),
-            (pk.L_FRAME_RAD, self.frame_rad),
-            (pk.L_RETURN_M, self.return_m),
-            (pk.L_COSINE, math.cos(self.angle_rad)),
-            (pk.L_FORCE_N, self.force_n),
-            (pk.L_IDLE_N, self.idle_n),
-            (pk.L_IDLE_NM, self.idle_nm),
-            (pk.L_PERIOD, period_s),
-            (pk.L_MIRRORED, self.mirrored),
-            (pk.L_SHARE, self.rejected_share),
-            (pk.L_STEP_N, self.step_n),
-            (pk.L_STEP_PLAN, self.step_plan),
-            (pk.L_STEP_FADE, math.exp(-mode_damping * 2.0 * math.pi * mode_hz * period_s)),
-            (pk.L_STEP_MEMORY, math.exp(-0.5 * mode_hz * period_s)),
+        out.least_m, out.answer_share = self.least_m, self.answer_share
+        out.answer_late_s, out.follow_late_s = self.answer_late_s, self.follow_late_s
+        out.growth, out.against, out.mirrored = self.growth, self.against, self.mirrored
+        out.frame_m, out.frame_rad, out.return_m = self.frame_m, self.frame_rad, self.return_m
+        out.cosine, out.force_n = math.cos(self.angle_rad), self.force_n
+        out.idle_n, out.idle_nm = self.idle_n, self.idle_nm
+        out.period, out.rejected_share = period_s, self.rejected_share
+        out.step_n, out.step_plan = self.step_n, self.step_plan
+        out.step_fade = math.exp(-mode_damping * 2.0 * math.pi * mode_hz * period_s)
+        out.step_memory = math.exp(-0.5 * mode_hz * period_s)
+        for name, seconds in (
+            ("answer_cycles", self.answer_s),
+            ("residual_cycles", self.residual_s),
+            ("gap_cycles", 2.0 * period_s),
+            ("return_samples", self.return_s),
+            ("direction_cycles", self.direction_s),
+            ("idle_cycles", self.idle_s),
+            ("share_samples", self.rejected_s),
+            ("silent_cycles", self.silent_s),
+            ("step_few", max(self.step_few_s, 2.0 * period_s)),
+            ("step_period", min(1.0 / mode_hz, STEP_MOST // 3 * period_s)),
+            ("step_long", min(self.step_long_s, STEP_MOST // 2 * period_s)),
+            ("step_back", self.step_back_s),
+            ("window", min(100.0 * MS, WINDOW_MOST * period_s)),
         ):
-            limits[place] = value
-        times = np.zeros(pk.TIMES, dtype=np.int64)
-        for place, seconds in (
-            (pk.T_ANSWER, self.answer_s),
-            (pk.T_RESIDUAL, self.residual_s),
-            (pk.T_GAP, 2.0 * period_s),
-            (pk.T_RETURN, self.return_s),
-            (pk.T_DIRECTION, self.direction_s),
-            (pk.T_IDLE, self.idle_s),
-            (pk.T_SHARE, self.rejected_s),
-            (pk.T_SILENT, self.silent_s),
-            (pk.T_STEP_FEW, max(self.step_few_s, 2.0 * period_s)),
-            (pk.T_STEP_PERIOD, min(1.0 / mode_hz, pk.STEP_MOST // 3 * period_s)),
-            (pk.T_STEP_LONG, min(self.step_long_s, pk.STEP_MOST // 2 * period_s)),
-            (pk.T_STEP_BACK, self.step_back_s),
-            (pk.T_WINDOW, min(100.0 * MS, pk.WINDOW_MOST * period_s)),
-        ):
-            times[place] = max(1, round(seconds / period_s))
-        times[pk.T_SIGN] = max(_SIGN_LEAST, math.ceil(2.0 * self.mirrored / gain)) if gain > 0.0 else 0
-        return limits, times
+            out[name] = max(1, round(seconds / period_s))
+        out.sign_samples = max(_SIGN_LEAST, math.ceil(2.0 * self.mirrored / gain)) if gain > 0.0 else 0

@@ -24,38 +24,19 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
+from counterflex.core.records import Record, Records
 from counterflex.runtime.plausibility.kernel import (
     DOUBT_FROZEN,
     DOUBT_JUMP,
     DOUBT_STAMP,
-    K_KNOWN,
-    K_REJECTED,
-    K_SAME,
-    K_UNSEEN,
-    K_WAITING,
-    K_WHY,
-    K_WITHOUT,
-    L_FRAME_RAD,
-    L_LATE,
-    L_PERIOD,
-    L_SHARE,
-    M_CLOCK,
-    M_LATE,
-    M_MODEL,
-    M_PAUSE,
-    M_POSE,
-    M_SEEN,
-    M_SHARE,
-    M_STOOD,
-    M_TURN,
-    T_SHARE,
-    T_SILENT,
     gap_cycles,
 )
 from counterflex.runtime.primitives.history import row_at
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.doubts import LIMITS, MEMORY
+from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
 from counterflex.runtime.state.supervisor import Cause
 
 LEAST_SIGMA_M: Final = 20e-6
@@ -70,105 +51,112 @@ MOVED_M: Final = 20e-6
 CORRECTED_M: Final = 0.5e-3
 _LOST, _JUMP = int(Cause.TRACKER_LOST), int(Cause.TRACKER_JUMP)
 _FROZEN, _STAMP = int(Cause.TRACKER_FROZEN), int(Cause.TRACKER_STAMP)
-_LONGEST = 0.9 * at.RING_ROWS
+_LONGEST = 0.9 * PAST_ROWS
 _LOOK_BACK = (12, 40, 75)
 
 
-@kernel("float64(float64[:, ::1], int64, float64[::1])")
-def _turned(ring: Float, here: int, v: Float) -> float:
+@kernel("float64(Past[::1], int64, float64[::1])", Past=PAST)
+def _turned(ring: Records, here: int, v: Float) -> float:
     """Largest change of the commanded motion, m per cycle, against what it was up to 0.3 s ago."""
     most = 0.0
     for back in _LOOK_BACK:
-        later = ring[(here - back + at.RING_ROWS) % at.RING_ROWS]
-        earlier = ring[(here - back - 1 + at.RING_ROWS) % at.RING_ROWS]
+        later = ring[(here - back + PAST_ROWS) % PAST_ROWS]
+        earlier = ring[(here - back - 1 + PAST_ROWS) % PAST_ROWS]
         square = 0.0
-        for k in range(at.RING_NOMINAL + 9, at.RING_NOMINAL + 12):
-            square += (v[k - at.RING_NOMINAL - 9] - later[k] + earlier[k]) ** 2
+        for k in range(3):
+            square += (v[k] - later.nominal[9 + k] + earlier.nominal[9 + k]) ** 2
         most = max(most, square)
     return math.sqrt(most)
 
 
-@kernel("boolean(float64[::1], int64[::1], float64[:, ::1], int64, float64, float64[::1], float64[::1], float64[::1])")
+@kernel(
+    "boolean(Given, Past[::1], int64, float64, Limits, State, float64[::1])",
+    Limits=LIMITS,
+    Given=GIVEN,
+    Past=PAST,
+    State=STATE,
+)
 def stamped_pose(
-    given: Float, flags: Int, ring: Float, here: int, behind_s: float, limits: Float, state: Float, out: Float
+    given: Record, ring: Records, here: int, behind_s: float, limits: Record, state: Record, out: Float
 ) -> bool:
     """Commanded pose at the time of a sample, or earlier by what the robot trails its program.
 
     Args:
         given: Inputs of the cycle.
-        flags: Likewise.
-        ring: Of the last cycles, with their clock.
+        ring: Past cycles.
         here: Its next row.
         behind_s: How much earlier.
         limits: Of the tests.
-        state: Of the step; its work space for a row of the past is written.
+        state: Of the step; written.
         out: (12,) written.
 
     Returns:
         False where that is longer ago than the loop remembers.
     """
-    late = given[at.G_TRACKER_LATE] if given[at.G_TRACKER_LATE] >= 0.0 else limits[L_LATE]
-    now = state[at.S_CLOCK] + flags[at.F_ELAPSED]
-    newest = (here - 1 + at.RING_ROWS) % at.RING_ROWS
-    clock, stamp = now - (late + behind_s) / limits[L_PERIOD], ring[newest, at.RING_CLOCK]
+    late = given.tracker_late if given.tracker_late >= 0.0 else limits.tracker_late
+    now = state.clock + given.elapsed
+    newest = (here - 1 + PAST_ROWS) % PAST_ROWS
+    clock, stamp = now - (late + behind_s) / limits.period, ring[newest].clock
     for k in range(12):
-        out[k] = given[at.G_NOMINAL + k]
+        out[k] = given.nominal[k]
     if clock >= now:
         return True
     if clock >= stamp:
         u = (clock - stamp) / (now - stamp)
         for k in range(9, 12):
-            out[k] = (1.0 - u) * ring[newest, at.RING_NOMINAL + k] + u * out[k]
+            out[k] = (1.0 - u) * ring[newest].nominal[k] + u * out[k]
         return True
-    past = state[at.S_PAST : at.S_PAST + at.RING]
+    past = state.past
     if not row_at(ring, newest, clock, past):
         return False
     for k in range(12):
-        out[k] = past[at.RING_NOMINAL + k]
+        out[k] = past.nominal[k]
     return True
 
 
-@kernel("boolean(float64[::1], float64[::1], float64[::1])")
-def _repeats(given: Float, stands: Float, memory: Float) -> bool:
+@kernel("boolean(Given, float64[::1], Memory)", Memory=MEMORY, Given=GIVEN)
+def _repeats(given: Record, stands: Float, memory: Record) -> bool:
     """Whether a sample is the last one bit for bit although the tool has moved since; remembers it otherwise.
 
     By its program, or by more than :data:`CORRECTED_M` of a correction.
     """
     same = True
     for k in range(12):
-        same = same and given[at.G_ACTUAL + k] == memory[M_POSE + k]
+        same = same and given.actual[k] == memory.pose[k]
     gone = corrected = 0.0
     for k in range(3):
-        gone += (stands[k] - memory[M_STOOD + k]) ** 2
-        corrected += (stands[3 + k] - memory[M_STOOD + 3 + k]) ** 2
+        gone += (stands[k] - memory.stood[k]) ** 2
+        corrected += (stands[3 + k] - memory.stood[3 + k]) ** 2
     if same:
         return bool(gone > MOVED_M * MOVED_M or corrected > CORRECTED_M * CORRECTED_M)
     for k in range(12):
-        memory[M_POSE + k] = given[at.G_ACTUAL + k]
+        memory.pose[k] = given.actual[k]
     for k in range(6):
-        memory[M_STOOD + k] = stands[k]
+        memory.stood[k] = stands[k]
     return False
 
 
 @kernel(
-    "int64(float64[::1], float64[::1], boolean, int64[::1], float64[::1], float64[:, ::1], int64, boolean,"
-    " float64[::1], float64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[::1])"
+    "int64(Given, float64[::1], boolean, State, Past[::1], int64, boolean, float64[::1], float64[::1], Limits, Memory,"
+    " float64[::1])",
+    Limits=LIMITS,
+    Memory=MEMORY,
+    Given=GIVEN,
+    State=STATE,
+    Past=PAST,
 )
 def sample_doubt(
-    given: Float,
+    given: Record,
     deviation: Float,
     stamped: bool,
-    flags: Int,
-    state: Float,
-    ring: Float,
+    state: Record,
+    ring: Records,
     here: int,
     corrects: bool,
     in_force: Float,
     expected: Float,
-    limits: Float,
-    times: Int,
-    memory: Float,
-    counts: Int,
+    limits: Record,
+    memory: Record,
     work: Float,
 ) -> int:
     """What a new sample is doubted for; see the module.
@@ -177,65 +165,62 @@ def sample_doubt(
         given: Inputs of the cycle.
         deviation: (6,) measured minus commanded pose, m and rad, part axes.
         stamped: The commanded pose is that of the sample's own stamp; else that of a sample that is as late as usual.
-        flags: Inputs of the cycle.
-        state: Of the step, as the last cycle left it.
-        ring: Of the last cycles.
+        state: Of the step.
+        ring: Past cycles.
         here: Its next row.
         corrects: The correction acts or stands: before, only its stamp and whether it repeats itself is judged.
         in_force: (3,) correction in effect when it was measured.
         expected: (3,) deflection under the known force then.
         limits: Of the tests.
-        times: Likewise.
-        memory: What they remember; changed.
-        counts: Their counters.
+        memory: Of the tests; changed.
         work: (9,) work space.
 
     Returns:
         Bits ``DOUBT_JUMP``, ``DOUBT_FROZEN``, ``DOUBT_STAMP``, or 0; REPEATED: no news, not to be used.
     """
-    period = limits[L_PERIOD]
-    before = ring[(here - 1 + at.RING_ROWS) % at.RING_ROWS]
-    elapsed = max(1, flags[at.F_ELAPSED])
+    period = limits.period
+    before = ring[(here - 1 + PAST_ROWS) % PAST_ROWS]
+    elapsed = max(1, given.elapsed)
     v, stands = work[:3], work[3:9]
     speed = 0.0
     for k in range(3):
-        v[k] = (given[at.G_NOMINAL + 9 + k] - before[at.RING_NOMINAL + 9 + k]) / elapsed
-        stands[k] = given[at.G_ACTUAL + 9 + k] - deviation[k]  # commanded when the sample was measured
-        stands[3 + k] = state[at.S_IN_FORCE + k]
+        v[k] = (given.nominal[9 + k] - before.nominal[9 + k]) / elapsed
+        stands[k] = given.actual[9 + k] - deviation[k]  # commanded when the sample was measured
+        stands[3 + k] = state.in_effect[k]
         speed += v[k] * v[k]
     speed = math.sqrt(speed)
-    late = given[at.G_TRACKER_LATE]
-    clock = state[at.S_CLOCK] + flags[at.F_ELAPSED] - max(0.0, late) / period
-    if late >= 0.0 and (not late / period <= _LONGEST or (counts[K_KNOWN] == 1 and clock < memory[M_CLOCK] - 0.25)):
+    late = given.tracker_late
+    clock = state.clock + given.elapsed - max(0.0, late) / period
+    if late >= 0.0 and (not late / period <= _LONGEST or (memory.known == 1 and clock < memory.clock - 0.25)):
         return DOUBT_STAMP
     if _repeats(given, stands, memory):
-        counts[K_SAME] += 1
-        return DOUBT_FROZEN if counts[K_SAME] >= FROZEN else REPEATED
-    counts[K_SAME] = 0
-    if not corrects or counts[K_KNOWN] == 0:
+        memory.same += 1
+        return DOUBT_FROZEN if memory.same >= FROZEN else REPEATED
+    memory.same = 0
+    if not corrects or memory.known == 0:
         return 0
     turned = 0.0
     for k in range(3):
-        turned += (deviation[3 + k] - memory[M_TURN + k]) ** 2
-    if not math.sqrt(turned) <= limits[L_FRAME_RAD]:
+        turned += (deviation[3 + k] - memory.turn[k]) ** 2
+    if not math.sqrt(turned) <= limits.frame_rad:
         return DOUBT_JUMP
-    if counts[K_WAITING] == 1 or counts[K_UNSEEN] >= gap_cycles(times, memory):  # its place is judged as a return
+    if memory.waiting == 1 or memory.unseen >= gap_cycles(limits, memory):  # its place is judged as a return
         return 0
-    later = (late - memory[M_LATE]) / period if not stamped and min(late, memory[M_LATE]) >= 0.0 else 0.0
-    dt = max(1.0, clock - memory[M_CLOCK])
+    later = (late - memory.late) / period if not stamped and min(late, memory.late) >= 0.0 else 0.0
+    dt = max(1.0, clock - memory.clock)
     gap = along = change = rate = bent = 0.0
     for k in range(3):
         model = in_force[k] + expected[k]
-        difference = deviation[k] - memory[M_SEEN + k] - model + memory[M_MODEL + k] + v[k] * later
+        difference = deviation[k] - memory.deviation[k] - model + memory.model[k] + v[k] * later
         gap += difference * difference
         along += difference * v[k]
-        change += (model - memory[M_MODEL + k]) ** 2
-        rate += state[at.S_V + k] ** 2
+        change += (model - memory.model[k]) ** 2
+        rate += state.correction_rate[k] ** 2
         bent += expected[k] ** 2
     along = abs(along) / speed if speed > 0.0 else 0.0
     across = math.sqrt(max(0.0, gap - along * along))
-    unseen = dt if counts[K_WHY] == 0 else min(dt, 1.0 + memory[M_PAUSE])
-    bound = SIGMAS * max(LEAST_SIGMA_M, given[at.G_TRACKER_SIGMA]) + min(RATE_M_S * period * unseen, MOST_M)
+    unseen = dt if memory.why == 0 else min(dt, 1.0 + memory.pause)
+    bound = SIGMAS * max(LEAST_SIGMA_M, given.tracker_sigma) + min(RATE_M_S * period * unseen, MOST_M)
     bound += math.sqrt(change) + math.sqrt(rate) * period * dt
     bound += 0.2 * speed * min(dt, 2.0) + 2.0 * _turned(ring, here, v) * dt
     # NaN is no agreement.
@@ -243,19 +228,15 @@ def sample_doubt(
 
 
 @kernel(
-    "void(int64, float64[::1], float64[::1], int64[::1], float64[::1], float64[::1], int64[::1], float64[::1],"
-    " int64[::1])"
+    "void(int64, Given, float64[::1], State, Limits, Memory)", Limits=LIMITS, Memory=MEMORY, Given=GIVEN, State=STATE
 )
 def count_sample(
     doubt: int,
-    given: Float,
+    given: Record,
     deviation: Float,
-    flags: Int,
-    state: Float,
-    limits: Float,
-    times: Int,
-    memory: Float,
-    counts: Int,
+    state: Record,
+    limits: Record,
+    memory: Record,
 ) -> None:
     """Keep the share of the samples that were rejected, and what the next one is held against.
 
@@ -263,36 +244,33 @@ def count_sample(
         doubt: Bits of :func:`sample_doubt` and of the return after a gap; 0: believed.
         given: Inputs of the cycle.
         deviation: (6,) as there.
-        flags: Inputs of the cycle.
         state: Of the step.
         limits: Of the tests.
-        times: Likewise.
-        memory: What they remember; changed.
-        counts: Their counters; changed.
+        memory: Of the tests; changed.
     """
-    memory[M_SHARE] += ((1.0 if doubt != 0 else 0.0) - memory[M_SHARE]) / times[T_SHARE]
+    memory.rejected_share += ((1.0 if doubt != 0 else 0.0) - memory.rejected_share) / limits.share_samples
     if doubt != 0:
-        counts[K_REJECTED] += 1
+        memory.rejected += 1
         if doubt & DOUBT_FROZEN:
-            counts[K_WHY] = _FROZEN
+            memory.why = _FROZEN
         elif doubt & DOUBT_STAMP:
-            counts[K_WHY] = _STAMP
+            memory.why = _STAMP
         elif doubt & DOUBT_JUMP:
-            counts[K_WHY] = _JUMP
+            memory.why = _JUMP
         if doubt & (DOUBT_FROZEN | DOUBT_STAMP | DOUBT_JUMP):
-            counts[K_UNSEEN] += 1
+            memory.unseen += 1
         return
-    counts[K_WHY] = counts[K_WITHOUT] = 0
-    late = given[at.G_TRACKER_LATE]
-    memory[M_LATE] = late
-    memory[M_CLOCK] = state[at.S_CLOCK] + flags[at.F_ELAPSED] - max(0.0, late) / limits[L_PERIOD]
+    memory.why = memory.without = 0
+    late = given.tracker_late
+    memory.late = late
+    memory.clock = state.clock + given.elapsed - max(0.0, late) / limits.period
     for k in range(3):
-        memory[M_TURN + k] = deviation[3 + k]
+        memory.turn[k] = deviation[3 + k]
 
 
-@kernel("int64(float64[::1], int64[::1], float64[::1], int64[::1])")
-def tracker_cause(limits: Float, times: Int, memory: Float, counts: Int) -> int:
+@kernel("int64(Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+def tracker_cause(limits: Record, memory: Record) -> int:
     """Why the tracker is not to be relied on any more, or 0: silent for too long, or too many samples rejected."""
-    if counts[K_WITHOUT] >= times[T_SILENT] or memory[M_SHARE] > limits[L_SHARE]:
-        return counts[K_WHY] if counts[K_WHY] != 0 else _LOST
+    if memory.without >= limits.silent_cycles or memory.rejected_share > limits.rejected_share:
+        return memory.why if memory.why != 0 else _LOST
     return 0

@@ -11,29 +11,26 @@ from __future__ import annotations
 
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.runtime.estimator.fusion_kernel import X
+from counterflex.core.records import Record, Records
 from counterflex.runtime.plausibility.kernel import (
     DOUBT_FRAME,
     DOUBT_RETURN,
     DOUBT_STAMP,
     DOUBT_TRACKER,
-    K_FRAME,
-    K_KNOWN,
-    K_PAUSED,
-    K_UNSEEN,
-    K_WAITING,
-    K_WITHOUT,
-    M_PAUSE,
     gap_cycles,
     return_is_believed,
 )
 from counterflex.runtime.plausibility.tracker_gate import REPEATED, count_sample, sample_doubt, stamped_pose
 from counterflex.runtime.primitives.frames import pose_deviation
 from counterflex.runtime.primitives.history import row_at
-from counterflex.runtime.state import layout as at
-from counterflex.runtime.state.supervisor import AT_STATE, State
+from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.runtime.state.doubts import LIMITS, MEMORY, WORK
+from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
+from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.state.supervisor import State
 
 _FUSED, _DESIGNED = 4, 3
 _TRACKER: Final = 4
@@ -41,46 +38,49 @@ _TRACKER: Final = 4
 _ARMED: Final = int(State.ARMED)
 
 
-@kernel("boolean(int64[::1], int64[::1])")
-def judges(flags: Int, choices: Int) -> bool:
+@kernel("boolean(Given, Settings)", Given=GIVEN, Settings=SETTINGS)
+def judges(given: Record, settings: Record) -> bool:
     """Whether samples of a tracker are judged: in every tracker mode, and by the estimator where there is a tracker."""
-    fused = choices[at.W_FORCE] == _FUSED and flags[at.F_SOURCES] & _TRACKER != 0
-    return bool(choices[at.W_TRACKER] != 0 or fused)
+    fused = settings.force == _FUSED and given.sources & _TRACKER != 0
+    return bool(settings.tracker != 0 or fused)
 
 
-@kernel("int64(int64, int64[::1], float64[::1], int64[::1])")
-def _not_seen(at_state: int, times: Int, memory: Float, counts: Int) -> int:
+@kernel("int64(int64, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+def _not_seen(at_state: int, limits: Record, memory: Record) -> int:
     """A cycle without a sample of the tracker: what it is doubted for."""
-    counts[K_UNSEEN] += 1
-    counts[K_PAUSED] += 1
-    doubt = DOUBT_TRACKER if counts[K_UNSEEN] >= gap_cycles(times, memory) else 0
-    if counts[K_WAITING] == 1:
+    memory.unseen += 1
+    memory.paused += 1
+    doubt = DOUBT_TRACKER if memory.unseen >= gap_cycles(limits, memory) else 0
+    if memory.waiting == 1:
         doubt |= DOUBT_RETURN
-    if at_state < _ARMED and counts[K_FRAME] == 1:
+    if at_state < _ARMED and memory.frame == 1:
         doubt |= DOUBT_FRAME
     return doubt
 
 
-@kernel("void(float64[::1], int64[::1])")
-def _paused(memory: Float, counts: Int) -> None:
+@kernel("void(Memory)", Memory=MEMORY)
+def _paused(memory: Record) -> None:
     """Learn the usual pause between two samples; one long one is mostly a gap and counts little."""
-    pause = memory[M_PAUSE]
-    memory[M_PAUSE] += 0.5 * (min(float(counts[K_PAUSED]), 2.0 * pause + 2.0) - pause)
-    counts[K_PAUSED] = 0
+    pause = memory.pause
+    memory.pause += 0.5 * (min(float(memory.paused), 2.0 * pause + 2.0) - pause)
+    memory.paused = 0
 
 
 @kernel(
-    "boolean(float64[::1], int64[::1], float64[::1], float64[:, ::1], int64, float64[::1], float64[::1], float64[::1],"
-    " float64[::1])"
+    "boolean(Given, Settings, Past[::1], int64, Limits, State, float64[::1], float64[::1])",
+    Limits=LIMITS,
+    Given=GIVEN,
+    Settings=SETTINGS,
+    Past=PAST,
+    State=STATE,
 )
 def known_then(
-    given: Float,
-    flags: Int,
-    constants: Float,
-    ring: Float,
+    given: Record,
+    settings: Record,
+    ring: Records,
     here: int,
-    limits: Float,
-    state: Float,
+    limits: Record,
+    state: Record,
     pose: Float,
     model: Float,
 ) -> bool:
@@ -88,119 +88,115 @@ def known_then(
 
     Args:
         given: Inputs of the cycle.
-        flags: Likewise.
-        constants: Of the loop.
-        ring: Of the last cycles.
+        settings: Of the loop.
+        ring: Past cycles.
         here: Its next row.
         limits: Of the tests.
-        state: Of the step; its work space for a row of the past is written.
+        state: Of the step; written.
         pose: (12,) commanded pose that the robot followed then; written.
         model: (6,) correction in effect, then expected deflection, m, part axes; written.
 
     Returns:
         False where the loop does not remember it.
     """
-    period = constants[at.C_PERIOD]
-    late = given[at.G_TRACKER_LATE] if given[at.G_TRACKER_LATE] >= 0.0 else constants[at.C_TRACKER_LATE]
-    if not stamped_pose(given, flags, ring, here, constants[at.C_FOLLOW], limits, state, pose):
+    period = settings.period
+    late = given.tracker_late if given.tracker_late >= 0.0 else settings.tracker_late
+    if not stamped_pose(given, ring, here, settings.follow, limits, state, pose):
         return False
-    newest = (here - 1 + at.RING_ROWS) % at.RING_ROWS
-    last, past = ring[newest, at.RING_CLOCK], state[at.S_PAST : at.S_PAST + at.RING]
-    clock = state[at.S_CLOCK] + flags[at.F_ELAPSED] - late / period
+    newest = (here - 1 + PAST_ROWS) % PAST_ROWS
+    last, past = ring[newest].clock, state.past
+    clock = state.clock + given.elapsed - late / period
     for k in range(6):
         model[k] = 0.0
     if not row_at(ring, newest, min(clock, last), past):
         return bool(last <= 0.0)  # nothing has been commanded yet
     for k in range(3):
-        model[k] = past[at.RING_IN_FORCE + k]
-    behind = clock + (constants[at.C_REFERENCE_LATE] - constants[at.C_FOLLOW]) / period
+        model[k] = past.in_effect[k]
+    behind = clock + (settings.reference_late - settings.follow) / period
     if not row_at(ring, newest, min(behind, last), past):
         return False
     for d in range(3):
-        factor = state[at.S_FUSION + X + d] + state[at.S_FUSION + X + 3 + d]
+        factor = state.fusion.estimate[d] + state.fusion.estimate[3 + d]
         for k in range(3):
-            model[3 + k] += factor * past[at.RING_BENT + 6 * d + k]
+            model[3 + k] += factor * past.bent[6 * d + k]
     return True
 
 
 @kernel(
-    "int64(float64[::1], int64[::1], float64[::1], int64[::1], boolean, float64[::1], int64[::1], float64[:, ::1],"
-    " float64[::1], float64[::1], int64[::1], float64[::1], int64[::1], float64[:, ::1])"
+    "int64(Given, Settings, boolean, State, Past[::1], Result, Limits, Memory, Work)",
+    Limits=LIMITS,
+    Memory=MEMORY,
+    Work=WORK,
+    Given=GIVEN,
+    Settings=SETTINGS,
+    State=STATE,
+    Past=PAST,
+    Result=RESULT,
 )
 def judge_sample(
-    given: Float,
-    flags: Int,
-    constants: Float,
-    choices: Int,
+    given: Record,
+    settings: Record,
     acts: bool,
-    state: Float,
-    whole: Int,
-    ring: Float,
-    results: Float,
-    limits: Float,
-    times: Int,
-    memory: Float,
-    counts: Int,
-    work: Float,
+    state: Record,
+    ring: Records,
+    result: Record,
+    limits: Record,
+    memory: Record,
+    work: Record,
 ) -> int:
-    """Judge the sample of this cycle, or that there is none; marks it in ``flags`` (F_TRACKER_NEW 2: not believed).
+    """Judge the sample of this cycle, or that there is none; marks it in the inputs (``tracker_new`` 2: not believed).
 
     Args:
-        given: Inputs of the cycle.
-        flags: Likewise; changed.
-        constants: Of the loop.
-        choices: Likewise.
+        given: Inputs of the cycle; changed.
+        settings: Of the loop.
         acts: The correction acts or stands.
-        state: Of the step, as the last cycle left it.
-        whole: Likewise; the estimator's count of samples not believed is changed.
-        ring: Of the last cycles.
-        results: Of the step, as the last cycle left it.
+        state: Of the step; changed.
+        ring: Past cycles.
+        result: Of the step.
         limits: Of the tests.
-        times: Likewise.
-        memory: What they remember; changed.
-        counts: Their counters; changed.
-        work: (2, 14) work space.
+        memory: Of the tests; changed.
+        work: Work space.
 
     Returns:
         Bits ``DOUBT_...``.
     """
-    counts[K_WITHOUT] += 1
-    if flags[at.F_TRACKER_NEW] == 0:
-        return int(_not_seen(whole[AT_STATE], times, memory, counts))
-    here, fused = whole[at.N_RING], choices[at.W_FORCE] == _FUSED
-    deviation, nothing, past = work[0, :6], work[0, 6:12], work[1]
-    model = state[at.S_REST : at.S_REST + 6]  # work space of the estimator
+    memory.without += 1
+    if given.tracker_new == 0:
+        return int(_not_seen(state.supervisor.state, limits, memory))
+    here, fused = state.ring_row, settings.force == _FUSED
+    deviation, nothing, past = work.one[:6], work.one[6:12], work.two[:12]
+    model = state.residual[:]  # work space of the estimator
     in_force, expected = model[:3], model[3:]
-    stamped = fused or choices[at.W_TRACKER] == _DESIGNED
-    back, remembered = choices[at.W_NOMINAL_BACK], True
-    row = (here - back + at.RING_ROWS) % at.RING_ROWS
+    stamped = fused or settings.tracker == _DESIGNED
+    back, remembered = settings.nominal_back, True
+    row = (here - back + PAST_ROWS) % PAST_ROWS
     for k in range(12):
-        past[k] = given[at.G_NOMINAL + k] if back == 0 else ring[row, at.RING_NOMINAL + k]
+        past[k] = given.nominal[k] if back == 0 else ring[row].nominal[k]
     if fused:
-        _paused(memory, counts)
-        remembered = known_then(given, flags, constants, ring, here, limits, state, past, model)
+        _paused(memory)
+        remembered = known_then(given, settings, ring, here, limits, state, past, model)
     elif stamped:
-        stamped_pose(given, flags, ring, here, 0.0, limits, state, past)
+        stamped_pose(given, ring, here, 0.0, limits, state, past)
     for k in range(6):
         nothing[k] = 0.0  # what the program contains moves the commanded pose itself
-    pose_deviation(given, at.G_ACTUAL, past, nothing, deviation)
+    pose_deviation(given.actual[:], 0, past, nothing, deviation)
     if not fused:
         for k in range(3):
-            in_force[k], expected[k] = state[at.S_IN_FORCE + k], results[at.R_DEFLECTION + k]
+            in_force[k], expected[k] = state.in_effect[k], result.deflection[k]
     early = sample_doubt(
-        given, deviation, stamped, flags, state, ring, here, acts, in_force, expected, limits, times, memory, counts,
+        given, deviation, stamped, state, ring, here, acts, in_force, expected, limits, memory,
         past[:9],
     )  # fmt: skip
-    if early == 0 and not remembered and counts[K_KNOWN] == 1:
+    if early == 0 and not remembered and memory.known == 1:
         early = DOUBT_STAMP
-    flags[at.F_TRACKER_NEW] = 2
+    given.tracker_new = 2
     if early == REPEATED:
         return 0
-    if early == 0 and not return_is_believed(deviation[:3], in_force, expected, acts, limits, times, memory, counts):
+    if early == 0 and not return_is_believed(deviation[:3], in_force, expected, acts, limits, memory):
         early = DOUBT_RETURN
-    count_sample(early, given, deviation, flags, state, limits, times, memory, counts)
+    count_sample(early, given, deviation, state, limits, memory)
     if early == 0:
-        flags[at.F_TRACKER_NEW] = 1
+        given.tracker_new = 1
     elif fused:
-        whole[at.N_DISBELIEVED] += 1
+        state.disbelieved += 1
     return int(early)

@@ -90,11 +90,11 @@ def size_of(x: Float, at: int) -> float:
     return math.sqrt(x[at] * x[at] + x[at + 1] * x[at + 1] + x[at + 2] * x[at + 2])
 
 
-@kernel("boolean(float64[::1], int64, int64)")
-def all_finite(x: Float, begin: int, end: int) -> bool:
-    """Whether every number of ``x[begin:end]`` is finite."""
+@kernel("boolean(float64[::1])")
+def all_finite(x: Float) -> bool:
+    """Whether every number is finite."""
     finite = True
-    for k in range(begin, end):
+    for k in range(x.shape[0]):
         finite = finite and math.isfinite(x[k])
     return finite
 

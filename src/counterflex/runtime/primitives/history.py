@@ -6,89 +6,106 @@ from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.runtime.state import layout as at
+from counterflex.core.records import Record, Records
+from counterflex.runtime.state.memory import PAST, PAST_ROWS
 
 SPAN: Final = 25
 """Cycles of the loop over which a motion is looked for: 0.1 s at 4 ms."""
 STANDS_M: Final = 20e-6
 
 
-@kernel("boolean(float64[:, ::1], int64, float64, float64[::1])")
-def row_at(ring: Float, newest: int, clock: float, out: Float) -> bool:
+@kernel("void(Past, Past, float64, Past, Past)", Past=PAST)
+def _between(earlier: Record, later: Record, u: float, near: Record, out: Record) -> None:
+    """Numbers between two cycles, at ``u`` 0..1 on the way; rotations and directions of the nearer one."""
+    v = 1.0 - u
+    for k in range(9):
+        out.nominal[k], out.frame[k] = near.nominal[k], near.frame[k]
+    for k in range(9, 12):
+        out.nominal[k] = v * earlier.nominal[k] + u * later.nominal[k]
+    for k in range(6):
+        out.sent[k] = v * earlier.sent[k] + u * later.sent[k]
+        out.deflection[k] = v * earlier.deflection[k] + u * later.deflection[k]
+        out.in_effect[k] = v * earlier.in_effect[k] + u * later.in_effect[k]
+        out.contained[k] = v * earlier.contained[k] + u * later.contained[k]
+    for k in range(18):
+        out.bent[k] = v * earlier.bent[k] + u * later.bent[k]
+    for k in range(3):
+        out.stand[k] = v * earlier.stand[k] + u * later.stand[k]
+    out.clock = v * earlier.clock + u * later.clock
+    out.swing = v * earlier.swing + u * later.swing
+
+
+@kernel("boolean(Past[::1], int64, float64, Past)", Past=PAST)
+def row_at(ring: Records, newest: int, clock: float, out: Record) -> bool:
     """Row of the ring at an instant.
 
     Positions, corrections and deflections between two cycles are linear; rotations and directions are those of the
     nearer one.
 
     Args:
-        ring: (RING_ROWS, RING), one row per cycle of the loop.
+        ring: Past cycles.
         newest: Row written last.
-        clock: Instant in cycles of the controller, as in ``RING_CLOCK``.
-        out: (RING,) written.
+        clock: Instant in cycles of the controller, as in ``clock``.
+        out: Written.
 
     Returns:
         False where the instant is before the oldest row, or after the newest by more than a cycle; then ``out`` is not
         written.
     """
     later = newest
-    if clock > ring[later, at.RING_CLOCK] + 1.0:
+    if clock > ring[later].clock + 1.0:
         return False
-    for back in range(at.RING_ROWS - 1):
-        earlier = (newest - back + at.RING_ROWS) % at.RING_ROWS
-        stamp = ring[earlier, at.RING_CLOCK]
+    for back in range(PAST_ROWS - 1):
+        earlier = (newest - back + PAST_ROWS) % PAST_ROWS
+        stamp = ring[earlier].clock
         if stamp <= 0.0:
             return False
         if stamp <= clock:
-            span = ring[later, at.RING_CLOCK] - stamp
+            span = ring[later].clock - stamp
             u = min(1.0, (clock - stamp) / span) if span > 0.0 else 0.0
             near = earlier if u < 0.5 else later
-            for k in range(at.RING):
-                turning = k < at.RING_NOMINAL + 9 or at.RING_FRAME <= k < at.RING_FRAME + 9
-                if turning:
-                    out[k] = ring[near, k]
-                else:
-                    out[k] = (1.0 - u) * ring[earlier, k] + u * ring[later, k]
+            _between(ring[earlier], ring[later], u, ring[near], out)
             return True
         later = earlier
     return False
 
 
-@kernel("boolean(float64[:, ::1], int64, float64[::1])")
-def moves(ring: Float, here: int, nominal: Float) -> bool:
+@kernel("boolean(Past[::1], int64, float64[::1])", Past=PAST)
+def moves(ring: Records, here: int, nominal: Float) -> bool:
     """Whether the program goes on, and did two spans ago: only then does the force say something of the plan's.
 
     A program that is paused in the cut leaves no force, whatever the plan says; one that goes on again has none before
     the robot follows and the filters have forgotten the pause.
 
     Args:
-        ring: Of the last cycles.
+        ring: Past cycles.
         here: Row of this cycle; it need not be written.
         nominal: (12,) commanded pose now.
     """
-    one = ring[(here - SPAN + at.RING_ROWS) % at.RING_ROWS]
-    two = ring[(here - 2 * SPAN + at.RING_ROWS) % at.RING_ROWS]
-    three = ring[(here - 3 * SPAN + at.RING_ROWS) % at.RING_ROWS]
+    one = ring[(here - SPAN + PAST_ROWS) % PAST_ROWS]
+    two = ring[(here - 2 * SPAN + PAST_ROWS) % PAST_ROWS]
+    three = ring[(here - 3 * SPAN + PAST_ROWS) % PAST_ROWS]
     now = before = 0.0
-    for k in range(at.RING_NOMINAL + 9, at.RING_NOMINAL + 12):
-        now += (nominal[k - at.RING_NOMINAL] - one[k]) ** 2
-        before += (two[k] - three[k]) ** 2
+    for k in range(9, 12):
+        now += (nominal[k] - one.nominal[k]) ** 2
+        before += (two.nominal[k] - three.nominal[k]) ** 2
     return min(now, before) > STANDS_M * STANDS_M
 
 
-@kernel("boolean(float64[:, ::1], int64, float64[::1])")
-def stands(ring: Float, here: int, nominal: Float) -> bool:
+@kernel("boolean(Past[::1], int64, float64[::1])", Past=PAST)
+def stands(ring: Records, here: int, nominal: Float) -> bool:
     """Whether the program stands: the commanded point has not moved by more than STANDS_M within SPAN cycles.
 
     Args:
-        ring: Of the last cycles.
+        ring: Past cycles.
         here: Row of this cycle; it need not be written.
         nominal: (12,) commanded pose now, without correction.
     """
     for back in (SPAN // 2, SPAN):
-        row = ring[(here - back + at.RING_ROWS) % at.RING_ROWS]
+        row = ring[(here - back + PAST_ROWS) % PAST_ROWS]
         way = 0.0
-        for k in range(at.RING_NOMINAL + 9, at.RING_NOMINAL + 12):
-            way += (nominal[k - at.RING_NOMINAL] - row[k]) ** 2
+        for k in range(9, 12):
+            way += (nominal[k] - row.nominal[k]) ** 2
         if not way <= STANDS_M * STANDS_M:
             return False
     return True

@@ -151,8 +151,8 @@ def _remove(poses: Float, at: int, w: Float, C: Float, elapsed: int, inertias: R
             for k in range(6):
                 s.moved[k] = s.place[k] + share * (s.now[k] - s.place[k])
                 s.felt[k] = s.wrench[k] + share * (w[k] - s.wrench[k])
-            lag(s.felt[:], 0, s.low[:], 0, s.low_memory[:], 0, s.result[:], 0)
-            lag(s.moved[:], 0, s.second[:], 0, s.second_memory[:], 0, s.acceleration[:], 0)
+            lag(s.felt[:], s.low[:], s.low_memory[:], s.result[:])
+            lag(s.moved[:], s.second[:], s.second_memory[:], s.acceleration[:])
         _add(s, T)
     for k in range(6):
         s.place[k], s.wrench[k] = s.now[k], w[k]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from math import prod
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
@@ -18,6 +18,10 @@ from counterflex.core.records import as_words
 
 Layout: TypeAlias = tuple[tuple[str, str, int], ...]
 """Name, kind (``f8`` or ``i8``) and count of each stretch of words in order; one without a name means nothing."""
+_MANY: Final = 64
+"""Records from which on an array of them is one stretch, named with its fields: their names would fill the log."""
+_FREE: Final = {"state.reference": 7, "state.swing": 63, "state.known_ahead": 64, "scratch": 12 + 132}
+"""Words behind a stretch that meant nothing, or nothing beyond their cycle, in logs that do not say their layout."""
 Arrays: TypeAlias = Mapping[str, np.ndarray[Any, Any]]
 """Arrays and arrays of records of 64-bit numbers, C order, by name."""
 
@@ -31,10 +35,23 @@ def _stretches(name: str, kind: np.dtype[Any], shape: tuple[int, ...]) -> Iterat
     if kind.fields is None:
         yield name, kind.str[1:], prod(shape)
         return
+    if prod(shape) >= _MANY:
+        yield f"{name}({' '.join(kind.names or ())})", "f8", prod(shape) * kind.itemsize // 8
+        return
     for k in range(prod(shape)):
         own = name if prod(shape) == 1 else f"{name}.{k}"
         for field, (inner, *_) in kind.fields.items():
             yield from _stretches(f"{own}.{field}", inner.base, inner.shape)
+
+
+def layout_before(layout: Layout) -> Layout:
+    """Layout of the states in logs that do not say it: today's order, with what stood between its numbers then.
+
+    Args:
+        layout: Of the loop that takes them.
+    """
+    free = {name: ("", "f8", count) for name, count in _FREE.items()}
+    return tuple(stretch for told in layout for stretch in (told, *([free[told[0]]] if told[0] in free else [])))
 
 
 def words_of(arrays: Arrays) -> Int:

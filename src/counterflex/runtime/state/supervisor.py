@@ -16,51 +16,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from counterflex.core.arrays import Int
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
+from counterflex.core.records import Record
+from counterflex.runtime.state.chosen import SUPERVISION
+from counterflex.runtime.state.memory import SUPERVISED, SUPERVISOR
 from counterflex.runtime.state.states import Cause as Cause
 from counterflex.runtime.state.states import State as State
-
-# Inputs of a cycle.
-IN_TELEGRAM = 0  # 1: a valid telegram came in this cycle
-IN_HEALTHY = 1  # 1: telegrams, sensors and self-tests are good enough to be READY
-IN_ARM = 2  # 1: the operator's edge
-IN_ENABLE = 3  # 1: the robot program wants the correction
-IN_STOP = 4  # 1: the operator's or robot's stop
-IN_RESET = 5  # 1: the operator's edge: out of FAULT, or a feed hold acknowledged
-IN_SOFT = 6  # cause of a hold, or 0
-IN_HARD = 7  # cause of a fault, or 0
-IN_AT_ZERO = 8  # 1: the output is zero and at rest
-IN_STANDS = 9  # 1: the commanded pose, correction aside, does not move
-IN_AWAY = 10  # 1: the correction is away although the program is in the cut, or wants it again
-IN_CUT = 11  # 1: material is cut here, or it may be
-INPUTS = 12
-
-# State of the supervisor.
-AT_STATE = 0
-AT_CAUSE = 1  # latched until reset, or until ACTIVE is reached again from HOLD
-AT_CYCLES = 2  # in the present state
-AT_GOOD = 3  # cycles without a soft cause, in HOLD
-AT_RISE = 4  # 0 .. rise cycles: how far the correction has been faded in
-AT_FEED_HOLD = 5  # 1: the robot is to hold its feed
-AT_STOP = 6  # cycles left in which the robot is told to stop behind a ramp
-AT_RETURNS = 7  # returns from HOLD to ACTIVE, those long ago forgotten
-AT_CALM = 8  # cycles in ACTIVE since one was forgotten
-AT_HELD = 9  # cycles in HOLD since the correction acted last, those before a ramp that was broken off included
-AT_ENDING = 10  # 1: asked to end: HOLD leads to the ramp or to FAULT, never back
-STATES = 11
-
-# Settings.
-SET_HOLD_CYCLES = 0
-SET_GOOD_CYCLES = 1
-SET_RISE_CYCLES = 2
-SET_STOP_CYCLES = 3
-SET_RETURNS = 4
-SET_CALM_CYCLES = 5
-SETTINGS = 6
 
 
 @dataclass(frozen=True)
@@ -84,8 +46,8 @@ class SupervisorSettings:
     returns: int = 3
     calm: int = 2500
 
-    def packed(self) -> Int:
-        """(6,) for the kernel.
+    def packed(self) -> tuple[int, ...]:
+        """The six numbers, in the order of :data:`counterflex.runtime.state.chosen.SUPERVISION`.
 
         Raises:
             InputError: A number below 1: zero never means without limit.
@@ -93,7 +55,7 @@ class SupervisorSettings:
         values = (self.hold, self.good, self.rise, self.stop, self.returns, self.calm)
         if min(values) < 1:
             raise InputError("cycles of the supervisor", value=min(values), limit=">= 1")
-        return np.array(values, dtype=np.int64)
+        return values
 
 
 _IDLE, _READY, _ARMED, _ACTIVE = int(State.IDLE), int(State.READY), int(State.ARMED), int(State.ACTIVE)
@@ -103,8 +65,13 @@ _STOPPED, _ENABLE_LOST = int(Cause.TELEGRAMS_STOPPED), int(Cause.ENABLE_LOST)
 _OF_PROCESS, _RUN_LOST = int(Cause.PROCESS_MISSING_CUT), int(Cause.RUN_LOST)
 
 
-@kernel("void(int64[::1], int64[::1], int64[::1], int64, int64)")
-def _ask_the_robot(at: Int, given: Int, settings: Int, following: int, cause: int) -> None:
+@kernel(
+    "void(Supervisor, Supervised, Supervision, int64, int64)",
+    Supervisor=SUPERVISOR,
+    Supervised=SUPERVISED,
+    Supervision=SUPERVISION,
+)
+def _ask_the_robot(at: Record, given: Record, settings: Record, following: int, cause: int) -> None:
     """Feed hold, and Stop behind a ramp: what was asked for stays so until somebody has seen it.
 
     It begins with HOLD and FAULT, and where the operator ends the correction. It ends where the correction acts again,
@@ -113,125 +80,130 @@ def _ask_the_robot(at: Int, given: Int, settings: Int, following: int, cause: in
     too.
 
     Args:
-        at: (STATES,) before the change of state; AT_FEED_HOLD and AT_STOP are changed.
-        given: (INPUTS,).
-        settings: (6,).
+        at: State of the supervisor before its change; ``feed_hold`` and ``stop`` are changed.
+        given: Inputs of the cycle.
+        settings: Cycles.
         following: The next state.
         cause: Its cause.
     """
-    state, before = at[AT_STATE], at[AT_FEED_HOLD]
+    state, before = at.state, at.feed_hold
     if following in (_HOLD, _FAULT):
-        at[AT_FEED_HOLD] = 1
-    elif following == _ACTIVE or given[IN_RESET] == 1:
-        at[AT_FEED_HOLD] = 0
-    elif given[IN_AWAY] == 1:
-        at[AT_FEED_HOLD] = 1
-    elif given[IN_ENABLE] == 0 and given[IN_CUT] == 0:
-        at[AT_FEED_HOLD] = 0
+        at.feed_hold = 1
+    elif following == _ACTIVE or given.reset == 1:
+        at.feed_hold = 0
+    elif given.away == 1:
+        at.feed_hold = 1
+    elif given.enable == 0 and given.in_cut == 0:
+        at.feed_hold = 0
     elif following == _RAMP_OUT and state == _ACTIVE and cause == _OPERATOR:
-        at[AT_FEED_HOLD] = 1
-    if at[AT_FEED_HOLD] == 0 or following > _ARMED:
-        at[AT_STOP] = 0
+        at.feed_hold = 1
+    if at.feed_hold == 0 or following > _ARMED:
+        at.stop = 0
     elif (state == _RAMP_OUT and following != _RAMP_OUT) or (before == 0 and following <= _ARMED):
-        at[AT_STOP] = settings[SET_STOP_CYCLES]
+        at.stop = settings.stop
     else:
-        at[AT_STOP] = max(0, at[AT_STOP] - 1)
+        at.stop = max(0, at.stop - 1)
 
 
-@kernel("void(int64[::1], int64[::1], int64[::1])")
-def supervise(at: Int, given: Int, settings: Int) -> None:
+@kernel(
+    "void(Supervisor, Supervised, Supervision)",
+    Supervisor=SUPERVISOR,
+    Supervised=SUPERVISED,
+    Supervision=SUPERVISION,
+)
+def supervise(at: Record, given: Record, settings: Record) -> None:
     """Advance the supervisor by one cycle.
 
     Args:
-        at: (STATES,) its state; changed.
-        given: (INPUTS,) inputs of the cycle.
-        settings: (6,) of :meth:`SupervisorSettings.packed`.
+        at: Its state; changed.
+        given: Inputs of the cycle.
+        settings: Cycles of :class:`SupervisorSettings`.
     """
-    state, cause = at[AT_STATE], at[AT_CAUSE]
-    soft, hard = given[IN_SOFT], given[IN_HARD]
+    state, cause = at.state, at.cause
+    soft, hard = given.soft, given.hard
     following = state
     # The correction moves towards zero only where the robot stands, or where nothing is cut.
-    may_ramp = given[IN_CUT] == 0 or given[IN_STANDS] == 1
-    ends = at[AT_ENDING] == 1 or given[IN_STOP] == 1 or given[IN_ENABLE] == 0
+    may_ramp = given.in_cut == 0 or given.stands == 1
+    ends = at.ending == 1 or given.stop == 1 or given.enable == 0
     if hard != 0 and state != _FAULT and state != _IDLE:
         following, cause = _FAULT, hard
     elif state == _IDLE:
-        if given[IN_HEALTHY] == 1 and hard == 0 and soft == 0 and given[IN_AT_ZERO] == 1:
+        if given.healthy == 1 and hard == 0 and soft == 0 and given.at_zero == 1:
             following = _READY
-            cause = cause if at[AT_FEED_HOLD] == 1 else 0
+            cause = cause if at.feed_hold == 1 else 0
     elif state == _READY:
-        if given[IN_HEALTHY] == 0:
+        if given.healthy == 0:
             following = _IDLE
             cause = soft if soft != 0 else cause
         elif (
-            given[IN_ARM] == 1
-            and given[IN_STOP] == 0
+            given.arm == 1
+            and given.stop == 0
             and soft == 0
-            and given[IN_AT_ZERO] == 1
-            and given[IN_ENABLE] == 0
-            and given[IN_AWAY] == 0
+            and given.at_zero == 1
+            and given.enable == 0
+            and given.away == 0
         ):
             following, cause = _ARMED, 0
     elif state == _ARMED:
-        if given[IN_STOP] == 1:
+        if given.stop == 1:
             following, cause = _READY, _OPERATOR
         elif soft != 0:
             following, cause = _READY, soft
-        elif given[IN_AWAY] == 1:
+        elif given.away == 1:
             following, cause = _READY, _ENABLE_LOST
-        elif given[IN_ENABLE] == 1:
+        elif given.enable == 1:
             following, cause = _ACTIVE, 0
     elif state == _ACTIVE:
         if soft != 0:
             following, cause = _HOLD, soft
         elif ends:
             following = _RAMP_OUT if may_ramp else _HOLD
-            if given[IN_STOP] == 1:
+            if given.stop == 1:
                 cause = _OPERATOR
             else:
-                cause = _ENABLE_LOST if given[IN_AWAY] == 1 else _PROGRAM
+                cause = _ENABLE_LOST if given.away == 1 else _PROGRAM
     elif state == _HOLD:
-        may_return = (cause < _OF_PROCESS or cause >= _RUN_LOST) and at[AT_RETURNS] < settings[SET_RETURNS] and not ends
+        may_return = (cause < _OF_PROCESS or cause >= _RUN_LOST) and at.returns < settings.returns and not ends
         if ends and may_ramp:
             following = _RAMP_OUT
-        elif at[AT_HELD] >= settings[SET_HOLD_CYCLES]:
-            if given[IN_STANDS] == 1:
+        elif at.held >= settings.hold:
+            if given.stands == 1:
                 following = _RAMP_OUT
             else:
                 following, cause = _FAULT, _TOO_LONG
-        elif may_return and at[AT_GOOD] >= settings[SET_GOOD_CYCLES] and soft == 0:
+        elif may_return and at.good >= settings.good and soft == 0:
             following, cause = _ACTIVE, 0
     elif state == _RAMP_OUT:
-        if given[IN_AT_ZERO] == 1:
-            following = _READY if given[IN_HEALTHY] == 1 else _IDLE
+        if given.at_zero == 1:
+            following = _READY if given.healthy == 1 else _IDLE
         elif not may_ramp:  # it goes on, or has come into the cut: held for what is left of the hold's time
-            following, cause = (_HOLD, cause) if at[AT_HELD] < settings[SET_HOLD_CYCLES] else (_FAULT, _TOO_LONG)
-    elif given[IN_RESET] == 1 and given[IN_AT_ZERO] == 1 and hard in (0, _STOPPED):
+            following, cause = (_HOLD, cause) if at.held < settings.hold else (_FAULT, _TOO_LONG)
+    elif given.reset == 1 and given.at_zero == 1 and hard in (0, _STOPPED):
         # A controller whose next session nobody answered would not wait for a reset: it may come before.
         following, cause = _IDLE, 0
-    if given[IN_AWAY] == 1 and following in (_IDLE, _READY, _RAMP_OUT, _HOLD) and cause in (0, _PROGRAM):
+    if given.away == 1 and following in (_IDLE, _READY, _RAMP_OUT, _HOLD) and cause in (0, _PROGRAM):
         cause = _ENABLE_LOST
     _ask_the_robot(at, given, settings, following, cause)
     if following not in (_HOLD, _RAMP_OUT):
-        at[AT_HELD] = at[AT_ENDING] = 0
+        at.held = at.ending = 0
     else:
-        at[AT_HELD] += 1 if following == _HOLD and state != _ACTIVE else 0
-        at[AT_ENDING] = 1 if ends or following == _RAMP_OUT else 0
-    at[AT_GOOD] = at[AT_GOOD] + 1 if following == _HOLD and soft == 0 else 0
+        at.held += 1 if following == _HOLD and state != _ACTIVE else 0
+        at.ending = 1 if ends or following == _RAMP_OUT else 0
+    at.good = at.good + 1 if following == _HOLD and soft == 0 else 0
     if following == _ACTIVE:
         if state == _ARMED:
-            at[AT_RISE] = at[AT_RETURNS] = at[AT_CALM] = 0
+            at.risen = at.returns = at.calm = 0
         elif state == _HOLD:
-            at[AT_RETURNS] += 1
-            at[AT_CALM] = 0
-        at[AT_RISE] = min(at[AT_RISE] + 1, settings[SET_RISE_CYCLES])
-        at[AT_CALM] += 1
-        if at[AT_CALM] >= settings[SET_CALM_CYCLES]:
-            at[AT_RETURNS], at[AT_CALM] = max(0, at[AT_RETURNS] - 1), 0
+            at.returns += 1
+            at.calm = 0
+        at.risen = min(at.risen + 1, settings.rise)
+        at.calm += 1
+        if at.calm >= settings.calm:
+            at.returns, at.calm = max(0, at.returns - 1), 0
     elif following != _HOLD:
-        at[AT_RISE] = 0
-    at[AT_CYCLES] = at[AT_CYCLES] + 1 if following == state else 0
-    at[AT_STATE], at[AT_CAUSE] = following, cause
+        at.risen = 0
+    at.cycles = at.cycles + 1 if following == state else 0
+    at.state, at.cause = following, cause
 
 
 @kernel("float64(int64, int64)")

@@ -6,6 +6,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
+from counterflex.core.records import Record, Records, as_words, records
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.runtime.step import axis_play_kernel as ak
 
@@ -25,8 +26,8 @@ class AxisPlay:
         own_rad: (6,) half the play that the controller itself adds in the direction of the programmed motion.
 
     Attributes:
-        parameters: (6, PARAMETERS) of the kernel.
-        memory: (6, MEMORY) of the kernel.
+        plays: (6,) PLAY of the kernel.
+        memory: (6,) PLAYED of the kernel.
         begun: (1,) 1: not the first cycle.
 
     Raises:
@@ -40,28 +41,28 @@ class AxisPlay:
         if np.any(own < 0.0):
             raise InputError("half the play that the controller adds", value=float(own.min()), limit=">= 0")
         band = np.array([0.0 if entry is None else entry.half_band_rad for entry in chain.play])
-        self.parameters: Float = np.zeros((6, ak.PARAMETERS))
-        self.parameters[:, ak.P_BAND] = band
-        self.parameters[:, ak.P_PROGRAM] = band if contained else own
-        self.parameters[:, ak.P_WIDTH] = np.maximum(_WIDTH * band, _LEAST_RAD)
-        self.parameters[:, ak.P_STEP] = (band + self.parameters[:, ak.P_PROGRAM]) * period_s / SMOOTHING_S
-        self.memory: Float = np.zeros((6, ak.MEMORY))
+        self.plays = records(ak.PLAY, 6)
+        self.plays["band"] = band
+        self.plays["program"] = program = band if contained else own
+        self.plays["width"] = np.maximum(_WIDTH * band, _LEAST_RAD)
+        self.plays["step"] = (band + program) * period_s / SMOOTHING_S
+        self.memory = records(ak.PLAYED, 6)
         self.begun: Int = np.zeros(1, dtype=np.int64)
 
     def reset(self) -> None:
         """Begin anew."""
-        self.memory[:] = 0.0
+        as_words(self.memory)[:] = 0
         self.begun[0] = 0
 
     @property
     def value(self) -> Float:
         """(6,) rad, view: what is added now."""
-        return self.memory[:, ak.M_VALUE]
+        return self.memory["added"]
 
-    def after(self, given: Float, flags: Int, results: Float, outcome: Int) -> None:
+    def after(self, given: Record, result: Record) -> None:
         """After the step of a cycle, see :func:`counterflex.runtime.step.axis_play_kernel.play_after`."""
-        ak.play_after(given, flags, results, outcome, self.parameters, self.memory, self.begun)
+        ak.play_after(given, result, self.plays, self.memory, self.begun)
 
-    def arrays(self) -> tuple[Float | Int, ...]:
-        """Parameters, memory and whether it has begun, as the kernel of a cycle takes them."""
-        return self.parameters, self.memory, self.begun
+    def arrays(self) -> tuple[Records, Records, Int]:
+        """Constants, memory and whether it has begun, as the kernel of a cycle takes them."""
+        return self.plays, self.memory, self.begun

@@ -13,80 +13,77 @@ from typing import Final
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
+from counterflex.core.records import Record, Records, record
 from counterflex.runtime.primitives.frames import all_finite
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import State
 
-# Columns of the constants, one row per axis.
-P_BAND: Final = 0  # half the play, rad; 0 leaves the axis out
-P_PROGRAM: Final = 1  # half the play that is taken care of for the program's own motion, rad
-P_WIDTH: Final = 2  # half width of the play operator, rad
-P_STEP: Final = 3  # largest change in a cycle, rad
-PARAMETERS: Final = 4
-
-# Columns of the memory, one row per axis.
-M_BOTH: Final = 0  # play operator of program and correction, rad
-M_PROGRAM: Final = 1  # of the program alone
-M_VALUE: Final = 2  # what is added now
-MEMORY: Final = 3
+PLAY: Final = record(
+    band=float,  # half the play, rad; 0 leaves the axis out
+    program=float,  # half the play that is taken care of for the program's own motion, rad
+    width=float,  # half width of the play operator, rad
+    step=float,  # largest change in a cycle, rad
+)
+"""Constants of an axis."""
+PLAYED: Final = record(
+    both=float,  # play operator of program and correction, rad
+    program=float,  # of the program alone
+    added=float,  # rad, now
+)
+"""What is remembered of an axis."""
 _ACTIVE, _HOLD, _FAULT = int(State.ACTIVE), int(State.HOLD), int(State.FAULT)
 
 
-@kernel("void(float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], int64, int64)")
-def compensate_play(parameters: Float, memory: Float, q: Float, added: Float, begin: int, doing: int) -> None:
-    """One cycle: what to add to the axis correction, into the last column of the memory.
+@kernel("void(Play[::1], Played[::1], float64[::1], float64[::1], boolean, int64)", Play=PLAY, Played=PLAYED)
+def compensate_play(plays: Records, memory: Records, q: Float, added: Float, begin: bool, doing: int) -> None:
+    """One cycle: what to add to the axis correction, into the memory.
 
     Args:
-        parameters: (6, PARAMETERS).
-        memory: (6, MEMORY); changed.
+        plays: (6,) PLAY.
+        memory: (6,) PLAYED; changed.
         q: (6,) rad, commanded without correction.
         added: (6,) rad, correction sent for the deflection.
-        begin: 1 in the first cycle.
+        begin: It is the first cycle.
         doing: 1 acts, 0 goes to zero, -1 stands still.
     """
     for j in range(6):
-        p, m = parameters[j], memory[j]
-        if p[P_BAND] == 0.0 and p[P_PROGRAM] == 0.0:
+        p, m = plays[j], memory[j]
+        if p.band == 0.0 and p.program == 0.0:
             continue
-        w, both = p[P_WIDTH], q[j] + added[j]
-        if begin == 1:
-            m[M_BOTH], m[M_PROGRAM] = both, q[j]
-        m[M_BOTH] = min(max(m[M_BOTH], both - w), both + w)
-        m[M_PROGRAM] = min(max(m[M_PROGRAM], q[j] - w), q[j] + w)
-        wanted = p[P_BAND] * (both - m[M_BOTH]) / w - p[P_PROGRAM] * (q[j] - m[M_PROGRAM]) / w
+        w, both = p.width, q[j] + added[j]
+        if begin:
+            m.both, m.program = both, q[j]
+        m.both = min(max(m.both, both - w), both + w)
+        m.program = min(max(m.program, q[j] - w), q[j] + w)
+        wanted = p.band * (both - m.both) / w - p.program * (q[j] - m.program) / w
         if doing == 0:
             wanted = 0.0
         if doing >= 0:
-            m[M_VALUE] += min(max(wanted - m[M_VALUE], -p[P_STEP]), p[P_STEP])
+            m.added += min(max(wanted - m.added, -p.step), p.step)
 
 
-@kernel("void(float64[::1], int64[::1], float64[::1], int64[::1], float64[:, ::1], float64[:, ::1], int64[::1])")
-def play_after(
-    given: Float, flags: Int, results: Float, outcome: Int, parameters: Float, memory: Float, begun: Int
-) -> None:
+@kernel("void(Given, Result, Play[::1], Played[::1], int64[::1])", Given=GIVEN, Result=RESULT, Play=PLAY, Played=PLAYED)
+def play_after(given: Record, result: Record, plays: Records, memory: Records, begun: Int) -> None:
     """After the step of a cycle: add to its axis correction; where an input is no number, what was added stays.
 
     Args:
-        given: (at.GIVEN,) inputs of the cycle.
-        flags: (at.FLAGS,) likewise.
-        results: (at.RESULTS,) of the step; the axis correction is changed.
-        outcome: (at.OUTCOME,) likewise.
-        parameters: (6, PARAMETERS); no rows: nothing is compensated.
-        memory: (6, MEMORY); changed.
+        given: Inputs of the cycle.
+        result: Of the step; the axis correction is changed.
+        plays: (6,) PLAY; none: nothing is compensated.
+        memory: (6,) PLAYED; changed.
         begun: (1,) 1: not the first cycle; changed.
     """
-    if parameters.shape[0] == 0:
+    if plays.shape[0] == 0:
         return
-    if flags[at.F_ELAPSED] > 0 and all_finite(given, at.G_Q, at.G_Q + 6):
-        state = outcome[at.O_STATE]
-        doing = 1 if state == _ACTIVE else (-1 if state in (_HOLD, _FAULT) else 0)
-        q, axes = given[at.G_Q : at.G_Q + 6], results[at.R_AXES : at.R_AXES + 6]
-        compensate_play(parameters, memory, q, axes, 1 - begun[0], doing)
+    if given.elapsed > 0 and all_finite(given.q[:]):
+        doing = 1 if result.state == _ACTIVE else (-1 if result.state in (_HOLD, _FAULT) else 0)
+        compensate_play(plays, memory, given.q[:], result.axes[:], begun[0] == 0, doing)
         begun[0] = 1
-    still = outcome[at.O_SILENT] != 0
+    still = result.silent != 0
     for k in range(6):
-        still = still and results[at.R_CORRECTION + k] == 0.0
+        still = still and result.correction[k] == 0.0
     for j in range(6):
         if still:  # nothing is in effect any more, so nothing is held for the next session
-            memory[j, M_VALUE] = 0.0
-        results[at.R_AXES + j] += memory[j, M_VALUE]
+            memory[j].added = 0.0
+        result.axes[j] += memory[j].added

@@ -10,62 +10,50 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
+from counterflex.core.records import Record, Records
 from counterflex.runtime.primitives.frames import across, pose_deviation
 from counterflex.runtime.primitives.history import row_at
 from counterflex.runtime.primitives.localize import PLAN_PLAY
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.runtime.state.memory import PAST, STATE
 
 SPAN: Final = 2
 """Cycles over which a rate is taken; two of them lie behind an acceleration."""
 
 
 @kernel(
-    "boolean(float64[:, ::1], int64, float64[::1], float64, float64, float64[::1], float64[::1], float64[::1],"
-    " float64[::1], float64[::1], float64[::1])"
+    "boolean(Past[::1], float64[::1], float64, State, float64[::1], float64[::1])",
+    Past=PAST,
+    State=STATE,
 )
-def rates(
-    ring: Float,
-    here: int,
-    nominal: Float,
-    clock: float,
-    period: float,
-    rate: Float,
-    second: Float,
-    zero: Float,
-    work: Float,
-    one: Float,
-    two: Float,
-) -> bool:
+def rates(ring: Records, nominal: Float, period: float, state: Record, zero: Float, work: Float) -> bool:
     """Speed and acceleration of the commanded pose now, from differences over :data:`SPAN` cycles of the controller.
 
     The mean speed of the last span belongs to its middle; the acceleration of two spans carries it to now. Poses of
     telegrams that were lost are taken as linear in between.
 
     Args:
-        ring: Of the last cycles, this one's pose and clock written.
-        here: Its row.
+        ring: Past cycles, this one's pose and clock written.
         nominal: (12,) commanded pose now.
-        clock: Of now, cycles.
         period: Cycle, s.
-        rate: (6,) m/s and rad/s, part axes; written.
-        second: (6,) m/s2 and rad/s2; written.
+        state: Of the step; ``path_rate`` and ``path_acceleration`` are written.
         zero: (6,) zeros.
         work: (12,) work space.
-        one: (RING,) work space.
-        two: (RING,) work space.
 
     Returns:
         False where the past is not long enough: rates are zero then.
     """
+    here, clock, one, two = state.ring_row, state.clock, state.past, state.earlier
+    rate, second = state.path_rate[:], state.path_acceleration[:]
     known = row_at(ring, here, clock - SPAN, one) and row_at(ring, here, clock - 2.0 * SPAN, two)
     if not known:
         for k in range(6):
             rate[k] = second[k] = 0.0
         return False
-    pose_deviation(nominal, 0, one[at.RING_NOMINAL : at.RING_NOMINAL + 12], zero, work[:6])
-    pose_deviation(one, at.RING_NOMINAL, two[at.RING_NOMINAL : at.RING_NOMINAL + 12], zero, work[6:12])
+    pose_deviation(nominal, 0, one.nominal[:], zero, work[:6])
+    pose_deviation(one.nominal[:], 0, two.nominal[:], zero, work[6:12])
     span = SPAN * period
     for k in range(6):
         last, before = work[k] / span, work[6 + k] / span
@@ -119,18 +107,18 @@ def play_undone(plan: Float, place: Float, out: Float) -> None:
 
 
 @kernel(
-    "float64(float64[:, ::1], float64[:, ::1], int64, float64[::1], float64[::1], int64[::1], int64, float64[::1],"
-    " float64[::1], float64[::1])"
+    "float64(float64[:, ::1], Past[::1], float64[::1], Settings, boolean, State, float64[::1], float64[::1])",
+    Past=PAST,
+    Settings=SETTINGS,
+    State=STATE,
 )
 def known_ahead(
     plan: Float,
-    ring: Float,
-    here: int,
+    ring: Records,
     nominal: Float,
-    constants: Float,
-    choices: Int,
-    planned: int,
-    state: Float,
+    settings: Record,
+    planned: bool,
+    state: Record,
     work: Float,
     zero: Float,
 ) -> float:
@@ -138,39 +126,33 @@ def known_ahead(
 
     Args:
         plan: (n, PLAN_COLUMNS).
-        ring: Of the last cycles, this one's pose and clock written.
-        here: Its row.
+        ring: Past cycles, this one's pose and clock written.
         nominal: (12,) commanded pose now.
-        constants: Of the loop.
-        choices: Likewise.
-        planned: 1 where the place on the plan is known.
+        settings: Of the loop.
+        planned: The place on the plan is known.
         state: Of the step; rates and what is known ahead are written.
         work: (12,) work space.
-        zero: (12,) zeros.
+        zero: (6,) zeros.
 
     Returns:
         Share of the lag that could be undone, see :func:`lag_correction`.
     """
-    forward = state[at.S_FORWARD : at.S_FORWARD + 6]
+    forward = state.known_ahead[:]
     for k in range(6):
         forward[k] = 0.0
     share = 1.0
-    if choices[at.W_LAG] == 1:
-        rate, second = state[at.S_RATE : at.S_RATE + 6], state[at.S_SECOND : at.S_SECOND + 6]
-        rates(
-            ring, here, nominal, state[at.S_CLOCK], constants[at.C_PERIOD], rate, second, zero[:6], work,
-            state[at.S_PAST : at.S_PAST + at.RING], state[at.S_EARLIER : at.S_EARLIER + at.RING],
-        )  # fmt: skip
+    if settings.undo_lag == 1:
+        rates(ring, nominal, settings.period, state, zero, work)
         share = lag_correction(
-            rate,
-            second,
-            constants[at.C_LAG : at.C_LAG + 8],
-            constants[at.C_LAG_MOST],
-            state[at.S_LAG : at.S_LAG + 12],
+            state.path_rate[:],
+            state.path_acceleration[:],
+            settings.lag[:],
+            settings.lag_most,
+            state.lag_filter[:],
             forward,
         )
-    if choices[at.W_PLAY] == 1 and planned == 1:
-        play_undone(plan, state[at.S_PLACE :], forward)
-    if choices[at.W_NORMAL] == 1 and planned == 1:
-        across(forward, 0, plan, int(state[at.S_PLACE]))
+    if settings.undo_play == 1 and planned:
+        play_undone(plan, state.place[:], forward)
+    if settings.normal_only == 1 and planned:
+        across(forward, 0, plan, int(state.place[0]))
     return share

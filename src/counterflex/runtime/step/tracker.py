@@ -6,58 +6,61 @@ import math
 
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.runtime.state import layout as at
+from counterflex.core.records import Record
+from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.runtime.state.cycle import CYCLE
+from counterflex.runtime.state.memory import STATE
 
 
-@kernel("void(float64[::1], float64, float64[::1], float64[::1])")
-def sum_up(deviation: Float, gain: float, saturation: Float, state: Float) -> None:
+@kernel("void(float64[::1], float64, float64[::1], State)", State=STATE)
+def sum_up(deviation: Float, gain: float, saturation: Float, state: Record) -> None:
     """Integrator of Mandiola2023: ``c -= sat(K deviation)`` per component and cycle.
 
     Args:
         deviation: (6,) actual minus nominal, m and rad.
         gain: K.
         saturation: (2,) largest step, m and rad.
-        state: State of the step; its sum is changed.
+        state: Of the step; changed.
     """
     for k in range(6):
         largest = saturation[0 if k < 3 else 1]
-        state[at.S_SUM + k] -= min(largest, max(-largest, gain * deviation[k]))
+        state.tracker_integral[k] -= min(largest, max(-largest, gain * deviation[k]))
 
 
-@kernel("boolean(float64[::1], float64[::1], float64[::1], float64, float64[::1])")
-def observe(deviation: Float, deflection: Float, noise: Float, largest_m: float, state: Float) -> bool:
+@kernel("boolean(Cycle, float64[::1], float64[::1], float64, State)", Cycle=CYCLE, State=STATE)
+def observe(cycle: Record, deflection: Float, noise: Float, largest_m: float, state: Record) -> bool:
     """Kalman update of the offset b in ``deviation = correction in effect + deflection + b``.
 
     The correction in effect is what was sent, delayed and smoothed as the robot does it; so a correction on its way is
     not asked for twice, and the gain may be as high as the noise allows.
 
     Args:
-        deviation: (12,) deviation (6); the innovation is written behind it.
+        cycle: With the deviation; the innovation is written.
         deflection: (6,) expected at the time of the sample.
         noise: (2,) variance of a sample, m2 and rad2.
         largest_m: Innovation beyond which the sample is not believed.
-        state: State of the step; offset and its variances are changed.
+        state: Of the step; offset and its variances are changed.
 
     Returns:
         Whether the sample was believed.
     """
-    gap = 0.0
+    innovation, gap = cycle.innovation[:], 0.0
     for k in range(6):
-        deviation[6 + k] = deviation[k] - state[at.S_IN_FORCE + k] - deflection[k] - state[at.S_OFFSET + k]
-        gap += deviation[6 + k] ** 2 if k < 3 else 0.0
+        innovation[k] = cycle.deviation[k] - state.in_effect[k] - deflection[k] - state.offset[k]
+        gap += innovation[k] ** 2 if k < 3 else 0.0
     if not math.sqrt(gap) <= largest_m:
         return False
     for part in range(2):
-        variance = state[at.S_OFFSET_VARIANCE + part]
+        variance = state.offset_variance[part]
         gain = variance / (variance + noise[part])
-        state[at.S_OFFSET_VARIANCE + part] = variance * (1.0 - gain)
+        state.offset_variance[part] = variance * (1.0 - gain)
         for k in range(3 * part, 3 * part + 3):
-            state[at.S_OFFSET + k] += gain * deviation[6 + k]
+            state.offset[k] += gain * innovation[k]
     return True
 
 
-@kernel("void(float64[::1], boolean, float64[::1], float64[::1])")
-def designed(deviation: Float, summing: bool, constants: Float, state: Float) -> None:
+@kernel("void(float64[::1], boolean, Settings, State)", Settings=SETTINGS, State=STATE)
+def designed(deviation: Float, summing: bool, settings: Record, state: Record) -> None:
     """Designed controller of :mod:`counterflex.runtime.design.tracker`: filter, then sum of what it passes.
 
     ``f = N deviation``, ``c -= sat(Ki f)`` per component; :func:`designed_correction` adds ``-Kp f``.
@@ -65,26 +68,26 @@ def designed(deviation: Float, summing: bool, constants: Float, state: Float) ->
     Args:
         deviation: (6,) actual minus where it should be, m and rad.
         summing: Whether the sum goes on.
-        constants: Of the loop.
-        state: Of the step; filter and sum are changed.
+        settings: Of the loop.
+        state: Of the step; changed.
     """
-    b0, b1, b2 = constants[at.C_NOTCH], constants[at.C_NOTCH + 1], constants[at.C_NOTCH + 2]
-    a1, a2 = constants[at.C_NOTCH + 3], constants[at.C_NOTCH + 4]
+    b0, b1, b2 = settings.notch[0], settings.notch[1], settings.notch[2]
+    a1, a2 = settings.notch[3], settings.notch[4]
+    memory = state.notch_filter[:]
     for k in range(6):
-        memory = at.S_NOTCH + 2 * k
         e = deviation[k]
-        f = b0 * e + state[memory]
-        state[memory] = b1 * e - a1 * f + state[memory + 1]
-        state[memory + 1] = b2 * e - a2 * f
-        state[at.S_FILTERED + k] = f
+        f = b0 * e + memory[2 * k]
+        memory[2 * k] = b1 * e - a1 * f + memory[2 * k + 1]
+        memory[2 * k + 1] = b2 * e - a2 * f
+        state.notch_output[k] = f
         if summing:
-            largest = constants[at.C_SATURATION + (0 if k < 3 else 1)]
-            state[at.S_SUM + k] -= min(largest, max(-largest, constants[at.C_GAIN] * f))
+            largest = settings.saturation[0 if k < 3 else 1]
+            state.tracker_integral[k] -= min(largest, max(-largest, settings.gain * f))
 
 
-@kernel("void(float64[::1], float64[::1], float64[::1])")
-def designed_correction(constants: Float, state: Float, out: Float) -> None:
+@kernel("void(Settings, State, float64[::1])", Settings=SETTINGS, State=STATE)
+def designed_correction(settings: Record, state: Record, out: Float) -> None:
     """Correction of the designed controller with what is known ahead, (6,) added to ``out``."""
     for k in range(6):
-        feedback = state[at.S_SUM + k] - constants[at.C_PROPORTIONAL] * state[at.S_FILTERED + k]
-        out[k] += feedback + state[at.S_FORWARD + k]
+        feedback = state.tracker_integral[k] - settings.proportional * state.notch_output[k]
+        out[k] += feedback + state.known_ahead[k]

@@ -17,7 +17,6 @@ from counterflex.protocols.kuka_rsi.setup import OnlineLimits
 from counterflex.protocols.processes.control_array import Kept, Request, Tally
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.runtime.record_ring import MOST, RecordRing
-from counterflex.runtime.state.layout import F_SOFT
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex.validation.faults.demonstration import PERIOD_S
@@ -118,7 +117,7 @@ def _log(*, holds: bool) -> Callable[[Effort], Outcome]:
             with Rig(seed=effort.seed, sensors=effort.sensors, force=_steady, ring=ring, checks=checks) as rig:
                 rig.control[Request.ARM] = 1
                 rig.run(300)
-                refused, why = rig.state, Cause(int(rig.loop.flags[F_SOFT]))
+                refused, why = rig.state, Cause(int(rig.loop.given.soft))
                 rig.control[Kept.TAKEN] = ring.count
                 rig.activate()
                 for _ in range(SETTLED):
@@ -171,7 +170,7 @@ def _tare(effort: Effort) -> Outcome:
         rig.control[Request.ARM] = 1
         rig.run(400)
         refused = rig.state
-        cause = Cause(int(rig.loop.flags[F_SOFT]))
+        cause = Cause(int(rig.loop.given.soft))
         shown = rig.control[Tally.IDLE_MN] * 1e-3
         rig.idle = np.array([0.0, 0.0, 5.0])
         begin = rig.cycle_count

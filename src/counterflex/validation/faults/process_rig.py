@@ -27,7 +27,7 @@ from counterflex.files.logs.run_log import RunLog
 from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Request
 from counterflex.protocols.processes.living import Beat
 from counterflex.protocols.processes.shared_words import SharedWords
-from counterflex.runtime.record_ring import OUTCOME, RecordRing
+from counterflex.runtime.record_ring import RecordRing, column
 from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.commanded_motion import Report
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
@@ -246,7 +246,7 @@ class ProcessRig:
         self._cycles += 1
         rows = self._reader.take()
         if len(rows):
-            self.state = State(int(rows[-1, OUTCOME]))
+            self.state = State(int(rows[-1, column("out_state")]))
         if self.recorder is None:  # whoever looks is the recorder
             self.control[Kept.TAKEN] = self._reader.taken
         return answer is not None

@@ -23,7 +23,6 @@ from counterflex.protocols.kuka_rsi.config import RsiConfig
 from counterflex.protocols.kuka_rsi.link import RsiLink
 from counterflex.protocols.processes.control_array import CONTROL, Request
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
-from counterflex.runtime.state import layout as at
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.twin.devices.commanded_motion import Report
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
@@ -349,6 +348,5 @@ class Rig:
         seen.session.append(self._sessions)
         seen.running.append(not self.robot.stopped)
         seen.gone.append(self.gone)
-        outcome = self.loop.outcome
-        told = (at.O_CAUSE, at.O_SOFT, at.O_DEGRADED)
-        seen.told.append(Cause(next((int(outcome[k]) for k in told if outcome[k]), 0)))
+        result = self.loop.result
+        seen.told.append(Cause(int(result.cause or result.soft or result.degraded)))

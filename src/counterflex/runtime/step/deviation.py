@@ -1,0 +1,140 @@
+"""Fourth stage of the online step: what a tracker's sample says, by the mode of force and tracker. Pure."""
+
+from __future__ import annotations
+
+import math
+
+from counterflex.core.arrays import Float
+from counterflex.core.jit import kernel
+from counterflex.core.records import Record, Records
+from counterflex.runtime.estimator.deflection import answered, estimate_deviation
+from counterflex.runtime.primitives.frames import across, pose_deviation, size_of
+from counterflex.runtime.primitives.history import row_at
+from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.runtime.state.cycle import CYCLE
+from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
+from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.state.supervisor import Cause
+from counterflex.runtime.step.feed_forward import known_ahead
+from counterflex.runtime.step.load import FUSED
+from counterflex.runtime.step.tracker import designed, observe, sum_up
+
+INTEGRATOR, OBSERVER, DESIGNED = 1, 2, 3
+"""TrackerMode."""
+_TRACKER_LOST, _NOT_FINITE = int(Cause.TRACKER_LOST), int(Cause.NOT_FINITE)
+
+
+@kernel("void(Given, Settings, float64[:, ::1], float64[::1], Cycle)", Given=GIVEN, Settings=SETTINGS, Cycle=CYCLE)
+def _deviate(given: Record, settings: Record, plan: Float, nominal: Float, cycle: Record) -> None:
+    """Deviation of the measured pose from the commanded one that it belongs to."""
+    pose_deviation(given.actual[:], 0, nominal, cycle.contained[:], cycle.deviation[:])
+    if settings.normal_only == 1 and cycle.planned == 1:
+        across(cycle.deviation[:], 0, plan, cycle.row)
+
+
+@kernel(
+    "void(Given, Settings, State, Past[::1], float64[:, ::1], Cycle)",
+    Given=GIVEN,
+    Settings=SETTINGS,
+    State=STATE,
+    Past=PAST,
+    Cycle=CYCLE,
+)
+def _designed_stage(given: Record, settings: Record, state: Record, ring: Records, plan: Float, cycle: Record) -> None:
+    """Designed controller: what is known ahead, then the sample by the pose of its own time."""
+    here = state.ring_row
+    now = ring[here]
+    for k in range(12):
+        now.nominal[k] = given.nominal[k]
+    now.clock = state.clock
+    for k in range(6):
+        cycle.zero[k] = 0.0
+    planned = cycle.planned == 1 and cycle.soft == 0
+    cycle.forward_share = known_ahead(
+        plan, ring, given.nominal[:], settings, planned, state, cycle.rows[:], cycle.zero[:]
+    )
+    if given.tracker_new != 1:
+        return
+    late = given.tracker_late if given.tracker_late >= 0.0 else settings.tracker_late
+    if not row_at(ring, here, state.clock - late / settings.period, state.past):
+        return
+    _deviate(given, settings, plan, state.past.nominal[:], cycle)
+    if size_of(cycle.deviation[:], 0) <= settings.largest_jump or cycle.active == 0:
+        designed(cycle.deviation[:], cycle.active == 1 and cycle.forward_share == 1.0, settings, state)
+    elif cycle.soft == 0:
+        cycle.soft = _TRACKER_LOST
+
+
+@kernel(
+    "void(Given, Settings, State, Past[::1], float64[:, ::1], Cycle)",
+    Given=GIVEN,
+    Settings=SETTINGS,
+    State=STATE,
+    Past=PAST,
+    Cycle=CYCLE,
+)
+def _delayed_stage(given: Record, settings: Record, state: Record, ring: Records, plan: Float, cycle: Record) -> None:
+    """Published integrator and observer: the sample by the pose that belongs to it by the delays of the cell."""
+    here = state.ring_row
+    past = ring[(here - settings.nominal_back + PAST_ROWS) % PAST_ROWS].nominal[:]
+    nominal = given.nominal[:] if settings.nominal_back == 0 else past
+    _deviate(given, settings, plan, nominal, cycle)
+    if settings.tracker == INTEGRATOR:
+        if cycle.active == 1:
+            sum_up(cycle.deviation[:], settings.gain, settings.saturation[:], state)
+        return
+    then = ring[(here - settings.deflection_back + PAST_ROWS) % PAST_ROWS]
+    largest = settings.largest_jump if cycle.active == 1 else math.inf
+    if not observe(cycle, then.deflection[:], settings.noise[:], largest, state) and cycle.soft == 0:
+        cycle.soft = _TRACKER_LOST
+
+
+@kernel(
+    "void(Given, Settings, State, Past[::1], float64[:, ::1], float64[::1], Cycle, Result)",
+    Given=GIVEN,
+    Settings=SETTINGS,
+    State=STATE,
+    Past=PAST,
+    Cycle=CYCLE,
+    Result=RESULT,
+)
+def find_deviation(
+    given: Record,
+    settings: Record,
+    state: Record,
+    ring: Records,
+    plan: Float,
+    C: Float,
+    cycle: Record,
+    result: Record,
+) -> None:
+    """Deviation that the tracker shows, and what it changes.
+
+    Args:
+        given: Inputs of the cycle.
+        settings: Of the loop.
+        state: Of the step; changed.
+        ring: Past cycles; changed.
+        plan: (n, PLAN_COLUMNS).
+        C: (36,) compliance of the arm at the tip, base axes.
+        cycle: Deviation and cause are written.
+        result: Written.
+    """
+    finite, fused = cycle.hard != _NOT_FINITE, settings.force == FUSED
+    if fused:
+        answered(ring, state.ring_row, max(1, settings.correction_back), settings, state)
+        if finite:
+            estimate_deviation(given, settings, C, state, ring, cycle, result)
+    if finite and settings.tracker == DESIGNED:
+        _designed_stage(given, settings, state, ring, plan, cycle)
+    elif finite and settings.tracker != 0 and given.tracker_new == 1:
+        _delayed_stage(given, settings, state, ring, plan, cycle)
+    if settings.tracker == OBSERVER:
+        for part in range(2):
+            state.offset_variance[part] += settings.drift[part]
+    unseen = settings.tracker != 0 and settings.force == 0 and given.tracker_age >= settings.stale
+    if unseen and cycle.soft == 0:
+        cycle.soft = _TRACKER_LOST
+    for k in range(6):
+        result.deviation[k] = cycle.deviation[k]
