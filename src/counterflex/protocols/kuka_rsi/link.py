@@ -224,7 +224,7 @@ class RsiLink:
         return self._empty
 
     def fill(self, nominal: Float, q: Float) -> None:
-        """Write commanded pose and axis angles of the newest telegram: (12,) rotation by rows and position, and (6,) rad."""
+        """Write commanded pose and axis angles of the newest telegram: (12,) rotation by rows, position; (6,) rad."""
         read_stand(self._held, self._nominal, self._axes, nominal, q)
 
     def fill_actual(self, pose: Float) -> bool:

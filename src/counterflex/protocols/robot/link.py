@@ -65,7 +65,7 @@ class RobotLink(Protocol):
         """Write the pose that the motors stand at, (12,); False where it is not sent."""
 
     def fill_reported(self, pose: Float, /) -> bool:
-        """Write the pose that the controller itself reports, correction included, (12,); False where it reports none."""
+        """Write the pose that the controller reports, correction included, (12,); False where it reports none."""
 
     def fill_currents(self, current: Float, /) -> bool:
         """Write the motor currents (6,), in the controller's unit; False where it sends none."""
