@@ -192,14 +192,14 @@ class EgmLink:
         T_part_tcp: Float = self._T_part_frame @ T_frame_tcp
         return T_part_tcp
 
-    def fill_actual(self, pose: Float) -> bool:
+    def fill_actual(self, out: Float) -> bool:
         """Write the pose that the controller reports (encoders, nominal geometry) as measured."""
-        put_pose(pose, self._T_part_actual)
+        put_pose(out, self._T_part_actual)
         return True
 
-    def fill_reported(self, pose: Float) -> bool:
+    def fill_reported(self, out: Float) -> bool:
         """False: whether the planned pose of a message contains the correction is not documented."""
-        del pose
+        del out
         return False
 
     def fill_currents(self, current: Float) -> bool:
@@ -222,7 +222,7 @@ class EgmLink:
         self._port.close()
 
 
-def put_pose(pose: Float, T: Float) -> None:
+def put_pose(out: Float, T: Float) -> None:
     """Write a pose (4, 4) into inputs of the step: rotation by rows, position."""
-    pose[:9] = T[:3, :3].reshape(-1)
-    pose[9:] = T[:3, 3]
+    out[:9] = T[:3, :3].reshape(-1)
+    out[9:] = T[:3, 3]

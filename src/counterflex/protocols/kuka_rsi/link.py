@@ -227,18 +227,18 @@ class RsiLink:
         """Write commanded pose and axis angles of the newest telegram: (12,) rotation by rows, position; (6,) rad."""
         read_stand(self._held, self._nominal, self._axes, nominal, q)
 
-    def fill_actual(self, pose: Float) -> bool:
+    def fill_actual(self, out: Float) -> bool:
         """Write the pose that the controller reports (encoders, nominal geometry) as measured; False without RIst."""
         if self._actual is None:
             return False
-        read_pose(self._held, self._actual, pose, 0)
+        read_pose(self._held, self._actual, out, 0)
         return True
 
-    def fill_reported(self, pose: Float) -> bool:
+    def fill_reported(self, out: Float) -> bool:
         """Write the pose that the controller itself reports (RIst: encoders, nominal geometry); False without one."""
         if self._actual is None:
             return False
-        read_pose(self._held, self._actual, pose, 0)
+        read_pose(self._held, self._actual, out, 0)
         return True
 
     def fill_currents(self, current: Float) -> bool:

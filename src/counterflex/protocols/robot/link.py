@@ -61,10 +61,10 @@ class RobotLink(Protocol):
     def fill(self, nominal: Float, q: Float, /) -> None:
         """Write commanded pose without correction, (12,) rotation by rows and position, and axis angles, (6,) rad."""
 
-    def fill_actual(self, pose: Float, /) -> bool:
+    def fill_actual(self, out: Float, /) -> bool:
         """Write the pose that the motors stand at, (12,); False where it is not sent."""
 
-    def fill_reported(self, pose: Float, /) -> bool:
+    def fill_reported(self, out: Float, /) -> bool:
         """Write the pose that the controller reports, correction included, (12,); False where it reports none."""
 
     def fill_currents(self, current: Float, /) -> bool:
