@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.app.campaign.parameter_errors import parameter_errors
-from counterflex.app.compensation.compensate import compensate, write
+from counterflex.app.compensation.compensate import compensate
 from counterflex.app.compensation.languages import write
 from counterflex.app.inputs import read_job, setting_of
 from counterflex.app.long_jobs.step_cache import begin, fingerprint, finish, finished
