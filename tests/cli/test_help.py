@@ -212,9 +212,10 @@ def test_examples_can_be_copied_in_one_piece(counterflex: Any) -> None:
             assert example in counterflex(*words, "--help").out
 
 
-def test_help_loads_no_heavy_library() -> None:
+@pytest.mark.parametrize("word", ["--help", "--version"])
+def test_help_and_version_load_no_heavy_library(word: str) -> None:
     program = (
-        "import sys; sys.argv = ['counterflex', '--help']\n"
+        f"import sys; sys.argv = ['counterflex', '{word}']\n"
         "from counterflex.cli.start import run\n"
         "try:\n    run()\nexcept SystemExit as end:\n    assert end.code == 0\n"
         f"print('LOADED', *[name for name in {HEAVY!r} if name in sys.modules])\n"

@@ -41,12 +41,12 @@ def answer(chain: ElasticChain, seconds: float, load: Float) -> Float:
     time = np.array([0.0, seconds])
     q = np.tile(Q, (2, 1))
     motion = motion_along(chain, np.eye(4), q, q, time)
-    rest(motion, 0)  # type: ignore[no-untyped-call]
+    rest(motion, 0)
     steps = round(seconds * PER_S)
     out, one, none = np.zeros((steps, 6)), np.zeros(6), np.zeros(6)
     for k in range(steps):
         acting = load if k > 0.1 * PER_S else none
-        advance(motion, 1, (k + 1) / PER_S, acting, one)  # type: ignore[no-untyped-call]
+        advance(motion, 1, (k + 1) / PER_S, acting, one)
         out[k] = one
     return out
 
@@ -63,10 +63,10 @@ def test_drives_turn_about_their_axes_where_gears_give_way_beside_them(cell_of: 
     asked = np.array([0.3, -0.2, 0.4, -0.5, 0.6, 0.2]) * 1e-3
     time = np.array([0.0, 4.0])
     motion = motion_along(chain, np.eye(4), np.tile(Q, (2, 1)), Q + np.outer([1.0, 1.0], asked), time)
-    rest(motion, 0)  # type: ignore[no-untyped-call]
+    rest(motion, 0)
     out = np.zeros(6)
     for k in range(8000):
-        advance(motion, 1, (k + 1) / PER_S, np.zeros(6), out)  # type: ignore[no-untyped-call]
+        advance(motion, 1, (k + 1) / PER_S, np.zeros(6), out)
     moved = forward(chain, (Q + asked)[None])[0, :3, 3] - forward(chain, Q[None])[0, :3, 3]
     np.testing.assert_allclose(out[:3], moved, atol=2.0 * UM)
 
@@ -108,10 +108,10 @@ def test_drives_hold_an_unbalanced_arm_where_it_is(plain: ElasticChain) -> None:
     """Their integrators carry the weight from the start: a drive that yields does not know it from no load."""
     assert np.abs(play.axis_torque(plain, Q[None])).max() > 500.0
     motion = motion_along(replace(plain, servo=(SERVO,) * 6), np.eye(4), np.tile(Q, (2, 1)), np.tile(Q, (2, 1)), ENDS)
-    rest(motion, 0)  # type: ignore[no-untyped-call]
+    rest(motion, 0)
     out = np.zeros(6)
     for k in range(PER_S):
-        advance(motion, 1, (k + 1) / PER_S, np.zeros(6), out)  # type: ignore[no-untyped-call]
+        advance(motion, 1, (k + 1) / PER_S, np.zeros(6), out)
         assert np.abs(motion.drives[0]).max() < 1e-12
     assert np.abs(out).max() < 1e-9
 
@@ -120,10 +120,10 @@ def test_the_process_load_reaches_the_motors(plain: ElasticChain) -> None:
     """Without an integrator a drive yields by ``J^T w / (speed gain x position gain)`` of its axis, in its sense."""
     servo = replace(SERVO, integral_time_s=1e9)
     motion = motion_along(replace(plain, servo=(servo,) * 6), np.eye(4), np.tile(Q, (2, 1)), np.tile(Q, (2, 1)), ENDS)
-    rest(motion, 0)  # type: ignore[no-untyped-call]
+    rest(motion, 0)
     out = np.zeros(6)
     for k in range(4 * PER_S):
-        advance(motion, 1, (k + 1) / PER_S, LOAD, out)  # type: ignore[no-untyped-call]
+        advance(motion, 1, (k + 1) / PER_S, LOAD, out)
     given = jacobian(plain, Q[None])[0].T @ LOAD / (servo.speed_gain_nm_s * servo.position_gain_per_s)
     assert np.abs(given).max() > 1e-4
     np.testing.assert_allclose(motion.drives[0], given, atol=0.01 * np.abs(given).max())
@@ -137,10 +137,10 @@ def test_weight_that_changes_along_a_row_is_no_deviation_within_it(share: float,
     other = motion.weight.copy()
     other[1] += np.array([0.0, 900.0, -600.0, 50.0, -40.0, 10.0])
     motion = motion._replace(weight=other)
-    rest(motion, 0)  # type: ignore[no-untyped-call]
+    rest(motion, 0)
     out = np.zeros(6)
     for k in range(round(8.0 * share * PER_S)):
-        advance(motion, 1, (k + 1) / PER_S, np.zeros(6), out)  # type: ignore[no-untyped-call]
+        advance(motion, 1, (k + 1) / PER_S, np.zeros(6), out)
     _, stiffness, J, _ = matrices(plain, Q)
     sag = J[:, :6] @ ((other[1] - other[0]) / stiffness[:6])
     assert np.linalg.norm(sag[:3]) > 100 * UM
@@ -250,10 +250,10 @@ def test_another_command_on_the_same_path_is_a_motion_of_its_own(plain: ElasticC
         commanded(shared, q + added),
         motion_along(plain, np.eye(4), q, q + added, time),
     ):
-        rest(motion, 0)  # type: ignore[no-untyped-call]
+        rest(motion, 0)
         out = np.zeros((4, 6))
         for row in range(4):
-            advance(motion, row + 1, time[row + 1], LOAD, out[row])  # type: ignore[no-untyped-call]
+            advance(motion, row + 1, time[row + 1], LOAD, out[row])
         found.append(out)
     np.testing.assert_array_equal(found[1], found[2])
     assert np.abs(found[0] - found[1]).max() > 1.0 * UM

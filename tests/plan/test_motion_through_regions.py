@@ -39,12 +39,12 @@ def along(chain: ElasticChain, load: Float, seconds: float = 4.0, rows: int = 81
     q = np.tile(Q, (rows, 1))
     q[:, 1] += SWING * (time / seconds - 0.5)
     motion = motion_along(chain, np.eye(4), q, q, time)
-    rest(motion, 0)  # type: ignore[no-untyped-call]
+    rest(motion, 0)
     at = np.arange(1, round(seconds * PER_S) + 1) / PER_S
     out, one = np.zeros((len(at), 6)), np.zeros(6)
     for k, until in enumerate(at):
         row = min(int(np.searchsorted(time, until - 1e-9)), rows - 1)
-        advance(motion, max(row, 1), until, load, one)  # type: ignore[no-untyped-call]
+        advance(motion, max(row, 1), until, load, one)
         out[k] = one
     moved = np.stack([np.interp(at, time, q[:, a]) for a in range(6)], axis=1)
     return moved, out

@@ -104,9 +104,25 @@ def cache_folder(module: str) -> Path:
     return _cache_root() / f"{name}-{digest.hexdigest()[:16]}"
 
 
-def _with_records(signature: str, records: dict[str, np.dtype[np.record]]) -> Any:
-    """A signature in which the names of records stand for their types."""
-    return eval(signature, vars(numba.types) | {name: numba.from_dtype(kind) for name, kind in records.items()})
+def bundle(kind: type, /, **fields: Any) -> Any:
+    """Type of a NamedTuple of arrays and numbers, for a kernel that takes one.
+
+    Args:
+        kind: The NamedTuple.
+        fields: Type of each of its fields as a signature writes it (``"float64[:, ::1]"``), or another bundle.
+
+    Raises:
+        KeyError: A field without a type.
+    """
+    known = vars(numba.types)
+    types = (fields[name] for name in kind._fields)  # type: ignore[attr-defined]
+    return numba.types.NamedTuple([eval(one, known) if isinstance(one, str) else one for one in types], kind)
+
+
+def _with_records(signature: str, records: dict[str, Any]) -> Any:
+    """A signature in which the names of records and bundles stand for their types."""
+    named = {name: numba.from_dtype(kind) if isinstance(kind, np.dtype) else kind for name, kind in records.items()}
+    return eval(signature, vars(numba.types) | named)
 
 
 @contextlib.contextmanager
@@ -213,7 +229,7 @@ def kernel(
     fast: bool = False,
     inline: bool = False,
     waits: bool = False,
-    **records: np.dtype[np.record],
+    **records: Any,
 ) -> Callable[[F], F]:
     """Compile a pure array function with Numba when it is first needed, cached on disk.
 
@@ -225,7 +241,8 @@ def kernel(
         fast: Allow re-association of sums (``fastmath={'reassoc','contract','nsz','arcp'}``), never NaN tricks.
         inline: Let Numba inline the function into its callers.
         waits: Called from Python it may wait long: other threads of the process run meanwhile.
-        records: Types (:func:`counterflex.core.records.record`) by the name that the signature string gives them:
+        records: Types (:func:`counterflex.core.records.record`, :func:`bundle`) by the name that the signature string
+            gives them:
             ``kernel("void(Memory[::1], Row, float64)", Memory=MEMORY, Row=ROW)``, an array of them and an open one.
 
     Returns:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from counterflex.core.arrays import Float, Float32, Int
+from counterflex.core.jit import bundle
 from counterflex.cutting.envelope_kernels import Int32
 
 
@@ -40,3 +41,33 @@ class Workspace(NamedTuple):
     booked: Int
     totals: Int
     unit_width: Float
+
+
+GRID: Final = bundle(
+    Grid,
+    z="float32[:, ::1]",
+    tops="float32[:, ::1]",
+    x0="float64",
+    y0="float64",
+    cell="float64",
+    floor="float64",
+)
+SCRATCH: Final = bundle(
+    Scratch,
+    lane="float32[::1]",
+    bit="int32[::1]",
+    sums="int64[::1]",
+    out="float32[::1]",
+    minimiser="float32[::1]",
+    stations="float64[::1]",
+    event="float32[:, ::1]",
+    code="int32[:, ::1]",
+)
+WORKSPACE: Final = bundle(
+    Workspace,
+    scratch=SCRATCH,
+    path="float64[:, ::1]",
+    booked="int64[:, :, ::1]",
+    totals="int64[:, ::1]",
+    unit_width="float64[::1]",
+)

@@ -11,6 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int, as_float
 from counterflex.core.errors import InputError, ModelError, ProgramError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.records import records
 from counterflex.core.units import MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
@@ -18,7 +19,8 @@ from counterflex.cutting.mean_force import mean_force_weights
 from counterflex.cutting.removal import bin_edges_rad, grid_of, stamp_workspace
 from counterflex.cutting.stock import HeightMap, require_vertical
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
-from counterflex.plan.cut_kernel import STATE, cut_rows
+from counterflex.plan.cut_kernel import cut_rows
+from counterflex.plan.cut_kernel_arrays import STATE, CutPath, CutRows, CutTool
 from counterflex.plan.elastic_motion import STILL
 from counterflex.plan.elastic_motion_kernel import Motion
 from counterflex.signals.preview import Mode
@@ -108,58 +110,40 @@ def cut(
     entry, exit_ = np.full(n, np.nan), np.full(n, np.nan)
     if n < 2:
         return Cut(w, x, volume, axial, entry, exit_, feed_tooth, chip)
-    grid, edges, state = grid_of(stock), bin_edges_rad(), np.zeros(STATE)
-    state[12:15] = command[0]
-    kind, tool = np.ascontiguousarray(path.kind, dtype=np.int64), path.tool
-    changes = [1, *(np.flatnonzero(np.diff(tool[1:])) + 2).tolist(), n]
+    grid, edges, states = grid_of(stock), bin_edges_rad(), records(STATE)
+    state = states[0]
+    state.tip[:] = command[0]
+    kind, numbers = np.ascontiguousarray(path.kind, dtype=np.int64), path.tool
+    rows_of_path = CutPath(command, kind, path.time_s, path.spindle_rad_s, C, offset)
+    rows = CutRows(w, x, volume, axial, entry, exit_, feed_tooth, chip)
+    moving = STILL if motion is None else motion
+    changes = [1, *(np.flatnonzero(np.diff(numbers[1:])) + 2).tolist(), n]
     for begin, end in itertools.pairwise(changes):
         active = np.any(kind[begin:end] == FEED)
         if motion is None and not active and _far_above(command[begin - 1 : end], stock):
-            state[12:15] = command[end - 1]
-            state[15] = 0.0
+            state.tip[:] = command[end - 1]
+            state.stamped = 0
             continue
-        cutter = cutter_of(int(tool[begin]))
+        cutter = cutter_of(int(numbers[begin]))
         weights = mean_force_weights(cutter, law)
         workspace, shape = stamp_workspace(cutter), cutter.kernel_parameters()
-        depth, extra = np.zeros((weights.n_levels, weights.n_bins)), np.zeros(2)
-        feed_frame, force = np.zeros(6), np.zeros(6)
-        state[15] = 0.0
+        tool = CutTool(
+            flutes=float(cutter.flutes),
+            shape=shape,
+            workspace=workspace,
+            terms=weights.terms,
+            arc=weights.arc,
+            levels=weights.levels,
+            edges=edges,
+            depth=np.zeros((weights.n_levels, weights.n_bins)),
+            extra=np.zeros(2),
+            wrench_feed=np.zeros(6),
+            force=np.zeros(6),
+        )
+        state.stamped = 0
         for at in range(begin, end, ROWS_PER_CALL):
             stop = min(at + ROWS_PER_CALL, end)
-            cut_rows(
-                at,
-                stop,
-                command,
-                kind,
-                path.time_s,
-                path.spindle_rad_s,
-                C,
-                offset,
-                omega,
-                zeta,
-                float(cutter.flutes),
-                grid,
-                shape,
-                workspace,
-                weights.terms,
-                weights.arc,
-                weights.levels,
-                edges,
-                state,
-                depth,
-                extra,
-                feed_frame,
-                force,
-                w,
-                x,
-                volume,
-                axial,
-                entry,
-                exit_,
-                feed_tooth,
-                chip,
-                STILL if motion is None else motion,
-            )
+            cut_rows(at, stop, rows_of_path, tool, grid, omega, zeta, moving, states, rows)
             progress(stop / n)
     stopped = (kind == FEED) & (volume > 1e-12) & (path.spindle_rad_s == 0.0)
     if np.any(stopped):

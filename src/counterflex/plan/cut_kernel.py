@@ -13,16 +13,16 @@ from __future__ import annotations
 
 import math
 
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
+from counterflex.core.records import Records
+from counterflex.cutting.kernel_arrays import GRID, Grid
 from counterflex.cutting.mean_force import mean_wrench
 from counterflex.cutting.stock import BLOCK_COLUMNS, BLOCK_ROWS
 from counterflex.cutting.sweep_kernels import stamp_segment
 from counterflex.path.toolpath import FEED
-from counterflex.plan.elastic_motion_kernel import advance, rest
-
-STATE = 23
-"""Carried from row to row: displacement (6), its rate (6), last tip (3), whether the last segment was stamped (1), and
-how far the force of the last contact bends the tool (1), the force that has come to act on the robot in motion (6)."""
+from counterflex.plan.cut_kernel_arrays import CUT_PATH, CUT_ROWS, CUT_TOOL, STATE, CutPath, CutRows, CutTool
+from counterflex.plan.elastic_motion_kernel import MOTION, Motion, advance, rest
 
 AIR_STEP = 0.25
 """Longest step of a tool that may meet material, over omega (1/25 of the mode's period)."""
@@ -73,50 +73,55 @@ def oscillator(dt: float, omega: float, zeta: float) -> tuple[float, float, floa
     return e * (co + damp * si), e * si, -e * omega * omega * si, e * (co - damp * si)
 
 
-@kernel()
-def cut_rows(  # type: ignore[no-untyped-def]
-    first,
-    last,
-    p_command,
-    kind,
-    time,
-    spindle,
-    compliance,
-    offset,
-    omega,
-    zeta,
-    flutes,
-    grid,
-    shape,
-    workspace,
-    terms,
-    arc,
-    levels,
-    edges,
-    state,
-    depth,
-    extra,
-    wrench_feed,
-    force,
-    wrench,
-    displacement,
-    volume,
-    axial,
-    entry,
-    exit_,
-    feed_tooth,
-    chip,
-    motion,
-):
-    """Cut rows [first, last) of a path; see :func:`counterflex.plan.cut.cut` for the meaning of every array.
+@kernel(
+    "void(int64, int64, Path, Tool, Grid, float64, float64, Motion, State[::1], Rows)",
+    Path=CUT_PATH,
+    Tool=CUT_TOOL,
+    Grid=GRID,
+    Motion=MOTION,
+    State=STATE,
+    Rows=CUT_ROWS,
+)
+def cut_rows(
+    first: int,
+    last: int,
+    path: CutPath,
+    tool: CutTool,
+    grid: Grid,
+    omega: float,
+    zeta: float,
+    motion: Motion,
+    states: Records,
+    rows: CutRows,
+) -> None:
+    """Cut rows [first, last) of a path.
 
-    ``omega == 0`` cuts the undisturbed path: the displacement stays zero.
+    Args:
+        first: Row, >= 1.
+        last: Row behind the last.
+        path: See :class:`CutPath`.
+        tool: See :class:`CutTool`.
+        grid: Of the stock, cut in place.
+        omega: Undamped angular frequency of the mode, rad/s; 0 cuts the undisturbed path: the displacement stays zero.
+        zeta: Its damping ratio.
+        motion: The elastic robot in motion, which then bends the tool, or
+            :data:`counterflex.plan.elastic_motion.STILL`.
+        states: (1,) of :data:`STATE`, changed.
+        rows: Results, written.
     """
+    p_command, kind, time, spindle = path.p_command, path.kind, path.time_s, path.spindle_rad_s
+    compliance, offset = path.compliance, path.offset
+    flutes, shape, workspace, terms, arc = tool.flutes, tool.shape, tool.workspace, tool.terms, tool.arc
+    levels, edges, depth, extra = tool.levels, tool.edges, tool.depth, tool.extra
+    wrench_feed, force = tool.wrench_feed, tool.force
+    wrench, displacement, volume, axial = rows.wrench, rows.displacement, rows.volume, rows.axial
+    entry, exit_, feed_tooth, chip = rows.entry, rows.exit_, rows.feed_tooth, rows.chip
+    s = states[0]
     coupled = omega > 0.0
     moving = motion.x.shape[0] > 0
     finer = MOVING if moving else 1.0
     if moving and motion.clock[1] == 0.0:
-        rest(motion, first - 1)  # type: ignore[no-untyped-call]
+        rest(motion, first - 1)
     flat = shape[0] - shape[1]
     for i in range(first, last):
         for k in range(6):
@@ -136,14 +141,14 @@ def cut_rows(  # type: ignore[no-untyped-def]
             dt = left
             share = 1.0
             if coupled and cutting and row_time > 0.0:
-                dt = _step(left, row_time, omega, state[16], p_command, i, finer)
+                dt = _step(left, row_time, omega, s.bend, p_command, i, finer)
                 left -= dt
                 if dt < left + dt:
                     share = 1.0 - left / row_time
-            xa, ya, za = state[12], state[13], state[14]
-            xb = p_command[i - 1, 0] + share * (p_command[i, 0] - p_command[i - 1, 0]) + state[0]
-            yb = p_command[i - 1, 1] + share * (p_command[i, 1] - p_command[i - 1, 1]) + state[1]
-            zb = p_command[i - 1, 2] + share * (p_command[i, 2] - p_command[i - 1, 2]) + state[2]
+            xa, ya, za = s.tip[0], s.tip[1], s.tip[2]
+            xb = p_command[i - 1, 0] + share * (p_command[i, 0] - p_command[i - 1, 0]) + s.displacement[0]
+            yb = p_command[i - 1, 1] + share * (p_command[i, 1] - p_command[i - 1, 1]) + s.displacement[1]
+            zb = p_command[i - 1, 2] + share * (p_command[i, 2] - p_command[i - 1, 2]) + s.displacement[2]
             plane = math.hypot(xb - xa, yb - ya)
             damping = 0.0
             for k in range(6):
@@ -153,9 +158,9 @@ def cut_rows(  # type: ignore[no-untyped-def]
                 if cutting and za > zb and flat > 0.0:
                     lean_x, lean_y = _end_face_lean(grid, xb, yb, zb, za - zb, flat)
                 room = _room(grid, xa, ya, xb, yb, shape[0]) - min(za, zb) if cutting else 0.0
-                removed = stamp_segment(grid, shape, xa, ya, za, xb, yb, zb, state[15] > 0.0, workspace, depth, extra)
+                removed = stamp_segment(grid, shape, xa, ya, za, xb, yb, zb, s.stamped != 0, workspace, depth, extra)
                 volume[i] += removed
-                state[15] = 1.0
+                s.stamped = 1
                 if removed > 0.0 and cutting and dt > 0.0 and rate > 0.0:
                     teeth = rate * dt
                     end_area = extra[0] / (za - zb) if za > zb else 0.0
@@ -179,7 +184,7 @@ def cut_rows(  # type: ignore[no-untyped-def]
                         entry[i], exit_[i] = low, high
                     side = feed_tooth[i] * mean_sine * (removed - extra[0])
                     chip[i] = (side + max(0.0, (za - zb) / teeth) * extra[0]) / removed
-            state[12], state[13], state[14] = xb, yb, zb
+            s.tip[0], s.tip[1], s.tip[2] = xb, yb, zb
             if row_time > 0.0:
                 for k in range(6):
                     wrench[i, k] += force[k] * (dt / row_time)
@@ -187,10 +192,10 @@ def cut_rows(  # type: ignore[no-untyped-def]
                 # A chip's thickness takes a tooth to come about, so the force follows the velocity within that time.
                 fresh = 1.0 - math.exp(-dt * rate) if rate > 0.0 else 1.0
                 for k in range(6):
-                    state[17 + k] += fresh * (force[k] - state[17 + k])
-                advance(motion, i, time[i] - left if share < 1.0 else time[i], state[17:], state)  # type: ignore[no-untyped-call]
+                    s.force[k] += fresh * (force[k] - s.force[k])
+                advance(motion, i, time[i] - left if share < 1.0 else time[i], s.force[:], s.displacement[:])
                 bend = _bend(compliance, i, force)
-                state[16] = max(bend, state[16] * math.exp(-omega * dt))
+                s.bend = max(bend, s.bend * math.exp(-omega * dt))
             elif coupled and dt > 0.0:
                 bend = 0.0
                 for k in range(6):
@@ -201,18 +206,18 @@ def cut_rows(  # type: ignore[no-untyped-def]
                         bend = max(bend, abs(target))
                         target += offset[i - 1, k] + share * (offset[i, k] - offset[i - 1, k])
                     extra_zeta = 0.5 * omega * compliance[i, 2, 2] * damping if k == 2 else 0.0
-                    target += 2.0 * extra_zeta / omega * state[6 + k]
+                    target += 2.0 * extra_zeta / omega * s.rate[k]
                     a, b, c, d = oscillator(dt, omega, zeta + extra_zeta)
-                    x, v = state[k] - target, state[6 + k]
-                    state[k] = target + a * x + b * v
-                    state[6 + k] = c * x + d * v
-                state[16] = max(bend, state[16] * math.exp(-omega * dt))
+                    x, v = s.displacement[k] - target, s.rate[k]
+                    s.displacement[k] = target + a * x + b * v
+                    s.rate[k] = c * x + d * v
+                s.bend = max(bend, s.bend * math.exp(-omega * dt))
         for k in range(6):
-            displacement[i, k] = state[k]
+            displacement[i, k] = s.displacement[k]
 
 
-@kernel()
-def _bend(compliance, i, force):  # type: ignore[no-untyped-def]
+@kernel("float64(float64[:, :, ::1], int64, float64[::1])")
+def _bend(compliance: Float, i: int, force: Float) -> float:
     """How far a force would bend the tool at rest: the largest component, m."""
     bend = 0.0
     for k in range(3):
@@ -223,8 +228,8 @@ def _bend(compliance, i, force):  # type: ignore[no-untyped-def]
     return bend
 
 
-@kernel()
-def _room(grid, xa, ya, xb, yb, radius):  # type: ignore[no-untyped-def]
+@kernel("float64(Grid, float64, float64, float64, float64, float64)", Grid=GRID)
+def _room(grid: Grid, xa: float, ya: float, xb: float, yb: float, radius: float) -> float:
     """Height of the material, from its block maxima, over the rectangle that a tool sweeps: no cut reaches above it."""
     rows, columns = grid.tops.shape
     tall, wide = BLOCK_ROWS * grid.cell, BLOCK_COLUMNS * grid.cell
@@ -239,8 +244,8 @@ def _room(grid, xa, ya, xb, yb, radius):  # type: ignore[no-untyped-def]
     return highest
 
 
-@kernel()
-def _thrust_exponent(drop, terms):  # type: ignore[no-untyped-def]
+@kernel("float64(float64, float64[:, ::1])")
+def _thrust_exponent(drop: float, terms: Float) -> float:
     """``d ln F / d ln h`` of the thrust on an end face that descends by ``drop`` per tooth."""
     total, slope = 0.0, 0.0
     for t in range(terms.shape[0]):
@@ -250,8 +255,8 @@ def _thrust_exponent(drop, terms):  # type: ignore[no-untyped-def]
     return slope / total if total > 0.0 else 0.0
 
 
-@kernel()
-def _end_face_lean(grid, x, y, z, drop, radius):  # type: ignore[no-untyped-def]
+@kernel("UniTuple(float64, 2)(Grid, float64, float64, float64, float64, float64)", Grid=GRID)
+def _end_face_lean(grid: Grid, x: float, y: float, z: float, drop: float, radius: float) -> tuple[float, float]:
     """``integral of r_hat d_rho d_phi`` over the part of a descending end face that stands on material, m.
 
     Zero where all of the face is engaged; where only part of it is (a ramp that runs out of the part), the cutting
@@ -273,8 +278,8 @@ def _end_face_lean(grid, x, y, z, drop, radius):  # type: ignore[no-untyped-def]
     return sum_x * area, sum_y * area
 
 
-@kernel()
-def _step(left, row_time, omega, bend, p_command, i, finer):  # type: ignore[no-untyped-def]
+@kernel("float64(float64, float64, float64, float64, float64[:, ::1], int64, float64)")
+def _step(left: float, row_time: float, omega: float, bend: float, p_command: Float, i: int, finer: float) -> float:
     """Length of the next step within a row of a bending tool, s, see :data:`GAIN`."""
     limit = AIR_STEP / omega
     if bend > 0.0:
@@ -287,8 +292,8 @@ def _step(left, row_time, omega, bend, p_command, i, finer):  # type: ignore[no-
     return left / max(1, math.ceil(left / limit))
 
 
-@kernel()
-def _engaged(depth, edges, radius, cell):  # type: ignore[no-untyped-def]
+@kernel("UniTuple(float64, 4)(float64[:, ::1], float64[::1], float64, float64)")
+def _engaged(depth: Float, edges: Float, radius: float, cell: float) -> tuple[float, float, float, float]:
     """Largest axial depth, first and last engaged angle, and the mean of sin(phi) over the engaged edge.
 
     A bin near 0 or 180 deg is narrower than a cell of the stock, so its depth is noise: the largest depth is that of
@@ -327,11 +332,11 @@ def _engaged(depth, edges, radius, cell):  # type: ignore[no-untyped-def]
             area, width = 0.0, 0.0
     if deepest == 0.0:
         deepest = _mean_depth(depth, edges)
-    return deepest, edges[first], edges[last + 1], sine / total
+    return deepest, float(edges[first]), float(edges[last + 1]), sine / total
 
 
-@kernel()
-def _mean_depth(depth, edges):  # type: ignore[no-untyped-def]
+@kernel("float64(float64[:, ::1], float64[::1])")
+def _mean_depth(depth: Float, edges: Float) -> float:
     """Mean axial depth over the engaged width."""
     area, width = 0.0, 0.0
     for b in range(depth.shape[1]):

@@ -17,7 +17,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from counterflex.core.arrays import Float, Int
-from counterflex.core.jit import kernel
+from counterflex.core.jit import bundle, kernel
 from counterflex.robot.elasticity.play import spring_torque
 
 AXES = 6
@@ -90,6 +90,39 @@ class Motion(NamedTuple):
     fresh: Float
 
 
+MOTION: Final = bundle(
+    Motion,
+    step_s="float64",
+    time_s="float64[::1]",
+    q_command="float64[:, ::1]",
+    q_ref="float64[:, ::1]",
+    weight="float64[:, ::1]",
+    posture="int64[::1]",
+    place="int64[::1]",
+    answer="float64[:, :, ::1]",
+    keep="float64[:, :, ::1]",
+    J_tcp_part="float64[:, :, ::1]",
+    J_drive_part="float64[:, :, ::1]",
+    stiffness="float64[:, ::1]",
+    damping="float64[::1]",
+    half_band="float64[::1]",
+    limit="float64[:, ::1]",
+    slip="float64[:, ::1]",
+    speed_gain="float64[::1]",
+    position_gain="float64[::1]",
+    integral_time="float64[::1]",
+    motor_friction="float64[::1]",
+    motor_slip="float64[::1]",
+    x="float64[::1]",
+    rate="float64[::1]",
+    drives="float64[:, ::1]",
+    held="float64[:, ::1]",
+    clock="float64[::1]",
+    program="float64[::1]",
+    load="float64[::1]",
+    fresh="float64[::1]",
+)
+
 STATE_ARRAYS: Final = ("x", "rate", "drives", "held", "clock", "program", "load", "fresh")
 """Fields of :class:`Motion` that :func:`advance` writes; zeros until :func:`rest`."""
 
@@ -113,8 +146,8 @@ def number_postures(q: Float, apart_rad: float, out: Int) -> None:
         out[i] = number
 
 
-@kernel()
-def rest(motion, row):  # type: ignore[no-untyped-def]
+@kernel("void(Motion, int64)", Motion=MOTION)
+def rest(motion: Motion, row: int) -> None:
     """Put the state at rest under the weight at a row, gears leaning as their load asks."""
     stiffness = motion.stiffness[min(row, motion.stiffness.shape[0] - 1)]
     for i in range(motion.x.shape[0]):
@@ -138,8 +171,8 @@ def rest(motion, row):  # type: ignore[no-untyped-def]
     motion.clock[1] = 1.0
 
 
-@kernel()
-def advance(motion, row, until_s, wrench, out):  # type: ignore[no-untyped-def]
+@kernel("void(Motion, int64, float64, float64[::1], float64[::1])", Motion=MOTION)
+def advance(motion: Motion, row: int, until_s: float, wrench: Float, out: Float) -> None:
     """Advance within the row that ends at ``row`` and give the tool's deviation from the programmed path.
 
     Args:
