@@ -298,7 +298,7 @@ def test_a_table_that_cannot_be_is_refused(tmp_path: Path, old: str, new: str, s
 
 
 def test_a_cell_without_a_twincat_says_so(tmp_path: Path) -> None:
-    with pytest.raises(FileFormatError, match="does not say where a TwinCAT is"):
+    with pytest.raises(FileFormatError, match="has no address of a TwinCAT"):
         job.read(CELL)
     file = tmp_path / "cell.toml"
     file.write_text(CELL.read_text() + HOLDER.replace(GAUGES, GAUGES[: GAUGES.rindex("[[")]) + table("127.0.0.1"))

@@ -55,7 +55,7 @@ def test_programs_that_cut_nothing_are_told_so(program: Callable[..., Path], sma
     with pytest.raises(InputError, match="never comes near the blank"):
         simulate.machine(read_job(far, cell), cell, truth_of(cell, 1))
     near = program(head + "45\nG1 X20 F1500" + tail)
-    with pytest.raises(InputError, match="removes nothing from the blank"):
+    with pytest.raises(InputError, match="removes no material from the blank"):
         prove.prove(near, small, tmp_path)
 
 

@@ -104,7 +104,7 @@ def test_what_is_missing_is_said(place: Place, tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match=r"\[online\]"):
         online_session.open_session(bare)
     blind = online_session.RunSettings(place.cell, RSI, place.plan)
-    with pytest.raises(InputError, match="no force sensor"):
+    with pytest.raises(InputError, match="needs a force sensor"):
         online_session.open_session(blind)
     planless = online_session.RunSettings(place.cell, RSI, None, force=("127.0.0.1", 9))
     with pytest.raises(InputError, match="needs a plan"):

@@ -164,7 +164,7 @@ CELLS: dict[str, tuple[str, str, list[str]]] = {
     "own geometry in m": (
         OWN,
         GEOMETRY.replace("1300", "1.3").replace("1025", "1.025").replace("1045", "1.045"),
-        ["cell.toml: part", "stock's corner", "out of reach", "mm"],
+        ["cell.toml: part", "corner of the stock", "out of reach", "mm"],
     ),
     "segment unknown": (
         "[[tools]]",

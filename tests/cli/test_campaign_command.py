@@ -36,8 +36,8 @@ def test_an_interrupted_campaign_keeps_what_it_has(
         patched.setattr("counterflex.cli.commands.campaign.progress_bar", _stops_at(0.5))
         stopped = counterflex(*command, "--workers", "1")
     assert stopped.status == 130
-    assert "finished steps are kept" in stopped.err
-    assert "The same command goes on" in stopped.err
+    assert "finished steps are stored" in stopped.err
+    assert "The same command continues" in stopped.err
     assert not (folder / "out" / "summary.json").exists()
     ended = counterflex(*command, "--workers", "1")
     assert ended.status == 0, ended.err

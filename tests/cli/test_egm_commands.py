@@ -47,7 +47,7 @@ def test_make_writes_a_program_that_check_passes(tmp_path: Path, cell: Path) -> 
     summary = json.loads((tmp_path / "robot" / "summary.json").read_text(encoding="utf-8"))
     assert (summary["mode"], summary["sample_ms"], summary["timeout_ms"]) == ("path", 24, 100)
     assert [line for line in summary["warnings"] if "controller.correction_signal" not in line] == []
-    assert "no output tells a safety PLC" in said
+    assert "no output shows a safety PLC" in said
     text = cell.read_text(encoding="utf-8").replace("[controller]", '[controller]\ncorrection_signal = "doCorrection"')
     cell.write_text(text, encoding="utf-8")
     _, said = told("egm", "make", "--cell", cell, "--program", tmp_path / "p.mod", "--out", tmp_path / "robot")
@@ -78,7 +78,7 @@ def test_make_for_guidance(tmp_path: Path, cell: Path) -> None:
     code, said = told("egm", "make", "--cell", cell, "--program", tmp_path / "p.mod", "--out", tmp_path / "r", "--json")
     assert code == 0, said
     assert json.loads(said)["mode"] == "pose"
-    assert "goes on with the last one until its CommTimeout" in (tmp_path / "r" / "README.txt").read_text(
+    assert "continues with the last one until its CommTimeout" in (tmp_path / "r" / "README.txt").read_text(
         encoding="utf-8"
     )
     code, said = told("egm", "check", tmp_path / "r" / "p.mod", "--cell", cell, "--json")
@@ -90,7 +90,7 @@ def test_the_dangerous_example_ends_with_one(cell: Path) -> None:
     assert code == 1
     for rule in ("timeout", "fine", "handler", "speed-deviation", "axes", "no-wait", "velocity", "stop"):
         assert f"error [{rule}]" in said
-    assert "not judged without --cell" in said
+    assert "not checked without --cell" in said
     _, beside = told("egm", "check", EXAMPLES / "egm" / "dangerous.mod", "--cell", cell)
     assert "the cell file says otherwise" in beside
 

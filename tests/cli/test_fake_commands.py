@@ -149,8 +149,8 @@ def test_a_twincat_is_listed_read_and_written(folder: Path, counterflex: Any, pl
         (("twin", "tracker", "127.0.0.1:9", "--run-log", "."), "belong together"),
         (("twin", "tracker", "127.0.0.1:9", "-s", "nowhere.toml"), "nowhere.toml: no such scenario"),
         (("tracker", "bridge", "127.0.0.1:9", "--file", "nowhere.csv"), "nowhere.csv: no such file"),
-        (("twin", "ads", "--cell", "cell.toml"), "does not say where a TwinCAT is"),
-        (("ads", "read", "--cell", "cell.toml"), "does not say where a TwinCAT is"),
+        (("twin", "ads", "--cell", "cell.toml"), "has no address of a TwinCAT"),
+        (("ads", "read", "--cell", "cell.toml"), "has no address of a TwinCAT"),
     ],
 )
 def test_bad_input_ends_in_one_line(folder: Path, counterflex: Any, words: tuple[str, ...], said: str) -> None:

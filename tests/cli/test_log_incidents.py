@@ -137,7 +137,7 @@ def test_numbers_go_on_over_the_runs_of_a_folder(folder: Path, counterflex: Any)
 
 def test_no_such_incident_in_one_line(folder: Path, rotated: Float, refused: Any) -> None:
     said = refused("log", "export", "log", "--incident", "3", "--csv", "c.csv")
-    assert "no such incident" in said
+    assert "no incident of this number" in said
     assert "1 to 2" in said
     write(folder / "calm", synthetic(HOLD - 1))
     assert "no hold and no fault" in refused("log", "export", "calm", "--incident", "1", "--csv", "c.csv")

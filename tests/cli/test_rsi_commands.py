@@ -81,7 +81,7 @@ def test_check_ends_with_one_where_there_is_an_error(shop: Path, counterflex: Ca
     lines = ended.out.splitlines()
     assert lines[0].startswith("error [")
     assert any("the tracker uses this port" in line for line in lines)
-    assert lines[-1].endswith("not judged without --context, --krl, --cell")
+    assert lines[-1].endswith("not checked without --context, --krl, --cell")
     ended = counterflex("rsi", "check", "rsi.xml", "--json")
     answer = json.loads(ended.out)
     assert ended.status == 1
@@ -130,7 +130,7 @@ def test_the_version_of_the_controller_chooses_the_files(shop: Path, version: st
 @pytest.mark.parametrize(
     ("version", "words"),
     [
-        ("", ["which RSI the controller has", "rsi_version", "3.3", "4.1"]),
+        ("", ["RSI version of the controller", "rsi_version", "3.3", "4.1"]),
         ('rsi_version = "2.3"', ["rsi_version = 2.3", "KR C2"]),
         ('rsi_version = "6.2"', ["rsi_version = 6.2", "iiQKA"]),
         ('rsi_version = "four"', ["controller.rsi_version", "not a version: 'four'", '"4.1"']),

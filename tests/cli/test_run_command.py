@@ -102,7 +102,7 @@ def test_a_stop_that_cannot_hold_the_feed_is_the_operators_end(asked: Cause, hol
     stopped = asked == Cause.OPERATOR and not holds_feed
     assert told["status"] == (End.STOPPED if stopped else End.FAULT)
     assert told["wrong"] is not stopped
-    assert ("told to stop" if stopped else "held too long") in told["said"]
+    assert ("was stopped" if stopped else "held too long") in told["said"]
 
 
 def test_what_ended_the_correction_last_counts() -> None:

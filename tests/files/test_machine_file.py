@@ -38,7 +38,7 @@ def test_a_good_verdict_allows() -> None:
 @pytest.mark.parametrize(
     ("kept", "word"),
     [
-        (None, "not known"),
+        (None, "not been measured"),
         (replace(GOOD, host="other"), "other"),
         (replace(GOOD, kernel="5.4"), "5.4"),
         (replace(GOOD, date=NOW - OLDEST - timedelta(minutes=1)), "7 days ago"),

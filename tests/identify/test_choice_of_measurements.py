@@ -125,5 +125,5 @@ def test_refusals() -> None:
     J = np.ones((3, 1, 2))
     with pytest.raises(InputError, match="that many"):
         choose(J, 4, np.ones(2))
-    with pytest.raises(InputError, match="entirely open"):
+    with pytest.raises(InputError, match="no prior at all"):
         choose(J, 2, np.zeros(2))

@@ -113,7 +113,7 @@ def test_files_that_belong_together_are_not_suspected() -> None:
 def test_poses_of_one_orientation_use_the_target_that_others_fix() -> None:
     """Alone they are refused; beside others, or held out with a tracker of their own, six numbers are found."""
     flat = _file("milling-like", turning=False, move=FAR)
-    with pytest.raises(InputError, match="keep one orientation"):
+    with pytest.raises(InputError, match="have one orientation"):
         _found([flat])
     moved = replace(flat, settings={"tracker": "second"})
     held = _found([_file("May"), _file("June", seed=1)], [moved])

@@ -214,7 +214,7 @@ def edited(path: Path, *pairs: tuple[str, str]) -> Path:
     ("old", "new", "said"),
     [
         ('sensor_axes = "tcp"', 'sensor_axes = "tool"', "there are no such axes"),
-        ('sensor_axes = "tcp"\n', "", "axes that the sensors are given in are not said"),
+        ('sensor_axes = "tcp"\n', "", "axes of the sensor positions are not stated"),
         ('    "s_loaded8_mm",\n', "", "7 columns"),
         ("[channels.s_unloaded]", "[channels.s_loded]", "s_loded"),
         ('kind = "pulls"', 'kind = "cubes"', "pulls only"),
@@ -265,7 +265,7 @@ def test_wrong_sensors_stop_the_identification_and_the_check(tmp_path: Path, cel
     with pytest.raises(InputError, match="'X1' and 'Y1' are exchanged"):
         summary(data)
     _, said = with_displacements(chain, data, as_stated=True)
-    assert any("as asked" in text for text in said)
+    assert any("as requested" in text for text in said)
 
 
 def test_loaded_and_unloaded_exchanged_are_told_by_the_work(tmp_path: Path, cell: CellModel) -> None:

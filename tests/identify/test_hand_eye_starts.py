@@ -69,7 +69,7 @@ def test_one_orientation_is_refused_by_itself_and_gives_the_tracker_of_a_known_t
     rng = np.random.default_rng(2)
     A = _arm(rng, "constant", 20)
     Z, X, B = _seen(rng, A)
-    with pytest.raises(InputError, match="keep one orientation"):
+    with pytest.raises(InputError, match="have one orientation"):
         of_poses(A, B, partly=True)
     B[::5, :3, 3] += 0.3
     for measured in (B, B[:, :3, 3]):

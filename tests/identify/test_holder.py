@@ -158,7 +158,7 @@ def test_loads_at_one_point_leave_longer_tools_to_the_drawing_and_say_so() -> No
     data = loaded(as_in_the_paper(TCP), PAPER_GAUGES, 1)
     found = RECIPE.identify(model(), [data], [], {}, silent)
     assert any("depends on the drawing" in r for r in found.remarks)
-    assert not any("rests on the drawing" in r for r in identified("paper").remarks)
+    assert not any("depends on the drawing" in r for r in identified("paper").remarks)
     fit = found.fits["holder"]
     assert fit.rank < len(fit.free_index)
     assert len(fit.hidden) > 0

@@ -165,7 +165,7 @@ def test_what_the_sensors_do_not_see_is_named_with_its_condition(
 ) -> None:
     frame = frame_of(*looking(*beams))
     s = np.full((1, len(beams)), 40.0 * MM)
-    with pytest.raises(InputError, match="do not see") as fault:
+    with pytest.raises(InputError, match="do not determine") as fault:
         check_rows(DATA, frame, s, s, np.zeros((1, 3)))
     assert words in fault.value.what
     assert "condition" in str(fault.value)
@@ -223,7 +223,7 @@ def test_units_and_beams_that_miss_are_named() -> None:
     placed = replace(frame, point=frame.position + 40.0 * MM * frame.direction)
     check_rows(DATA, placed, before, after, np.zeros((12, 3)))
     moved = replace(placed, position=placed.position - 0.06 * placed.direction * (np.arange(8) == 3)[:, None])
-    with pytest.raises(InputError, match=r"beam of sensor 'S4' ends off the plane"):
+    with pytest.raises(InputError, match=r"beam of sensor 'S4' does not hit its stated plane"):
         check_rows(DATA, moved, before, after, np.zeros((12, 3)))
 
 

@@ -54,7 +54,7 @@ def test_without_prior_nothing_holds_it(arm: Any) -> None:
     assert len(fit.hidden) == 1
     assert "zero of axis 1" in fit.hidden[0]
     assert "base.turn" in fit.hidden[0]
-    assert "nothing holds it" in fit.hidden[0]
+    assert "not determined" in fit.hidden[0]
     assert fit.sigma_of("axis1.offset") > 1e3
     # All others are as if one of the two were held.
     other = solve(arm.parameters(), [points])
@@ -88,7 +88,7 @@ def test_several_stand_in_for_one() -> None:
     B = 100.0 * rng.standard_normal((30, 2))
     found = _examined(np.column_stack([B, B @ [1.0, 1.0]]), _set("abc"))
     assert len(found.hidden) == 1
-    assert "together: only combinations are seen" in found.hidden[0]
+    assert "only combinations are determined" in found.hidden[0]
     assert all(name in found.hidden[0] for name in ("a", "b", "c"))
 
 
@@ -98,12 +98,12 @@ def test_two_pairs_are_not_mixed() -> None:
     J = np.column_stack([B[:, 0], 2.0 * B[:, 0], B[:, 1], -B[:, 1], B[:, 2]])
     found = _examined(J, _set("abcde"))
     assert len(found.hidden) == 2
-    pairs = [{name for name in "abcde" if f"{name} hides" in s or f"behind {name}" in s} for s in found.hidden]
+    pairs = [{name for name in "abcde" if f"{name} cannot" in s or f"separated from {name}" in s} for s in found.hidden]
     assert {frozenset(p) for p in pairs} == {frozenset("ab"), frozenset("cd")}
-    first = next(s for s in found.hidden if "behind a" in s or "a hides" in s)
-    assert "1 mm of one look like 2 mm" in first or "1 mm of one look like 0.5 mm" in first
+    first = next(s for s in found.hidden if "separated from a" in s or "a cannot" in s)
+    assert "1 mm of one have the effect of 2 mm" in first or "1 mm of one have the effect of 0.5 mm" in first
     second = next(s for s in found.hidden if s != first)
-    assert "1 mm of one look like -1 mm" in second
+    assert "1 mm of one have the effect of -1 mm" in second
 
 
 def test_nearly_degenerate_pairs_are_named_where_noise_covers_the_difference() -> None:
@@ -119,7 +119,7 @@ def test_nearly_degenerate_pairs_are_named_where_noise_covers_the_difference() -
 def test_logarithmic_parameters_change_in_percent() -> None:
     B = 1000.0 * np.random.default_rng(7).standard_normal((30, 1))
     (sentence,) = _examined(np.column_stack([B, B]), _set("ab", log="ab")).hidden
-    assert "0.1 % of one look like" in sentence
+    assert "0.1 % of one have the effect of" in sentence
 
 
 @settings(max_examples=60, deadline=None)
@@ -133,7 +133,7 @@ def test_named_directions_are_indeed_unseen(seed: int, unknown: str) -> None:
     found = _examined(B @ mix, parameters)
     lost = 6 - np.linalg.matrix_rank(mix)
     assert found.rank == 6 - lost
-    leads = [s.split(" hides")[0] for s in found.hidden if " hides" in s]
+    leads = [s.split(" cannot be separated")[0] for s in found.hidden if " cannot be separated" in s]
     blind = [s.split(": ")[1].split(" (")[0].split(", ") for s in found.hidden if s.startswith("not determined by")]
     named = {*leads, *(name for part in blind for name in part)}
     assert len(named) == lost

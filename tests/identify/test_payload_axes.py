@@ -114,7 +114,7 @@ def test_a_rest_as_large_as_the_weight_is_refused() -> None:
     with pytest.raises(InputError, match="hose terms reach"):
         _run(_dataset(w), hose="1", hose_from="base", offset_n=30.0)
     insisted = _run(_dataset(w), hose="1", hose_from="base", offset_n=30.0, as_stated=True)
-    assert any("used all the same" in r for r in insisted.remarks)
+    assert any("used, as requested" in r for r in insisted.remarks)
 
 
 def _given(name: str) -> tuple[Dataset, Float]:

@@ -242,7 +242,7 @@ def test_too_few_evaluations_are_said(arm: Any) -> None:
     truth[:3] = [4.0, -3.0, 2.0]
     fit = solve(parameters, [arm.points(truth, rng)], stop=Stop(evaluations=1))
     assert not fit.converged
-    assert "without coming to rest" in fit.reason
+    assert "without convergence" in fit.reason
 
 
 def test_refusals_and_progress(arm: Any) -> None:

@@ -151,7 +151,7 @@ def test_no_file_and_no_text_are_said(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match="no such file"):
         read_parameter_file(tmp_path / "none.var")
     (tmp_path / "picture.var").write_bytes(b"\x89PNG\r\n")
-    with pytest.raises(FileFormatError, match="more than plain text"):
+    with pytest.raises(FileFormatError, match="not plain text"):
         read_parameter_file(tmp_path / "picture.var")
 
 

@@ -191,7 +191,7 @@ def test_base_and_tip_can_be_named(tmp_path: Path) -> None:
         load_urdf(file, tip_link="box")
     with pytest.raises(InputError, match="no link 'nowhere'"):
         load_urdf(file, tip_link="nowhere")
-    with pytest.raises(InputError, match="does not hang on"):
+    with pytest.raises(InputError, match="is not connected to"):
         load_urdf(file, tip_link="link_0", base_link="link_2")
     assert load_urdf(file, "link_6", "link_0").name == "generated"
 
@@ -220,7 +220,7 @@ BRANCH = (
         (broken(limit='<limit lower="1" upper="-1" velocity="1" effort="1"/>'), "not below"),
         (broken(limit='<limit lower="-180" upper="180" velocity="1" effort="1"/>'), "in rad"),
         (broken(limit='<limit lower="-1" upper="1" velocity="-1" effort="1"/>'), "speed limit"),
-        (broken().replace("</robot>", BRANCH.format(kind="prismatic") + "</robot>"), "moves beside the chain"),
+        (broken().replace("</robot>", BRANCH.format(kind="prismatic") + "</robot>"), "is outside the chain"),
         (broken().replace('<axis xyz="0.0 1.0 0.0"/>', '<axis xyz="0 0 0"/>'), "no direction"),
         (broken().replace('<mass value="30.0"/>', '<mass value="-30"/>'), "impossible mass"),
         (broken().replace('<child link="link_2"/>', '<child link="link_4"/>'), "two parents"),

@@ -148,7 +148,7 @@ def test_ridge_gives_up_bias_for_variance() -> None:
 def test_an_unseen_direction_needs_a_prior() -> None:
     K = np.zeros((6, 3))
     K[:, :2] = holder().sensitivity[:, :2]
-    with pytest.raises(InputError, match="see no force"):
+    with pytest.raises(InputError, match="do not determine the force"):
         force_matrix(K, np.eye(6) * 1e-14)
     assert np.allclose(force_matrix(K, np.eye(6) * 1e-14, 100.0)[2], 0.0, atol=1e-6)
 
