@@ -31,9 +31,7 @@ PROGRAMS: dict[str, tuple[str, Callable[[str, str], object]]] = {
 }
 CHARACTERS = '()[],;!\\"=:#$<> \n01.-eEnax\x00ä'
 DAMAGE = st.lists(
-    st.tuples(
-        st.integers(0, 600), st.integers(0, 40), st.text(alphabet='()[],;!\\"=:#$<> \n01.-eEnax\x00ä', max_size=6)
-    ),
+    st.tuples(st.integers(0, 600), st.integers(0, 40), st.text(alphabet=CHARACTERS, max_size=6)),
     max_size=4,
 )
 """Where, how much is taken out, what is put in."""
