@@ -101,6 +101,7 @@ def _use_blend(given: Record, settings: Record, state: Record, cycle: Record, re
     forward = settings.reads_ahead == 1
     met = met_share(result.measured[:], cycle.late[:]) if forward else 0.0
     measured, ahead, late = result.measured[:], cycle.ahead[:], cycle.late[:]
+    # In a row of its own the sum of two products rounds as in logs of before, see docs/adr/0004-kernels.md.
     for k in range(6):
         trusted = measured[k] + met * (ahead[k] - late[k])
         work[k] = (1.0 - share) * trusted + share * ahead[k]
