@@ -12,7 +12,7 @@ import counterflex
 from counterflex.core import jit
 
 PACKAGE = Path(counterflex.__file__).parent
-KERNELS = sorted(path for path in PACKAGE.rglob("*.py") if "jit import kernel" in path.read_text(encoding="utf-8"))
+KERNELS = sorted(path for path in PACKAGE.rglob("*.py") if "@kernel(" in path.read_text(encoding="utf-8"))
 
 
 def named(path: Path) -> str:
