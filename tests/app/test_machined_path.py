@@ -16,7 +16,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import read_cell
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
-from counterflex.plan.settling import SETTLING_S
+from counterflex.plan.inputs import SETTLING_S
 from counterflex.programs.gcode.read.reader import read_gcode
 
 
