@@ -30,9 +30,8 @@ A_PLAN: Final = 0
 A_ELASTIC: Final = 1  # 6: chain, its kinds, output, frame, delta and scratch of the elastic step
 A_FILTER: Final = 7  # 7: coefficients; memory, ring and place of the measured wrench, then of the predicted one
 A_PLAY: Final = 14  # 3: AxisPlay.arrays
-A_INPUTS: Final = 17  # 4: views of inputs and results for the monitor: given, flags, results, outcome
-A_PROCESS: Final = 21  # 3: Monitor.records
-ARRAYS: Final = 24
+A_PROCESS: Final = 17  # 3: Monitor.records
+ARRAYS: Final = 20
 
 
 @kernel("PlanRow[::1](int64[:, ::1])", PlanRow=PLAN_ROW)
@@ -77,11 +76,9 @@ def cycle(loops: Records, table: Int) -> None:
     given, settings, state, ring, result = loop.given, loop.settings, loop.state, loop.ring[:], loop.result
     limits, tests, work = loop.limits, loop.tests, loop.work
     plan, place, scratch = matrix(table, A_PLAN), state.place[:], matrix(table, A_ELASTIC + 5)
-    inputs, flags = reals(table, A_INPUTS), wholes(table, A_INPUTS + 1)
-    results, outcome = reals(table, A_INPUTS + 2), wholes(table, A_INPUTS + 3)
     watched, monitors, memories = _watched_plan(table), _monitor_settings(table), _monitor_memory(table)
     monitor, monitored = monitors[0], memories[0]
-    hand_over(memories, flags)
+    hand_over(monitored, given)
     before_step(given, settings, state, ring, result, limits, tests, work)
     swing_kg = swing_mass(monitored, monitor)
     believe_force(given, settings, plan, state, ring, scratch[1], swing_kg, limits, tests, work)
@@ -99,8 +96,8 @@ def cycle(loops: Records, table: Int) -> None:
     step(given, settings, state, ring, plan, loop.cycle, result, elastic, measured, predicted)
     play_after(given, result, _plays(table), _played(table), wholes(table, A_PLAY + 2))
     after_step(given, settings, state, ring, result, limits, swing_kg * monitored.acceleration, tests, work)
-    watch(inputs, flags, results, outcome, place, plan, watched, monitors, memories)
-    ask_speed(results, outcome, place, watched, monitors, memories)
+    watch(given, result, place, plan, watched, monitors, memories)
+    ask_speed(result, place, watched, monitors, memories)
     if monitor.speed_step > 0.0:  # the program's speed may be changed: the plan is read at it
         state.speed = monitored.results.speed
         state.force_at_speed = monitored.results.speed**monitor.exponent

@@ -158,7 +158,6 @@ class Loop:
                 *(self._plan, self._real, self._kind, self._elastic, self._frame, self._delta, self._scratch),
                 *(m.coefficients, m.memory, m.ring, m.place, p.memory, p.ring, p.place),
                 *(none if self._axis_play is None else self._axis_play.arrays()),
-                *(*self.inputs, *self.answers),
                 *self.monitor.records,
             )
         )

@@ -13,13 +13,15 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
+from counterflex.core.records import records
 from counterflex.core.units import MM, UM
 from counterflex.geometry import rotation
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.monitoring.monitor import Monitor
 from counterflex.runtime.monitoring.settings import MonitorSettings
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import State
 
 PERIOD_S: Final = 4e-3
@@ -186,11 +188,10 @@ def run_trial(settings: MonitorSettings, cut_m: float, incident: Incident, seed:
     monitor = Monitor(settings, None, path, plan.watched(settings), 5.0 * MM, 2.0 * MM)
     samples = np.ascontiguousarray(np.pad(signal(cut_m, incident, seed), ((0, 0), (0, 3))))
     per_cycle = round(PERIOD_S / SAMPLE_S)
-    given, results = np.zeros(at.GIVEN), np.zeros(at.RESULTS)
-    flags, outcome = np.zeros(at.FLAGS, dtype=np.int64), np.zeros(at.OUTCOME, dtype=np.int64)
-    given[at.G_NOMINAL : at.G_NOMINAL + 9] = rotation.about_x(np.pi).reshape(-1)
-    flags[at.F_ELAPSED] = 1
-    outcome[at.O_STATE] = State.ACTIVE
+    given, result = records(GIVEN)[0], records(RESULT)[0]
+    given.nominal[:9] = rotation.about_x(np.pi).reshape(-1)
+    given.elapsed = 1
+    result.state = State.ACTIVE
     place: Float = np.zeros(2)
     step = 0.25 * MM
     found: dict[Event, float] = {}
@@ -200,8 +201,8 @@ def run_trial(settings: MonitorSettings, cut_m: float, incident: Incident, seed:
         place[:] = row, min(1.0, x / step - row)
         mine = samples[cycle * per_cycle : (cycle + 1) * per_cycle]
         monitor.take(mine, per_cycle, cycle * per_cycle, place)
-        given[at.G_W : at.G_W + 3] = mine[:, :3].mean(axis=0)
-        monitor.after(given, flags, results, outcome, place)
+        given.wrench[:3] = mine[:, :3].mean(axis=0)
+        monitor.after(given, result, place)
         new = int(monitor.outcome.new)
         if new:
             for event in Event:

@@ -20,7 +20,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
 from counterflex.runtime.monitoring.records import MEMORY, SETTINGS
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.state.result import RESULT
 
 IDLE_LEARNT: Final = 50
 """Cycles out of the cut after which what they showed is believed."""
@@ -41,21 +42,20 @@ def two_stages(stages: Float, value: float, keep: float) -> None:
     stages[1] = keep * stages[1] + (1.0 - keep) * stages[0]
 
 
-@kernel("void(Memory, Settings, float64[::1], float64[::1], int64)", Memory=MEMORY, Settings=SETTINGS)
-def follow_motion(m: Record, s: Record, given: Float, step_results: Float, elapsed: int) -> None:
+@kernel("void(Memory, Settings, Given, Result)", Memory=MEMORY, Settings=SETTINGS, Given=GIVEN, Result=RESULT)
+def follow_motion(m: Record, s: Record, given: Record, result: Record) -> None:
     """How strongly the tool was accelerated recently; changes place, velocity and acceleration.
 
     Args:
         m: MEMORY; changed.
         s: SETTINGS.
-        given: (at.GIVEN,) inputs of the step.
-        step_results: (at.RESULTS,) of the step.
-        elapsed: Cycles since the last telegram, at least 1.
+        given: Of the step; a telegram came.
+        result: Of the step.
     """
-    time, keep = elapsed * s.period, s.keep**elapsed
+    time, keep = given.elapsed * s.period, s.keep**given.elapsed
     square = 0.0
     for k in range(3):
-        place = given[at.G_NOMINAL + 9 + k] + step_results[at.R_CORRECTION + k]
+        place = given.nominal[9 + k] + result.correction[k]
         before = m.velocity[k, 1]
         if m.placed == 1:
             two_stages(m.velocity[k], (place - m.place[k]) / time, keep)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
 from counterflex.runtime.monitoring.air_noise import IDLE_LEARNT, IDLE_S
@@ -13,7 +12,7 @@ from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.monitoring.fast_force import SLOWER
 from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
 from counterflex.runtime.monitoring.wear import add_ratio, force_class, normal_of_student, trend
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.given import GIVEN
 
 PEAK_S: Final = 0.15
 """How long a force counts for the vibration that comes from it."""
@@ -166,8 +165,8 @@ def chatter(m: Record, s: Record, force: float, idle: bool) -> None:
     judge(m, s, _CHATTER, fast.residual, limit, s.chatter_cycles)
 
 
-@kernel("void(Memory, Settings, float64[::1], float64, boolean)", Memory=MEMORY, Settings=SETTINGS)
-def low_chatter(m: Record, s: Record, given: Float, noise: float, steady: bool) -> None:
+@kernel("void(Memory, Settings, Given, float64, boolean)", Memory=MEMORY, Settings=SETTINGS, Given=GIVEN)
+def low_chatter(m: Record, s: Record, given: Record, noise: float, steady: bool) -> None:
     """Slow vibration of the force that goes on and on where the plan is steady.
 
     Measured minus predicted force less its own mean of :data:`LEVEL_S`: what vibrates between 1 Hz and half the rate of
@@ -177,14 +176,14 @@ def low_chatter(m: Record, s: Record, given: Float, noise: float, steady: bool) 
     Args:
         m: MEMORY; changed.
         s: SETTINGS.
-        given: (at.GIVEN,) of the step.
+        given: Of the step.
         noise: Of the filtered force.
         steady: The plan is.
     """
     least = s.period / LEVEL_S
     square = 0.0
     for k in range(3):
-        left = given[at.G_W + k] - m.now.force[k]
+        left = given.wrench[k] - m.now.force[k]
         m.level[k] += least * (left - m.level[k])
         square += (left - m.level[k]) ** 2
     m.slow += s.period / SLOW_S * (square - m.slow)
@@ -192,6 +191,6 @@ def low_chatter(m: Record, s: Record, given: Float, noise: float, steady: bool) 
         m.lasted[_LOW_CHATTER] = 0
         m.slow = 0.0
         for k in range(3):
-            m.level[k] = given[at.G_W + k] - m.now.force[k]
+            m.level[k] = given.wrench[k] - m.now.force[k]
     limit = math.hypot(s.low_chatter_share * m.now.predicted, s.noise_z * noise) if steady else 0.0
     judge(m, s, _LOW_CHATTER, math.sqrt(m.slow), limit, s.low_chatter_cycles)

@@ -89,18 +89,16 @@ class Monitor:
         row = plan[max(0, int(place[0]))]
         take_samples(samples, min(count, len(samples)), number, row.turn_per_s, int(row.teeth), settings, memory)
 
-    def after(self, given: Float, flags: Int, results: Float, outcome: Int, place: Float) -> None:
-        """Look at a cycle; may ask for a feed hold in ``outcome``.
+    def after(self, given: Record, result: Record, place: Float) -> None:
+        """Look at a cycle; may ask for a feed hold in ``result``.
 
         Args:
-            given: (at.GIVEN,) of the step.
-            flags: (at.FLAGS,).
-            results: (at.RESULTS,).
-            outcome: (at.OUTCOME,); O_FEED_HOLD may be set.
+            given: GIVEN of the step.
+            result: RESULT of the step; ``feed_hold`` may be set.
             place: (2,) on the plan.
         """
-        watch(given, flags, results, outcome, place, self._path, *self.records)
-        ask_speed(results, outcome, place, *self.records)
+        watch(given, result, place, self._path, *self.records)
+        ask_speed(result, place, *self.records)
 
     def memory(self) -> dict[str, np.ndarray[Any, Any]]:
         """What it remembers from one cycle to the next, by name."""

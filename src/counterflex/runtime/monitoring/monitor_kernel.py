@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
 from counterflex.runtime.monitoring.air_noise import follow_motion, learn_quiet, noise, quiet_force, two_stages
@@ -34,7 +34,8 @@ from counterflex.runtime.monitoring.feed_frame import feed_frame
 from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
 from counterflex.runtime.monitoring.wear import new_tool
 from counterflex.runtime.primitives.localize import PLAN_V
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import Cause, State
 
 AIR_N: Final = 1.0
@@ -47,14 +48,14 @@ _FIRST_CAUSE = int(Cause.PROCESS_MISSING_CUT)
 _ARMED, _FAULT = int(State.ARMED), int(State.FAULT)
 
 
-@kernel("boolean(float64[::1], int64[::1], Settings)", Settings=SETTINGS)
-def _complete(given: Float, flags: Int, s: Record) -> bool:
+@kernel("boolean(Given, Settings)", Given=GIVEN, Settings=SETTINGS)
+def _complete(given: Record, s: Record) -> bool:
     """A telegram came, and force and pose are numbers and fresh."""
-    good = flags[at.F_ELAPSED] > 0 and flags[at.F_FORCE_AGE] < s.stale_cycles
+    good = given.elapsed > 0 and given.force_age < s.stale_cycles
     for k in range(6):
-        good = good and math.isfinite(given[at.G_W + k])
+        good = good and math.isfinite(given.wrench[k])
     for k in range(12):
-        good = good and math.isfinite(given[at.G_NOMINAL + k])
+        good = good and math.isfinite(given.nominal[k])
     return bool(good)
 
 
@@ -96,13 +97,13 @@ def _expect(m: Record, s: Record, here: Record, there: Record, u: float, planned
         now.highest = max(here.highest, there.highest) * max(1.0, slower)
 
 
-@kernel("float64(Memory, Settings, float64[::1])", Memory=MEMORY, Settings=SETTINGS)
-def _filter_forces(m: Record, s: Record, given: Float) -> float:
+@kernel("float64(Memory, Settings, Given)", Memory=MEMORY, Settings=SETTINGS, Given=GIVEN)
+def _filter_forces(m: Record, s: Record, given: Record) -> float:
     """Forces through the filter, in the feed frame, and their ratio; returns the size of the measured one, N."""
     now, keep = m.now, s.keep
     size = 0.0
     for k in range(3):
-        w = given[at.G_W + k]
+        w = given.wrench[k]
         size += w * w
         two_stages(m.force[k], w, keep)
         two_stages(m.expected[k], now.force[k], keep)
@@ -135,12 +136,12 @@ def _missing_cut(m: Record, s: Record, least: float, planned: bool, quiet: float
     judge(m, s, _MISSING, m.without_force, s.missing_length if visible else 0.0, 1)
 
 
-@kernel("void(Memory, Settings, float64[::1], float64, float64, boolean)", Memory=MEMORY, Settings=SETTINGS)
-def _overload(m: Record, s: Record, given: Float, size: float, ceiling: float, planned: bool) -> None:
+@kernel("void(Memory, Settings, Given, float64, float64, boolean)", Memory=MEMORY, Settings=SETTINGS, Given=GIVEN)
+def _overload(m: Record, s: Record, given: Record, size: float, ceiling: float, planned: bool) -> None:
     """Filtered force above what the plan explains, or force or moment of the cycle above what is allowed."""
     moment = 0.0
     for k in range(3):
-        moment += given[at.G_W + 3 + k] ** 2
+        moment += given.wrench[3 + k] ** 2
     moment = math.sqrt(moment)
     value, limit = m.results.force_size, ceiling if planned else 0.0
     top = max(size / s.force_limit, moment / s.moment_limit)
@@ -152,20 +153,21 @@ def _overload(m: Record, s: Record, given: Float, size: float, ceiling: float, p
 
 
 @kernel(
-    "void(Memory, Settings, float64[::1], PlanRow, PlanRow, float64, float64, boolean)",
+    "void(Memory, Settings, Given, PlanRow, PlanRow, float64, float64, boolean)",
     Memory=MEMORY,
     Settings=SETTINGS,
+    Given=GIVEN,
     PlanRow=PLAN_ROW,
 )
 def _detect(
-    m: Record, s: Record, given: Float, here: Record, there: Record, size: float, moved: float, planned: bool
+    m: Record, s: Record, given: Record, here: Record, there: Record, size: float, moved: float, planned: bool
 ) -> None:
     """All detectors on the forces of this cycle, against what no cut needs and what no cut explains.
 
     Args:
         m: MEMORY; changed.
         s: SETTINGS.
-        given: (at.GIVEN,) inputs of the step.
+        given: Of the step.
         here: Row of the plan.
         there: The next one.
         size: Of the measured force, unfiltered, N.
@@ -197,10 +199,10 @@ def _detect(
     low_chatter(m, s, given, rest, steady)
 
 
-@kernel("void(Memory, Settings, int64[::1])", Memory=MEMORY, Settings=SETTINGS)
-def _react(m: Record, s: Record, step_outcome: Int) -> None:
+@kernel("void(Memory, Settings, Result)", Memory=MEMORY, Settings=SETTINGS, Result=RESULT)
+def _react(m: Record, s: Record, result: Record) -> None:
     """Ask for what the events of the cycle are to do, if the loop is armed; until a person resets."""
-    before = step_outcome[at.O_STATE]
+    before = result.state
     for event in range(EVENTS):
         if m.outcome.new & (1 << event) and _ARMED <= before < _FAULT:
             if s.reaction[event] == 1 and m.hold_cause == 0:
@@ -208,7 +210,7 @@ def _react(m: Record, s: Record, step_outcome: Int) -> None:
             elif s.reaction[event] == 2 and m.stop_cause == 0:
                 m.stop_cause = _FIRST_CAUSE + event
     if m.hold_cause != 0:
-        step_outcome[at.O_FEED_HOLD] = 1
+        result.feed_hold = 1
     m.outcome.on = m.events
 
 
@@ -221,30 +223,21 @@ def _reset_events(m: Record) -> None:
 
 
 @kernel(
-    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], float64[:, ::1], PlanRow[::1],"
-    " Settings[::1], Memory[::1])",
+    "void(Given, Result, float64[::1], float64[:, ::1], PlanRow[::1], Settings[::1], Memory[::1])",
+    Given=GIVEN,
+    Result=RESULT,
     PlanRow=PLAN_ROW,
     Settings=SETTINGS,
     Memory=MEMORY,
 )
 def watch(
-    given: Float,
-    flags: Int,
-    step_results: Float,
-    step_outcome: Int,
-    place: Float,
-    path: Float,
-    plan: Records,
-    settings: Records,
-    memories: Records,
+    given: Record, result: Record, place: Float, path: Float, plan: Records, settings: Records, memories: Records
 ) -> None:
     """One cycle; see the module and :class:`counterflex.runtime.monitoring.monitor.Monitor`, which owns the records.
 
     Args:
-        given: (at.GIVEN,) inputs of the step.
-        flags: (at.FLAGS,) likewise.
-        step_results: (at.RESULTS,) results of the step.
-        step_outcome: (at.OUTCOME,) likewise; a feed hold that is asked for is written.
+        given: GIVEN of the step.
+        result: RESULT of the step; a feed hold that is asked for is written.
         place: (2,) on the plan, row and fraction.
         path: (n, PLAN_COLUMNS) the plan as the step has it.
         plan: (n,) PLAN_ROW of :func:`counterflex.runtime.monitoring.plan.monitor_plan`.
@@ -253,36 +246,34 @@ def watch(
     """
     s, m = settings[0], memories[0]
     m.outcome.new = m.outcome.seen = 0
-    if flags[at.F_RESET] == 1:
+    if given.reset == 1:
         _reset_events(m)
-    if _complete(given, flags, s):
-        planned = s.planned == 1 and place[0] >= 0.0 and step_results[at.R_PATH] <= s.off_path
+    if _complete(given, s):
+        planned = s.planned == 1 and place[0] >= 0.0 and result.path_distance <= s.off_path
         row = max(0, int(place[0])) if s.planned == 1 else 0
         here, there, u = plan[row], plan[min(row + 1, plan.shape[0] - 1)], place[1]
         feed_frame(
             path[row, PLAN_V], path[row, PLAN_V + 1], path[row, PLAN_V + 2],
-            -given[at.G_NOMINAL + 2], -given[at.G_NOMINAL + 5], -given[at.G_NOMINAL + 8],
-            m.directions[:], m.now.frame[:],
+            -given.nominal[2], -given.nominal[5], -given.nominal[8], m.directions[:], m.now.frame[:],
         )  # fmt: skip
-        moved = _progress(m, s, here, there, u, flags[at.F_ELAPSED]) if planned else 0.0
+        moved = _progress(m, s, here, there, u, given.elapsed) if planned else 0.0
         m.results.rate = m.rate
         _expect(m, s, here, there, u, planned)
         size = _filter_forces(m, s, given)
-        follow_motion(m, s, given, step_results, flags[at.F_ELAPSED])
+        follow_motion(m, s, given, result)
         _detect(m, s, given, here, there, size, moved, planned)
-    _react(m, s, step_outcome)
+    _react(m, s, result)
 
 
-@kernel("void(Memory[::1], int64[::1])", Memory=MEMORY)
-def hand_over(memories: Records, flags: Int) -> None:
+@kernel("void(Memory, Given)", Memory=MEMORY, Given=GIVEN)
+def hand_over(m: Record, given: Record) -> None:
     """Hand what was found before to the supervisor: causes of hold and fault, where there are no others.
 
     Args:
-        memories: (1,) MEMORY as :func:`watch` left it.
-        flags: (at.FLAGS,) inputs of the step; changed.
+        m: MEMORY as :func:`watch` left it.
+        given: GIVEN of the step; changed.
     """
-    m = memories[0]
-    if m.hold_cause != 0 and flags[at.F_SOFT] == 0:
-        flags[at.F_SOFT] = m.hold_cause
-    if m.stop_cause != 0 and flags[at.F_HARD] == 0:
-        flags[at.F_HARD] = m.stop_cause
+    if m.hold_cause != 0 and given.soft == 0:
+        given.soft = m.hold_cause
+    if m.stop_cause != 0 and given.hard == 0:
+        given.hard = m.stop_cause

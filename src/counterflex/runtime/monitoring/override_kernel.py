@@ -17,13 +17,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.core.records import Records
+from counterflex.core.records import Record, Records
 from counterflex.runtime.monitoring.events import Event, Slowed
 from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
 from counterflex.runtime.primitives.frames import size_of
-from counterflex.runtime.state import layout as at
+from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import State
 from counterflex.signals.limiter import AT_SPEED
 
@@ -43,19 +43,17 @@ def falling(value: float, near: float, least: float) -> float:
 
 
 @kernel(
-    "void(float64[::1], int64[::1], float64[::1], PlanRow[::1], Settings[::1], Memory[::1])",
+    "void(Result, float64[::1], PlanRow[::1], Settings[::1], Memory[::1])",
+    Result=RESULT,
     PlanRow=PLAN_ROW,
     Settings=SETTINGS,
     Memory=MEMORY,
 )
-def ask_speed(
-    step_results: Float, step_outcome: Int, place: Float, plan: Records, settings: Records, memories: Records
-) -> None:
+def ask_speed(result: Record, place: Float, plan: Records, settings: Records, memories: Records) -> None:
     """One cycle.
 
     Args:
-        step_results: (at.RESULTS,) of the step.
-        step_outcome: (at.OUTCOME,) likewise.
+        result: RESULT of the step.
         place: (2,) on the plan.
         plan: (n,) PLAN_ROW.
         settings: (1,) SETTINGS.
@@ -63,8 +61,8 @@ def ask_speed(
     """
     s, m = settings[0], memories[0]
     least = s.least_speed
-    now = step_outcome[at.O_STATE]
-    held_back = now == _ACTIVE and step_outcome[at.O_LIMITS] & AT_SPEED
+    now = result.state
+    held_back = now == _ACTIVE and result.limits & AT_SPEED
     m.busy += _BUSY * ((1.0 if held_back else 0.0) - m.busy)
     wanted, why = 1.0, 0
     if now in (_ACTIVE, _HOLD) and least < 1.0:
@@ -76,7 +74,7 @@ def ask_speed(
         busy = 1.0 - max(0.0, m.busy - 0.5) * 2.0 * (1.0 - least)
         if busy < wanted:
             wanted, why = busy, _LIMITER
-        reach = falling(size_of(step_results, at.R_WANTED) / s.largest_correction, NEAR_REACH, least)
+        reach = falling(size_of(result.wanted[:], 0) / s.largest_correction, NEAR_REACH, least)
         if reach < wanted:
             wanted, why = reach, _REACH
         limit = m.results.limit[_OVERLOAD]
