@@ -168,7 +168,7 @@ def test_the_correction_is_gone_before_a_person_is_asked_to_stop_the_spindle() -
 @pytest.mark.parametrize(
     ("text", "switching", "said"),
     [
-        (program(move(0, "fine"), move(1), "    Stop;", move(2)), PATH, "p.mod:11: the program stops for a person"),
+        (program(move(0, "fine"), move(1), "    Stop;", move(2)), PATH, "p.mod:11: the program stops for the operator"),
         ("PROC p()\nENDPROC", PATH, "not a RAPID program"),
         (SIMPLE.replace("  ENDPROC", ""), PATH, "cut off"),
         (program(), PATH, "no path"),
