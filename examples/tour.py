@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from counterflex.app.compensation.compensate import write
+from counterflex.app.compensation.languages import write
 from counterflex.app.inputs import read_job, setting_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM, UM
