@@ -208,3 +208,8 @@ def test_a_tooldata_called_as_what_the_program_declares_is_refused(name: str) ->
 
 def test_a_program_is_not_called_as_its_start(tmp_path: Path) -> None:
     assert routine_name("xstart") == "p_xstart"
+
+
+def test_a_word_that_the_block_does_not_have_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ProgramError, match=r"M62 with Q, for \{q\}"):
+        outputs(tmp_path, "M62 P1", {"M62": ["$OUT[{q}]=TRUE"]})
