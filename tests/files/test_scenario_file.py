@@ -115,7 +115,7 @@ def test_a_file_and_its_short_form_say_the_same(tmp_path: Path) -> None:
         ("lost=nan", "not a number in a fault|cannot be used"),
         ("lost=0.1,late_ms=3", "late_ms does not belong to the fault 'lost'"),
         ("lost=0.1,colour=3", "unknown key 'colour'"),
-        ("lost=0.1,share=0.2", "twice"),
+        ("lost=0.1,share=0.2", "repeated"),
         ("late=0.1", "needs the key late_ms"),
         ("bursts=0.1", "needs the key mean"),
         ("bursts=0.9,mean=2", "bursts"),

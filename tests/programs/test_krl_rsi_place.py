@@ -68,8 +68,8 @@ def test_the_correction_is_gone_before_a_person_is_asked_for_something(path: lis
 
 def test_a_stop_for_a_person_on_the_path_is_refused() -> None:
     text = "\n".join([*HEAD, "PTP XSTART", TAIL[1], "HALT", *TAIL[1:]])
-    with pytest.raises(ProgramError, match=r"groove.src:7: the program stops for a person on its path.*got HALT"):
+    with pytest.raises(ProgramError, match=r"groove.src:7: the program stops for the operator on its path.*got HALT"):
         with_correction(text, SWITCHING, "groove.src")
     part = ["DEF groove_001( )", TAIL[1], "HALT ; stop the spindle, then press start", "END"]
-    with pytest.raises(ProgramError, match=r"groove_001.src:3: the program stops for a person"):
+    with pytest.raises(ProgramError, match=r"groove_001.src:3: the program stops for the operator"):
         check_path(part, "groove_001.src")
