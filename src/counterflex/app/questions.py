@@ -84,7 +84,7 @@ def joints_of_pose(chain: ElasticChain, xyz_mm: list[float], abc_deg: list[float
 def deflection(
     chain: ElasticChain, joints_deg: list[float], force_n: list[float], moment_nm: list[float]
 ) -> dict[str, Any]:
-    """Deflection at the TCP under a wrench in base axes: linear, nonlinear, sag, compliance, and the share of each element most."""
+    """Deflection at the TCP under a wrench in base axes: linear, nonlinear, sag, compliance, share of each element."""
     q = _joints(chain, joints_deg)
     w = np.concatenate([as_float("--force-n", force_n, (3,)), as_float("--moment-nm", moment_nm, (3,))])
     C = compliance.cartesian_compliance(chain, q)
