@@ -85,4 +85,6 @@ def test_where_the_disk_stands_still_too_what_is_missing_is_counted(
     assert supervised.disk_stands
     ended = ended_how(found, arm=False)
     assert ended["status"] == End.LOG_LOST
-    assert ended["said"].startswith(f"{ROWS - TAKEN} records are missing in the log (the recorder stands still")
+    assert ended["said"].startswith(
+        f"{ROWS - TAKEN} records are missing in the log (neither the recorder nor the disk responds"
+    )

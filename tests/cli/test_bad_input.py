@@ -34,7 +34,7 @@ PROGRAMS: dict[str, tuple[str | bytes, list[str]]] = {
     "division by zero": (HEAD + "G1 X[1/0] F100" + TAIL, ["bad.ngc:7:7:", "division by zero"]),
     "exponent notation": (HEAD + "G1 X1e5 F100" + TAIL, ["bad.ngc:7:6:", "word E"]),
     "binary file": (b"\x7fELF\0\0\1", ["bad.ngc:", "no text"]),
-    "word processor file": (b"\xff\xfeG\x010 X1\n", ["bad.ngc:1:1:", "character"]),
+    "word processor file": (b"\xff\xfeG\x010 X1\n", ["bad.ngc:", "UTF-16", "Save it as"]),
     "empty program": ("", ["bad.ngc:1:1:", "empty"]),
     "blank program": (" \n\n", ["bad.ngc:1:1:", "empty"]),
     "no motion": ("G21 G90\nM3 S100\nM2\n", ["bad.ngc", "moves nothing"]),
@@ -164,7 +164,7 @@ CELLS: dict[str, tuple[str, str, list[str]]] = {
     "own geometry in m": (
         OWN,
         GEOMETRY.replace("1300", "1.3").replace("1025", "1.025").replace("1045", "1.045"),
-        ["cell.toml: part", "corner of the stock", "out of reach", "mm"],
+        ["cell.toml: part", "stock's corner", "out of reach", "mm"],
     ),
     "segment unknown": (
         "[[tools]]",
@@ -209,7 +209,7 @@ CELLS: dict[str, tuple[str, str, list[str]]] = {
     "chip range upside down": ("ma = 0.25", "ma = 0.25\nchip_min_um = 50\nchip_max_um = 20", ["material", "50 and 20"]),
     "constant missing": ("kc11_n_mm2 = 780\n", "", ["material", "kienzle", "kc11_n_mm2"]),
     "constant in Pa": ("kc11_n_mm2 = 780", "kc11_n_mm2 = 780e6", ["material.kc11_n_mm2", "780000000.0", "20000"]),
-    "law unknown": ('"kienzle"', '"kinzle"', ["material.law", "'kinzle'", "'kienzle' or 'linear_edge'"]),
+    "law unknown": ('"kienzle"', '"kinzle"', ["material.law", "got kinzle", "kienzle, linear_edge", "Did you mean 'kienzle'?"]),
     "material unknown": (LAW, 'catalog = "en-aw-2017-vdi"\n', ["material.catalog", "Did you mean en-aw-2017-vdi22"]),
     "material twice": ('law = "kienzle"\n', 'catalog = "c45-qt-vdi3"\n', ["material", "remove kc11_n_mm2"]),
     "posture unknown": ('elbow = "up"', 'elbow = "sideways"', ["posture.elbow", "'sideways'", "'up' or 'down'"]),

@@ -151,6 +151,7 @@ def test_a_page_goes_on_from_another(
     tool = _load()
     monkeypatch.setattr(tool, "ROOT", tmp_path)
     (tmp_path / "examples").mkdir()
+    (tmp_path / "tests" / "outside").mkdir(parents=True)
     make, use = "open('made', 'w').write('x')", "assert open('made').read() == 'x'"
     (tmp_path / "README.md").write_text(f'```console\n$ python -c "{make}"\n```\n', encoding="utf-8")
     text = f'<!-- goes on from: README.md -->\n```console\n$ python -c "{use}"\n```\n'

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
-from counterflex.app.compensation.languages import LANGUAGES
+from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.core.errors import CounterflexError
 from counterflex.core.registry import Registry
 from counterflex.cutting.force_laws import FORCE_LAWS

@@ -6,10 +6,9 @@ Nothing here may import a job: a wrong name is to be told at once.
 
 from __future__ import annotations
 
-import importlib
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -189,21 +188,6 @@ def numbers(text: str | None, name: str, count: int) -> list[float] | None:
             f"{name} has {len(values)} numbers", value=repr(text), limit=f"{count} numbers, separated by commas"
         )
     return values
-
-
-class Registered:
-    """Names of a registry, imported only when they are asked for, so that help is quick.
-
-    Args:
-        place: Of the registry, ``module:object``.
-    """
-
-    def __init__(self, place: str) -> None:
-        self._place = place
-
-    def __iter__(self) -> Iterator[str]:
-        module, _, name = self._place.partition(":")
-        return iter(getattr(importlib.import_module(module), name))
 
 
 def one_of(names: Iterable[object], what: str = "value", *more: str) -> Callable[[Param, Any], Any]:

@@ -9,7 +9,8 @@ from typing import Any
 
 from counterflex import __version__
 from counterflex.app.compensation.feed_for_tolerance import lowered_plan, shown_feed
-from counterflex.app.compensation.languages import LANGUAGES, write
+from counterflex.app.compensation.language_names import LANGUAGES
+from counterflex.app.compensation.languages import write
 from counterflex.app.compensation.prediction import beyond_measured, chatter_said, figures, prediction, summary_of
 from counterflex.app.compensation.refusals import refuse_compensated, require_options
 from counterflex.app.compensation.robot_program import check_machine
@@ -67,7 +68,7 @@ def compensate(
     Args:
         program: G-code file.
         cell: The cell.
-        language: Of the output, one of :data:`counterflex.app.compensation.languages.LANGUAGES`.
+        language: Of the output, one of :data:`counterflex.app.compensation.language_names.LANGUAGES`.
         reading: How the program is read.
         tolerance_m: Largest distance between the written path and the planned one.
         normal_only: Correct square to the feed only.

@@ -13,11 +13,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.app.compensation.robot_program import left_out, other_lengths, routine_name, tool_data
 from counterflex.app.inputs import Job
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, OutputError
-from counterflex.core.registry import Registry
 from counterflex.core.units import DEG, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
@@ -83,7 +83,7 @@ def written(name: str, order: WritingOrder) -> Written:
         InputError: There is no such language.
         OutputError: The writer of another package fails, or names a file that it must not.
     """
-    kind = LANGUAGES[name]
+    kind: LanguageKind = LANGUAGES[name]
     if name in LANGUAGES.own:
         return kind.write(order)
     try:
@@ -174,17 +174,6 @@ def _payload(cell: Cell) -> tuple[float, list[float]]:
 GCODE: Final = LanguageKind("the same G-code", _gcode, orientation=False)
 KRL: Final = LanguageKind("KUKA KRL", _krl, dialect="krl")
 RAPID: Final = LanguageKind("ABB RAPID", _rapid, dialect="rapid")
-
-LANGUAGES: Final[Registry[LanguageKind]] = Registry(
-    "counterflex.languages",
-    "output language",
-    "counterflex.app.compensation.languages:LanguageKind",
-    {
-        "gcode": "counterflex.app.compensation.languages:GCODE",
-        "krl": "counterflex.app.compensation.languages:KRL",
-        "rapid": "counterflex.app.compensation.languages:RAPID",
-    },
-)
 
 
 def write(

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.cli import given
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.scenario import Layers, read
@@ -99,7 +100,7 @@ def compensate(
         typer.Option(
             "--as",
             help="Language of the output: gcode, krl, rapid, or one of another package (`counterflex extensions`).",
-            callback=given.one_of(given.Registered("counterflex.app.compensation.languages:LANGUAGES"), "language"),
+            callback=given.one_of(LANGUAGES, "language"),
         ),
     ] = "gcode",
     parameters: Parameters = None,
@@ -124,11 +125,11 @@ def compensate(
     Example: `counterflex compensate part.ngc --cell cell.toml --out out --as krl`
     """
     keep_inputs(out, program, *([] if parameters is None else [parameters]))
+    wish, table = None, read(scenario, "compensation").compensation
     from counterflex.app.compensation import compensate as job
     from counterflex.app.inputs import Reading
     from counterflex.plan.feed_for_tolerance import FeedTolerance
 
-    wish, table = None, read(scenario, "compensation").compensation
     if table.feed_for_tolerance_um is not None:
         wish = FeedTolerance(
             table.feed_for_tolerance_um * UM, table.least_feed_percent / 100.0, table.least_chip_um * UM

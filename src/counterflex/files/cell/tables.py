@@ -219,6 +219,15 @@ class MaterialTable(Table):
     allow_extrapolation: bool = False
     source: str = ""
 
+    @field_validator("law")
+    @classmethod
+    def _known(cls, law: str) -> str:
+        try:
+            _ = FORCE_LAWS[law]
+        except CounterflexError as fault:
+            raise ValueError(str(fault)) from fault
+        return law
+
     @model_validator(mode="after")
     def _complete(self) -> MaterialTable:
         numbers = [
@@ -230,13 +239,9 @@ class MaterialTable(Table):
             if numbers:
                 raise ValueError(f"a catalog material brings its own constants: remove {numbers[0]}, or remove catalog")
             return self
-        try:
-            kind = FORCE_LAWS[self.law]
-        except CounterflexError as fault:
-            raise ValueError(str(fault)) from fault
         if self.law not in FORCE_LAWS.own and numbers:
             raise ValueError(f"the {self.law} law reads [material.parameters]: remove {numbers[0]}")
-        require_parameters(self.law, kind, self.parameters)
+        require_parameters(self.law, FORCE_LAWS[self.law], self.parameters)
         missing = [key for key in _NEEDED.get(self.law, ()) if getattr(self, key) is None]
         if missing:
             raise ValueError(f"the {self.law} law needs {missing[0]} (or a catalog material)")
