@@ -209,7 +209,7 @@ CELLS: dict[str, tuple[str, str, list[str]]] = {
     "chip range upside down": ("ma = 0.25", "ma = 0.25\nchip_min_um = 50\nchip_max_um = 20", ["material", "50 and 20"]),
     "constant missing": ("kc11_n_mm2 = 780\n", "", ["material", "kienzle", "kc11_n_mm2"]),
     "constant in Pa": ("kc11_n_mm2 = 780", "kc11_n_mm2 = 780e6", ["material.kc11_n_mm2", "780000000.0", "20000"]),
-    "law unknown": ('"kienzle"', '"kinzle"', ["material.law", "got kinzle", "kienzle, linear_edge", "Did you mean 'kienzle'?"]),
+    "law unknown": ('"kienzle"', '"kinzle"', ["material.law", "kinzle", "linear_edge", "Did you mean 'kienzle'?"]),
     "material unknown": (LAW, 'catalog = "en-aw-2017-vdi"\n', ["material.catalog", "Did you mean en-aw-2017-vdi22"]),
     "material twice": ('law = "kienzle"\n', 'catalog = "c45-qt-vdi3"\n', ["material", "remove kc11_n_mm2"]),
     "posture unknown": ('elbow = "up"', 'elbow = "sideways"', ["posture.elbow", "'sideways'", "'up' or 'down'"]),

@@ -11,10 +11,11 @@ import numpy as np
 import polars
 import pytest
 
+from counterflex.app.run import log as job
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.files.logs import segment as run_log_segment
-from counterflex.files.logs.run_log import RunLog, read_log, read_segment
+from counterflex.files.logs.run_log import LAYOUT, RunLog, read_log, read_segment
 from counterflex.runtime.record_ring import COLUMNS, WIDTH
 from counterflex.runtime.state.states import Cause, State
 
@@ -110,3 +111,11 @@ def test_columns_that_mean_something_else_are_refused_in_one_line(
     assert "another version" in said
     assert "counterflex 0.0.7" in said
     assert "'of_tomorrow'" in said or "'cycle'" in said
+
+
+def test_the_hash_of_an_older_loop_is_not_taken_for_other_numbers() -> None:
+    """Logs that say no layout of their states were written by a loop that was hashed in another order."""
+    (older,) = job._notes({"loop_sha256": "0" * 64}, {}, "1" * 64, compensated=True)
+    assert "not known beforehand" in older
+    (other,) = job._notes({"loop_sha256": "0" * 64, LAYOUT: [["state", "f8", 3]]}, {}, "1" * 64, compensated=True)
+    assert "other numbers" in other

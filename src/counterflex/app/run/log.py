@@ -26,7 +26,7 @@ from counterflex.evaluate.run_record import RunFigures, RunRecord
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.columns import require_all
 from counterflex.files.logs.repair import Repaired, repair_segment
-from counterflex.files.logs.run_log import UNKNOWN, Segment, segments
+from counterflex.files.logs.run_log import LAYOUT, UNKNOWN, Segment, segments
 from counterflex.files.plan_file import read_plan
 from counterflex.runtime.estimator.fusion import level
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, is_whole
@@ -279,7 +279,12 @@ def _notes(about: dict[str, Any], given: dict[str, Path], sha256: str, *, compen
     if about.get("counterflex", __version__) != __version__:
         notes.append(f"the log was written by counterflex {about['counterflex']}, this is {__version__}")
     if about.get("loop_sha256") not in (None, sha256):
-        notes.append("the loop made of these files has other numbers than the one of the run")
+        notes.append(
+            "the loop made of these files has other numbers than the one of the run"
+            if LAYOUT in about
+            else "the log is older than the layout of states that logs state now: whether the loop made of these files "
+            "has the numbers of the run is not known beforehand"
+        )
     for name, value in environment().items():
         if about.get("machine", {}).get(name, value) != value:
             notes.append(f"{name}: {about['machine'][name]} in the run, {value} now")
