@@ -17,6 +17,7 @@ from counterflex.app import examples
 from counterflex.core.errors import FileFormatError
 from counterflex.cutting import material
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
+from counterflex.cutting.force_laws import FORCE_LAWS, LawKind
 from counterflex.files.cell.cell import KIND, VERSION, read_cell
 from counterflex.files.schema import read_toml, write_toml
 from counterflex.robot.elasticity.chain import forward
@@ -131,6 +132,28 @@ def test_linear_edge_law(tmp_path: Path) -> None:
     assert isinstance(law, LinearEdgeLaw)
     assert (law.ktc_pa, law.krc_pa, law.kac_pa) == pytest.approx((8e8, 3e8, 0.0))
     assert (law.kte_n_m, law.kre_n_m, law.kae_n_m) == pytest.approx((12e3, 0.0, 0.0))
+
+
+DOUBLED = LawKind(
+    "Kienzle, twice as large",
+    lambda values, valid: KienzleLaw.with_ratios(
+        2e6 * values["kc11_n_mm2"], values["mc"], kr_over_kc=0.4, ka_over_kc=0.0, **vars(valid)
+    ),
+    {"kc11_n_mm2": (10.0, 2000.0), "mc": (0.0, 0.9)},
+)
+
+
+def test_a_law_of_our_own_with_ranges_reads_its_parameters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A law of counterflex is registered as that of another package is: a class, its ranges, one line."""
+    monkeypatch.setitem(FORCE_LAWS.own, "doubled", f"{__name__}:DOUBLED")
+    content = data()
+    content["material"] = {"law": "doubled", "parameters": {"kc11_n_mm2": 800.0, "mc": 0.2}}
+    law = read_cell(_written(tmp_path, content)).force_law
+    assert isinstance(law, KienzleLaw)
+    assert law.k11_pa()[0] == pytest.approx(1600e6)
+    content["material"]["kc11_n_mm2"] = 800.0
+    with pytest.raises(FileFormatError, match=r"remove kc11_n_mm2"):
+        read_cell(_written(tmp_path, content))
 
 
 @pytest.mark.parametrize("name", material.names())

@@ -46,6 +46,9 @@ _ROW_NAMES = {
     "wall": "Surface, walls",
 }
 
+_FIGURES = {"max_mm": "max, mm", "p997_mm": "99.7 %, mm", "rms_mm": "rms, mm"}
+"""Columns of the table of figures: name in the summary and heading."""
+
 
 def report_page(data: ReportData) -> str:
     """The page that compares an uncompensated with a compensated machining, as HTML text.
@@ -93,6 +96,7 @@ def report_page(data: ReportData) -> str:
         cards=_cards(summary),
         verdict=_verdict(summary),
         tolerance=_tolerance(data),
+        headings=_FIGURES.values(),
         rows=_figure_rows(summary),
         seeds=seed_rows(summary) if len(summary["seeds"]) > 1 else [],
         levels=_levels(summary),
@@ -252,7 +256,7 @@ def _figure_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     for part, name in _ROW_NAMES.items():
         if f"{part}.max_mm" in table:
             aside = part in ("air", "along")
-            cells = [table[f"{part}.{figure}_mm"] for figure in ("max", "p997", "rms")]
+            cells = [table[f"{part}.{figure}"] for figure in _FIGURES]
             if aside:
                 cells = [(*cell[:2], "") for cell in cells]
             rows.append({"name": name, "cells": cells, "aside": aside})

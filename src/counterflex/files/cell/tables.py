@@ -239,7 +239,7 @@ class MaterialTable(Table):
             if numbers:
                 raise ValueError(f"a catalog material brings its own constants: remove {numbers[0]}, or remove catalog")
             return self
-        if self.law not in FORCE_LAWS.own and numbers:
+        if self._has_parameters and numbers:
             raise ValueError(f"the {self.law} law reads [material.parameters]: remove {numbers[0]}")
         require_parameters(self.law, FORCE_LAWS[self.law], self.parameters)
         missing = [key for key in _NEEDED.get(self.law, ()) if getattr(self, key) is None]
@@ -247,9 +247,14 @@ class MaterialTable(Table):
             raise ValueError(f"the {self.law} law needs {missing[0]} (or a catalog material)")
         return self
 
+    @property
+    def _has_parameters(self) -> bool:
+        """The law's keys stand in ``[material.parameters]``, not in ``[material]`` itself."""
+        return self.law not in FORCE_LAWS.own or bool(FORCE_LAWS[self.law].ranges)
+
     def law_values(self) -> dict[str, float]:
         """The numbers of the force law by key, in the units that the keys name."""
-        if self.law not in FORCE_LAWS.own:
+        if self._has_parameters:
             return self.parameters
         keys = (*(f"edge_{direction}_n_mm" for direction in "cra"), *_LAW_KEYS)
         return {key: value for key in keys if (value := getattr(self, key)) is not None}
