@@ -85,9 +85,6 @@ def opened(name: str, opening: Opening) -> ForceSource:
         ProtocolError: What it says is not of its protocol.
     """
     kind = FORCE_SENSORS[name]
-    if name in FORCE_SENSORS.own:
-        source: ForceSource = kind.open(opening)
-        return source
     where = f"{name} at {opening.host}:{opening.port}"
     try:
         receiver = kind.open(opening)
@@ -99,6 +96,8 @@ def opened(name: str, opening: Opening) -> ForceSource:
         raise InputError(
             f"the force sensor's protocol of another package fails: {type(fault).__name__}: {fault}", where=where
         ) from fault
+    if name in FORCE_SENSORS.own and isinstance(receiver, ForceSource):
+        return receiver
     missing = [member for member in ("receive", "close") if not callable(getattr(receiver, member, None))]
     if missing:
         raise InputError("what the protocol opens cannot be read", where=where, value=f"it has no {missing[0]}()")

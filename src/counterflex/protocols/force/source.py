@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from counterflex.core.arrays import Float
 
 
+@runtime_checkable
 class ForceSource(Protocol):
     """Readings of one sensor."""
 
