@@ -100,7 +100,7 @@ def write(
         "compensated": True,
         "loop_sha256": loop.sha256(),
         "machine": environment(),
-        **({LAYOUT: layout} if layout else {}),
+        **({LAYOUT: layout or loop.layout} if layout or not states else {}),
     }
     log = RunLog(folder / name, about)
     for k in range(0, len(rows), 20):
