@@ -12,7 +12,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.geometry import rotation
-from counterflex.geometry.rotation import skew
+from counterflex.geometry.rotation import cross, skew
 from counterflex.identify.payload.parameters import (
     BIAS,
     COM,
@@ -70,8 +70,8 @@ class SensorReadings:
         turn = rotation.exp(x[TURN])
         gamma, omega, alpha = self.gamma @ turn, self.omega @ turn, self.alpha @ turn
         c, inertia = x[COM], tensor(x[INERTIA])
-        force = x[MASS] * (gamma - np.cross(alpha, c) - np.cross(omega, np.cross(omega, c)))
-        moment = np.cross(c, force) - alpha @ inertia - np.cross(omega, omega @ inertia)
+        force = x[MASS] * (gamma - cross(alpha, c) - cross(omega, cross(omega, c)))
+        moment = cross(c, force) - alpha @ inertia - cross(omega, omega @ inertia)
         w = np.concatenate([force, moment], axis=1) + x[BIAS]
         w += self.time_s[:, None] * x[DRIFT] + self.warmer_k[:, None] * x[KELVIN]
         degree = degree_of((len(x) - OFFSET) // 6)
@@ -87,28 +87,27 @@ class SensorReadings:
         turn = rotation.exp(rho)
         gamma, omega, alpha = self.gamma @ turn, self.omega @ turn, self.alpha @ turn
         m, c, inertia = x[MASS], x[COM], tensor(x[INERTIA])
-        A = skew(alpha) + skew(omega) @ skew(omega)
+        alpha_x, omega_x, c_x = skew(alpha), skew(omega), skew(c)
+        A = alpha_x + omega_x @ omega_x
         specific = gamma - A @ c
         force = m * specific
         out = np.zeros((n, 6, len(x)))
         out[:, :, BIAS] = np.eye(6)
         out[:, :3, MASS] = specific
-        out[:, 3:, MASS] = np.cross(c, specific)
+        out[:, 3:, MASS] = cross(c, specific)
         out[:, :3, COM] = -m * A
-        out[:, 3:, COM] = -skew(force) + skew(c) @ (-m * A)
+        out[:, 3:, COM] = -skew(force) + c_x @ (-m * A)
         right = _right_jacobian(rho)
-        d_gamma, d_omega, d_alpha = skew(gamma) @ right, skew(omega) @ right, skew(alpha) @ right
-        swing = np.cross(omega, c)
-        d_force = m * (d_gamma + skew(c) @ d_alpha + skew(swing) @ d_omega + skew(omega) @ skew(c) @ d_omega)
+        d_gamma, d_omega, d_alpha = skew(gamma) @ right, omega_x @ right, alpha_x @ right
+        swing = cross(omega, c)
+        d_force = m * (d_gamma + c_x @ d_alpha + skew(swing) @ d_omega + omega_x @ c_x @ d_omega)
         spin = omega @ inertia
         out[:, :3, TURN] = d_force
-        out[:, 3:, TURN] = (
-            skew(c) @ d_force - inertia @ d_alpha + skew(spin) @ d_omega - skew(omega) @ inertia @ d_omega
-        )
+        out[:, 3:, TURN] = c_x @ d_force - inertia @ d_alpha + skew(spin) @ d_omega - omega_x @ inertia @ d_omega
         out[:, :, DRIFT] = self.time_s[:, None, None] * np.eye(6)
         out[:, :, KELVIN] = self.warmer_k[:, None, None] * np.eye(6)
         turning = np.einsum("kij,nj->nik", _UNIT, alpha)
-        gyro = np.einsum("nij,kjl,nl->nik", skew(omega), _UNIT, omega)
+        gyro = np.einsum("nij,kjl,nl->nik", omega_x, _UNIT, omega)
         out[:, 3:, INERTIA] = -turning - gyro
         degree = degree_of((len(x) - OFFSET) // 6)
         if degree:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -113,7 +114,21 @@ class Parameters:
     @property
     def nominal(self) -> Float:
         """(p,) nominal values, SI."""
+        return self._nominal.copy()
+
+    @cached_property
+    def _nominal(self) -> Float:
         return np.array([item.nominal for item in self.items], dtype=np.float64)
+
+    @cached_property
+    def _steps(self) -> Float:
+        """(p,) change that one unit of each fit coordinate means."""
+        return np.array([item.unit_step for item in self.items], dtype=np.float64)
+
+    @cached_property
+    def _logarithmic(self) -> tuple[int, ...]:
+        """Places of the logarithmic ones."""
+        return tuple(i for i, item in enumerate(self.items) if item.log)
 
     @property
     def units(self) -> dict[str, str]:
@@ -144,25 +159,24 @@ class Parameters:
 
     def values(self, u: Float) -> Float:
         """SI values (p,) of fit coordinates (p,)."""
-        return np.array(
-            [
-                p.nominal * np.exp(p.unit_step * c) if p.log else p.nominal + p.unit_step * c
-                for p, c in zip(self.items, u, strict=True)
-            ]
-        )
+        out: Float = self._nominal + self._steps * u
+        for i in self._logarithmic:
+            out[i] = self._nominal[i] * np.exp(self._steps[i] * u[i])
+        return out
 
     def coordinates(self, x: Float) -> Float:
         """Fit coordinates (p,) of SI values (p,)."""
-        return np.array(
-            [
-                (np.log(v / p.nominal) if p.log else v - p.nominal) / p.unit_step
-                for p, v in zip(self.items, x, strict=True)
-            ]
-        )
+        out: Float = (x - self._nominal) / self._steps
+        for i in self._logarithmic:
+            out[i] = np.log(x[i] / self._nominal[i]) / self._steps[i]
+        return out
 
     def slope(self, x: Float) -> Float:
         """(p,) derivative of the SI value by the fit coordinate at the values x (p,)."""
-        return np.array([p.unit_step * (v if p.log else 1.0) for p, v in zip(self.items, x, strict=True)])
+        out = self._steps.copy()
+        for i in self._logarithmic:
+            out[i] *= x[i]
+        return out
 
     def bounds(self) -> tuple[Float, Float]:
         """Lower and upper bounds (p,) of the fit coordinates."""

@@ -9,6 +9,7 @@ one another cost far more than the work.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -40,8 +41,7 @@ def triangle(rows: Float, scale: Float) -> Float:
     m, k = rows.shape
     step = max(_FEWEST_ROWS, _ALONE // k - k, k if k > _WIDE else 0)
     work = np.zeros((k + step, k), order="F")
-    size = int(dgeqrf_lwork(k + step, k)[0])
-    R, upper = np.zeros((k, k)), np.triu(np.ones((k, k)))
+    R, (size, upper) = np.zeros((k, k)), _reduction(k + step, k)
     for first in range(0, m, step):
         piece = rows[first : first + step]
         end = k + len(piece)
@@ -49,6 +49,12 @@ def triangle(rows: Float, scale: Float) -> Float:
         np.multiply(piece, scale[first : first + step, None], out=work[k:end])
         R = upper * dgeqrf(work[:end], lwork=size)[0][:k]
     return R
+
+
+@cache
+def _reduction(rows: int, k: int) -> tuple[int, Float]:
+    """Work space that LAPACK wants for (rows, k) numbers, and ones in an upper triangle (k, k)."""
+    return int(dgeqrf_lwork(rows, k)[0]), np.triu(np.ones((k, k)))
 
 
 class Stacked:
