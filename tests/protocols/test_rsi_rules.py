@@ -418,6 +418,7 @@ def test_any_text_as_a_program(text: str) -> None:
 
 
 @given(st.text(max_size=40), st.text(max_size=40))
+@example("0\r0", "0")
 def test_no_address_or_name_breaks_out_of_its_place(host: str, sentype: str) -> None:
     files = replace(FILES, host=host, sentype=sentype)
     try:

@@ -118,7 +118,8 @@ def salvage(data: bytes | mmap) -> Salvaged:
     """Read every sound record of an MCAP file.
 
     A chunk is sound when lengths and CRC-32 of its content are right; another record when it can be read and is exactly
-    as long as it says. A bit that is wrong within a name or a time of such a record is not seen.
+    as long as it says, unless no sound record follows and a sound chunk begins within it. A bit that is wrong within a
+    name or a time of such a record is not seen.
 
     Args:
         data: The whole file.
@@ -126,6 +127,7 @@ def salvage(data: bytes | mmap) -> Salvaged:
     out = Salvaged(magic=data[: len(MAGIC)] == MAGIC)
     size = len(data)
     at = len(MAGIC) if out.magic else 0
+    unchecked: int | None = None  # where the last record begins, when it has no checksum
     while at < size:
         if size - at == len(MAGIC) and data[at:] == MAGIC:
             last = out.records[-1] if out.records else None
@@ -133,20 +135,27 @@ def salvage(data: bytes | mmap) -> Salvaged:
             break
         result = _sound(data, at)
         if result is None:
-            behind = _next(data, at)
+            begin = at
+            behind = None if unchecked is None else _chunk_within(data, unchecked, at)
+            if behind is not None and unchecked is not None:
+                out.records.pop()
+                begin, unchecked = unchecked, None
+            else:
+                behind = _next(data, at)
             if behind is None:
                 break
-            begin = at
             if out.damage and out.damage[-1].chunks == len(out.chunks):  # one stretch with what was sound within it
                 begin = out.damage.pop().begin
             out.damage.append(Damage(begin, behind, len(out.chunks)))
             at = behind
             continue
-        record, at = result
+        record, end = result
         if isinstance(record, Chunk):
             out.chunks.append(record)
         else:
             out.records.append(record)
+        unchecked = None if isinstance(record, Chunk) else at
+        at = end
     return out
 
 
@@ -208,6 +217,19 @@ def _chunk(begin: int, content: bytes) -> Chunk | None:
     except _BAD:
         return None
     return Chunk(begin, body) if len(body) == size and zlib.crc32(body) == crc else None
+
+
+def _chunk_within(data: bytes | mmap, begin: int, end: int) -> int | None:
+    """Where a sound chunk begins within a record without a checksum, after which no sound one follows.
+
+    A record from which bytes are missing may still read well, with the first bytes of the next one as its last.
+    """
+    for place in _BEGINNING.finditer(data, begin + 1):
+        if place.start() >= end:
+            return None
+        if data[place.start()] == Opcode.CHUNK and _sound(data, place.start()) is not None:
+            return place.start()
+    return None
 
 
 def _next(data: bytes | mmap, at: int) -> int | None:

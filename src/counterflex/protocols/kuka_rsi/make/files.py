@@ -26,6 +26,8 @@ STATE_INDEX: Final = 3
 CORRECTION_INDEX: Final = 4
 """First of six indices of $SEN_PREA in which the controller says what it has corrected, mm and deg."""
 _MARGIN: Final = 1.2
+_AS_WRITTEN: Final = {"\r": "&#13;"}
+"""A reader of XML takes a bare carriage return for a line feed (XML 1.0, 2.11)."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ class RsiFiles:
             ("SENTYPE", self.sentype),
             ("ONLYSEND", "FALSE"),
         ):
-            lines.append(f"    <{key}>{escape(text)}</{key}>")
+            lines.append(f"    <{key}>{escape(text, _AS_WRITTEN)}</{key}>")
         lines += ["  </CONFIG>", "  <SEND>", "    <ELEMENTS>"]
         lines += [f'      <ELEMENT TAG="{tag}" TYPE="{kind}" INDX="{index}"/>' for tag, kind, index in send]
         lines += ["    </ELEMENTS>", "  </SEND>", "  <RECEIVE>", "    <ELEMENTS>"]
