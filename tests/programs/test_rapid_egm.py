@@ -10,13 +10,13 @@ from counterflex.core.errors import FileFormatError, InputError, ProgramError
 from counterflex.programs.rapid.egm import called, called_parts, part_with_egm, start_move, with_egm
 from counterflex.programs.rapid.egm_switching import EgmSwitching
 from counterflex.protocols.abb_egm.calls import parse_egm_calls
-from counterflex.protocols.abb_egm.check import EgmWanted, check_egm
+from counterflex.protocols.abb_egm.check import ExpectedEgm, check_egm
 
 PATH = EgmSwitching("path", "UCdevice", "pathCorr", 24, 0.1)
 POSE = EgmSwitching("pose", "UCdevice", "default", 4, 0.1)
 WANTED = {
-    "path": EgmWanted("path", 24, "UCdevice", "pathCorr"),
-    "pose": EgmWanted("pose", 4, "UCdevice", "default"),
+    "path": ExpectedEgm("path", 24, "UCdevice", "pathCorr"),
+    "pose": ExpectedEgm("pose", 4, "UCdevice", "default"),
 }
 NO_EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 

@@ -18,7 +18,7 @@ from counterflex.runtime.primitives.localize import (
     seek,
     wrench_at,
 )
-from counterflex.runtime.step.feed_forward import play_undone
+from counterflex.runtime.step.feed_forward import add_play_compensation
 
 
 def plan_of(points: Float) -> Float:
@@ -89,7 +89,7 @@ def test_force_and_contained_correction_between_two_rows_are_linear(share: float
     place, w, c, play = np.array([5.0, share]), np.zeros(6), np.zeros(6), np.zeros(6)
     wrench_at(plan, place, lead_s, PLAN_W, w)
     contained_at(plan, place, c)
-    play_undone(plan, place, play)
+    add_play_compensation(plan, place, play)
     now = np.interp(5.0 + share, np.arange(12), plan[:, PLAN_TIME])
     for k in range(6):
         assert w[k] == pytest.approx(np.interp(now + lead_s, plan[:, PLAN_TIME], plan[:, PLAN_W + k]))

@@ -14,7 +14,7 @@ from counterflex.geometry import pose, rotation, wrench
 from counterflex.robot.elasticity.chain import ElasticChain, forward, forward_elastic
 from counterflex.robot.model import catalog
 from counterflex.robot.model.description import EndEffector, Segment
-from counterflex.sensing.carrier import behind, carrier_pose, carrier_to_tcp, hose_bodies, hose_rotation
+from counterflex.sensing.carrier import carrier_pose, carrier_to_tcp, hose_bodies, hose_rotation, mass_behind
 from counterflex.sensing.flange_sensor import (
     FlangeSensor,
     SensorMotion,
@@ -126,15 +126,15 @@ def test_the_carrier_bends_as_the_chain_does() -> None:
 
 def test_what_hangs_behind_a_body() -> None:
     c = chain()
-    mass, com = behind(c, "sensor")
+    mass, com = mass_behind(c, "sensor")
     T_sensor_spindle = pose.make(rotation.about_y(0.3), np.array([0.0, 0.0, 0.05]))
     first = pose.transform(T_sensor_spindle, np.array([0.1, 0.0, 0.05]))
     second = pose.transform(T_sensor_spindle, np.array([0.1, 0.02, 0.1]))
     assert mass == 75.0
     np.testing.assert_allclose(com, (60.0 * first + 15.0 * second) / 75.0)
-    assert behind(c, "clamp")[0] == 0.0
+    assert mass_behind(c, "clamp")[0] == 0.0
     with pytest.raises(InputError, match="an axis lies between|an axis moves between"):
-        behind(c, c.names[0])
+        mass_behind(c, c.names[0])
     with pytest.raises(InputError, match="no such body"):
         carrier_pose(c, "nothing", Q)
 

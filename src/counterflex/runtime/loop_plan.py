@@ -45,7 +45,7 @@ class LoopPlan:
         teeth: (n,) of the tool; None is not known.
         chip_m: (n,) mean chip thickness where it cuts, else NaN; None is not known.
         need_m: (n, 3) correction across the feed that the loop will want at this place; None is not known.
-        left_m: (n,) size of the error that the program itself is predicted to leave; None is not known.
+        residual_m: (n,) size of the error that the program itself is predicted to leave; None is not known.
         w_ahead_part: (n, 6) wrench whose deflection is to be commanded here so that the robot, as slow as it is, undoes
             the predicted one in time; None reads the predicted wrench ahead by the lead instead.
         w_lost_part: (n, 6) wrench that would bend the robot as far as its drives yield here; it is in the one to be
@@ -65,7 +65,7 @@ class LoopPlan:
     teeth: Int | None = None
     chip_m: Float | None = None
     need_m: Float | None = None
-    left_m: Float | None = None
+    residual_m: Float | None = None
     w_ahead_part: Float | None = None
     w_lost_part: Float | None = None
     ahead: Ahead | None = None
@@ -112,7 +112,7 @@ class LoopPlan:
     def speeds(self, settings: OnlineSettings, override: OverrideSettings, exponent: float = 0.0) -> SpeedPlan:
         """Speeds at which the predicted remaining error stays within a tolerance, see :func:`speed_plan`."""
         shaped = self.ahead if settings.pilot.lead_s is None else None
-        return speed_plan(self.time_s, self.need_m, self.left_m, settings, override, shaped, exponent)
+        return speed_plan(self.time_s, self.need_m, self.residual_m, settings, override, shaped, exponent)
 
     def at_speeds(self, settings: OnlineSettings, override: OverrideSettings, exponent: float) -> LoopPlan:
         """The same program, slowed down where the correction could not follow.
@@ -125,10 +125,10 @@ class LoopPlan:
             override: Tolerance, least speed, rate.
             exponent: Of the force in the feed.
         """
-        found = self.speeds(settings, override, exponent)
+        slowed = self.speeds(settings, override, exponent)
         ahead = self.w_ahead_part
-        if self.ahead is not None and ahead is not None and np.any(found.speed < 1.0):
-            smaller = found.speed[:, None] ** exponent
+        if self.ahead is not None and ahead is not None and np.any(slowed.speed < 1.0):
+            smaller = slowed.speed[:, None] ** exponent
             lost = 0.0 if self.w_lost_part is None else self.w_lost_part
-            ahead = self.ahead.command(self.w_tcp_part * smaller, found.time_s, lost) / smaller
-        return replace(self, speed=found.speed, w_ahead_part=ahead)
+            ahead = self.ahead.command(self.w_tcp_part * smaller, slowed.time_s, lost) / smaller
+        return replace(self, speed=slowed.speed, w_ahead_part=ahead)

@@ -138,7 +138,7 @@ class RecordRing:
 
     def __init__(self, name: str | None = None) -> None:
         try:
-            self._memory, self._held = _made() if name is None else _joined(name)
+            self._memory, self._handle = _made() if name is None else _joined(name)
         except FileNotFoundError as fault:
             raise InputError("there is no such ring of records", value=name) from fault
         self._owner = name is None
@@ -185,13 +185,13 @@ class RecordRing:
         self._read = count
         return out
 
-    def rewind(self, behind: int = 0) -> None:
+    def rewind(self, skipped: int = 0) -> None:
         """Reader: take also what was written before it joined.
 
         Args:
-            behind: Rows at the beginning that are not taken.
+            skipped: Rows at the beginning that are not taken.
         """
-        self._read = behind
+        self._read = skipped
         self.states.rewind()
 
     def close(self) -> None:
@@ -200,8 +200,8 @@ class RecordRing:
         self._memory.close()
         if self._owner:
             self._memory.unlink()
-        if self._held is not None:
-            os.close(self._held)
+        if self._handle is not None:
+            os.close(self._handle)
 
 
 def _made() -> tuple[shared_memory.SharedMemory, int | None]:
@@ -213,9 +213,9 @@ def _made() -> tuple[shared_memory.SharedMemory, int | None]:
             memory = shared_memory.SharedMemory(name=name, create=True, size=RING_BYTES)
         except FileExistsError:
             continue
-        held = _hold(name)
-        if held is not None or (_PLACE / name).exists() or not _PLACE.is_dir():
-            return memory, held
+        handle = _hold(name)
+        if handle is not None or (_PLACE / name).exists() or not _PLACE.is_dir():
+            return memory, handle
         memory.close()
         with contextlib.suppress(FileNotFoundError):
             memory.unlink()
@@ -229,10 +229,10 @@ def _joined(name: str) -> tuple[shared_memory.SharedMemory, int | None]:
 def _hold(name: str) -> int | None:
     """A handle that holds the ring; None where there is none to hold."""
     try:
-        held = os.open(_PLACE / name, os.O_RDWR)
+        handle = os.open(_PLACE / name, os.O_RDWR)
     except OSError:
         return None
-    if share(held):
-        return held
-    os.close(held)
+    if share(handle):
+        return handle
+    os.close(handle)
     return None

@@ -136,7 +136,7 @@ def carrier_to_tcp(chain: ElasticChain, segment: str) -> Float:
     return out
 
 
-def behind(chain: ElasticChain, segment: str) -> tuple[float, Float]:
+def mass_behind(chain: ElasticChain, segment: str) -> tuple[float, Float]:
     """Mass of the bodies behind a body, and their centre of gravity in its frame.
 
     Args:

@@ -117,8 +117,8 @@ class HolderBeam:
             maps.append(A)
         ring = np.linalg.inv(sum(A.T @ k @ A for A in maps))
         at_ring = np.stack([wrench.shift(w, np.array([0.0, 0.0, -self.length_m])) for w in np.eye(6)], axis=1)
-        left, right = (k @ A @ ring @ at_ring for A in maps)
-        return left, right
+        low, right = (k @ A @ ring @ at_ring for A in maps)
+        return low, right
 
     def _gauge(self, gauge: Gauge) -> Float:
         x, y, z = as_float("place of a gauge", gauge.p_holder_gauge, (3,))

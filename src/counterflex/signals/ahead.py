@@ -34,16 +34,16 @@ class Ahead:
         if not 0.0 <= self.arm_share <= 1.0:
             raise InputError("share of the arm in the deflection", value=self.arm_share, limit="0 .. 1")
 
-    def command(self, wanted: Float, time_s: Float, moved: Float | float = 0.0) -> Float:
+    def command(self, requested: Float, time_s: Float, moved: Float | float = 0.0) -> Float:
         """What to command, see :func:`counterflex.signals.preview.command_for`.
 
         Args:
-            wanted: (n, k) deflection, or force, that would be there if nothing swung.
+            requested: (n, k) deflection, or force, that would be there if nothing swung.
             time_s: (n,) s, not decreasing.
             moved: (n, k) likewise, but as it is there in time: nothing of it swings any further.
 
         Returns:
             (n, k) likewise.
         """
-        at_once = (1.0 - self.arm_share) * wanted + moved
-        return command_for(at_once, time_s, self.modes, self.shaping, self.arm_share * wanted)
+        at_once = (1.0 - self.arm_share) * requested + moved
+        return command_for(at_once, time_s, self.modes, self.shaping, self.arm_share * requested)

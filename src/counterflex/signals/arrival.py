@@ -47,7 +47,7 @@ class ArrivalClock:
         self._far = self._fallen = 0
         self._stamp = -math.inf
         self._new_floor = math.inf
-        self._behind_s = math.inf
+        self._later_s = math.inf
         self._steady_s = 0.0
         self.set_back = 0
 
@@ -61,43 +61,43 @@ class ArrivalClock:
         Returns:
             Seconds from its measurement to ``now_s``, at least ``least_s``.
         """
-        apart = now_s - stamp_s
+        difference_s = now_s - stamp_s
         if self._floor < math.inf:
             self._floor += self._rate * max(0.0, now_s - self._last)
-        self._watch_silence(now_s, apart, stamp_s)
+        self._watch_silence(now_s, difference_s, stamp_s)
         self._last = now_s
-        self._watch_stamp(apart, stamp_s)
-        self._far = self._far + 1 if apart - self._floor > _ANEW_S else 0
+        self._watch_stamp(difference_s, stamp_s)
+        self._far = self._far + 1 if difference_s - self._floor > _ANEW_S else 0
         if self._far >= _ANEW_SAMPLES:
-            self._begin_anew(apart)
-        self._floor = min(self._floor, apart)
-        return self.least_s + apart - self._floor
+            self._begin_anew(difference_s)
+        self._floor = min(self._floor, difference_s)
+        return self.least_s + difference_s - self._floor
 
-    def _watch_stamp(self, apart: float, stamp_s: float) -> None:
+    def _watch_stamp(self, difference_s: float, stamp_s: float) -> None:
         """Stamps that have fallen, and what follows: the new time, or the old one again."""
         if stamp_s < self._stamp:
-            self._fallen, self._new_floor = 1, apart
-        elif self._fallen and apart < 0.5 * (self._floor + self._new_floor):
+            self._fallen, self._new_floor = 1, difference_s
+        elif self._fallen and difference_s < 0.5 * (self._floor + self._new_floor):
             self._fallen = 0
         elif self._fallen:
-            self._fallen, self._new_floor = self._fallen + 1, min(self._new_floor, apart)
+            self._fallen, self._new_floor = self._fallen + 1, min(self._new_floor, difference_s)
         self._stamp = stamp_s
         if self._fallen >= _FALLEN_SAMPLES:
             self._begin_anew(self._new_floor)
 
-    def _watch_silence(self, now_s: float, apart: float, stamp_s: float) -> None:
+    def _watch_silence(self, now_s: float, difference_s: float, stamp_s: float) -> None:
         """Samples that are all later by the same since the source was silent: its clock was set back meanwhile."""
         silent = min(now_s - self._last, stamp_s - self._stamp)
-        if self._floor < math.inf and silent > _SILENT_S and apart - self._floor > _LATER_S:
-            self._behind_s, self._steady_s = apart, now_s
-        elif apart < 0.5 * (self._floor + self._behind_s):
-            self._behind_s = math.inf
-        elif apart < self._behind_s - 0.5 * _LATER_S:
-            self._behind_s, self._steady_s = apart, now_s
-        if self._behind_s < math.inf and now_s - self._steady_s > _STEADY_S:
-            self._begin_anew(self._behind_s)
+        if self._floor < math.inf and silent > _SILENT_S and difference_s - self._floor > _LATER_S:
+            self._later_s, self._steady_s = difference_s, now_s
+        elif difference_s < 0.5 * (self._floor + self._later_s):
+            self._later_s = math.inf
+        elif difference_s < self._later_s - 0.5 * _LATER_S:
+            self._later_s, self._steady_s = difference_s, now_s
+        if self._later_s < math.inf and now_s - self._steady_s > _STEADY_S:
+            self._begin_anew(self._later_s)
 
     def _begin_anew(self, floor: float) -> None:
         self._floor, self._far, self._fallen = floor, 0, 0
-        self._behind_s = math.inf
+        self._later_s = math.inf
         self.set_back += 1

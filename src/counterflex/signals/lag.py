@@ -113,8 +113,8 @@ def _second(
     M[2, 3] = 1.0
     E = expm(M)
     A, slope = E[:2, :2], E[:2, 3]
-    held = E[:2, 2] - slope
+    zero_order = E[:2, 2] - slope
     trace, determinant = A[0, 0] + A[1, 1], A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
     adjugate = trace * np.eye(2) - A
-    forward = np.array([slope[0], held[0] - adjugate[0] @ slope, -(adjugate[0] @ held)])
+    forward = np.array([slope[0], zero_order[0] - adjugate[0] @ slope, -(adjugate[0] @ zero_order)])
     return forward, np.array([1.0, -trace, determinant])

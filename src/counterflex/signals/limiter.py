@@ -131,16 +131,16 @@ def limited_step(y: Float, v: Float, target: Float, limit: Float, period_s: floa
         status |= AT_RADIUS
     ex, ey, ez = scale * target[0] - y[0], scale * target[1] - y[1], scale * target[2] - y[2]
     distance = math.sqrt(ex * ex + ey * ey + ez * ez)
-    wanted = min(fastest, approach_speed(distance, acceleration, period_s))
+    requested = min(fastest, approach_speed(distance, acceleration, period_s))
     wx = wy = wz = 0.0
     if distance > 0.0:
-        wx, wy, wz = ex / distance * wanted, ey / distance * wanted, ez / distance * wanted
+        wx, wy, wz = ex / distance * requested, ey / distance * requested, ez / distance * requested
     dx, dy, dz = wx - v[0], wy - v[1], wz - v[2]
     change = math.sqrt(dx * dx + dy * dy + dz * dz)
     if change > step:
         status |= AT_SPEED
         dx, dy, dz = dx * step / change, dy * step / change, dz * step / change
-    elif wanted * period_s < distance * (1.0 - 1e-9):
+    elif requested * period_s < distance * (1.0 - 1e-9):
         status |= AT_SPEED
     cx, cy, cz = v[0] + dx, v[1] + dy, v[2] + dz
     still = stopping_distance(max(0.0, speed - step), acceleration, period_s)

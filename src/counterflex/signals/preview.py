@@ -62,7 +62,7 @@ class Shaping:
 
 
 def command_for(
-    wanted: Float, time_s: Float, modes: tuple[Mode, ...], shaping: Shaping, swung: Float | None = None
+    requested: Float, time_s: Float, modes: tuple[Mode, ...], shaping: Shaping, swung: Float | None = None
 ) -> Float:
     """The command whose passage through modes comes nearest to a wanted motion.
 
@@ -71,7 +71,7 @@ def command_for(
     stretch the wanted motion goes on as at its ends.
 
     Args:
-        wanted: (n, k) motion y at the tool.
+        requested: (n, k) motion y at the tool.
         time_s: (n,) s, non-decreasing.
         modes: What the command passes; none gives a mere smoothing.
         shaping: tau and lead.
@@ -85,7 +85,7 @@ def command_for(
         InputError: Wrong shapes, times that go back, a stretch of more than 4 million samples, a mode to pass through
             is missing.
     """
-    y = as_float("wanted", wanted, (None, None))
+    y = as_float("wanted", requested, (None, None))
     time = as_float("time_s", time_s, (len(y),))
     if len(y) == 0:
         return y.copy()
@@ -158,12 +158,12 @@ def _smoothed(target: Float, bend: Float) -> Float:
 
 
 def by_group(
-    wanted: Float, swung: Float, time_s: Float, group: Int, modes: tuple[Mode, ...], shaping: Shaping
+    requested: Float, swung: Float, time_s: Float, group: Int, modes: tuple[Mode, ...], shaping: Shaping
 ) -> Float:
     """:func:`command_for` for each stretch of a path by itself.
 
     Args:
-        wanted: (n, k).
+        requested: (n, k).
         swung: (n, k).
         time_s: (n,).
         group: (n,) rows that follow each other without interruption have one number; non-decreasing.
@@ -173,10 +173,10 @@ def by_group(
     Returns:
         (n, k).
     """
-    out = np.zeros_like(wanted)
+    out = np.zeros_like(requested)
     starts = np.flatnonzero(np.diff(group, prepend=group[:1] - 1))
     for begin, end in zip(starts, [*starts[1:], len(group)][: len(starts)], strict=True):
         rows = slice(int(begin), int(end))
-        if np.any(wanted[rows]) or np.any(swung[rows]):
-            out[rows] = command_for(wanted[rows], time_s[rows], modes, shaping, swung[rows])
+        if np.any(requested[rows]) or np.any(swung[rows]):
+            out[rows] = command_for(requested[rows], time_s[rows], modes, shaping, swung[rows])
     return out

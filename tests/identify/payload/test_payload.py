@@ -21,13 +21,13 @@ from counterflex.identify.data.changes import BodyMass, TableValues
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.design.greedy import greedy
-from counterflex.identify.payload.data import shared_mass, with_mass_behind
+from counterflex.identify.payload.data import shared_mass, with_added_mass
 from counterflex.identify.payload.parameters import Effects, Knowledge, parameters, sensor_of
 from counterflex.identify.payload.proposal import working_postures
 from counterflex.identify.payload.recipe import RECIPE
 from counterflex.identify.payload.residuals import SensorReadings
 from counterflex.identify.recipe import Identification
-from counterflex.sensing.carrier import behind, carrier_pose
+from counterflex.sensing.carrier import carrier_pose, mass_behind
 from counterflex.sensing.flange_sensor import FlangeSensor, SensorMotion, idle_wrench
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.laboratory.sensor_motion import measure as swing
@@ -64,7 +64,7 @@ def true_sensor(**changes: Any) -> FlangeSensor:
 def shown(sensor: FlangeSensor, q: Float, *, seed: int = 0, drift: bool = False) -> dict[str, Float]:
     """Readings by the sensor's own equation, the arm bent by the true mass, with noise."""
     nominal_com = pose.transform(sensor.T_seg_sensor, sensor.p_sensor_com)
-    chain = with_mass_behind(model().chain, "sensor", sensor.mass_kg, nominal_com)
+    chain = with_added_mass(model().chain, "sensor", sensor.mass_kg, nominal_com)
     R = carrier_pose(chain, "sensor", q)[:, :3, :3] @ sensor.T_seg_sensor[:3, :3]
     rng = np.random.default_rng(seed)
     out = {"q": q}
@@ -152,7 +152,7 @@ def test_intervals_cover_the_truth() -> None:
     from counterflex.identify.payload.sensor import sensor_before
     from counterflex.identify.solver.solve import solve
 
-    chain = with_mass_behind(model().chain, "sensor", 82.0, pose.transform(truth.T_seg_sensor, truth.p_sensor_com))
+    chain = with_added_mass(model().chain, "sensor", 82.0, pose.transform(truth.T_seg_sensor, truth.p_sensor_com))
     before = sensor_before(model())
     free = parameters(before, Knowledge(), Effects())
     for seed in range(40):
@@ -184,7 +184,7 @@ def test_inertia_comes_from_a_motion() -> None:
     for axis, rate in ((1, 2.0), (2, 2.6), (3, 5.0), (4, 4.1), (5, 6.3)):
         q[:, axis] += 0.12 * np.sin(rate * t + axis)
     com = pose.transform(truth.T_seg_sensor, truth.p_sensor_com)
-    T = carrier_pose(with_mass_behind(model().chain, "sensor", 82.0, com), "sensor", q)
+    T = carrier_pose(with_added_mass(model().chain, "sensor", 82.0, com), "sensor", q)
     R = T[:, :3, :3]
     by_time = [np.gradient(v, t, axis=0, edge_order=2) for v in (R, T[:, :3, 3])]
     spin = np.swapaxes(R, 1, 2) @ by_time[0]
@@ -338,8 +338,8 @@ def test_shared_mass_adds_up() -> None:
     chain = model().chain
     for total in (90.0, 30.0):
         com = np.array([0.1, 0.02, 0.09])
-        heavier = with_mass_behind(chain, "sensor", total, com)
-        mass, found = behind(heavier, "sensor")
+        heavier = with_added_mass(chain, "sensor", total, com)
+        mass, found = mass_behind(heavier, "sensor")
         assert mass == pytest.approx(total)
         np.testing.assert_allclose(found, com, atol=1e-12)
     assert shared_mass(chain, "spindle", 10.0, np.zeros(3)) == {}

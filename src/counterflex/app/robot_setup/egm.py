@@ -25,7 +25,7 @@ from counterflex.programs.rapid.egm import (
 )
 from counterflex.programs.rapid.egm_switching import EgmSwitching
 from counterflex.protocols.abb_egm.calls import EgmCalls, parse_egm_calls, read_egm_calls
-from counterflex.protocols.abb_egm.check import EgmWanted, check_egm
+from counterflex.protocols.abb_egm.check import ExpectedEgm, check_egm
 from counterflex.protocols.finding import Finding
 
 _ZERO_S: Final = 1.0
@@ -47,7 +47,7 @@ class MakeSettings:
     host: str = "192.168.125.10"
 
 
-def wanted_of(cell: Cell) -> EgmWanted:
+def expected_of(cell: Cell) -> ExpectedEgm:
     """What a cell file wants of a RAPID program.
 
     Raises:
@@ -55,7 +55,7 @@ def wanted_of(cell: Cell) -> EgmWanted:
     """
     table, online = cell.tables.egm or EgmTable(), cell.tables.online or OnlineTable()
     table.require(online, str(cell.path))
-    return EgmWanted(
+    return ExpectedEgm(
         table.mode, online.period_ms, table.device, table.configuration_name, in_part=table.frame == "part"
     )
 
@@ -73,7 +73,7 @@ def check(program: Path, cell: Path | None = None) -> tuple[Finding, ...]:
     Raises:
         FileFormatError: A file cannot be read as what it should be.
     """
-    return check_egm(read_egm_calls(program), None if cell is None else wanted_of(read_cell(cell)))
+    return check_egm(read_egm_calls(program), None if cell is None else expected_of(read_cell(cell)))
 
 
 def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
@@ -107,7 +107,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
             "not an IPv4 address", where="--host", value=repr(settings.host), limit="for example 192.168.125.10"
         ) from fault
     table = cell.tables.egm or EgmTable()
-    wanted = wanted_of(cell)
+    wanted = expected_of(cell)
     switching = EgmSwitching(
         mode=table.mode,
         device=table.device,

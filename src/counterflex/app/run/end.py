@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.protocols.session.tracker_off import off_said
+from counterflex.protocols.session.tracker_off import offset_message
 from counterflex.runtime.record_ring import column
 from counterflex.runtime.state.supervisor import Cause, State
 
@@ -114,7 +114,7 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
     elif arm and by in ("never", "armed"):
         what = "never armed" if by == "never" else "armed, but the robot program never switched the correction on"
         off = summary.get("tracker_off")
-        why = ": no telegram came" if not summary["cycles"] else f": {off_said(off)}" if off is not None else ""
+        why = ": no telegram came" if not summary["cycles"] else f": {offset_message(off)}" if off is not None else ""
         end, said = End.NEVER_ARMED, what + why
     else:
         end, said = End.PLANNED, "as planned"

@@ -74,7 +74,7 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
         tool=plan.path.tool.astype(np.int64),
         chip_m=plan.feed_per_tooth_m * np.sin(0.5 * (plan.entry_rad + plan.exit_rad)),
         need_m=None if compensated else across(-plan.deflection_part[:, :3], plan.path.p_part_tcp),
-        left_m=np.linalg.norm(across(plan.deviation_compensated_part, plan.path.p_part_tcp), axis=1)
+        residual_m=np.linalg.norm(across(plan.deviation_compensated_part, plan.path.p_part_tcp), axis=1)
         if compensated
         else None,
         w_ahead_part=ahead.command(w, plan.path.time_s, w_lost),

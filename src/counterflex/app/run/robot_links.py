@@ -66,7 +66,7 @@ def rsi_link(
     if missing:
         link.close()
         raise InputError(f"the RSI configuration takes in {missing}", where=str(config), hint=hint)
-    if currents and not link.tells_currents:
+    if currents and not link.has_currents:
         link.close()
         raise InputError(
             "the RSI configuration sends no motor currents",

@@ -12,7 +12,7 @@ from counterflex.core.units import NS
 from counterflex.evaluate.process_record import ProcessEvent, ProcessRecord
 from counterflex.files.logs.place import trouble_said
 from counterflex.protocols.processes.control_array import Kept, Life, Shown, Tally
-from counterflex.protocols.session.tracker_off import off_said, tracker_off
+from counterflex.protocols.session.tracker_off import offset_message, tracker_off
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.record_ring import RESULTS, RecordRing, column
 from counterflex.runtime.state.supervisor import Cause, State
@@ -136,7 +136,7 @@ class StatusReader:
             (now - int(control[Life.LOOP_NS])) * NS,
             int(last[column("out_rejected")]),
             int(control[Tally.TRACKER_SET_BACK]),
-            "" if off is None else off_said(off),
+            "" if off is None else offset_message(off),
         )
 
 

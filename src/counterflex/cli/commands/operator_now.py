@@ -76,9 +76,9 @@ def _seen(found: dict[str, Any]) -> list[str]:
     ages = [f"{name} {'nothing yet' if age is None else f'{age:.0f} ms'}" for name, age in found["age_ms"].items()]
     lines.append("age: " + ", ".join(ages))
     if found.get("tracker_off") is not None:
-        from counterflex.protocols.session.tracker_off import off_said
+        from counterflex.protocols.session.tracker_off import offset_message
 
-        lines.append(off_said(found["tracker_off"]))
+        lines.append(offset_message(found["tracker_off"]))
     lines.append(f"foreign telegrams dropped: {found['foreign']}")
     lost = f" ({found['log_trouble']})" if found["log_trouble"] else ""
     lines.append(

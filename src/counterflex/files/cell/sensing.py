@@ -14,7 +14,7 @@ from counterflex.core.units import DEG, KN, MICRO, MINUTE, MM, N_PER_MM2
 from counterflex.files.schema import Angle, Length, PoseTable, Table
 from counterflex.protocols.force.sensors import link_values
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.sensing.carrier import behind, hose_place
+from counterflex.sensing.carrier import hose_place, mass_behind
 from counterflex.sensing.flange_sensor import FlangeSensor
 from counterflex.sensing.holder_beam import Gauge, HolderBeam
 from counterflex.sensing.strain_holder import StrainHolder
@@ -120,7 +120,7 @@ def flange_sensor(table: SensorTable | None, chain: ElasticChain) -> FlangeSenso
         return None
     T_seg_sensor = table.matrix()
     R, p = T_seg_sensor[:3, :3], T_seg_sensor[:3, 3]
-    mass_kg, p_seg_com = behind(chain, table.segment)
+    mass_kg, p_seg_com = mass_behind(chain, table.segment)
     if table.hose_from:
         hose_place(chain, table.hose_from, table.segment)
     p_sensor_com: Float = R.T @ (p_seg_com - p)

@@ -16,7 +16,7 @@ from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.payload.groups import orientations
 from counterflex.identify.payload.residuals import SensorReadings
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.sensing.carrier import behind, carrier_pose, hose_rotation, segment_index
+from counterflex.sensing.carrier import carrier_pose, hose_rotation, mass_behind, segment_index
 from counterflex.sensing.flange_sensor import FlangeSensor
 
 KINDS = ("sensor_poses", "sensor_motion")
@@ -26,7 +26,7 @@ _WINDOWS: Final = 8
 """Windows after which another group of rows begins."""
 
 
-def with_mass_behind(chain: ElasticChain, segment: str, mass_kg: float, p_seg_com: Float) -> ElasticChain:
+def with_added_mass(chain: ElasticChain, segment: str, mass_kg: float, p_seg_com: Float) -> ElasticChain:
     """The chain with another sum of masses behind a body, the difference booked on the heaviest body there.
 
     Args:
@@ -65,7 +65,7 @@ def shared_mass(chain: ElasticChain, segment: str, mass_kg: float, p_seg_com: Fl
     for i in bodies:
         T = T @ chain.fixed[i] @ pose.make(rotation.about_z(chain.offset[i]))
         Ts[i] = T
-    total, com = behind(chain, segment)
+    total, com = mass_behind(chain, segment)
     heavy = first + 1 + int(np.argmax(chain.mass[first + 1 :]))
     rest = mass_kg - (total - float(chain.mass[heavy]))
     if rest > 0.05 * mass_kg:

@@ -17,7 +17,7 @@ from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.payload import checks as payload_checks
 from counterflex.identify.payload import weight as payload_weight
-from counterflex.identify.payload.data import KINDS, check_orientations, clock, readings, shared_mass, with_mass_behind
+from counterflex.identify.payload.data import KINDS, check_orientations, clock, readings, shared_mass, with_added_mass
 from counterflex.identify.payload.groups import ALIKE_RAD, count_of, groups_of
 from counterflex.identify.payload.holdout import held_out_forces, held_out_moments
 from counterflex.identify.payload.hose_pack import (
@@ -128,7 +128,7 @@ def identify(inputs: Inputs) -> Identification:
     shares = [share_of(parts[WEIGHT], i / (_ROUNDS + 1), (i + 1) / (_ROUNDS + 1), WEIGHT) for i in range(_ROUNDS + 1)]
     fit = solve(parameters(before, known, effects), blocks, progress=shares[0])
     for i in range(_ROUNDS):  # a heavier tool bends the arm more, which turns the sensor
-        chain = with_mass_behind(chain, sensor.segment, float(fit.values[6]), seg_frame_com(sensor, fit))
+        chain = with_added_mass(chain, sensor.segment, float(fit.values[6]), seg_frame_com(sensor, fit))
         blocks = blocks_in()
         fit = solve(parameters(before, known, effects), blocks, progress=shares[i + 1])
     parts[WEIGHT](1.0)

@@ -6,7 +6,7 @@ import numpy as np
 
 from counterflex.core.errors import InputError, ModelError
 from counterflex.identify.data.model import CellModel
-from counterflex.sensing.carrier import behind
+from counterflex.sensing.carrier import mass_behind
 from counterflex.sensing.flange_sensor import FlangeSensor
 
 
@@ -31,5 +31,5 @@ def sensor_before(cell: CellModel) -> FlangeSensor:
             limit=", ".join(s.name for s in cell.end_effector.segments) or "no body in the end effector",
             hint='Add a table [sensor] with segment = "NAME OF THE BODY THAT CARRIES IT" to the cell file',
         )
-    mass_kg, p_seg_com = behind(chain, name)
+    mass_kg, p_seg_com = mass_behind(chain, name)
     return FlangeSensor(name, np.eye(4), mass_kg, p_seg_com)

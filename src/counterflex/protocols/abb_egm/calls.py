@@ -80,14 +80,14 @@ def read_egm_calls(path: str | Path) -> EgmCalls:
 
 def parse_egm_calls(text: str, where: str) -> EgmCalls:
     """Read a RAPID text. Raises as :func:`read_egm_calls`."""
-    found = []
+    calls = []
     seen = False
     for line, statement in _statements(text):
         seen = seen or bool(_MODULE.match(statement))
-        found += [_instruction(number, part) for number, part in _parts(line, statement)]
+        calls += [_instruction(number, part) for number, part in _parts(line, statement)]
     if not seen:
         raise FileFormatError("not a RAPID module: no MODULE NAME", where=where)
-    return EgmCalls(tuple(found), where)
+    return EgmCalls(tuple(calls), where)
 
 
 def _statements(text: str) -> Iterator[tuple[int, str]]:

@@ -20,7 +20,7 @@ _LOOKS: Final = ("WAITUNTIL", "WAITDI", "TPREADFK", "UIMESSAGEBOX", "IF", "WHILE
 
 
 @dataclass(frozen=True)
-class EgmWanted:
+class ExpectedEgm:
     """What the cell file says.
 
     Attributes:
@@ -38,19 +38,19 @@ class EgmWanted:
     in_part: bool = True
 
 
-def check_egm(calls: EgmCalls, wanted: EgmWanted | None = None) -> tuple[Finding, ...]:
+def check_egm(calls: EgmCalls, expected: ExpectedEgm | None = None) -> tuple[Finding, ...]:
     """Judge a program.
 
     Args:
         calls: Its instructions.
-        wanted: What the cell file says, or None.
+        expected: What the cell file says, or None.
 
     Returns:
         Findings, errors first, in the order of the file.
     """
-    found = [item for rule in _ALONE for item in rule(calls)]
-    found += [item for rule in _BESIDE for item in rule(calls, wanted)]
-    return tuple(sorted(found, key=lambda item: item.severity != "error"))
+    findings = [item for rule in _BY_ITSELF for item in rule(calls)]
+    findings += [item for rule in _AGAINST_CELL for item in rule(calls, expected)]
+    return tuple(sorted(findings, key=lambda item: item.severity != "error"))
 
 
 def _at(calls: EgmCalls, item: Instruction | None) -> str:
@@ -80,7 +80,7 @@ def _timeout(calls: EgmCalls) -> Iterator[Finding]:
         yield _finding("setup", "error", calls.where, "EGM is not set up", "no EGMSetupUC", "one EGMSetupUC")
 
 
-def _mode(calls: EgmCalls, wanted: EgmWanted | None) -> Iterator[Finding]:
+def _mode(calls: EgmCalls, settings: ExpectedEgm | None) -> Iterator[Finding]:
     for item in calls.of("EGMSETUPUC"):
         path, posed = "pathcorr" in item.switches, "pose" in item.switches
         where = _at(calls, item)
@@ -100,24 +100,24 @@ def _mode(calls: EgmCalls, wanted: EgmWanted | None) -> Iterator[Finding]:
                 " or ".join(needed),
                 "Perhaps it stands in another module",
             )
-        if wanted is None:
+        if settings is None:
             continue
-        if path != (wanted.mode == "path"):
+        if path != (settings.mode == "path"):
             yield _finding(
                 "mode",
                 "error",
                 where,
                 "the cell file says otherwise",
                 "\\PathCorr" if path else "\\Pose",
-                f'[egm] mode = "{wanted.mode}"',
+                f'[egm] mode = "{settings.mode}"',
             )
         names = tuple(text.strip('"') for text in item.arguments[2:4])
-        for name, expected in zip(names, (wanted.configuration, wanted.device), strict=False):
+        for name, expected in zip(names, (settings.configuration, settings.device), strict=False):
             if name.rstrip(":") != expected.rstrip(":"):
                 yield _finding("name", "warning", where, "another name than in the cell file", name, expected)
 
 
-def _rate(calls: EgmCalls, wanted: EgmWanted | None) -> Iterator[Finding]:
+def _rate(calls: EgmCalls, expected: ExpectedEgm | None) -> Iterator[Finding]:
     for item in calls.of("EGMACTMOVE", "EGMACTPOSE", "EGMSTREAMSTART"):
         unit = PATH_MS if item.name == "EGMACTMOVE" else GUIDANCE_MS
         where = _at(calls, item)
@@ -133,18 +133,18 @@ def _rate(calls: EgmCalls, wanted: EgmWanted | None) -> Iterator[Finding]:
             )
             continue
         rate = float(unit) if rate is None else rate
-        if wanted is not None and rate != wanted.period_ms:
+        if expected is not None and rate != expected.period_ms:
             yield _finding(
                 "sample-rate",
                 "error",
                 where,
                 "the loop runs in another cycle",
                 f"{rate:g} ms",
-                f"[online] period_ms = {wanted.period_ms}",
+                f"[online] period_ms = {expected.period_ms}",
             )
 
 
-def _guidance(calls: EgmCalls, wanted: EgmWanted | None) -> Iterator[Finding]:
+def _guidance(calls: EgmCalls, expected: ExpectedEgm | None) -> Iterator[Finding]:
     for item in calls.of("EGMACTPOSE"):
         where = _at(calls, item)
         if "maxspeeddeviation" not in item.switches:
@@ -158,7 +158,7 @@ def _guidance(calls: EgmCalls, wanted: EgmWanted | None) -> Iterator[Finding]:
                 "The robot would not follow",
             )
         frames = [text.upper() for text in item.arguments if text.upper().startswith("EGM_FRAME")]
-        if wanted is not None and wanted.in_part and frames != ["EGM_FRAME_WOBJ"] * 2:
+        if expected is not None and expected.in_part and frames != ["EGM_FRAME_WOBJ"] * 2:
             yield _finding(
                 "frame",
                 "error",
@@ -308,5 +308,5 @@ def _halts(calls: EgmCalls) -> Iterator[Finding]:
             )
 
 
-_ALONE: Final = (_timeout, _fine, _handler, _waits, _halts)
-_BESIDE: Final = (_mode, _rate, _guidance)
+_BY_ITSELF: Final = (_timeout, _fine, _handler, _waits, _halts)
+_AGAINST_CELL: Final = (_mode, _rate, _guidance)

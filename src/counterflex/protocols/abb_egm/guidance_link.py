@@ -22,7 +22,7 @@ _PATIENCE: Final = 250
 """Cycles for which a robot that is to start may stand elsewhere."""
 _REST: Final = 250
 """Cycles that a robot waits before its path begins, where the loop is not armed."""
-_BEHIND: Final = 25
+_LAGGING_CYCLES: Final = 25
 """Cycles for which it may not follow."""
 
 
@@ -93,11 +93,11 @@ class EgmGuidanceLink(EgmLink):
         self._nominal: Float = np.tile(first, (lag, 1, 1))
         self._sent: Float = np.tile(first[:3, 3], (lag, 1))
         self._place = 0
-        self._held: Float | None = None
+        self._T_hold: Float | None = None
         self._offset: Float = np.zeros(6)
         self._faded, self._fade = 0, max(1, round(guidance.blend_s / stream.period_s))
         self._stopping = False
-        self._waited, self._away, self._behind = 0, 0, 0
+        self._waited, self._away, self._lagging = 0, 0, 0
 
     def wait(self, timeout_s: float) -> bool:
         """As :meth:`counterflex.protocols.abb_egm.link.EgmLink.wait`.
@@ -105,14 +105,14 @@ class EgmGuidanceLink(EgmLink):
         Raises:
             ProtocolError: The controller ended the guided movement before the end of the path.
         """
-        found = super().wait(timeout_s)
-        if found:
+        received = super().wait(timeout_s)
+        if received:
             self._watch()
-        return found
+        return received
 
     def _watch(self) -> None:
         if not self.guided:
-            self._held = None
+            self._T_hold = None
             if self.phase == Phase.RUNNING:
                 self.phase = Phase.ENDED
                 if not self.stream.finished and not self._stopping:
@@ -121,13 +121,13 @@ class EgmGuidanceLink(EgmLink):
                         value=f"{self.stream.at * self.period_s:.2f} s of {self.stream.duration_s:.2f} s",
                         hint="Its event log says why: convergence (CondTime), a limit, motors off, a stop",
                     )
-        elif self._held is None:
-            self._held = self._T_part_actual.copy()
+        elif self._T_hold is None:
+            self._T_hold = self._T_part_actual.copy()
         running = self.phase == Phase.RUNNING
         if running:
             off = float(np.linalg.norm(self._T_part_actual[:3, 3] - self._sent[self._place]))
-            self._behind = self._behind + 1 if off > self.guidance.follow_m else 0
-        self.clamped = self.clamped or self._behind >= _BEHIND
+            self._lagging = self._lagging + 1 if off > self.guidance.follow_m else 0
+        self.clamped = self.clamped or self._lagging >= _LAGGING_CYCLES
         self.enable = running and self.guided and not self.stream.finished
 
     def fill(self, nominal: Float, q: Float) -> None:
@@ -167,7 +167,7 @@ class EgmGuidanceLink(EgmLink):
                 twist = self.stream.twist()
         else:
             # Where it stands it stands with what was corrected before: that is not added once more.
-            nominal = self._T_part_actual if self._held is None else self._held
+            nominal = self._T_part_actual if self._T_hold is None else self._T_hold
         T = nominal.copy()
         if self.phase == Phase.RUNNING:
             T[:3, 3] += correction[:3]
@@ -178,7 +178,7 @@ class EgmGuidanceLink(EgmLink):
         return self._send(T, twist)
 
     def _start(self, state: State) -> None:
-        if self._held is None:
+        if self._T_hold is None:
             return
         self._waited += 1
         if self.guidance.start == State.ARMED:
@@ -188,8 +188,8 @@ class EgmGuidanceLink(EgmLink):
         if not allowed:
             return
         first = self.stream.pose(0.0)
-        self._offset[:3] = self._held[:3, 3] - first[:3, 3]
-        self._offset[3:] = rotation.log(self._held[:3, :3] @ first[:3, :3].T)
+        self._offset[:3] = self._T_hold[:3, 3] - first[:3, 3]
+        self._offset[3:] = rotation.log(self._T_hold[:3, :3] @ first[:3, :3].T)
         away, turned = float(np.linalg.norm(self._offset[:3])), float(np.linalg.norm(self._offset[3:]))
         if away <= self.guidance.tolerance_m and turned <= self.guidance.tolerance_rad:
             self.phase = Phase.RUNNING
@@ -208,9 +208,9 @@ class EgmGuidanceLink(EgmLink):
         T = self.stream.pose()
         if self._faded < self._fade:
             self._faded += 1
-            left = 1.0 - risen(self._faded, self._fade)
-            T[:3, 3] += left * self._offset[:3]
-            T[:3, :3] = rotation.exp(left * self._offset[3:]) @ T[:3, :3]
+            remaining = 1.0 - risen(self._faded, self._fade)
+            T[:3, 3] += remaining * self._offset[:3]
+            T[:3, :3] = rotation.exp(remaining * self._offset[3:]) @ T[:3, :3]
         return T
 
     def _remember(self, nominal: Float, sent: Float) -> None:

@@ -114,10 +114,10 @@ class EgmLink:
                 out what nothing can be corrected without, which is named.
         """
         self.elapsed, self.restarted = 0, False
-        found = self._port.wait(timeout_s, self._read)
-        if found:
+        received = self._port.wait(timeout_s, self._read)
+        if received:
             self._count()
-        return found
+        return received
 
     def _watch_what_is_there(self, state: RobotState) -> None:
         """Messages that leave out what is needed, before the first whole one."""
@@ -175,13 +175,13 @@ class EgmLink:
         self._cadence.append(((state.time_ms - last.time_ms) % _WRAP) * 1e-3 / self.elapsed)
         if len(self._cadence) < _CADENCE:
             return
-        found = sum(self._cadence) / len(self._cadence)
+        mean = sum(self._cadence) / len(self._cadence)
         self._cadence = None
-        if abs(found - self.period_s) > 0.2 * self.period_s:
+        if abs(mean - self.period_s) > 0.2 * self.period_s:
             raise ProtocolError(
                 "the controller sends in another cycle",
                 where=f"{self.address[0]}:{self.address[1]}",
-                value=f"{found * 1e3:.1f} ms",
+                value=f"{mean * 1e3:.1f} ms",
                 limit=f"{self.period_s * 1e3:g} ms",
                 hint="Make SampleRate of the RAPID program and period_ms of the table [online] the same",
             )

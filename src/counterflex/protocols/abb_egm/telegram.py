@@ -311,9 +311,9 @@ def _head(header: Any, sequence: int, time_ms: int, kind: int) -> None:
         header.tm = time_ms
 
 
-def _kind(header: Any, wanted: int) -> None:
-    if header.mtype != wanted:
-        raise ProtocolError("an EGM message is of another type", value=header.mtype, limit=wanted)
+def _kind(header: Any, expected: int) -> None:
+    if header.mtype != expected:
+        raise ProtocolError("an EGM message is of another type", value=header.mtype, limit=expected)
 
 
 def _finite(value: float) -> float:

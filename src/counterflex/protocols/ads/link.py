@@ -157,8 +157,8 @@ class AdsLink:
             OutputError: It does not tell.
         """
         with self._explained("the symbols cannot be listed"):
-            found = self._connection.get_all_symbols()
-        texts = [(str(one.name), str(one.symbol_type), str(one.comment or "")) for one in found]
+            symbols = self._connection.get_all_symbols()
+        texts = [(str(one.name), str(one.symbol_type), str(one.comment or "")) for one in symbols]
         return [DeviceSymbol(*(text.strip("\0 ") for text in row)) for row in texts]
 
     def read(self) -> dict[str, float]:
@@ -171,10 +171,10 @@ class AdsLink:
         if not names:
             return {}
         with self._explained("the symbols cannot be read"):
-            found = self._connection.read_list_by_name(names, ads_sub_commands=_LARGEST)
+            values = self._connection.read_list_by_name(names, ads_sub_commands=_LARGEST)
         out = {}
         for one in self.symbols:
-            value = found[one.symbol]
+            value = values[one.symbol]
             if isinstance(value, str) or not isinstance(value, int | float):
                 raise OutputError(f"the symbol '{one.symbol}' cannot be read", where=self._where, value=value)
             out[one.name] = float(value) * one.si

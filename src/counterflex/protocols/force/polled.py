@@ -67,17 +67,17 @@ class PolledForce:
         """Take every sample that is there; returns the number of good ones."""
         self.good = 0
         try:
-            came = np.array(self._receiver.receive(), dtype=np.float64)
+            received = np.array(self._receiver.receive(), dtype=np.float64)
         except Exception as fault:
             return self._wrong(1, f"{type(fault).__name__}: {fault}")
-        if came.size == 0:
+        if received.size == 0:
             return 0
-        if came.ndim != 2 or came.shape[1] != 6:
-            return self._wrong(1, f"samples of shape {came.shape}, expected (k, 6)")
-        finite: Bool = np.all(np.isfinite(came), axis=1)
+        if received.ndim != 2 or received.shape[1] != 6:
+            return self._wrong(1, f"samples of shape {received.shape}, expected (k, 6)")
+        finite: Bool = np.all(np.isfinite(received), axis=1)
         if not np.all(finite):
             self._wrong(int(np.sum(~finite)), "a sample with a number that is not finite")
-        return self._take(came[finite])
+        return self._take(received[finite])
 
     def _take(self, good: Float) -> int:
         self.good = len(good)
@@ -89,8 +89,8 @@ class PolledForce:
         self.frozen = self._same >= FROZEN - 1
         self.saturated = bool(np.any(np.abs(good) > self._limit))
         self.w_sensor[:] = good.mean(axis=0)
-        kept = min(self.good, MOST_SAMPLES)
-        self.samples[:kept] = good[:kept]
+        count = min(self.good, MOST_SAMPLES)
+        self.samples[:count] = good[:count]
         return self.good
 
     def _wrong(self, count: int, fault: str) -> int:

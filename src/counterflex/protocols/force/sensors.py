@@ -60,20 +60,20 @@ class ForceSensorKind:
     values: Mapping[str, Value] = field(default_factory=dict)
 
 
-def link_values(name: str, given: Mapping[str, Value]) -> dict[str, Value]:
+def link_values(name: str, values: Mapping[str, Value]) -> dict[str, Value]:
     """Values of ``[sensor.link]`` with defaults.
 
     Raises:
         ValueError: A key that the protocol does not have, or a value of another type than its default.
     """
     kind = FORCE_SENSORS[name]
-    for key, value in given.items():
+    for key, value in values.items():
         if key not in kind.values:
             raise ValueError(f"the {name} protocol has no key {key}; it has {', '.join(kind.values) or 'none'}")
-        wanted = type(kind.values[key])
-        if type(value) is not wanted and not (wanted is float and type(value) is int):
-            raise ValueError(f"{key} of the {name} protocol is a {type(value).__name__}, expected {wanted.__name__}")
-    return {**kind.values, **given}
+        expected = type(kind.values[key])
+        if type(value) is not expected and not (expected is float and type(value) is int):
+            raise ValueError(f"{key} of the {name} protocol is a {type(value).__name__}, expected {expected.__name__}")
+    return {**kind.values, **values}
 
 
 def opened(name: str, opening: Opening) -> ForceSource:

@@ -75,24 +75,24 @@ class RsiCalls:
 
     def between(self, begin: str, end: str) -> tuple[Statement, ...]:
         """Statements after the first ``begin`` and before the next ``end`` (or up to the end of the routine)."""
-        found: list[Statement] = []
+        statements: list[Statement] = []
         inside = False
         for item in self.statements:
             if inside and item.what == end:
                 break
             if inside:
-                found.append(item)
+                statements.append(item)
             inside = inside or item.what == begin
-        return tuple(found)
+        return tuple(statements)
 
     def public_parameters(self) -> dict[tuple[str, str], tuple[float | None, int]]:
         """What RSI_SETPUBLICPAR sets: value (None where it is computed) and line by object and parameter."""
-        found: dict[tuple[str, str], tuple[float | None, int]] = {}
+        parameters: dict[tuple[str, str], tuple[float | None, int]] = {}
         for item in self.statements:
             if item.what == "RSI_SETPUBLICPAR" and len(item.arguments) == 4:
                 name, parameter = (text.strip('"') for text in item.arguments[1:3])
-                found[name, parameter] = (decimal(item.arguments[3]), item.line)
-        return found
+                parameters[name, parameter] = (decimal(item.arguments[3]), item.line)
+        return parameters
 
 
 def read_calls(path: str | Path) -> RsiCalls:
@@ -113,7 +113,7 @@ def read_calls(path: str | Path) -> RsiCalls:
 
 def parse_calls(text: str, where: str) -> RsiCalls:
     """Read the first routine of a KRL text. Raises as :func:`read_calls`."""
-    found: list[Statement] = []
+    statements: list[Statement] = []
     inside, depth = False, 0
     for number, raw in enumerate(text.splitlines(), start=1):
         line = raw.split(";")[0].strip()
@@ -126,22 +126,22 @@ def parse_calls(text: str, where: str) -> RsiCalls:
             depth = max(0, depth - 1)
             continue
         if "RSIOK" in line.upper():
-            found.append(Statement(number, "RSIOK"))
+            statements.append(Statement(number, "RSIOK"))
         if re.match(r"SWITCH\b", line, re.IGNORECASE) or (_OPENS.match(line) and line.upper().startswith("IF")):
             depth += 1
-        found += _statements(line, number, depth > 0)
+        statements += _statements(line, number, depth > 0)
     if not inside:
         raise FileFormatError("not a KRL program: no DEF NAME( )", where=where)
-    return RsiCalls(tuple(found), where)
+    return RsiCalls(tuple(statements), where)
 
 
 def _statements(line: str, number: int, guarded: bool) -> list[Statement]:
-    found = []
+    statements = []
     for call in _CALL.finditer(line):
         arguments = tuple(word.strip() for word in call[2].split(",")) if call[2].strip() else ()
-        found.append(Statement(number, call[1].upper(), arguments, guarded, _result(line)))
-    if found:
-        return found
+        statements.append(Statement(number, call[1].upper(), arguments, guarded, _result(line)))
+    if statements:
+        return statements
     motion = _MOTION.match(line)
     if motion:
         return [Statement(number, motion[1].upper(), (), guarded)]
@@ -159,8 +159,8 @@ def _statements(line: str, number: int, guarded: bool) -> list[Statement]:
     called = _NAMED.match(line)
     if called is None:
         return []
-    given = tuple(word.strip() for word in called[2].split(",")) if called[2].strip() else ()
-    return [Statement(number, "CALL", (called[1], *given), guarded)]
+    values = tuple(word.strip() for word in called[2].split(",")) if called[2].strip() else ()
+    return [Statement(number, "CALL", (called[1], *values), guarded)]
 
 
 def _condition(line: str) -> str:
@@ -168,5 +168,5 @@ def _condition(line: str) -> str:
 
 
 def _result(line: str) -> str:
-    found = re.match(r"(\w+)\s*=", line)
-    return found[1] if found else ""
+    match = re.match(r"(\w+)\s*=", line)
+    return match[1] if match else ""

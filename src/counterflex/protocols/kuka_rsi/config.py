@@ -155,7 +155,7 @@ def _text(root: Element, path: str, where: str) -> str:
 
 
 def _tags(root: Element, section: str, keywords: dict[str, tuple[str, ...]], where: str) -> tuple[Tag, ...]:
-    found, taken = [], set()
+    tags, taken = [], set()
     for element in root.findall(f"{section}/ELEMENTS/ELEMENT"):
         tag, kind, index = element.get("TAG", ""), element.get("TYPE", "").upper(), element.get("INDX", "")
         place = f"{where}: {section} {tag or '?'}"
@@ -180,20 +180,20 @@ def _tags(root: Element, section: str, keywords: dict[str, tuple[str, ...]], whe
         hold = element.get("HOLDON", "1")
         if hold not in ("0", "1"):
             raise FileFormatError("HOLDON is neither 0 nor 1", where=place, value=repr(hold))
-        found.append(Tag(tag, kind, channel, hold == "1"))  # type: ignore[arg-type]
-    return tuple(found)
+        tags.append(Tag(tag, kind, channel, hold == "1"))  # type: ignore[arg-type]
+    return tuple(tags)
 
 
 def _values(tags: tuple[Tag, ...], keywords: dict[str, tuple[str, ...]]) -> tuple[Value, ...]:
-    found = []
+    values = []
     for tag in tags:
         if tag.tag.startswith("DEF_"):
             word = tag.tag[4:]
             element = word.split(".")[0]
             attributes = keywords[word]
             kinds = [Value(element, attribute, tag.kind, tag) for attribute in attributes]
-            found += kinds or [Value(element, "", tag.kind, tag)]
+            values += kinds or [Value(element, "", tag.kind, tag)]
         else:
             element, _, attribute = tag.tag.partition(".")
-            found.append(Value(element, attribute, tag.kind, tag))
-    return tuple(found)
+            values.append(Value(element, attribute, tag.kind, tag))
+    return tuple(values)

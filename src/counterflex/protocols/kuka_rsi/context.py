@@ -152,14 +152,14 @@ def parse_context(text: bytes, where: str) -> RsiContextFile:
             limit="<RSIObjects> (.rsi.xml) or <RsiContext> (.rsix)",
             hint="The .rsi file is the editor's drawing; give the .rsi.xml beside it",
         )
-    found = [_object(item, first, where) for item in root.iter() if _local(item).lower() == "rsiobject"]
-    names = [item.name for item in found]
+    objects = [_object(item, first, where) for item in root.iter() if _local(item).lower() == "rsiobject"]
+    names = [item.name for item in objects]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise FileFormatError("two objects have one name", where=where, value=twice)
-    if not found:
+    if not objects:
         raise FileFormatError("the context has no objects", where=where)
-    return RsiContextFile(tuple(found), where, first)
+    return RsiContextFile(tuple(objects), where, first)
 
 
 def _local(element: Element) -> str:
@@ -167,8 +167,8 @@ def _local(element: Element) -> str:
 
 
 def _object(element: Element, first: int, where: str) -> ContextObject:
-    given = _attributes(element)
-    kind, name = given.get("objtype", "").upper(), given.get("objid", "")
+    attributes = _attributes(element)
+    kind, name = attributes.get("objtype", "").upper(), attributes.get("objid", "")
     if not kind or not name:
         raise FileFormatError("an object has no ObjType or no ObjID", where=where, value=name or kind or None)
     inputs, parameters, public, numbers = [], {}, set(), {}
@@ -193,7 +193,7 @@ def _object(element: Element, first: int, where: str) -> ContextObject:
                 numbers[values.get("name", "")] = number
             if values.get("ispublic", "").lower() in ("true", "1"):
                 public.add(values.get("name", ""))
-    type_number = _whole(given.get("objtypeid", ""))
+    type_number = _whole(attributes.get("objtypeid", ""))
     return ContextObject(kind, name, tuple(inputs), parameters, frozenset(public), type_number, numbers)
 
 

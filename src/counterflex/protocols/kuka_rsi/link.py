@@ -105,8 +105,8 @@ class RsiLink:
         self.enable = False
         self.clamped = False
         self.job = 0
-        self._held: Float = np.zeros(len(names))
-        self._told = self._held.data  # the same, read faster
+        self._numbers: Float = np.zeros(len(names))
+        self._number_view = self._numbers.data  # the same, read faster
         self.holds_feed = self._place_of("FeedHold") >= 0
         places = [self._place_of("Stop"), self._place_of("FeedHold"), self._override, self._place_of("State")]
         nowhere = np.zeros(0, dtype=np.int64)
@@ -121,9 +121,9 @@ class RsiLink:
         )
         self._empty = False
         self._again: tuple[bool, bool, float, State] | None = None
-        self._kept: Float = np.zeros(6)
-        self._kept_axes = False
-        self._said = -1
+        self._last_correction: Float = np.zeros(6)
+        self._last_as_axes = False
+        self._repeated_counter = -1
 
     def _place_of(self, name: str) -> int:
         return self._writer.names.index(name) if name in self._writer.names else -1
@@ -139,7 +139,7 @@ class RsiLink:
         return self._axes_out is not None
 
     @property
-    def tells_currents(self) -> bool:
+    def has_currents(self) -> bool:
         """Whether motor currents come."""
         return self._currents is not None
 
@@ -151,38 +151,38 @@ class RsiLink:
     def wait(self, timeout_s: float) -> bool:
         """Wait for a telegram; see :class:`counterflex.protocols.robot.link.RobotLink`."""
         self.elapsed, self.restarted = 0, False
-        found = self._port.wait(timeout_s, self._read)
-        if found:
+        received = self._port.wait(timeout_s, self._read)
+        if received:
             self._count()
-        return found
+        return received
 
     def _read(self, length: int) -> Verdict:
         status = self._reader.read(self._port.data, length)
         if status not in (OK, MISSING) or (status == MISSING and self._reader.seen.any()):
-            self._say_again(length)
+            self._repeat_answer(length)
             return _MALFORMED
         verdict = self._line.judge(self._reader.counter)
         if verdict is _NEW:
             self._empty = status == MISSING
-            self._held[:] = self._reader.values
+            self._numbers[:] = self._reader.values
         return verdict
 
-    def _say_again(self, length: int) -> None:
+    def _repeat_answer(self, length: int) -> None:
         """Answer a telegram whose numbers cannot be read, but whose counter can: with what :meth:`repeat` was told.
 
         It is no telegram for the loop. But a robot whose telegrams are unreadable without end must be told to stop.
         """
         if self._again is None:
             return
-        found = _COUNTER.search(self._port.data[:length].tobytes())
-        counter = int(found.group(1)) if found is not None else -1
-        if not self._line.follows(counter) or counter == self._said:
+        match = _COUNTER.search(self._port.data[:length].tobytes())
+        counter = int(match.group(1)) if match is not None else -1
+        if not self._line.follows(counter) or counter == self._repeated_counter:
             return
-        self._said = counter
+        self._repeated_counter = counter
         self.counters.repeated += 1
         stop, feed_hold, override, state = self._again
-        kept, as_axes = self._kept, self._kept_axes
-        answer(self._table.rows, self._port.target, counter, kept, as_axes, stop, feed_hold, override, int(state))
+        correction, as_axes = self._last_correction, self._last_as_axes
+        answer(self._table.rows, self._port.target, counter, correction, as_axes, stop, feed_hold, override, int(state))
 
     def repeat(self, *, stop: bool, feed_hold: bool, override: float, state: State, silent: bool) -> None:
         """What is said beside the correction that was sent last to telegrams that can only be answered, not read.
@@ -202,11 +202,11 @@ class RsiLink:
         counters.lost += self.elapsed - 1
         counters.telegrams += 1
         if self._delay >= 0:
-            counters.late_at_robot = int(self._told[self._delay])
-        enable = 1.0 if self._enable < 0 else self._told[self._enable]
+            counters.late_at_robot = int(self._number_view[self._delay])
+        enable = 1.0 if self._enable < 0 else self._number_view[self._enable]
         self.enable = enable > 0.5
         self.job = int(enable + 0.5) if 1.5 < enable < 2**31 else 0
-        self.clamped = self._stat >= 0 and self._told[self._stat] > 1.5
+        self.clamped = self._stat >= 0 and self._number_view[self._stat] > 1.5
 
     @property
     def address(self) -> tuple[str, int]:
@@ -225,27 +225,27 @@ class RsiLink:
 
     def fill(self, nominal: Float, q: Float) -> None:
         """Write commanded pose and axis angles of the newest telegram: (12,) rotation by rows, position; (6,) rad."""
-        read_stand(self._held, self._nominal, self._axes, nominal, q)
+        read_stand(self._numbers, self._nominal, self._axes, nominal, q)
 
     def fill_actual(self, out: Float) -> bool:
         """Write the pose that the controller reports (encoders, nominal geometry) as measured; False without RIst."""
         if self._actual is None:
             return False
-        read_pose(self._held, self._actual, out, 0)
+        read_pose(self._numbers, self._actual, out, 0)
         return True
 
     def fill_reported(self, out: Float) -> bool:
         """Write the pose that the controller itself reports (RIst: encoders, nominal geometry); False without one."""
         if self._actual is None:
             return False
-        read_pose(self._held, self._actual, out, 0)
+        read_pose(self._numbers, self._actual, out, 0)
         return True
 
     def fill_currents(self, current: Float) -> bool:
         """Write the motor currents (6,) MACur as they are sent: A, or % of the largest; False without them."""
         if self._currents is None:
             return False
-        np.take(self._held, self._currents, out=current)
+        np.take(self._numbers, self._currents, out=current)
         return True
 
     def answer(
@@ -268,7 +268,7 @@ class RsiLink:
         fd = self._port.target
         as_axes = axes is not None and self._axes_out is not None
         sent: Float = axes if as_axes and axes is not None else correction
-        self._kept[:], self._kept_axes = sent, as_axes
+        self._last_correction[:], self._last_as_axes = sent, as_axes
         self._again = stop, feed_hold, override, state
         length = answer(self._table.rows, fd, self._line.newest, sent, as_axes, stop, feed_hold, override, int(state))
         return length > 0 and (fd >= 0 or self._port.send(self._writer.buffer.data[:length]))

@@ -91,8 +91,8 @@ class Setup:
     @property
     def ethernet(self) -> ContextObject | None:
         """ETHERNET object of the context, or None."""
-        found = self.context.of_kind("ETHERNET") if self.context else ()
-        return found[0] if found else None
+        objects = self.context.of_kind("ETHERNET") if self.context else ()
+        return objects[0] if objects else None
 
     def at(self, tag: str) -> str:
         """Place of a tag, for messages."""
@@ -115,7 +115,7 @@ class Setup:
 Rule = Callable[[Setup], Iterator[Finding]]
 
 
-def told_variables(setup: Setup, name: str) -> tuple[str, ...]:
+def message_variables(setup: Setup, name: str) -> tuple[str, ...]:
     """Variables ``$SEN_PREA[n]`` and ``$SEN_PINT[n]`` that a tag of the answer arrives in, as KRL writes them."""
     item, value = setup.ethernet, setup.received.get(name)
     if setup.context is None or item is None or value is None or value.tag.channel is None:

@@ -16,7 +16,7 @@ from counterflex.protocols.kuka_rsi.config import RsiConfig, Value
 from counterflex.protocols.kuka_rsi.kernel import NUMBER, OK, TEXT, compose, scan
 
 LARGEST_DATAGRAM = 65_507
-SAID = {
+SCAN_FAULTS = {
     1: "not an RSI telegram",
     2: "the telegram is cut short",
     3: "the telegram is malformed",
@@ -197,7 +197,7 @@ def check_read(status: int, reader: Reader) -> None:
     if status != OK:
         missing = [name for name, there in zip(reader.names, reader.seen, strict=True) if not there]
         raise ProtocolError(
-            SAID[status], where=f"byte {reader.stopped_at}", value=", ".join(missing) if status == 6 else None
+            SCAN_FAULTS[status], where=f"byte {reader.stopped_at}", value=", ".join(missing) if status == 6 else None
         )
 
 

@@ -98,9 +98,9 @@ class NetftLink:
         inbox = self._inbox
         if not inbox.many:
             self._one_by_one()
-        found = drain_records(inbox.fd, not inbox.many, self._table.rows)
-        self.good, self.first, self.saturated, self.frozen = found
-        return found[0]
+        counts = drain_records(inbox.fd, not inbox.many, self._table.rows)
+        self.good, self.first, self.saturated, self.frozen = counts
+        return counts[0]
 
     def _one_by_one(self) -> None:
         inbox, received = self._inbox, self._received

@@ -118,10 +118,10 @@ def read_scaling(document: bytes, where: str = "netftapi2.xml") -> Scaling:
         raise ProtocolError(f"not an XML document: {fault}", where=where) from fault
 
     def text(name: str) -> str:
-        found = root.find(f".//{name}")
-        if found is None or not (found.text or "").strip():
+        element = root.find(f".//{name}")
+        if element is None or not (element.text or "").strip():
             raise ProtocolError(f"the field '{name}' is missing", where=where)
-        return (found.text or "").strip()
+        return (element.text or "").strip()
 
     def number(name: str) -> float:
         try:
@@ -170,16 +170,16 @@ def _calibrated(root: Element, force: float, moment: float) -> tuple[Three, Thre
     def six(name: str) -> list[float]:
         words = (root.findtext(f".//{name}") or "").replace(";", " ").replace(",", " ").split()
         try:
-            found = [float(word) for word in words]
+            values = [float(word) for word in words]
         except ValueError:
             return []
-        return found if len(found) == 6 and all(math.isfinite(value) for value in found) else []
+        return values if len(values) == 6 and all(math.isfinite(value) for value in values) else []
 
     rated = six("cfgmr")
     if not rated:
         return (math.inf,) * 3, (math.inf,) * 3
-    said = [value if value > 0.0 else math.inf for value in rated]
-    forces, moments = [force * value for value in said[:3]], [moment * value for value in said[3:]]
+    limits = [value if value > 0.0 else math.inf for value in rated]
+    forces, moments = [force * value for value in limits[:3]], [moment * value for value in limits[3:]]
     moved = six("cfgtfx")
     if any(moved[3:]):
         forces, moments = [math.hypot(*forces)] * 3, [math.hypot(*moments)] * 3

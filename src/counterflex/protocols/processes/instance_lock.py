@@ -70,15 +70,15 @@ class InstanceLock:
 
 def holders(folder: Path) -> list[dict[str, Any]]:
     """What the lock files of a folder say of those who hold them now, or held them when they died."""
-    found = []
+    locks = []
     for path in sorted(folder.glob("robot-*.lock")):
         try:
-            said = json.loads(path.read_text(encoding="utf-8")[:_LONGEST])
+            content = json.loads(path.read_text(encoding="utf-8")[:_LONGEST])
         except (ValueError, OSError):
             continue
-        if isinstance(said, dict):
-            found.append(said)
-    return found
+        if isinstance(content, dict):
+            locks.append(content)
+    return locks
 
 
 def _holder(stream: TextIOWrapper) -> str:

@@ -46,23 +46,23 @@ class Living:
         self._handles = select.poll() if hasattr(select, "poll") and hasattr(os, "pidfd_open") else None
         self._plain: list[int] = []
         self._open: list[int] = []
-        self._gone = False
+        self._ended = False
 
     def gone(self) -> bool:
         """Whether one of them has died; once it has, for ever."""
-        if self._gone:
+        if self._ended:
             return True
         if self._unknown:
             self._unknown = [place for place in self._unknown if not self._begin(int(self._control[place]))]
         if self._handles is not None and self._open and self._handles.poll(0):
-            self._gone = True
+            self._ended = True
         if self._plain and (self._silent() or not all(_lives(number) for number in self._plain)):
-            self._gone = True
-        return self._gone
+            self._ended = True
+        return self._ended
 
     def _silent(self) -> bool:
         now = self._clock_ns()
-        return any((said := int(self._control[place])) != 0 and now - said > _SILENT_NS for place in self._beats)
+        return any((beat_ns := int(self._control[place])) != 0 and now - beat_ns > _SILENT_NS for place in self._beats)
 
     def _begin(self, number: int) -> bool:
         if number == 0:
@@ -73,7 +73,7 @@ class Living:
         try:
             handle = os.pidfd_open(number)
         except ProcessLookupError:
-            self._gone = True
+            self._ended = True
         except OSError:  # an older kernel, or one that forbids it
             self._plain.append(number)
         else:

@@ -39,7 +39,7 @@ class OneRun:
         self._path, self._made = folder / LOCK, _missing(folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._handle, locked = self._held(folder)
+            self._handle, locked = self._locked_handle(folder)
         except OutputError:
             self._unmake()
             raise
@@ -56,20 +56,20 @@ class OneRun:
             self.close()
             raise
 
-    def _held(self, folder: Path) -> tuple[int, bool]:
+    def _locked_handle(self, folder: Path) -> tuple[int, bool]:
         """A handle of the file that has this name: one that has just been given back is no lock any more.
 
         And whether it is held, which not every file system can do.
         """
         while True:
             handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
-            held = own(handle)
-            if held is False:
+            locked = own(handle)
+            if locked is False:
                 os.close(handle)
                 raise _refused(folder, _holder(folder))
             with contextlib.suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(handle), self._path.stat()):
-                    return handle, bool(held)
+                    return handle, bool(locked)
             os.close(handle)
 
     def close(self) -> None:
@@ -99,32 +99,32 @@ def _missing(folder: Path) -> list[Path]:
     return out
 
 
-def _said(folder: Path) -> tuple[Path, int] | None:
+def _operator_entry(folder: Path) -> tuple[Path, int] | None:
     """Where the numbers of the run are that an operator would find there, and its process."""
     try:
-        said = json.loads((folder / FILE).read_text(encoding="utf-8"))
-        return Path(said["words"]), int(said["pid"])
+        content = json.loads((folder / FILE).read_text(encoding="utf-8"))
+        return Path(content["words"]), int(content["pid"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
 def _holder(folder: Path) -> str:
-    said = _said(folder)
-    return "it is being started" if said is None else f"process {said[1]}"
+    entry = _operator_entry(folder)
+    return "it is being started" if entry is None else f"process {entry[1]}"
 
 
 def _require_free(folder: Path, *, locked: bool) -> None:
     """No run goes on there whose first process is gone; without locks, also none whose first process lives."""
-    said = _said(folder)
-    if said is None:
+    entry = _operator_entry(folder)
+    if entry is None:
         return
-    words, pid = said
+    words, pid = entry
     try:
         with SharedWords(CONTROL, words) as shared:
-            told_ns = time.monotonic_ns() - shared.words[Life.LOOP_NS]
+            silent_ns = time.monotonic_ns() - shared.words[Life.LOOP_NS]
     except InputError:
         return
-    if told_ns < _SILENT_NS or (not locked and process_lives(pid)):
+    if silent_ns < _SILENT_NS or (not locked and process_lives(pid)):
         raise _refused(folder, f"process {pid}")
 
 

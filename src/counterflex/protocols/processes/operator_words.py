@@ -59,8 +59,8 @@ def find(folder: Path, locks: Path) -> SharedWords:
     """
     path = folder / FILE
     try:
-        said = json.loads(path.read_text(encoding="utf-8"))
-        words: Path | None = Path(said["words"])
+        content = json.loads(path.read_text(encoding="utf-8"))
+        words: Path | None = Path(content["words"])
     except (FileNotFoundError, NotADirectoryError) as fault:
         words = _locked(folder, locks)
         if words is None:
@@ -85,9 +85,9 @@ def find(folder: Path, locks: Path) -> SharedWords:
 
 def _locked(folder: Path, locks: Path) -> Path | None:
     """By the lock of the loop, which stands elsewhere."""
-    wanted = str(folder.absolute())
-    for said in holders(locks):
-        words = said.get("words")
-        if said.get("run") == wanted and isinstance(words, str) and Path(words).exists():
+    run = str(folder.absolute())
+    for lock in holders(locks):
+        words = lock.get("words")
+        if lock.get("run") == run and isinstance(words, str) and Path(words).exists():
             return Path(words)
     return None

@@ -105,8 +105,8 @@ def _opened(path: Path, size: int) -> int:
     if not share(handle):
         os.close(handle)
         raise InputError("no shared memory there: it has just been cleared", where=str(path))
-    found = os.fstat(handle)
-    if found.st_size != size or (hasattr(os, "getuid") and found.st_uid != os.getuid()):
+    status = os.fstat(handle)
+    if status.st_size != size or (hasattr(os, "getuid") and status.st_uid != os.getuid()):
         os.close(handle)
-        raise InputError("not the shared memory of a run of yours", where=str(path), value=found.st_size, limit=size)
+        raise InputError("not the shared memory of a run of yours", where=str(path), value=status.st_size, limit=size)
     return handle

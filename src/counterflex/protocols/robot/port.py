@@ -138,23 +138,23 @@ class RobotPort:
         Returns:
             Whether one of them was :attr:`Verdict.NEW`.
         """
-        found, taken, left_ns = False, 0, int(timeout_s * 1e9)
-        end = time.monotonic_ns() + left_ns
+        received, taken, remaining_ns = False, 0, int(timeout_s * 1e9)
+        end = time.monotonic_ns() + remaining_ns
         while taken < _MOST_DRAINED:
-            count = self._receive(left_ns)
+            count = self._receive(remaining_ns)
             for row in range(count):
                 if self._take(row, read):
-                    self.counters.drained += int(found)
-                    found = True
+                    self.counters.drained += int(received)
+                    received = True
             taken += count
             if count == self._most:  # there may be more
-                left_ns = 0
+                remaining_ns = 0
                 continue
             # What is no telegram does not end the wait: rubbish must not look like a cycle without one.
-            left_ns = 0 if found else end - time.monotonic_ns()
-            if left_ns <= 0:
+            remaining_ns = 0 if received else end - time.monotonic_ns()
+            if remaining_ns <= 0:
                 break
-        return found
+        return received
 
     def _receive(self, timeout_ns: int) -> int:
         """Datagrams that came, in the rows of the inbox; waits for the first one."""

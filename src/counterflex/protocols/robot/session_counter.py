@@ -35,7 +35,7 @@ class SessionCounter:
         self._cycle_ms = cycle_ms
         self.newest = -1
         self._last = -1
-        self._apart, self._run = -1, 0
+        self._other, self._run = -1, 0
         self._another = False
 
     def judge(self, counter: int) -> Verdict:
@@ -45,9 +45,9 @@ class SessionCounter:
             self._run, self.newest = 0, counter
             return _NEW
         near = -_SESSION_MS < step <= 0
-        follows = self._run > 0 and 0 < counter - self._apart <= _FOLLOWS * self._cycle_ms
+        follows = self._run > 0 and 0 < counter - self._other <= _FOLLOWS * self._cycle_ms
         self._run = self._run + 1 if follows else 1
-        self._apart = counter
+        self._other = counter
         if self._run < (_NEAR_RUN if near else _FAR_RUN):
             return _OLD if near else _ASTRAY
         self._run, self._another, self.newest = 0, True, counter

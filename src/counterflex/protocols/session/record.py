@@ -31,9 +31,9 @@ def write_record(
     row[record.FLAGS : record.RESULTS] = loop.inputs[1]
     row[record.RESULTS : record.OUTCOME] = loop.answers[0]
     row[record.OUTCOME : record.MONITOR] = loop.answers[1]
-    fast, found, events = loop.monitor.columns
+    fast, tests, events = loop.monitor.columns
     row[record.FAST : record.SENSOR] = fast
-    row[record.MONITOR : record.MONITOR_OUTCOME] = found
+    row[record.MONITOR : record.MONITOR_OUTCOME] = tests
     row[record.MONITOR_OUTCOME : record.CYCLE] = events
     row[record.CYCLE] = loop.cycle
     ring.commit()

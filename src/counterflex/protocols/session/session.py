@@ -220,70 +220,70 @@ class OnlineSession:
         """
         return self.handle_cycle(self.link.wait(timeout_s))
 
-    def handle_cycle(self, came: bool) -> bool:
+    def handle_cycle(self, received: bool) -> bool:
         """Handle the telegram that :attr:`link` received, or a cycle in which none was received.
 
         Args:
-            came: There is a telegram.
+            received: There is a telegram.
 
         Returns:
             The same.
         """
         link, loop = self.link, self.loop
-        received = self._clock_ns()
+        received_ns = self._clock_ns()
         given, result = self._given, self._result
         soft, hard = 0, 0
-        self._another = self._another or (came and link.restarted)
-        asked = came
-        if came and link.empty:  # says nothing of the robot
+        self._another = self._another or (received and link.restarted)
+        answer_due = received
+        if received and link.empty:  # says nothing of the robot
             if result.state <= _READY:
                 link.answer(loop.correction, loop.axes if self._axes else None)
                 return True
-            came = False  # once something is in force it stays in force, and is no telegram
+            received = False  # once something is in force it stays in force, and is no telegram
         given.is_reported = 0
-        if came and self._another:
+        if received and self._another:
             hard, self._another = _RESTARTED, False
-        if came:
+        if received:
             link.fill(self._nominal, self._q)
             given.is_reported = int(link.fill_reported(self._reported))
-        soft, hard = self._watch_telegrams(came, received, hard)
-        if came and self._angles is not None:
+        soft, hard = self._watch_telegrams(received, received_ns, hard)
+        if received and self._angles is not None:
             soft = self._watch_angles(self._angles) or soft
-        self._since += link.elapsed if came else 0
+        self._since += link.elapsed if received else 0
         new = 0
         try:
             soft, hard = self._read_force(soft, hard)
             new = self._read_tracker()
-            self._read_currents(came)
+            self._read_currents(received)
         except Exception as fault:  # whatever it is: the robot is told to stop, not left with what stood last
             self._failed(fault)
         if link.clamped and soft == 0:
             soft = _CLAMPED
-        soft, hard = self._watch_program(soft, hard, received)
+        soft, hard = self._watch_program(soft, hard, received_ns)
         if soft == 0 and result.state <= _READY:
             soft = self._lacking()
-        self._fill_flags(came, soft, hard, new)
+        self._fill_flags(received, soft, hard, new)
         loop.run()
         self._serve_requests()
-        if came:
+        if received:
             self._answered = not result.silent
-        self._reply(asked)
+        self._reply(answer_due)
         sent = self._clock_ns()
-        self.compute_ns = sent - received
-        self.cycles += int(came)
+        self.compute_ns = sent - received_ns
+        self.cycles += int(received)
         if self.ring is not None:
-            write_record(self.ring, link, loop, self.force, received, sent)
+            write_record(self.ring, link, loop, self.force, received_ns, sent)
         if self._teller is not None:
             self._teller.tell(
                 sent,
-                came=came,
+                received=received,
                 cycles=self.cycles,
                 clock_jumps=self.watch.clock_jumps,
                 set_back=self.set_back,
                 force_age=self._force_age,
                 tracker_age=self._tracker_age,
             )
-        return came
+        return received
 
     def _serve_requests(self) -> None:
         """What the operator asked for, and the step has now seen."""
@@ -295,23 +295,23 @@ class OnlineSession:
         self._let_go(bool(control[_RESET]))
         control[_RESET] = 0
 
-    def _fill_flags(self, came: bool, soft: int, hard: int, new: int) -> None:
+    def _fill_flags(self, received: bool, soft: int, hard: int, new: int) -> None:
         """Write what this cycle knows beside numbers into the inputs of the step."""
         link, given, control = self.link, self._given, self.control
-        given.elapsed = link.elapsed if came else 0
+        given.elapsed = link.elapsed if received else 0
         given.force_age = self._force_age if self._needs_force or self.force is None else 0
         given.tracker_new, given.tracker_age = new, self._tracker_age
         given.healthy = self._healthy()
         given.arm, given.stop = int(control[_ARM]), int(control[_STOP])
         given.reset = int(control[_RESET])
-        given.enable = int(link.enable) if came else given.enable
+        given.enable = int(link.enable) if received else given.enable
         given.soft, given.hard = soft, hard
         given.sources, given.current_age = self._sources, self._current_age
 
-    def _reply(self, asked: bool) -> None:
+    def _reply(self, due: bool) -> None:
         """Answer the telegram, or repeat a stop where the protocol does that without one."""
         link, loop, result = self.link, self.loop, self._result
-        if asked and not result.silent:
+        if due and not result.silent:
             try:
                 link.answer(
                     loop.correction,
@@ -332,37 +332,37 @@ class OnlineSession:
                 silent=bool(result.silent),
             )
 
-    def _watch_telegrams(self, came: bool, received: int, hard: int) -> tuple[int, int]:
+    def _watch_telegrams(self, received: bool, received_ns: int, hard: int) -> tuple[int, int]:
         link, watch = self.link, self.watch
         counters = link.counters
-        self._silent_cycles = 0 if came else self._silent_cycles + 1
-        if not came:
+        self._silent_cycles = 0 if received else self._silent_cycles + 1
+        if not received:
             return watch.silent(counters.malformed_in_a_row)
         if hard == _RESTARTED:
             watch.restart()
-        soft, found = watch.came(
+        soft, fault = watch.came(
             link.elapsed,
             link.counter,
-            received,
+            received_ns,
             counters.late_at_robot,
             counters.malformed_in_a_row,
             answered=self._answered,
             repeated=counters.repeated - self._repeated,
         )
         self._repeated = counters.repeated
-        return soft, hard or found
+        return soft, hard or fault
 
     def _watch_angles(self, angles: AxisCheck) -> int:
         """Cause of a hold where angles and poses of the telegram disagree: before a sensor is read by the angles."""
         link = self.link
-        told = link.measured_is != ABSENT and link.fill_actual(self._stand)
+        measured = link.measured_is != ABSENT and link.fill_actual(self._stand)
         return angles(
             self._q,
             self._nominal,
             self.loop.correction,
             learn=self._result.state <= _READY,
             commanded_is=link.commanded_is,
-            measured=self._stand if told else None,
+            measured=self._stand if measured else None,
             measured_is=link.measured_is,
         )
 
@@ -384,8 +384,8 @@ class OnlineSession:
 
     def _run_lost(self, now_ns: int) -> bool:
         control, longest = self.control, self._run_silent_ns
-        said = int(control[_RUN])
-        return bool(control[_GONE]) or (longest is not None and said != 0 and now_ns - said > longest)
+        cause = int(control[_RUN])
+        return bool(control[_GONE]) or (longest is not None and cause != 0 and now_ns - cause > longest)
 
     def _log_lost(self, armed: bool) -> bool:
         control, ring = self.control, self.ring
@@ -456,9 +456,9 @@ class OnlineSession:
         self._given.tracker_sigma = self.tracker.sigma_m
         return 1
 
-    def _read_currents(self, came: bool) -> None:
+    def _read_currents(self, received: bool) -> None:
         self._current_age += 1
-        if came and self._motors is not None and self.link.fill_currents(self._motors.current):
+        if received and self._motors is not None and self.link.fill_currents(self._motors.current):
             self._motors(self._q, self._torque)
             self._current_age = 0
 

@@ -50,7 +50,7 @@ class Teller:
         self,
         now_ns: int,
         *,
-        came: bool,
+        received: bool,
         cycles: int,
         clock_jumps: int,
         set_back: int,
@@ -61,7 +61,7 @@ class Teller:
 
         Args:
             now_ns: Monotonic.
-            came: There was a telegram.
+            received: There was a telegram.
             cycles: Telegrams so far.
             clock_jumps: How often the clocks parted.
             set_back: How often the tracker's clock was set back.
@@ -82,7 +82,7 @@ class Teller:
             round(1e3 * math.hypot(*tare.mean[:3])),
             round(1e3 * math.hypot(*tare.mean[3:])),
         )
-        if came:
+        if received:
             self._robot_ns = now_ns
         if force_age == 0 and self._force_ns != _NOTHING:
             self._force_ns = now_ns

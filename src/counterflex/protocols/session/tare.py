@@ -55,10 +55,10 @@ class Tare:
         if self._count < CYCLES:
             return
         self.mean[:] = self._sum / CYCLES
-        apart = (self._sum - 2.0 * self._first) / (CYCLES // 2)
+        drift = (self._sum - 2.0 * self._first) / (CYCLES // 2)
         self._sum[:] = 0.0
         self._count = 0
-        self.accepted = self._small(self.mean, 1.0) and self._small(apart, _STEADY)
+        self.accepted = self._small(self.mean, 1.0) and self._small(drift, _STEADY)
         self.refusals = 0 if self.accepted else self.refusals + 1
         if self.accepted and self._keep:
             self.zero[:] = self.mean

@@ -43,7 +43,7 @@ def tracker_off(words: Words) -> dict[str, float] | None:
     }
 
 
-def off_said(off: dict[str, Any]) -> str:
+def offset_message(off: dict[str, Any]) -> str:
     """The same in words: what, how much against what, what to do.
 
     Args:

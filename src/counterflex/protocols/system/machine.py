@@ -39,8 +39,8 @@ def look() -> Machine:
     governors = {_text(_CPU / f"cpu{k}" / "cpufreq" / "scaling_governor") for k in usable} - {""}
     free = None
     if _SHARED.is_dir() and hasattr(os, "statvfs"):
-        found = os.statvfs(_SHARED)
-        free = found.f_bavail * found.f_frsize
+        status = os.statvfs(_SHARED)
+        free = status.f_bavail * status.f_frsize
     return Machine(len(usable), tuple(sorted(governors)), _text(_CLOCK), _text(_REAL_TIME) == "1", free)
 
 

@@ -102,9 +102,9 @@ def measure(
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
         own.bind(("127.0.0.1", 0))
         own.settimeout(period_s)
-        wanted = time.perf_counter() + period_s
+        due = time.perf_counter() + period_s
         for k in range(-warm, cycles):
-            rest = wanted - time.perf_counter()
+            rest = due - time.perf_counter()
             if rest > 0.0:
                 time.sleep(rest)
             woke = time.perf_counter()
@@ -119,10 +119,10 @@ def measure(
             except (TimeoutError, ConnectionError):
                 end = np.nan
             if k >= 0:
-                late[k], compute[k], back[k] = woke - wanted, computed - woke, end - begin
+                late[k], compute[k], back[k] = woke - due, computed - woke, end - begin
             # A cycle that was missed is not made up for: the next one is the next that can be met.
-            missed = max(0.0, time.perf_counter() - wanted) // period_s
-            wanted += period_s * (1.0 + missed)
+            missed = max(0.0, time.perf_counter() - due) // period_s
+            due += period_s * (1.0 + missed)
         own.sendto(_END, peer)
     return Timed(late, compute, back)
 

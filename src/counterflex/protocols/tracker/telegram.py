@@ -70,17 +70,17 @@ def read_pose(data: bytes) -> TrackerPose:
     rows = np.zeros((1, DATAGRAM.size), dtype=np.uint8)
     rows[0, : min(len(data), DATAGRAM.size)] = np.frombuffer(data[: DATAGRAM.size], dtype=np.uint8)
     T, values = np.eye(4), np.zeros(8)
-    found = reading.read_datagram(rows, 0, len(data), T, values)
-    if found == reading.NO_DATAGRAM:
+    outcome = reading.read_datagram(rows, 0, len(data), T, values)
+    if outcome == reading.NO_DATAGRAM:
         raise ProtocolError("not a tracker datagram", value=f"{len(data)} bytes, {data[:4]!r}", limit="88 bytes, CFP1")
     _, sequence, time_ns, status, frame_id, *numbers = DATAGRAM.unpack(data)
-    if found == reading.UNKNOWN_STATUS:
+    if outcome == reading.UNKNOWN_STATUS:
         raise ProtocolError("unknown status bits of a tracker", value=f"0x{status:x}", limit=f"0x{_KNOWN:x}")
-    if found == reading.NOT_FINITE:
+    if outcome == reading.NOT_FINITE:
         raise ProtocolError("a tracker sent a number that is not finite", value=numbers)
-    if found == reading.OUT_OF_RANGE:
+    if outcome == reading.OUT_OF_RANGE:
         raise ProtocolError("a tracker's position is out of range", value=numbers, limit=f"{FARTHEST_MM:g} mm")
-    if found == reading.NOT_UNIT:
+    if outcome == reading.NOT_UNIT:
         size = math.hypot(*numbers[3:7])
         raise ProtocolError("a tracker's quaternion is not of unit length", value=size, limit=f"1 +- {reading.UNIT:g}")
     return TrackerPose(sequence, time_ns, status, frame_id, T, float(values[7]) * MM)

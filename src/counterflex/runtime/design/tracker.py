@@ -80,9 +80,9 @@ class TrackerPlant:
         T, n = self.period_s, len(B)
         whole = math.floor(self.delay_s / T + 1e-9)
         rest = max(0.0, self.delay_s - whole * T)
-        step, _ = _held(A, B, T)
-        to_the_end, early_input = _held(A, B, T - rest)
-        old = to_the_end @ _held(A, B, rest)[1]  # the input before still acts for ``rest``
+        step, _ = _zero_order_hold(A, B, T)
+        to_the_end, early_input = _zero_order_hold(A, B, T - rest)
+        old = to_the_end @ _zero_order_hold(A, B, rest)[1]  # the input before still acts for ``rest``
         size = n + whole + 1
         out, into, seen = np.zeros((size, size)), np.zeros(size), np.zeros(size)
         out[:n, :n] = step
@@ -181,13 +181,13 @@ class Margins:
         """Phase margin in deg."""
         return self.phase_rad / DEG
 
-    def meets(self, wanted: DesignGoals) -> bool:
+    def meets(self, goals: DesignGoals) -> bool:
         """Whether the margins are at least those wanted."""
         return (
             self.stable
-            and self.phase_rad >= wanted.phase_rad
-            and self.gain >= wanted.gain
-            and self.sensitivity <= wanted.sensitivity
+            and self.phase_rad >= goals.phase_rad
+            and self.gain >= goals.gain
+            and self.sensitivity <= goals.sensitivity
         )
 
 
@@ -351,12 +351,12 @@ def design(plant: TrackerPlant, goals: DesignGoals | None = None, *, notch: bool
     Raises:
         ModelError: Not even the smallest gain keeps the margins.
     """
-    wanted = goals if goals is not None else DesignGoals()
+    requested = goals if goals is not None else DesignGoals()
     shape = FLAT
     if notch and plant.mode_per_s > 0.0:
         shape = notch_at(plant.mode_per_s, plant.mode_damping, plant.period_s)
     ratio = plant.slow_s / plant.period_s - 0.5  # the sum has half a cycle of its own
-    robots = neighbours(plant, wanted)
+    robots = neighbours(plant, requested)
     f = grid(plant.period_s)
     answers = [robot.response(f) for robot in robots]
 
@@ -364,7 +364,7 @@ def design(plant: TrackerPlant, goals: DesignGoals | None = None, *, notch: bool
         gains = TrackerGains(integral, max(0.0, ratio) * integral, shape)
         own = gains.response(f, plant.period_s)
         for robot, answer in zip(robots, answers, strict=True):
-            if not margins_of(answer * own, f, stable=True).meets(wanted):
+            if not margins_of(answer * own, f, stable=True).meets(requested):
                 return False
             if not closed_loop_radius(robot, gains) < 1.0 - 1e-12:
                 return False
@@ -383,7 +383,7 @@ def design(plant: TrackerPlant, goals: DesignGoals | None = None, *, notch: bool
     return TrackerGains(low, max(0.0, ratio) * low, shape)
 
 
-def _held(A: Float, B: Float, time_s: float) -> tuple[Float, Float]:
+def _zero_order_hold(A: Float, B: Float, time_s: float) -> tuple[Float, Float]:
     """Transition (n, n) and input (n,) of ``x' = A x + B u`` over a time with u held."""
     n = len(B)
     block = np.zeros((n + 1, n + 1))

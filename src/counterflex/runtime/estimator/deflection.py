@@ -49,15 +49,15 @@ def sources_of(given: Record, settings: Record, soft: int, disbelieved: int, pla
         planned: 1 where there is a plan.
     """
     has = given.sources
-    found = _FROM_PLAN if planned == 1 else 0
+    usable = _FROM_PLAN if planned == 1 else 0
     bad = soft in (_FORCE_STALE, _FORCE_INVALID, _FORCE_SATURATED, _FORCE_OFFSET)
     if has & _FROM_FORCE and not bad and given.force_age < settings.stale:
-        found |= _FROM_FORCE
+        usable |= _FROM_FORCE
     if has & _FROM_TRACKER and given.tracker_age < settings.tracker_stale and disbelieved < settings.disbelieved:
-        found |= _FROM_TRACKER
-    if has & _FROM_CURRENTS and not found & _FROM_FORCE and given.current_age < settings.stale:
-        found |= _FROM_CURRENTS
-    return found
+        usable |= _FROM_TRACKER
+    if has & _FROM_CURRENTS and not usable & _FROM_FORCE and given.current_age < settings.stale:
+        usable |= _FROM_CURRENTS
+    return usable
 
 
 @kernel("boolean(Given)", Given=GIVEN)
@@ -67,9 +67,9 @@ def currents_shown(given: Record) -> bool:
 
 
 @kernel("int64(int64, int64, int64)")
-def missing_cause(has: int, found: int, soft: int) -> int:
+def missing_cause(has: int, usable: int, soft: int) -> int:
     """Why a source of the cell is not used, or 0; motor currents are not missed while there is a force."""
-    missing = has & ~found
+    missing = has & ~usable
     if missing & _FROM_FORCE:
         return soft if soft in (_FORCE_INVALID, _FORCE_SATURATED, _FORCE_OFFSET) else _FORCE_STALE
     if missing & _FROM_TRACKER:
@@ -108,7 +108,7 @@ def of_a_sensor(soft: int) -> bool:
 )
 def _currents(
     given: Record,
-    found: int,
+    usable: int,
     settings: Record,
     jac: Float,
     state: Record,
@@ -117,22 +117,22 @@ def _currents(
     gate: float,
 ) -> None:
     """Motor currents: what they show beside the force is their zero; where no force is measured, the rest tells it."""
-    torque, forced = given.torque[:], found & _FROM_FORCE != 0
-    idle, beside = state.idle[:], state.torque_residual[:]
+    torque, forced = given.torque[:], usable & _FROM_FORCE != 0
+    idle, torque_residual = state.idle[:], state.torque_residual[:]
     R = settings.R_base_part[:]
     motor, link = state.motor[:], state.link[:]
     for k in range(6):
-        beside[k] = torque[k]
+        torque_residual[k] = torque[k]
         link[k] = 0.0
     less_force(result.measured[:] if forced else cycle.predicted[:], jac, R, link)
     if forced:
         for k in range(6):
-            beside[k] += link[k]
+            torque_residual[k] += link[k]
     for k in range(6):
         motor[k] = given.q[k] + result.axes[k]
         link[k] = motor[k] - settings.torsion[k] * link[k]
-    known = follow_idle(motor, link, beside, cycle.cut <= 0.0 or forced, state, idle)
-    if known == 0 or cycle.cut <= 0.0 or not (found & _FROM_CURRENTS and found & _FROM_PLAN):
+    known = follow_idle(motor, link, torque_residual, cycle.cut <= 0.0 or forced, state, idle)
+    if known == 0 or cycle.cut <= 0.0 or not (usable & _FROM_CURRENTS and usable & _FROM_PLAN):
         return
     fusion = state.fusion
     shares(cycle.predicted[:], cycle.direction[:], fusion.bent[:])
@@ -161,7 +161,7 @@ def _swing_share(state: Record) -> float:
 )
 def estimate_loads(
     given: Record,
-    found: int,
+    usable: int,
     shown: bool,
     settings: Record,
     jac: Float,
@@ -173,7 +173,7 @@ def estimate_loads(
 
     Args:
         given: Inputs of the cycle.
-        found: Bits of Source in use.
+        usable: Bits of Source in use.
         shown: There are motor currents in this cycle, and the robot moves; in use or not, their zero is learnt.
         settings: Of the loop.
         jac: (36,) rigid Jacobian of the last cycle, base axes.
@@ -187,13 +187,13 @@ def estimate_loads(
     gate = growth[8]
     for k in range(3):
         result.surprise[k] = 0.0
-    if not found & _FROM_PLAN:
-        if found & _FROM_FORCE:
+    if not usable & _FROM_PLAN:
+        if usable & _FROM_FORCE:
             for k in range(6):
                 state.reference[k] = result.measured[k]
         for k in range(6):
             cycle.predicted[k] = cycle.late[k] = cycle.ahead[k] = state.reference[k]
-    elif found & _FROM_FORCE and cycle.cut > 0.0:
+    elif usable & _FROM_FORCE and cycle.cut > 0.0:
         result.surprise[0] = take_force(
             fusion,
             result.measured[:],
@@ -205,7 +205,7 @@ def estimate_loads(
             gate,
         )
     if shown:
-        _currents(given, found, settings, jac, state, cycle, result, gate)
+        _currents(given, usable, settings, jac, state, cycle, result, gate)
     fused_load(fusion, cycle.ahead[:], cycle.direction[:], settings.contained, cycle.used[:])
 
 
@@ -270,13 +270,13 @@ def _take_sample(
         return
     for k in range(6):
         rest[k] = -past.in_effect[k]
-    behind = clock - settings.follow / period
-    known = min(behind + settings.reference_late / period, state.clock)
+    lagged_clock = clock - settings.follow / period
+    known = min(lagged_clock + settings.reference_late / period, state.clock)
     if not row_at(ring, here, known, past):
         return
     for k in range(18):
         bent[k] = past.bent[k]
-    if not row_at(ring, here, behind, past):
+    if not row_at(ring, here, lagged_clock, past):
         return
     pose_deviation(
         given.actual[:],

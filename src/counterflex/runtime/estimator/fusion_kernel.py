@@ -60,8 +60,8 @@ def update(fusion: Record, y: float, variance: float, gate: float) -> float:
         innovation -= fusion.row[i] * fusion.estimate[i]
         spread += fusion.row[i] * fusion.product[i]
     s = spread + variance
-    apart = innovation / math.sqrt(s)
-    if apart * apart > gate * gate:
+    normalised = innovation / math.sqrt(s)
+    if normalised * normalised > gate * gate:
         s = innovation * innovation / (gate * gate)
         variance = s - spread
     for i in range(N):
@@ -79,7 +79,7 @@ def update(fusion: Record, y: float, variance: float, gate: float) -> float:
         for j in range(i):
             mean = 0.5 * (fusion.covariance[i, j] + fusion.covariance[j, i])
             fusion.covariance[i, j] = fusion.covariance[j, i] = mean
-    return apart
+    return normalised
 
 
 @kernel("void(Fusion, float64[::1], float64[::1], float64, float64)", Fusion=FUSION)
@@ -217,8 +217,8 @@ def take_force(
             fusion.row[i] = 0.0
         fusion.row[d] = h
         noise = tuning[0] * tuning[0] + (tuning[1] * change) ** 2 + (swing * h) ** 2
-        apart = update(fusion, y, noise, gate)
-        worst = max(worst, abs(apart))
+        normalised = update(fusion, y, noise, gate)
+        worst = max(worst, abs(normalised))
     return worst
 
 
@@ -236,13 +236,13 @@ def unexplained(fusion: Record, rest: Float, bent: Float, frame: Float, first: i
     """
     total = 0.0
     for n in range(first, 3):
-        left = 0.0
+        residual = 0.0
         for k in range(3):
             here = rest[k] - fusion.estimate[6 + k]
             for d in range(3):
                 here -= (fusion.estimate[d] + fusion.estimate[3 + d] - without) * bent[6 * d + k]
-            left += frame[3 * n + k] * here
-        total += left * left
+            residual += frame[3 * n + k] * here
+        total += residual * residual
     return math.sqrt(total)
 
 
@@ -295,10 +295,10 @@ def take_deviation(
     share = fusion.turn_variance / (fusion.turn_variance + turn_variance)
     fusion.turn_variance *= 1.0 - share
     for k in range(3):
-        left = rest[3 + k] - fusion.turn[k]
+        residual = rest[3 + k] - fusion.turn[k]
         for d in range(3):
-            left -= (fusion.estimate[d] + fusion.estimate[3 + d] - without) * bent[6 * d + 3 + k]
-        fusion.turn[k] += share * left
+            residual -= (fusion.estimate[d] + fusion.estimate[3 + d] - without) * bent[6 * d + 3 + k]
+        fusion.turn[k] += share * residual
     return worst
 
 

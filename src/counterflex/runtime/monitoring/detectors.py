@@ -183,9 +183,9 @@ def low_chatter(m: Record, s: Record, given: Record, noise: float, steady: bool)
     least = s.period / LEVEL_S
     square = 0.0
     for k in range(3):
-        left = given.wrench[k] - m.now.force[k]
-        m.level[k] += least * (left - m.level[k])
-        square += (left - m.level[k]) ** 2
+        residual = given.wrench[k] - m.now.force[k]
+        m.level[k] += least * (residual - m.level[k])
+        square += (residual - m.level[k]) ** 2
     m.slow += s.period / SLOW_S * (square - m.slow)
     if not steady:
         m.lasted[_LOW_CHATTER] = 0

@@ -71,8 +71,8 @@ def _progress(m: Record, s: Record, here: Record, there: Record, u: float, elaps
         moved = max(0.0, distance - m.last_distance)
         moved = moved if moved < LEAP_M else 0.0
         rate = max(0.0, time - m.last_time) / (elapsed * s.period)
-        kept = math.exp(-s.period / RATE_S)
-        m.rate = kept * m.rate + (1.0 - kept) * min(rate, 2.0)
+        decay = math.exp(-s.period / RATE_S)
+        m.rate = decay * m.rate + (1.0 - decay) * min(rate, 2.0)
     else:
         m.rate, m.started = 1.0, 1
     m.last_time, m.last_distance = time, distance

@@ -62,27 +62,27 @@ def ask_speed(result: Record, place: Float, plan: Records, settings: Records, me
     s, m = settings[0], memories[0]
     least = s.least_speed
     now = result.state
-    held_back = now == _ACTIVE and result.limits & AT_SPEED
-    m.busy += _BUSY * ((1.0 if held_back else 0.0) - m.busy)
-    wanted, why = 1.0, 0
+    speed_limited = now == _ACTIVE and result.limits & AT_SPEED
+    m.busy += _BUSY * ((1.0 if speed_limited else 0.0) - m.busy)
+    requested, why = 1.0, 0
     if now in (_ACTIVE, _HOLD) and least < 1.0:
         if s.planned == 1 and place[0] >= 0.0:
             row, u = int(place[0]), place[1]
             speed = (1.0 - u) * plan[row].speed + u * plan[min(row + 1, plan.shape[0] - 1)].speed
-            if speed < wanted:
-                wanted, why = max(least, speed), _PLAN
+            if speed < requested:
+                requested, why = max(least, speed), _PLAN
         busy = 1.0 - max(0.0, m.busy - 0.5) * 2.0 * (1.0 - least)
-        if busy < wanted:
-            wanted, why = busy, _LIMITER
+        if busy < requested:
+            requested, why = busy, _LIMITER
         reach = falling(size_of(result.wanted[:], 0) / s.largest_correction, NEAR_REACH, least)
-        if reach < wanted:
-            wanted, why = reach, _REACH
+        if reach < requested:
+            requested, why = reach, _REACH
         limit = m.results.limit[_OVERLOAD]
         if limit > 0.0:
             force = falling(m.results.value[_OVERLOAD] / limit, NEAR_FORCE, least)
-            if force < wanted:
-                wanted, why = force, _FORCE
-    change = min(s.speed_step, max(-s.speed_step, wanted - m.speed))
+            if force < requested:
+                requested, why = force, _FORCE
+    change = min(s.speed_step, max(-s.speed_step, requested - m.speed))
     m.speed += change
     m.results.speed = m.speed
     m.outcome.slowed = why

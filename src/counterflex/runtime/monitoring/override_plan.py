@@ -87,7 +87,7 @@ def drive(time: Float, need: Float, sent: Float, loops: Records, error: Float) -
     """
     d = loops[0]
     n = time.shape[0]
-    y, v, wanted, here, swung, now = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    y, v, requested, here, swung, now = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     of_robot, of_arm, of_need = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((3, 4, 3))
     ring = np.zeros((d.dead + 1, 3))
     error[:] = 0.0
@@ -95,8 +95,8 @@ def drive(time: Float, need: Float, sent: Float, loops: Records, error: Float) -
     while t < time[n - 1] and t - time[0] < d.longest:
         while row < n - 2 and time[row + 1] < t:
             row += 1
-        _need_at(time, sent, t + d.lead, row, wanted)
-        limited_step(y, v, wanted, d.limit[:], d.period)
+        _need_at(time, sent, t + d.lead, row, requested)
+        limited_step(y, v, requested, d.limit[:], d.period)
         ring[at] = y
         at = (at + 1) % (d.dead + 1)
         now[:] = ring[at]
@@ -187,7 +187,7 @@ def _sampled(mode: Mode, period: float) -> Float:
 def speed_plan(
     time_s: Float,
     need_m: Float | None,
-    left_m: Float | None,
+    residual_m: Float | None,
     online: OnlineSettings,
     override: OverrideSettings,
     ahead: Ahead | None = None,
@@ -198,7 +198,7 @@ def speed_plan(
     Args:
         time_s: (n,) planned time, not decreasing.
         need_m: (n, 3) correction that the loop will want, part axes; None for none.
-        left_m: (n,) error that the program itself is predicted to leave; None for none.
+        residual_m: (n,) error that the program itself is predicted to leave; None for none.
         online: Settings of the loop: limits, delays, lead.
         override: Tolerance, least speed, rate.
         ahead: How the loop shapes what it commands; None: it reads the need ahead by the lead.
@@ -210,7 +210,7 @@ def speed_plan(
     n = len(time_s)
     time = np.ascontiguousarray(time_s, dtype=np.float64)
     need = np.zeros((n, 3)) if need_m is None else np.ascontiguousarray(need_m, dtype=np.float64)
-    left = np.zeros(n) if left_m is None else np.ascontiguousarray(left_m, dtype=np.float64)
+    residual = np.zeros(n) if residual_m is None else np.ascontiguousarray(residual_m, dtype=np.float64)
     through = records(LOOP)
     loop = through[0]
     loop.period, loop.timing, loop.limit = online.period_s, online.timing_s, online.translation.packed()
@@ -219,14 +219,14 @@ def speed_plan(
     loop.arm = np.array([1.0, 0.0, 0.0, 0.0, 0.0]) if ahead is None else _sampled(ahead.modes[0], online.period_s)
     loop.arm_share = 0.0 if ahead is None else ahead.arm_share
     loop.longest = _LONGEST_S / override.least * 2.0
-    found: Float = np.zeros(n)
+    error: Float = np.zeros(n)
 
     def errors(speed: Float) -> tuple[Float, Float]:
         when = slowed_time(time, speed)
         smaller = np.ascontiguousarray(need * speed[:, None] ** exponent)
         sent = smaller if ahead is None or need_m is None else np.ascontiguousarray(ahead.command(smaller, when))
-        drive(when, smaller, sent, through, found)
-        return np.maximum(found, left * speed), when
+        drive(when, smaller, sent, through, error)
+        return np.maximum(error, residual * speed), when
 
     if time[-1] - time[0] > _LONGEST_S:
         raise InputError(

@@ -122,15 +122,15 @@ def monitor_plan(plan: Float, settings: MonitorSettings, turn_per_s: Float, teet
     force = np.ascontiguousarray(plan[:, PLAN_W : PLAN_W + 3]) * touching[:, None]
     step = np.linalg.norm(np.diff(plan[:, PLAN_P : PLAN_P + 3], axis=0, prepend=plan[:1, PLAN_P : PLAN_P + 3]), axis=1)
     distance = np.ascontiguousarray(np.cumsum(step))
-    found = np.empty((n, 3))
-    bounds(time, distance, force, settings.follow_s, settings.timing_s, settings.place_m, found)
+    extremes = np.empty((n, 3))
+    bounds(time, distance, force, settings.follow_s, settings.timing_s, settings.place_m, extremes)
     out["time"], out["distance"] = time, distance
     for k in range(3):
         out["force"][:, k] = np.interp(time - settings.follow_s, time, force[:, k])
-    out["lowest"], out["highest"] = found[:, 0], found[:, 1]
+    out["lowest"], out["highest"] = extremes[:, 0], extremes[:, 1]
     wide = settings.timing_s + 4.0 * settings.filter_s + settings.breakage_s
-    bounds(time, distance, force, settings.follow_s, wide, settings.place_m, found)
-    out["steady"] = (found[:, 0] >= (1.0 - STEADY_SHARE) * found[:, 1]) & (found[:, 2] >= STEADY_COSINE)
+    bounds(time, distance, force, settings.follow_s, wide, settings.place_m, extremes)
+    out["steady"] = (extremes[:, 0] >= (1.0 - STEADY_SHARE) * extremes[:, 1]) & (extremes[:, 2] >= STEADY_COSINE)
     out["turn_per_s"], out["teeth"], out["tool"] = turn_per_s, teeth, tool
     out["lost_tooth"] = lost_tooth(teeth, settings.exponent)
     out["speed"] = 1.0

@@ -36,8 +36,8 @@ class Reaction(IntEnum):
 
 
 def _reactions() -> dict[Event, Reaction]:
-    held = (Event.OVERLOAD, Event.BREAKAGE)
-    return {event: Reaction.FEED_HOLD if event in held else Reaction.WARN for event in Event}
+    feed_hold = (Event.OVERLOAD, Event.BREAKAGE)
+    return {event: Reaction.FEED_HOLD if event in feed_hold else Reaction.WARN for event in Event}
 
 
 @dataclass(frozen=True)

@@ -86,12 +86,12 @@ class AxisCheck:
         self._commanded_is[0], self._learn[0] = commanded_is, learn
         self._measured_is[0] = ABSENT if measured is None else measured_is
         reported = commanded if measured is None else measured
-        found = ak.angles_agree(
+        verdict = ak.angles_agree(
             q, correction, commanded, reported, self._real, self._kind, self._frame, self._trail, self._checks
         )
-        if found == ak.DISAGREE and self._check.good == 1:
+        if verdict == ak.DISAGREE and self._check.good == 1:
             q[:] = self._check.angles
-        return _CAUSES[int(found)]
+        return _CAUSES[int(verdict)]
 
     @property
     def offset(self) -> Float:
@@ -102,4 +102,4 @@ class AxisCheck:
     @property
     def found(self) -> tuple[float, float]:
         """Disagreement of the last telegram, offset taken off, m and rad."""
-        return float(self._check.apart_m), float(self._check.apart_rad)
+        return float(self._check.distance_m), float(self._check.angle_rad)

@@ -30,8 +30,8 @@ CHECK: Final = record(
     offset=(float, 6),  # pose of the telegram minus that of the angles, m and rotation vector, part axes
     place=(float, 12),  # pose at which it was learnt
     angles=(float, 6),  # that agreed last
-    apart_m=float,  # disagreement found last, offset taken off
-    apart_rad=float,
+    distance_m=float,  # disagreement found last, offset taken off
+    angle_rad=float,
     learnt=int,  # 1: there is an offset
     trail_next=int,  # next row of the trail
     trail_rows=int,  # rows of it that are filled
@@ -72,7 +72,7 @@ def _length(x: Float, begin: int) -> float:
 
 
 @kernel("UniTuple(float64, 2)(float64[::1], float64[::1])")
-def _square_apart(a: Float, b: Float) -> tuple[float, float]:
+def _square_distance(a: Float, b: Float) -> tuple[float, float]:
     """Squared differences of two poses: of the positions, and of the rotation matrices."""
     p = t = 0.0
     for k in range(9):
@@ -94,9 +94,9 @@ def _travelled(c: Record, trail: Records) -> None:
     last = trail[(c.trail_next + trail.shape[0] - 1) % trail.shape[0]]
     way = turned = 0.0
     for i in range(c.trail_rows):
-        p, t = _square_apart(last.commanded[:], trail[i].commanded[:])
+        p, t = _square_distance(last.commanded[:], trail[i].commanded[:])
         way, turned = max(way, p), max(turned, t)
-        p, t = _square_apart(last.own[:], trail[i].own[:])
+        p, t = _square_distance(last.own[:], trail[i].own[:])
         way, turned = max(way, p), max(turned, t)
     c.way_m, c.way_rad = math.sqrt(way), _angle(turned)
 
@@ -135,7 +135,7 @@ def _allowed(c: Record, correction: Float) -> tuple[float, float]:
     large_m, large_rad = _length(c.offset[:], 0), _length(c.offset[:], 3)
     way = turned = 0.0
     if c.learnt == 1:
-        way, turned = _square_apart(c.lead[:], c.place[:])
+        way, turned = _square_distance(c.lead[:], c.place[:])
     turned, way = _angle(turned), math.sqrt(way)
     least_m = c.limit_m if c.learnt == 1 else c.offset_limit_m
     least_rad = c.limit_rad if c.learnt == 1 else c.offset_limit_rad
@@ -154,12 +154,12 @@ def _agrees(c: Record, trail: Records, pose: Float, belongs: int, least_m: float
     pose_deviation(pose, 0, c.own[:], c.nothing[:], c.found[:])
     for k in range(6):
         c.found[k] -= c.offset[k]
-    apart_m, apart_rad = _length(c.found[:], 0), _length(c.found[:], 3)
-    c.apart_m, c.apart_rad = max(c.apart_m, apart_m), max(c.apart_rad, apart_rad)
-    agrees = apart_m <= least_m and apart_rad <= least_rad
+    distance_m, angle_rad = _length(c.found[:], 0), _length(c.found[:], 3)
+    c.distance_m, c.angle_rad = max(c.distance_m, distance_m), max(c.angle_rad, angle_rad)
+    agrees = distance_m <= least_m and angle_rad <= least_rad
     if belongs == ABOUT and not agrees:
         _travelled(c, trail)
-        agrees = apart_m <= least_m + c.way_m and apart_rad <= least_rad + c.way_rad
+        agrees = distance_m <= least_m + c.way_m and angle_rad <= least_rad + c.way_rad
     return bool(agrees)
 
 
@@ -232,7 +232,7 @@ def angles_agree(
     if learn:
         _learn_offset(c, trail, measured_is == EXACT or c.commanded_is == EXACT)
     least_m, least_rad = _allowed(c, correction)
-    c.apart_m = c.apart_rad = 0.0
+    c.distance_m = c.angle_rad = 0.0
     agreed = _agrees(c, trail, commanded, c.commanded_is, least_m, least_rad)
     agreed = _agrees(c, trail, measured, measured_is, least_m, least_rad) and agreed
     if learn or agreed:  # a pose that is doubted does not widen what is allowed

@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
 from counterflex.runtime.plausibility.doubts import direction_is_wrong, idle_is_wrong
-from counterflex.runtime.plausibility.force_step import SUSPECTED, TOLD
+from counterflex.runtime.plausibility.force_step import REPORTED, SUSPECTED
 from counterflex.runtime.plausibility.kernel import (
     DOUBT_ANSWER,
     DOUBT_BRIDGED,
@@ -325,14 +325,14 @@ def after_step(
     here = state.ring_row
     if forced and settings.has_plan == 1:
         good = given.force_age < settings.stale
-        soon = state.preview[:3]
-        cuts = result.cut > 0.0 or soon[0] != 0.0 or soon[1] != 0.0 or soon[2] != 0.0
+        preview = state.preview[:3]
+        cuts = result.cut > 0.0 or preview[0] != 0.0 or preview[1] != 0.0 or preview[2] != 0.0
         measured = result.measured[:]
         predicted = state.predicted_before[:]
         doubt |= watch_force(measured, predicted, good, cuts, swing_n, limits, memory)
         if memory.step == SUSPECTED:
             doubt |= DOUBT_STEP
-        elif memory.step == TOLD:
+        elif memory.step == REPORTED:
             doubt |= DOUBT_OFFSET
         if memory.calm_told == 1:
             doubt |= DOUBT_DIFFERS
@@ -345,11 +345,11 @@ def after_step(
         )  # fmt: skip
     if (settings.tracker != 0 or settings.force == _FUSED) and given.tracker_new == 1:
         row = (here - 1 - settings.nominal_back + PAST_ROWS) % PAST_ROWS
-        nothing, found = work.one[:6], work.two[:6]
+        nothing, from_tracker = work.one[:6], work.two[:6]
         for k in range(6):
             nothing[k] = 0.0
-        pose_deviation(given.actual[:], 0, ring[row].nominal[:], nothing, found)
-        doubt |= watch_frame(found, ring, here, now, limits, memory)
+        pose_deviation(given.actual[:], 0, ring[row].nominal[:], nothing, from_tracker)
+        doubt |= watch_frame(from_tracker, ring, here, now, limits, memory)
         bent = result.deflection[:3]
         size = math.sqrt(bent[0] ** 2 + bent[1] ** 2 + bent[2] ** 2)
         deviation = result.deviation[:]
@@ -361,7 +361,7 @@ def after_step(
         why = memory.why if memory.why != 0 else tracker_cause(limits, memory)
         if why != 0:
             result.degraded = why
-    if memory.step == TOLD:
+    if memory.step == REPORTED:
         result.degraded = _OFFSET
     elif memory.calm_told == 1 and result.degraded == 0:
         result.degraded = _DIFFERS

@@ -30,9 +30,9 @@ from counterflex.core.records import Record
 from counterflex.runtime.plausibility.force_change import (
     STANDS_M,
     add_cut,
-    apart,
     clear_cut,
     copy_cut,
+    distance,
     divide_cut,
     mean_cut,
     size,
@@ -88,8 +88,8 @@ def _unlike(now: Record, kind: Record) -> float:
     uneven = abs(now.cut.way - kind.cut.way) / faster if faster > 0.0 else 0.0
     wrong = _OTHER + known / max(size(expected), _EVEN_N)
     measured = size(planned) + max(residual, known)
-    turned = _TURNED_N * apart(now.feed[:], kind.feed[:])
-    return float(wrong * apart(planned, expected) + measured * uneven + turned)
+    turned = _TURNED_N * distance(now.feed[:], kind.feed[:])
+    return float(wrong * distance(planned, expected) + measured * uneven + turned)
 
 
 @kernel("int64(Kind, Memory, float64)", Kind=CUT_KIND, Memory=MEMORY)
@@ -99,7 +99,7 @@ def _most_like(now: Record, memory: Record, least: float) -> int:
     Where the plan knows no difference between several, the one with the residual nearest to this one: a harder skin.
     """
     smallest = nearest = -1.0
-    found = -1
+    best = -1
     for i in range(memory.calm_rows):
         if memory.kinds[i].seen >= least:
             unlike = _unlike(now, memory.kinds[i])
@@ -107,10 +107,10 @@ def _most_like(now: Record, memory: Record, least: float) -> int:
     for i in range(memory.calm_rows):
         kind = memory.kinds[i]
         if kind.seen >= least and _unlike(now, kind) <= smallest + _EVEN_N:
-            off = apart(now.cut.residual[:], kind.cut.residual[:])
-            if found < 0 or off < nearest:
-                found, nearest = i, off
-    return found
+            off = distance(now.cut.residual[:], kind.cut.residual[:])
+            if best < 0 or off < nearest:
+                best, nearest = i, off
+    return best
 
 
 @kernel("void(float64[::1], float64[::1], float64)")
@@ -182,7 +182,7 @@ def _period_ends(feed: Float, limits: Record, memory: Record, now: Record) -> bo
             memory.calm_planned[k] = cut.planned[k]
         memory.calm_way = cut.way
     add_cut(cut, total)
-    memory.calm_spread_n = max(memory.calm_spread_n, apart(cut.planned[:], memory.calm_planned[:]))
+    memory.calm_spread_n = max(memory.calm_spread_n, distance(cut.planned[:], memory.calm_planned[:]))
     memory.calm_spread_way = max(memory.calm_spread_way, abs(cut.way - memory.calm_way))
     memory.calm += 1
     if memory.calm < limits.step_period:
@@ -202,8 +202,8 @@ def _is_calm(memory: Record, now: Record) -> bool:
     load = size(cut.planned[:])
     even = memory.calm_spread_n < _EVEN_N + _EVEN * load and memory.calm_spread_way < _EVEN * cut.way
     even = even and cut.way > STANDS_M and load > 2.0 * _EVEN_N
-    alike = apart(cut.residual[:], last.residual[:]) < _ALIKE_N + _ALIKE * load
-    alike = alike and apart(cut.planned[:], last.planned[:]) < _EVEN_N + _EVEN * load
+    alike = distance(cut.residual[:], last.residual[:]) < _ALIKE_N + _ALIKE * load
+    alike = alike and distance(cut.planned[:], last.planned[:]) < _EVEN_N + _EVEN * load
     copy_cut(cut, last)
     memory.calm_long = memory.calm_long + 1 if even and (alike or memory.calm_long == 0) else 0
     if memory.calm_long < 2:
@@ -245,7 +245,7 @@ def off_in_calm(feed: Float, limits: Record, memory: Record, now: Record) -> boo
     if not _period_ends(feed, limits, memory, now) or not _is_calm(memory, now):
         return False
     largest, before = _expect(limits, memory, now), memory.cut_before
-    if apart(now.cut.residual[:], before.residual[:]) <= largest:
+    if distance(now.cut.residual[:], before.residual[:]) <= largest:
         memory.calm_off = memory.calm_told = 0
         _learn(now, memory)
         return False

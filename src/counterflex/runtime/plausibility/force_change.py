@@ -22,7 +22,7 @@ _MISSING: Final = 0.15
 
 
 @kernel("float64(float64[::1], float64[::1])")
-def apart(a: Float, b: Float) -> float:
+def distance(a: Float, b: Float) -> float:
     """Length of the difference of two vectors."""
     return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 

@@ -33,9 +33,9 @@ from counterflex.core.records import Record, Records
 from counterflex.runtime.plausibility.calm_cuts import forget_calm, known_in_air, off_in_calm
 from counterflex.runtime.plausibility.force_change import (
     STANDS_M,
-    apart,
     by_currents,
     copy_cut,
+    distance,
     mean_cut,
     mean_ringing,
     missing,
@@ -51,7 +51,7 @@ from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
 from counterflex.runtime.state.supervisor import Cause, State
 
 SUSPECTED: Final = 1
-TOLD: Final = 2
+REPORTED: Final = 2
 _ENTERING: Final = 3
 """A load is missing, or coming after it was: nothing is judged until it has settled."""
 _ARMED, _HOLD = int(State.ARMED), int(State.HOLD)
@@ -136,10 +136,10 @@ def _take(given: Record, way: float, swing_n: float, state: Record, limits: Reco
     memory.samples_filled = min(memory.samples_filled + 1, STEP_MOST)
     window = min(limits.step_period + few, memory.samples_filled)
     planned = row.cut.planned[:]
-    spread, fade = apart(state.preview[:3], planned), limits.step_fade
+    spread, fade = distance(state.preview[:3], planned), limits.step_fade
     for back in range(1, window):
         old = memory.samples[(place - back + STEP_MOST) % STEP_MOST]
-        spread = max(spread, apart(old.cut.planned[:], planned))
+        spread = max(spread, distance(old.cut.planned[:], planned))
     memory.plan_change = max(spread, fade * memory.plan_change)
     memory.swing_n = max(swing_n, fade * memory.swing_n)
     memory.force_size = max(math.sqrt(square), fade * memory.force_size)
@@ -164,7 +164,7 @@ def _bound(now: Record, before: Record, step_n: float, share: float, samples: in
         samples: Of the mean.
         memory: Of the tests.
     """
-    explained = apart(now.planned[:], before.planned[:])
+    explained = distance(now.planned[:], before.planned[:])
     explained += _uneven(now, before) * memory.force_size + share * memory.plan_change
     explained += _INERTIA * memory.swing_n + _AGAIN * memory.residual_change
     return float(step_n + explained + _SIGMAS * math.sqrt(memory.noise / samples))
@@ -194,13 +194,13 @@ def _tell(
     least = limits.step_n + _AGAIN * rang
     bound = _bound(mean, before, least, 0.5 * limits.step_plan, period, memory)
     residual = mean.residual[:]
-    stands = apart(residual, before.residual[:]) > bound and size(residual) > _AGREES * limits.step_n
+    stands = distance(residual, before.residual[:]) > bound and size(residual) > _AGREES * limits.step_n
     stands = stands and not missing(residual, planned, limits, noise)
     if stands and shown:
         for k in range(6):
             residual[k] -= before.residual[k]
         stands = by_currents(residual, jac, memory.step_since, settings, limits, memory) != 1
-    memory.step = TOLD if stands else 0
+    memory.step = REPORTED if stands else 0
     memory.step_since = memory.step_back = 0
 
 
@@ -237,10 +237,10 @@ def _judge(
     fresh, mean, before = work.fresh, work.period_mean, memory.cut_before
     mean_cut(memory, 0, few, fresh)
     noise = _SIGMAS * math.sqrt(memory.noise / few)
-    if memory.step == TOLD:
+    if memory.step == REPORTED:
         again = (
             _uneven(fresh, before) < _STEADY
-            and apart(fresh.residual[:], before.residual[:]) < 0.5 * limits.step_n + noise
+            and distance(fresh.residual[:], before.residual[:]) < 0.5 * limits.step_n + noise
         )
         right = zero_is_right(fresh, planned, limits, memory)
         memory.step_back = memory.step_back + 1 if again or right else 0
@@ -261,7 +261,7 @@ def _judge(
         return
     mean_cut(memory, few, period, mean)
     newest = memory.samples[sample_at(memory, 0)]
-    newest.change = apart(fresh.residual[:], mean.residual[:])
+    newest.change = distance(fresh.residual[:], mean.residual[:])
     if memory.step == _ENTERING:
         memory.step = _ENTERING if newest.change > _EVEN * limits.step_n + noise else 0
         return
@@ -356,8 +356,8 @@ def believe_force(
             directions(plan, int(state.place[0]), nominal, feed)
             # It may be another cut: the feed is not held for it, the way in air tells.
             if off_in_calm(feed, limits, memory, work.now) and leaves_out:
-                memory.step, memory.step_since, memory.step_back = TOLD, 0, 0
-    acts_as_set = memory.step == TOLD and set_to != _TELL
+                memory.step, memory.step_since, memory.step_back = REPORTED, 0, 0
+    acts_as_set = memory.step == REPORTED and set_to != _TELL
     if memory.step == SUSPECTED or acts_as_set:
         share, load = 1.0, size(memory.cut_before.planned[:])
         if load > _NOTHING_N:

@@ -163,16 +163,16 @@ def residual_grows(
     old = memory.deviations[place]
     against = mirrored = False
     if memory.window_filled >= window:
-        both = square = apart = 0.0
+        both = square = mismatch = 0.0
         for k in range(3):
             change = in_effect[k] - old.in_effect[k]
             grown = deviation[k] - old.deviation[k]
             both += change * grown
             square += change * change
-            apart += (grown + change) ** 2
-        tells = math.sqrt(square) > 0.3 * limits.least_m
-        against = tells and both < -limits.against * square
-        mirrored = tells and apart < limits.mirrored**2 * square
+            mismatch += (grown + change) ** 2
+        conclusive = math.sqrt(square) > 0.3 * limits.least_m
+        against = conclusive and both < -limits.against * square
+        mirrored = conclusive and mismatch < limits.mirrored**2 * square
     for k in range(3):
         old.deviation[k], old.in_effect[k] = deviation[k], in_effect[k]
     memory.window_row = (place + 1) % window

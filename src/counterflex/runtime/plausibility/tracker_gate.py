@@ -77,7 +77,7 @@ def _turned(ring: Records, here: int, v: Float) -> float:
     State=STATE,
 )
 def stamped_pose(
-    given: Record, ring: Records, here: int, behind_s: float, limits: Record, state: Record, out: Float
+    given: Record, ring: Records, here: int, earlier_s: float, limits: Record, state: Record, out: Float
 ) -> bool:
     """Commanded pose at the time of a sample, or earlier by what the robot trails its program.
 
@@ -85,7 +85,7 @@ def stamped_pose(
         given: Inputs of the cycle.
         ring: Past cycles.
         here: Its next row.
-        behind_s: How much earlier.
+        earlier_s: How much earlier.
         limits: Of the tests.
         state: Of the step; written.
         out: (12,) written.
@@ -96,7 +96,7 @@ def stamped_pose(
     late = given.tracker_late if given.tracker_late >= 0.0 else limits.tracker_late
     now = state.clock + given.elapsed
     newest = (here - 1 + PAST_ROWS) % PAST_ROWS
-    clock, stamp = now - (late + behind_s) / limits.period, ring[newest].clock
+    clock, stamp = now - (late + earlier_s) / limits.period, ring[newest].clock
     for k in range(12):
         out[k] = given.nominal[k]
     if clock >= now:
@@ -123,12 +123,12 @@ def _repeats(given: Record, stands: Float, memory: Record) -> bool:
     same = True
     for k in range(12):
         same = same and given.actual[k] == memory.pose[k]
-    gone = corrected = 0.0
+    moved = corrected = 0.0
     for k in range(3):
-        gone += (stands[k] - memory.stood[k]) ** 2
+        moved += (stands[k] - memory.stood[k]) ** 2
         corrected += (stands[3 + k] - memory.stood[3 + k]) ** 2
     if same:
-        return bool(gone > MOVED_M * MOVED_M or corrected > CORRECTED_M * CORRECTED_M)
+        return bool(moved > MOVED_M * MOVED_M or corrected > CORRECTED_M * CORRECTED_M)
     for k in range(12):
         memory.pose[k] = given.actual[k]
     for k in range(6):

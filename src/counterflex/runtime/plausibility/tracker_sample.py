@@ -112,8 +112,8 @@ def known_then(
         return bool(last <= 0.0)  # nothing has been commanded yet
     for k in range(3):
         model[k] = past.in_effect[k]
-    behind = clock + (settings.reference_late - settings.follow) / period
-    if not row_at(ring, newest, min(behind, last), past):
+    lagged_clock = clock + (settings.reference_late - settings.follow) / period
+    if not row_at(ring, newest, min(lagged_clock, last), past):
         return False
     for d in range(3):
         factor = state.fusion.estimate[d] + state.fusion.estimate[3 + d]

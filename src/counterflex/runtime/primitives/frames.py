@@ -103,6 +103,6 @@ def all_finite(x: Float) -> bool:
 def shorten(x: Float, begin: int, by: float) -> None:
     """Make the vector ``x[begin:begin+3]`` shorter by a length, at most to nothing."""
     size = size_of(x, begin)
-    left = (size - by) / size if size > by else 0.0
+    scale = (size - by) / size if size > by else 0.0
     for k in range(begin, begin + 3):
-        x[k] *= left
+        x[k] *= scale

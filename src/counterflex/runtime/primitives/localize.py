@@ -21,7 +21,7 @@ PLAN_PLAY: Final = 20  # 3: correction to be sent here so that play and friction
 PLAN_A: Final = 23  # 6: wrench whose deflection is to be commanded here, so that it is undone in time
 PLAN_COLUMNS: Final = 29
 
-BEHIND: Final = 2
+SEGMENTS_BACK: Final = 2
 """Segments behind the last place that are looked at."""
 GIVE_UP_M: Final = 2e-3
 """The search ends where the distance has grown by this over the least one found."""
@@ -75,13 +75,13 @@ def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int)
     begin, end = 0, last
     anywhere = row < 0
     if not anywhere:
-        begin, end = max(0, row - BEHIND), min(last, row + window)
-    best, found, at = math.inf, begin, 0.0
+        begin, end = max(0, row - SEGMENTS_BACK), min(last, row + window)
+    best, nearest, at = math.inf, begin, 0.0
     looked = end + 1
     for i in range(begin, end + 1):
         d, u = _on_segment(plan, i, x, y, z)
         if d < best and (not anywhere or math.sqrt(d) < math.sqrt(best) - ALIKE_M):
-            best, found, at = d, i, u
+            best, nearest, at = d, i, u
         elif not anywhere and i > row and math.sqrt(d) > math.sqrt(best) + GIVE_UP_M:
             looked = i + 1
             break
@@ -90,10 +90,10 @@ def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int)
         for i in range(looked, end + 1):
             d, u = _on_segment(plan, i, x, y, z)
             if d < near and math.sqrt(d) < math.sqrt(best) - ALIKE_M:
-                best, found, at = d, i, u
-    if not anywhere and (found < row or (found == row and at < place[1])):
-        found, at = row, place[1]  # a program does not run backwards; noise of the position must not
-    place[0], place[1] = float(found), at
+                best, nearest, at = d, i, u
+    if not anywhere and (nearest < row or (nearest == row and at < place[1])):
+        nearest, at = row, place[1]  # a program does not run backwards; noise of the position must not
+    place[0], place[1] = float(nearest), at
     return math.sqrt(best)
 
 
@@ -127,11 +127,11 @@ def seek(plan: Float, place: Float, sweep: Float, x: float, y: float, z: float) 
     if end < last:
         return
     sweep[0] = 0.0
-    found, at = _on_segment(plan, int(sweep[2]), x, y, z)
+    nearest, at = _on_segment(plan, int(sweep[2]), x, y, z)
     here = math.inf if place[0] < 0.0 else _on_segment(plan, int(place[0]), x, y, z)[0]
     ended = int(place[0]) == last and place[1] >= 1.0
-    alike = math.sqrt(found) <= math.sqrt(here) + ALIKE_M
-    if math.sqrt(found) < math.sqrt(here) - ALIKE_M or (alike and (ended or sweep[2] == place[0])):
+    alike = math.sqrt(nearest) <= math.sqrt(here) + ALIKE_M
+    if math.sqrt(nearest) < math.sqrt(here) - ALIKE_M or (alike and (ended or sweep[2] == place[0])):
         place[0], place[1] = sweep[2], at
 
 

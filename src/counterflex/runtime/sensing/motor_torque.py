@@ -57,10 +57,12 @@ class MotorTorque:
     """
 
     def __init__(self, chain: ElasticChain, per_current: Float) -> None:
-        given = as_float("per_current", per_current, (6,))
-        if not np.all(np.abs(given) > 0.0):
-            raise InputError("torque per motor current", value=given.tolist(), limit="six numbers that are not zero")
-        self._per_current: Float = np.ascontiguousarray(given)
+        torque_per_current = as_float("per_current", per_current, (6,))
+        if not np.all(np.abs(torque_per_current) > 0.0):
+            raise InputError(
+                "torque per motor current", value=torque_per_current.tolist(), limit="six numbers that are not zero"
+            )
+        self._per_current: Float = np.ascontiguousarray(torque_per_current)
         self._real, self._kind = chain.compact.real, chain.compact.kind
         m = chain.compact.stations
         self._frame: Float = np.zeros((m + 1, 12))

@@ -51,7 +51,7 @@ def layout_before(layout: Layout) -> Layout:
         layout: Of the loop that takes them.
     """
     free = {name: ("", "f8", count) for name, count in _FREE.items()}
-    return tuple(stretch for told in layout for stretch in (told, *([free[told[0]]] if told[0] in free else [])))
+    return tuple(stretch for entry in layout for stretch in (entry, *([free[entry[0]]] if entry[0] in free else [])))
 
 
 def words_of(arrays: Arrays) -> Int:

@@ -56,11 +56,11 @@ def compensate_play(plays: Records, memory: Records, q: Float, added: Float, beg
             m.both, m.program = both, q[j]
         m.both = min(max(m.both, both - w), both + w)
         m.program = min(max(m.program, q[j] - w), q[j] + w)
-        wanted = p.band * (both - m.both) / w - p.program * (q[j] - m.program) / w
+        requested = p.band * (both - m.both) / w - p.program * (q[j] - m.program) / w
         if doing == 0:
-            wanted = 0.0
+            requested = 0.0
         if doing >= 0:
-            m.added += min(max(wanted - m.added, -p.step), p.step)
+            m.added += min(max(requested - m.added, -p.step), p.step)
 
 
 @kernel("void(Given, Result, Play[::1], Played[::1], int64[::1])", Given=GIVEN, Result=RESULT, Play=PLAY, Played=PLAYED)

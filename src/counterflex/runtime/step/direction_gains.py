@@ -7,7 +7,9 @@ from counterflex.core.jit import kernel
 
 
 @kernel("void(float64[::1], float64[::1], float64[::1], int64, float64[::1], float64[::1], float64[::1])")
-def control(bent: Float, frame: Float, gains: Float, active: int, integral: Float, last: Float, wanted: Float) -> None:
+def control(
+    bent: Float, frame: Float, gains: Float, active: int, integral: Float, last: Float, correction: Float
+) -> None:
     """Correction of a deflection, ``-(Kp d + sum Ki d T + Kd (d - d_before) / T)``.
 
     The gains hold along three directions that turn with the path; what is summed up stays in part axes, so it does not
@@ -21,23 +23,23 @@ def control(bent: Float, frame: Float, gains: Float, active: int, integral: Floa
         active: 0 leaves the sum as it is.
         integral: (3,) sum, part axes; changed.
         last: (3,) deflection of the last cycle; changed.
-        wanted: (6,) written.
+        correction: (6,) written.
 
     Source: Haehn2020 section 2.8 (PID per direction).
     """
     for k in range(3):
-        wanted[k] = 0.0
+        correction[k] = 0.0
     for d in range(3):
         a, b, c = frame[3 * d], frame[3 * d + 1], frame[3 * d + 2]
         here = a * bent[0] + b * bent[1] + c * bent[2]
         change = here - (a * last[0] + b * last[1] + c * last[2])
         now = gains[d] * here + gains[6 + d] * change
         for k in range(3):
-            wanted[k] -= now * frame[3 * d + k]
+            correction[k] -= now * frame[3 * d + k]
             if active == 1:
                 integral[k] += gains[3 + d] * here * frame[3 * d + k]
     mean = (gains[0] + gains[1] + gains[2]) / 3.0
     for k in range(3):
-        wanted[k] -= integral[k]
-        wanted[3 + k] = -mean * bent[3 + k]
+        correction[k] -= integral[k]
+        correction[3 + k] = -mean * bent[3 + k]
         last[k] = bent[k]

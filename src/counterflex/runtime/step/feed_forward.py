@@ -93,7 +93,7 @@ def lag_correction(rate: Float, second: Float, filter_: Float, largest: float, m
 
 
 @kernel("void(float64[:, ::1], float64[::1], float64[::1])")
-def play_undone(plan: Float, place: Float, out: Float) -> None:
+def add_play_compensation(plan: Float, place: Float, out: Float) -> None:
     """Correction of the plan that undoes play, (3,) m, part axes, added to ``out``.
 
     Args:
@@ -152,7 +152,7 @@ def known_ahead(
             forward,
         )
     if settings.undo_play == 1 and planned:
-        play_undone(plan, state.place[:], forward)
+        add_play_compensation(plan, state.place[:], forward)
     if settings.normal_only == 1 and planned:
         across(forward, 0, plan, int(state.place[0]))
     return share

@@ -46,7 +46,7 @@ def limit(share: float, settings: Record, state: Record, cycle: Record, result: 
     Returns:
         Bits of the limiter: translation, then rotation shifted by 4.
     """
-    now, elapsed, wanted = state.supervisor.state, cycle.elapsed, result.wanted[:]
+    now, elapsed, requested = state.supervisor.state, cycle.elapsed, result.wanted[:]
     period = settings.period
     limits = 0
     target = state.target[:]
@@ -55,12 +55,12 @@ def limit(share: float, settings: Record, state: Record, cycle: Record, result: 
         if now != _ACTIVE:
             bumpless[k] = 0.0
         elif cycle.held == 1:
-            bumpless[k] = state.correction[k] - share * wanted[k]
+            bumpless[k] = state.correction[k] - share * requested[k]
     shorten(bumpless, 0, settings.ramp[1] * period * elapsed)
     shorten(bumpless, 3, settings.ramp_rotation[1] * period * elapsed)
     for k in range(6):
         if now == _ACTIVE:
-            target[k] = share * wanted[k] + bumpless[k]
+            target[k] = share * requested[k] + bumpless[k]
         elif now in (_HOLD, _FAULT):
             target[k] = math.nan
         else:

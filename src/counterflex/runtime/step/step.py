@@ -22,8 +22,8 @@ from counterflex.runtime.step.deviation import find_deviation
 from counterflex.runtime.step.limit import as_axes, limit, remember, report
 from counterflex.runtime.step.load import FILTER, find_load
 from counterflex.runtime.step.place import begin, localize
+from counterflex.runtime.step.request import check_reach, request_correction
 from counterflex.runtime.step.supervise import supervise_cycle
-from counterflex.runtime.step.wanted import check_reach, want
 
 
 @kernel(
@@ -67,7 +67,7 @@ def step(
     find_load(given, settings, state, ring, plan, scratch, cycle, result, measured, predicted)
     find_deflection(given, settings, plan, cycle, result, elastic)
     find_deviation(given, settings, state, ring, plan, out[OUT_C:], cycle, result)
-    want(settings, state, plan, cycle, result)
+    request_correction(settings, state, plan, cycle, result)
     check_reach(settings, result.wanted[:], cycle)
     share = supervise_cycle(given, settings, state, ring, cycle, result)
     result.limits = limit(share, settings, state, cycle, result)

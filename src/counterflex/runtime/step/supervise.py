@@ -32,11 +32,11 @@ MAY_CUT: Final = 2
 """Nothing says whether material is cut here."""
 CUTS_N: Final = 50.0
 """Measured force above which a loop without a plan takes the tool to be in the cut, and one with a plan doubts it."""
-KEPT: Final = 0
+LAST_CORRECTION: Final = 0
 """The correction that was sent last is in force."""
-NOTHING: Final = 1
+NO_CORRECTION: Final = 1
 UNKNOWN: Final = 2
-TELLS_M: Final = 0.1e-3
+RESOLVED_M: Final = 0.1e-3
 """Correction below which a reported pose says nothing of it."""
 CONTINUES_M: Final = 5e-3
 """How far the commanded point goes at most in the telegrams that pass until a counter that jumped is believed."""
@@ -69,28 +69,28 @@ def in_force(given: Record, ring: Records, here: int, state: Record) -> int:
     """
     before = ring[(here - 1 + PAST_ROWS) % PAST_ROWS]
     earlier = ring[(here - 1 - SPAN + PAST_ROWS) % PAST_ROWS]
-    gone = moved = along = kept_along = 0.0
+    jumped = moved = along = last_along = 0.0
     for k in range(3):
         way = before.nominal[9 + k] - earlier.nominal[9 + k]
-        gone += (given.nominal[9 + k] - before.nominal[9 + k]) ** 2
+        jumped += (given.nominal[9 + k] - before.nominal[9 + k]) ** 2
         moved += way * way
         along += (given.reported[9 + k] - given.nominal[9 + k]) * way
-        kept_along += state.correction[k] * way
-    if given.is_reported == 0 or size_of(state.correction[:], 0) < TELLS_M:
+        last_along += state.correction[k] * way
+    if given.is_reported == 0 or size_of(state.correction[:], 0) < RESOLVED_M:
         if given.enable == 0:
-            return NOTHING
-        return KEPT if gone <= CONTINUES_M * CONTINUES_M else UNKNOWN
-    near_kept = near_nothing = 0.0
+            return NO_CORRECTION
+        return LAST_CORRECTION if jumped <= CONTINUES_M * CONTINUES_M else UNKNOWN
+    off_last = off_none = 0.0
     for k in range(3):
         way = before.nominal[9 + k] - earlier.nominal[9 + k]
         shown = given.reported[9 + k] - given.nominal[9 + k]
-        kept = state.correction[k]
+        last = state.correction[k]
         if moved > STANDS_M * STANDS_M:
             shown -= along * way / moved
-            kept -= kept_along * way / moved
-        near_kept += (shown - kept) ** 2
-        near_nothing += shown * shown
-    return KEPT if near_kept <= near_nothing else NOTHING
+            last -= last_along * way / moved
+        off_last += (shown - last) ** 2
+        off_none += shown * shown
+    return LAST_CORRECTION if off_last <= off_none else NO_CORRECTION
 
 
 @kernel("int64(boolean, boolean, float64, float64, int64)")
@@ -115,7 +115,7 @@ def cuts_here(planned: bool, near: bool, cut: float, force_n: float, state: int)
 
 
 @kernel("int64(Given, int64, int64, State)", Given=GIVEN, State=STATE)
-def _wanted(given: Record, cuts: int, standing: int, state: Record) -> int:
+def _is_requested(given: Record, cuts: int, standing: int, state: Record) -> int:
     """Whether the program wants the correction, a flicker of its signal aside, and what follows where it is away.
 
     While the correction acts the signal counts as off from the :data:`DEBOUNCE`-th telegram in a row without it. In the
@@ -143,13 +143,13 @@ def _wanted(given: Record, cuts: int, standing: int, state: Record) -> int:
         state.enabled = state.enabled + 1 if enable == 1 else 0
         uncorrected = cuts == CUT and standing == 0 and state.armed == 1 and now <= _ARMED
         state.uncorrected = state.uncorrected + 1 if uncorrected else 0
-    wanted = 1 if enable == 1 or (acts and state.disabled < DEBOUNCE) else 0
+    requested = 1 if enable == 1 or (acts and state.disabled < DEBOUNCE) else 0
     ended = state.acted == 1 and (now < _ARMED or now == _RAMP_OUT) and state.supervisor.cause in (0, _PROGRAM)
-    if cuts == CUT and wanted == 0 and (acts or (now == _RAMP_OUT and standing == 0)):
+    if cuts == CUT and requested == 0 and (acts or (now == _RAMP_OUT and standing == 0)):
         state.away = 1
     if (ended and state.enabled >= DEBOUNCE) or state.uncorrected >= DEBOUNCE:
         state.away = 1
-    return wanted
+    return requested
 
 
 @kernel("void(State)", State=STATE)
@@ -205,7 +205,7 @@ def ask_supervisor(
     inputs = state.inputs
     inputs.telegram = 1 if given.elapsed > 0 else 0
     inputs.healthy, inputs.arm = given.healthy, given.arm
-    inputs.enable = _wanted(given, cuts, standing, state)
+    inputs.enable = _is_requested(given, cuts, standing, state)
     # A program that switches the correction off says that it has left the cut, where nothing else tells.
     inputs.in_cut = 1 if cuts == CUT or (cuts == MAY_CUT and inputs.enable == 1) else 0
     inputs.away = state.away
@@ -220,9 +220,9 @@ def ask_supervisor(
     # Another session of the controller begins with no correction in force: what was held belongs to the one before.
     # Where it cannot be told whether it is another one nothing is said to it, because either answer may be a jump; nor
     # to one that begins in a fault: the robot has been told to stop, and was started again.
-    if session == UNKNOWN or (session == NOTHING and before == _FAULT):
+    if session == UNKNOWN or (session == NO_CORRECTION and before == _FAULT):
         state.another_session = 1
-    if session != KEPT:
+    if session != LAST_CORRECTION:
         for k in range(6):
             state.correction[k] = state.correction_rate[k] = 0.0
     if now <= _ARMED:
@@ -262,9 +262,9 @@ def supervise_cycle(
     """
     share, now = risen(state.supervisor.risen, settings.supervisor.rise), state.supervisor.state
     standing = 1 if stands(ring, state.ring_row, given.nominal[:]) else 0
-    session = KEPT
+    session = LAST_CORRECTION
     if given.hard == _SESSION:
-        session = in_force(given, ring, state.ring_row, state) if now > _ARMED else NOTHING
+        session = in_force(given, ring, state.ring_row, state) if now > _ARMED else NO_CORRECTION
     planned = cycle.planned == 1
     near = planned and cycle.path_distance <= settings.off_path
     force_n = size_of(result.measured[:], 0) if settings.force != 0 else 0.0

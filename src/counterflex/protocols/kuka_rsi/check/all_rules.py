@@ -27,5 +27,5 @@ def check(setup: Setup) -> tuple[Finding, ...]:
     Raises:
         FileFormatError: A parameter that a rule needs is not a number.
     """
-    found = [finding for rule in RULES for finding in rule(setup)]
-    return tuple(sorted(found, key=lambda finding: finding.severity != "error"))
+    findings = [finding for rule in RULES for finding in rule(setup)]
+    return tuple(sorted(findings, key=lambda finding: finding.severity != "error"))

@@ -30,28 +30,28 @@ def ethernet_object(setup: Setup) -> Iterator[Finding]:
     """There is one ETHERNET object, and it names this file."""
     if setup.context is None:
         return
-    found = setup.context.of_kind("ETHERNET")
-    if len(found) != 1:
+    objects = setup.context.of_kind("ETHERNET")
+    if len(objects) != 1:
         yield Finding(
             "ethernet-object",
             "error",
             setup.context.where,
             "the context needs one ETHERNET object",
-            f"{len(found)}",
+            f"{len(objects)}",
             "1",
             "Correct the context",
         )
         return
-    named = PureWindowsPath(found[0].parameters.get("ConfigFile", "")).name
-    given = PureWindowsPath(setup.config.where).name
-    if named.lower() != given.lower():
+    named = PureWindowsPath(objects[0].parameters.get("ConfigFile", "")).name
+    file_name = PureWindowsPath(setup.config.where).name
+    if named.lower() != file_name.lower():
         yield Finding(
             "config-file",
             "error",
-            setup.within(found[0], "ConfigFile"),
+            setup.within(objects[0], "ConfigFile"),
             "the context reads another file",
             named or "none",
-            given,
+            file_name,
             "Give the file that it names, or change ConfigFile",
         )
 
@@ -61,14 +61,14 @@ def precision(setup: Setup) -> Iterator[Finding]:
     item = setup.ethernet
     if item is None:
         return
-    found = setup.parameter(item, "Precision", PRECISION_DEFAULT)
-    if found < 4:
+    value = setup.parameter(item, "Precision", PRECISION_DEFAULT)
+    if value < 4:
         yield Finding(
             "precision",
             "error",
             setup.within(item, "Precision"),
-            "poses come rounded" if found < 0 else f"poses come in steps of {10.0**-found:g} mm and deg",
-            f"{found:g}",
+            "poses come rounded" if value < 0 else f"poses come in steps of {10.0**-value:g} mm and deg",
+            f"{value:g}",
             ">= 4",
             "Set Precision to 4",
         )
@@ -79,28 +79,28 @@ def timeout(setup: Setup) -> Iterator[Finding]:
     item = setup.ethernet
     if item is None:
         return
-    found = setup.parameter(item, "Timeout", TIMEOUT_DEFAULT)
+    value = setup.parameter(item, "Timeout", TIMEOUT_DEFAULT)
     cycle_ms = setup.program.cycle_ms if setup.program else setup.limits.period_ms if setup.limits else 4
     most = [int(ms / cycle_ms) for ms in _TIMEOUT_MS]
     where = setup.within(item, "Timeout")
     safe = f"{_TIMEOUT_LEAST} .. {max(most[0], 10)} cycles of {cycle_ms} ms"
-    if found < _TIMEOUT_LEAST:
+    if value < _TIMEOUT_LEAST:
         yield Finding(
             "timeout",
-            "error" if found < 1 else "warning",
+            "error" if value < 1 else "warning",
             where,
             "a short stall stops the robot in the cut",
-            f"{found:g}",
+            f"{value:g}",
             safe,
             f"Set Timeout to {TIMEOUT_DEFAULT}",
         )
-    elif found > max(most[0], 10):
+    elif value > max(most[0], 10):
         yield Finding(
             "timeout",
-            "error" if found > max(most[1], 10) else "warning",
+            "error" if value > max(most[1], 10) else "warning",
             where,
-            f"the robot mills on for {found * cycle_ms:g} ms with a frozen correction after the last answer",
-            f"{found:g}",
+            f"the robot mills on for {value * cycle_ms:g} ms with a frozen correction after the last answer",
+            f"{value:g}",
             safe,
             f"Set Timeout to {TIMEOUT_DEFAULT}",
         )
@@ -168,7 +168,7 @@ def _inside(setup: Setup, item: ContextObject, rows: list[tuple[str, str, float,
 
 
 def _above(
-    setup: Setup, item: ContextObject, parameter: str, found: float, top: float, unit: str, name: str
+    setup: Setup, item: ContextObject, parameter: str, value: float, top: float, unit: str, name: str
 ) -> Finding:
     there = bool(setup.context and setup.context.of_kind(name))
     return Finding(
@@ -177,7 +177,7 @@ def _above(
         setup.within(item, parameter),
         f"{name} stops the robot in the cut before this limit acts"
         + ("" if there else " (its default holds where the context has none)"),
-        f"{found:g} {unit}",
+        f"{value:g} {unit}",
         f"<= {top:g} {unit}",
         f"Lower it, or raise {name}",
     )
@@ -245,15 +245,15 @@ def wide_limits(setup: Setup) -> Iterator[Finding]:
     else:
         for item in setup.context.of_kind("AXISCORR"):
             rows += _sides(setup, item, [f"A{i}" for i in range(1, 7)], limits.axis_deg * limits.hard_factor, "deg")
-    for item, name, found, own, top, unit in rows:
-        if found > top + _ROUNDING:
+    for item, name, value, own, top, unit in rows:
+        if value > top + _ROUNDING:
             yield Finding(
                 "wide-limit",
-                "error" if found > _LARGEST_LIMIT else "warning",
+                "error" if value > _LARGEST_LIMIT else "warning",
                 setup.within(item, name),
                 "a fault of the loop may move the tool further than the cell file allows"
-                + ("" if _given(setup, item, name) else " (the default, nothing is written)"),
-                f"{found:g} {unit}",
+                + ("" if _states(setup, item, name) else " (the default, nothing is written)"),
+                f"{value:g} {unit}",
                 f"{own:g} (hard limit of the cell's [online]) .. {top:g} {unit}",
                 "Lower it, here or by RSI_SETPUBLICPAR",
             )
@@ -268,7 +268,7 @@ def _sides(
         yield item, f"{'LowerLim' if low > high else 'UpperLim'}{axis}", max(low, high), own, _WIDE * own, unit
 
 
-def _given(setup: Setup, item: ContextObject, name: str) -> bool:
+def _states(setup: Setup, item: ContextObject, name: str) -> bool:
     return name in item.parameters or (
         setup.program is not None and (item.name, name) in setup.program.public_parameters()
     )
@@ -309,15 +309,15 @@ def context_name(setup: Setup) -> Iterator[Finding]:
     if setup.context is None or create is None or not create.arguments:
         return
     named = re.sub(r"\.rsix?$", "", create.arguments[0].strip('"'), flags=re.IGNORECASE)
-    given = re.sub(r"\.(rsi\.xml|rsix)$", "", PureWindowsPath(setup.context.where).name, flags=re.IGNORECASE)
-    if named.lower() != given.lower():
+    name = re.sub(r"\.(rsi\.xml|rsix)$", "", PureWindowsPath(setup.context.where).name, flags=re.IGNORECASE)
+    if named.lower() != name.lower():
         yield Finding(
             "context-name",
             "error",
             setup.on_line(create.line),
             "RSI_CREATE loads another context",
             named,
-            given,
+            name,
             "Give the context that the program loads, or change the name",
         )
     ending = re.search(r"\.rsix?$", create.arguments[0].strip('"'), re.IGNORECASE)

@@ -102,13 +102,13 @@ def corrections_declared(setup: Setup) -> Iterator[Finding]:
             "RKorr.X to RKorr.C, or AKorr.A1 to AKorr.A6",
             "Add one of them to RECEIVE, or set ONLYSEND to TRUE to watch only",
         )
-    wanted = [(pose, POSE)]
+    required = [(pose, POSE)]
     for word in AXIS_WORDS:
-        found = [value.name for value in setup.axis_values if value.element == word]
-        wanted.append((found, tuple(f"{word}.{axis}" for axis in _AXES)))
-    for found, whole in wanted:
-        missing = [name for name in whole if name not in found]
-        if found and missing:
+        declared = [value.name for value in setup.axis_values if value.element == word]
+        required.append((declared, tuple(f"{word}.{axis}" for axis in _AXES)))
+    for declared, whole in required:
+        missing = [name for name in whole if name not in declared]
+        if declared and missing:
             yield Finding(
                 "partly-declared",
                 "error",
@@ -258,16 +258,16 @@ def reserved_generator(setup: Setup) -> Iterator[Finding]:
 
 def sentype(setup: Setup) -> Iterator[Finding]:
     """Both sides compare this text; it must not be mistaken for anything."""
-    found = setup.config.sentype
-    if found == "KUKA" or not _SENTYPE.fullmatch(found):
+    value = setup.config.sentype
+    if value == "KUKA" or not _SENTYPE.fullmatch(value):
         yield Finding(
             "sentype",
             "warning",
             setup.at("CONFIG SENTYPE"),
             "answers are refused unless they carry exactly this text; the robot's own telegrams say KUKA"
-            if found == "KUKA"
+            if value == "KUKA"
             else "answers are refused unless they carry exactly this text",
-            repr(found),
+            repr(value),
             "up to 32 letters, digits, _ . -; not KUKA",
             "Choose a name of your own, for example Counterflex",
         )
@@ -278,11 +278,11 @@ def address(setup: Setup) -> Iterator[Finding]:
     where, text = setup.at("CONFIG IP_NUMBER"), setup.config.host
     safe = "address of the sensor computer in a network of its own, for example 192.168.44.10"
     try:
-        found = ipaddress.IPv4Address(text)
+        value = ipaddress.IPv4Address(text)
     except ValueError:
         yield Finding("address", "error", where, "not an IPv4 address", text, safe, "Write the computer's address")
         return
-    if found in ipaddress.IPv4Network("192.0.1.0/24"):
+    if value in ipaddress.IPv4Network("192.0.1.0/24"):
         yield Finding(
             "address",
             "error",
@@ -292,9 +292,9 @@ def address(setup: Setup) -> Iterator[Finding]:
             safe,
             "Take another network",
         )
-    elif found.is_multicast or found.is_unspecified or text.endswith(".255"):
+    elif value.is_multicast or value.is_unspecified or text.endswith(".255"):
         yield Finding("address", "error", where, "not the address of one computer", text, safe, "Correct it")
-    elif found.is_loopback:
+    elif value.is_loopback:
         yield Finding(
             "address",
             "warning",
@@ -308,29 +308,29 @@ def address(setup: Setup) -> Iterator[Finding]:
 
 def port(setup: Setup) -> Iterator[Finding]:
     """The sensor computer must be able to bind the port, alone."""
-    where, found = setup.at("CONFIG PORT"), setup.config.port
-    if found < _FREE_FROM:
+    where, value = setup.at("CONFIG PORT"), setup.config.port
+    if value < _FREE_FROM:
         yield Finding(
-            "port", "warning", where, "needs administrator rights", f"{found}", f">= {_FREE_FROM}", "Take another port"
+            "port", "warning", where, "needs administrator rights", f"{value}", f">= {_FREE_FROM}", "Take another port"
         )
     for what, used in setup.ports.items():
-        if used == found:
+        if used == value:
             yield Finding(
                 "port",
                 "error",
                 where,
                 f"{what} uses this port on the same computer",
-                f"{found}",
+                f"{value}",
                 "a port of its own",
                 "Change one of them",
             )
-    if found == _FORCE_SENSOR_PORT and setup.config.host.startswith("127."):
+    if value == _FORCE_SENSOR_PORT and setup.config.host.startswith("127."):
         yield Finding(
             "port",
             "warning",
             where,
             "ATI force sensors use this port: a simulated one on this computer would clash",
-            f"{found}",
+            f"{value}",
             "another port, for example 59152",
             "Change it, or give the simulated sensor another port",
         )

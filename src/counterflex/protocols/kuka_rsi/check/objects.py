@@ -51,8 +51,8 @@ def ends_of_wires(setup: Setup) -> Iterator[Finding]:
                     )
 
 
-def _dangling(place: str, what: str, found: str, safe: str) -> Finding:
-    return Finding("dangling-wire", "error", place, f"{what}: RSI_CREATE fails", found, safe, "Correct the wiring")
+def _dangling(place: str, what: str, value: str, safe: str) -> Finding:
+    return Finding("dangling-wire", "error", place, f"{what}: RSI_CREATE fails", value, safe, "Correct the wiring")
 
 
 def idle_corrections(setup: Setup) -> Iterator[Finding]:
@@ -85,18 +85,18 @@ def numbers(setup: Setup) -> Iterator[Finding]:
                 setup.within(item, "ObjTypeID"), "of another object", item.type_number, kind.number, item.kind
             )
         known = {row.name: row.first if setup.context.first_index == 1 else row.second for row in kind.parameters}
-        for name, found in item.parameter_numbers.items():
-            if name in known and found != known[name]:
-                yield _number(setup.within(item, f"{name} ParamID"), "of another parameter", found, known[name], name)
+        for name, value in item.parameter_numbers.items():
+            if name in known and value != known[name]:
+                yield _number(setup.within(item, f"{name} ParamID"), "of another parameter", value, known[name], name)
 
 
-def _number(place: str, whose: str, found: int, right: int, name: str) -> Finding:
+def _number(place: str, whose: str, value: int, right: int, name: str) -> Finding:
     return Finding(
         "number",
         "error",
         place,
         f"the number is that {whose}: the controller goes by the number, not by the name",
-        f"{found}",
+        f"{value}",
         f"{right} ({name})",
         "Correct the number, or make the context again in RSI Visual",
     )

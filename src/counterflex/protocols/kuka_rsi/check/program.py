@@ -7,7 +7,7 @@ from typing import Final
 
 from counterflex.protocols.finding import Finding
 from counterflex.protocols.kuka_rsi.context import decimal
-from counterflex.protocols.kuka_rsi.setup import Rule, Setup, told_variables
+from counterflex.protocols.kuka_rsi.setup import Rule, Setup, message_variables
 
 _POINT_TO_POINT: Final = ("PTP", "PTP_REL", "SPTP")
 _SPLINE: Final = ("SLIN", "SCIRC", "SPL", "SPLINE")
@@ -194,7 +194,7 @@ def enable_written(setup: Setup) -> Iterator[Finding]:
     on, off = setup.program.first("RSI_ON"), setup.program.first("RSI_OFF")
     waits = [item.line for item in items if item.what in ("WAIT", "WHILE") and not item.guarded]
     path = next((item.line for item in items if on and item.line > on.line and item.what in _PATH), None)
-    state = told_variables(setup, "State")
+    state = message_variables(setup, "State")
     armed = [
         item.line
         for item in items

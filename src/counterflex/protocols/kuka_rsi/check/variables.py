@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from counterflex.protocols.finding import Finding
-from counterflex.protocols.kuka_rsi.setup import Rule, Setup, told_variables
+from counterflex.protocols.kuka_rsi.setup import Rule, Setup, message_variables
 
 _WRITERS: Final = {"MAP2SEN_PREA": "$SEN_PREA", "MAP2SEN_PINT": "$SEN_PINT"}
 _READERS: Final = {"SEN_PREA": "$SEN_PREA", "SEN_PINT": "$SEN_PINT"}
@@ -58,7 +58,7 @@ def heard(setup: Setup) -> Iterator[Finding]:
     if setup.program is None or setup.context is None:
         return
     conditions = [item for item in setup.program.statements if item.what in ("INTERRUPT", "WAIT", "WHILE")]
-    wired = told_variables(setup, "FeedHold")
+    wired = message_variables(setup, "FeedHold")
     if wired and not any(
         name in item.arguments[0] for item in conditions for name in wired if item.what == "INTERRUPT"
     ):

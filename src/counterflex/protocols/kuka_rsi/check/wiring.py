@@ -66,19 +66,19 @@ def _limits_on_the_way(setup: Setup, name: str, passed: list[ContextObject]) -> 
     limits = setup.limits
     if limits is None or not name.startswith("RKorr"):
         return
-    wanted = limits.correction_mm if name[-1] in "XYZ" else limits.correction_deg
+    required = limits.correction_mm if name[-1] in "XYZ" else limits.correction_deg
     for item in passed:
         if item.kind != "LIMIT":
             continue
         low, high = setup.parameter(item, "LowerLimit", -10.0), setup.parameter(item, "UpperLimit", 10.0)
-        if min(-low, high) < wanted:
+        if min(-low, high) < required:
             yield Finding(
                 "limit-object",
                 "error",
                 setup.within(item),
                 f"cuts {name} off below what the cell may send, and no status says so",
                 f"{low:g} .. {high:g}",
-                f"-{wanted:g} .. {wanted:g} or wider",
+                f"-{required:g} .. {required:g} or wider",
                 "Widen it or lower [online] in the cell file",
             )
 
@@ -88,12 +88,12 @@ def wired_commands(setup: Setup) -> Iterator[Finding]:
     item, context = setup.ethernet, setup.context
     if item is None or context is None:
         return
-    for name, wanted in (("Stop", "STOP"), ("Override", "MAP2OV_PRO"), ("FeedHold", ""), ("State", "")):
+    for name, required in (("Stop", "STOP"), ("Override", "MAP2OV_PRO"), ("FeedHold", ""), ("State", "")):
         value = setup.received.get(name)
         if value is None or value.tag.channel is None:
             continue
         ends, _ = context.reached(item.name, value.tag.channel)
-        if not any(end.kind == wanted or (not wanted and end.kind != "ETHERNET") for end, _ in ends):
+        if not any(end.kind == required or (not required and end.kind != "ETHERNET") for end, _ in ends):
             severity: Severity = "error" if name == "Stop" else "warning"
             yield Finding(
                 "not-wired",
@@ -101,7 +101,7 @@ def wired_commands(setup: Setup) -> Iterator[Finding]:
                 setup.at(name),
                 f"{name} does nothing in the context",
                 f"INDX {value.tag.channel} not wired",
-                f"wired to {wanted or 'MAP2SEN_PREA or MAP2DIGOUT'}",
+                f"wired to {required or 'MAP2SEN_PREA or MAP2DIGOUT'}",
                 "Wire it, or take the tag out",
             )
     channels = {value.tag.channel for value in setup.received.values()}

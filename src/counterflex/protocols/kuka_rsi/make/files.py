@@ -151,8 +151,8 @@ class RsiFiles:
             most: dict[str, float | str] = {f"MaxA{i}": _up(self.axis_clamp_deg * _MARGIN) for i in range(1, 7)}
         else:
             most = {"MaxTrans": _up(self.clamp_mm * _MARGIN), "MaxRotAngle": _up(self.clamp_deg * _MARGIN)}
-        told = [("ETHERNET1", 8, FEED_HOLD_INDEX), ("ETHERNET1", 9, STATE_INDEX)]
-        told += [(monitor, i, CORRECTION_INDEX + i - 1) for i in range(1, 7)]
+        links = [("ETHERNET1", 8, FEED_HOLD_INDEX), ("ETHERNET1", 9, STATE_INDEX)]
+        links += [(monitor, i, CORRECTION_INDEX + i - 1) for i in range(1, 7)]
         override = [Block("MAP2OV_PRO", "MAP2OV_PRO1", {1: ("ETHERNET1", 10)})] if self.override else []
         return (
             Block(
@@ -166,7 +166,7 @@ class RsiFiles:
             Block("STOP", "STOP1", {1: ("ETHERNET1", 7)}, {"Mode": "PathNormal", "Channel": 0}),
             *(
                 Block("MAP2SEN_PREA", f"MAP2SEN_PREA{k}", {1: (source, output)}, {"Index": index})
-                for k, (source, output, index) in enumerate(told, start=1)
+                for k, (source, output, index) in enumerate(links, start=1)
             ),
             *override,
             Block("SEN_PREA", "SEN_PREA1", {}, {"Index": ENABLE_INDEX}),
@@ -191,15 +191,15 @@ def check_files(files: RsiFiles) -> None:
     """
     if not 1 <= files.port <= 65535:
         raise InputError("no UDP port", where="--port", value=files.port, limit="1 .. 65535")
-    for name, found, unit in (
+    for name, value, unit in (
         ("correction_mm", files.clamp_mm, "mm"),
         ("correction_deg", files.axis_clamp_deg if files.limits.axes else files.clamp_deg, "deg"),
     ):
-        if found > 20.0:
+        if value > 20.0:
             raise InputError(
                 "the corrections are too large for a robot that cuts",
                 where=f"[online] {name} x hard_factor",
-                value=f"a limit of {found:g} {unit} on the controller",
+                value=f"a limit of {value:g} {unit} on the controller",
                 limit=f"<= 20 {unit}",
             )
 

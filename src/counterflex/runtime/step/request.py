@@ -28,7 +28,7 @@ _SOFT_LIMIT, _HARD_LIMIT, _NOT_FINITE = int(Cause.LIMIT_SOFT), int(Cause.LIMIT_H
     Cycle=CYCLE,
     Result=RESULT,
 )
-def want(settings: Record, state: Record, plan: Float, cycle: Record, result: Record) -> None:
+def request_correction(settings: Record, state: Record, plan: Float, cycle: Record, result: Record) -> None:
     """Correction of the deflection, and of what the tracker shows.
 
     Args:
@@ -38,7 +38,7 @@ def want(settings: Record, state: Record, plan: Float, cycle: Record, result: Re
         cycle: With what was found before.
         result: With the deflection; the wanted correction is written.
     """
-    wanted, extra = result.wanted[:], cycle.vector[:]
+    requested, extra = result.wanted[:], cycle.vector[:]
     control(
         result.deflection[:],
         cycle.direction[:],
@@ -46,45 +46,45 @@ def want(settings: Record, state: Record, plan: Float, cycle: Record, result: Re
         cycle.active,
         state.integral[:],
         state.deflection_before[:],
-        wanted,
+        requested,
     )
     size = 6 if settings.orientation == 1 else 3
     for k in range(size, 6):
-        wanted[k] = 0.0
+        requested[k] = 0.0
     if settings.force == FUSED:
         for k in range(6):
             extra[k] = result.offset[k]
         if settings.normal_only == 1 and cycle.planned == 1:
             across(extra, 0, plan, cycle.row)
         for k in range(size):
-            wanted[k] -= extra[k]
+            requested[k] -= extra[k]
     if settings.tracker == INTEGRATOR:
         for k in range(size):
-            wanted[k] += state.tracker_integral[k]
+            requested[k] += state.tracker_integral[k]
     elif settings.tracker == DESIGNED:
         for k in range(6):
             extra[k] = 0.0
         designed_correction(settings, state, extra)
         for k in range(size):
-            wanted[k] += extra[k]
+            requested[k] += extra[k]
     elif settings.tracker == OBSERVER:
         for k in range(size):
-            wanted[k] -= state.offset[k]
+            requested[k] -= state.offset[k]
 
 
 @kernel("void(Settings, float64[::1], Cycle)", Settings=SETTINGS, Cycle=CYCLE)
-def check_reach(settings: Record, wanted: Float, cycle: Record) -> None:
+def check_reach(settings: Record, requested: Float, cycle: Record) -> None:
     """Causes by the wanted correction: not a number, beyond the limits, or far beyond.
 
     Args:
         settings: Of the loop.
-        wanted: (6,) m and rotation vector.
+        requested: (6,) m and rotation vector.
         cycle: Causes are written.
     """
     for k in range(6):
-        if not math.isfinite(wanted[k]) and cycle.hard == 0:
+        if not math.isfinite(requested[k]) and cycle.hard == 0:
             cycle.hard = _NOT_FINITE
-    reach = max(size_of(wanted, 0) / settings.translation[0], size_of(wanted, 3) / settings.rotation[0])
+    reach = max(size_of(requested, 0) / settings.translation[0], size_of(requested, 3) / settings.rotation[0])
     acts = cycle.active == 1 or cycle.held == 1
     if reach > settings.hard_factor and cycle.hard == 0 and acts:
         cycle.hard = _HARD_LIMIT
