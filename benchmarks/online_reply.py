@@ -54,7 +54,7 @@ from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.live.live_cell import Report
 from counterflex.twin.live.recorded_pass import RecordedPass
-from counterflex.twin.live.replayed_cell import GATE, SteadyCell
+from counterflex.twin.live.replayed_cell import GATE, ReplayedCell
 from counterflex.twin.live.timed_block import Block
 from counterflex.validation.soak import replayed_cell as steady
 from counterflex.validation.soak.operator import wanted
@@ -111,14 +111,14 @@ def _echo_process(own: socket.socket) -> None:
 def _cell_process(rsi: Path, played: RecordedPass, cycles: int, pipe: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     netft = NetftServer()
-    cell = SteadyCell(played, FakeRsi(read_config(rsi), RsiContext(timeout=1 << 30)), netft)
+    cell = ReplayedCell(played, FakeRsi(read_config(rsi), RsiContext(timeout=1 << 30)), netft)
     pipe.send((netft.address, netft.http_address))
     while not pipe.poll(0.02):
         netft.poll()
     peer, tracker, echo = pipe.recv()
     prepare()
     blocks: list[Block] = []
-    cell.run(peer, cycles, tracker=tracker, echo=echo, block=cycles, told=blocks.append)
+    cell.run(peer, cycles, tracker=tracker, echo=echo, block=cycles, on_block=blocks.append)
     pipe.send(blocks[0])
     cell.close()
 

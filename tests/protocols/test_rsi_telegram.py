@@ -15,7 +15,7 @@ from counterflex.protocols.decimal_kernel import read_decimal, write_decimal
 from counterflex.protocols.kuka_rsi.config import RsiConfig, parse_config
 from counterflex.protocols.kuka_rsi.kernel import MISSING, OK
 from counterflex.protocols.kuka_rsi.telegram import (
-    SAID,
+    SCAN_FAULTS,
     answer_reader,
     answer_writer,
     check_read,
@@ -129,7 +129,7 @@ def test_refuses_everything_else_and_says_why(telegram: bytes, said: str) -> Non
     reader = robot_reader(config())
     status = reader.read_bytes(telegram)
     assert status != OK
-    assert said in SAID[status]
+    assert said in SCAN_FAULTS[status]
     with pytest.raises(ProtocolError, match=said):
         check_read(status, reader)
 
@@ -173,7 +173,7 @@ def test_what_is_accepted_an_xml_library_reads_alike(data: st.DataObject) -> Non
         telegram[at : at + cut] = piece
     reader = robot_reader(config())
     status = reader.read_bytes(bytes(telegram))
-    assert status in (OK, *SAID)
+    assert status in (OK, *SCAN_FAULTS)
     if status != OK:
         return
     root = ElementTree.fromstring(bytes(telegram).rstrip(b"\0 \r\n\t"))

@@ -46,7 +46,7 @@ def watched(shift_m: float, turn_rad: float = 0.0, limit_m: float = 2.0 * MM) ->
 
     rig.tracker.change = off
     for _ in range(150):
-        rig.gone -= 1
+        rig.run_cycles -= 1
         rig.cycle()
     return rig
 
@@ -55,7 +55,7 @@ def looked(rig: Rig) -> dict[str, Any]:
     """What ``operator status`` finds."""
 
     def wait(_: float) -> None:
-        rig.gone -= 1
+        rig.run_cycles -= 1
         rig.cycle()
 
     return ask(rig.control, "status", clock=Clock(rig.clock_ns, wait))

@@ -15,8 +15,8 @@ from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.devices.played_program import ACTIVE, ARMED, NO_TAG, PlayedProgram
 from counterflex.twin.live import replayed_cell
 from counterflex.twin.live.recorded_pass import SAMPLES, RecordedPass
-from counterflex.twin.live.replayed_cell import SteadyCell
-from counterflex.twin.live.timed_block import NOT_TOLD, Block
+from counterflex.twin.live.replayed_cell import ReplayedCell
+from counterflex.twin.live.timed_block import NOT_REPORTED, Block
 
 READY, HOLD, FAULT = 1, 4, 6
 PERIOD = 4e-3
@@ -67,9 +67,9 @@ def test_a_feed_hold_lets_it_stand_on_the_path_and_go_on_from_there() -> None:
     gone_on(program, 30, ACTIVE)
     assert program.place == 30
     gone_on(program, 40, HOLD, feed_hold=True)
-    assert (program.place, program.held) == (30, 40)
+    assert (program.place, program.held_cycles) == (30, 40)
     program.go_on(7)  # nobody looked: it still stands
-    assert (program.place, program.held) == (30, 47)
+    assert (program.place, program.held_cycles) == (30, 47)
     gone_on(program, 3, ACTIVE)
     assert program.place == 33
     program.go_on(7)
@@ -91,7 +91,7 @@ def test_it_is_ended_and_started_again_at_its_beginning(
     gone_on(program, 30, ACTIVE)
     assert gone_on(program, cycles, told, **given) == [""] * (cycles - 1) + [why]
     assert program.phase.name == "ENDED"
-    gone_on(program, 5, NOT_TOLD, answered=False)
+    gone_on(program, 5, NOT_REPORTED, answered=False)
     assert program.phase.name == "WAITS"
     assert program.place == 0
     gone_on(program, 500, READY)  # it waits for whoever arms it, without any limit
@@ -120,7 +120,7 @@ class Clock:
         self.slept += 1
 
 
-class Answered(SteadyCell):
+class Answered(ReplayedCell):
     """Its telegrams are answered by the test, 0.2 ms later, and kept with their times."""
 
     def __init__(self, clock: Clock, **chosen: Any) -> None:
@@ -180,7 +180,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 def played(cell: Answered, cycles: int, **chosen: Any) -> list[Block]:
     blocks: list[Block] = []
-    cell.run(("127.0.0.1", 9), cycles, told=blocks.append, echo=("127.0.0.1", 9), **chosen)
+    cell.run(("127.0.0.1", 9), cycles, on_block=blocks.append, echo=("127.0.0.1", 9), **chosen)
     cell.close()
     return blocks
 
@@ -203,8 +203,8 @@ def test_telegrams_come_every_cycle_and_are_timed(clock: Clock) -> None:
     assert {entry[3] for entry in cell.sent[GATE:]} == {1.0}
     assert np.ptp([entry[2] for entry in cell.sent[:GATE]]) == 0.0
     np.testing.assert_allclose(np.diff([entry[2] for entry in cell.sent[GATE:]]), 0.1, atol=1e-6)
-    np.testing.assert_array_equal(second.told_state, ARMED)
-    assert (last.missed, last.paused, last.held, last.ended) == (0, 0, 0, ())
+    np.testing.assert_array_equal(second.reported_state, ARMED)
+    assert (last.missed, last.paused, last.held_cycles, last.ended) == (0, 0, 0, ())
 
 
 @pytest.mark.parametrize("stall_s", [1.5e-3, 5e-3, 23e-3, 400e-3])
@@ -244,8 +244,8 @@ def test_the_robot_stands_while_the_feed_is_held(clock: Clock) -> None:
     x = np.array([entry[2] for entry in cell.sent])
     assert np.ptp(x[41:61]) == 0.0
     np.testing.assert_allclose(np.diff(x[61:]), 0.1, atol=1e-6)
-    assert block.held == 20
-    assert block.told_state[50] == HOLD
+    assert block.held_cycles == 20
+    assert block.reported_state[50] == HOLD
 
 
 def test_a_stopped_robot_begins_another_session_without_a_correction(clock: Clock) -> None:
@@ -260,6 +260,6 @@ def test_a_stopped_robot_begins_another_session_without_a_correction(clock: Cloc
     assert after[1] - before[1] == 60_000
     assert (before[2] > 0.0, after[2], after[3]) == (True, 0.0, 0.0)
     assert np.flatnonzero(np.isnan(block.reply_s)).tolist() == [36, 37]
-    assert block.told_state[36] == NOT_TOLD
+    assert block.reported_state[36] == NOT_REPORTED
     assert block.refused == 2
     assert block.largest_m == pytest.approx(0.5e-3)

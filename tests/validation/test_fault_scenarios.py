@@ -101,6 +101,6 @@ def test_the_robot_of_the_command_shows_a_pose_that_its_angles_have_in_the_part_
     """Else the command never arms (frame offset), and its faults in real time try nothing."""
     cell, robot = demo_cell(), FakeRsi(demo_config(), RsiContext())
     for gone in (0, 123, 499, 500):
-        shown = reported(robot, 7, running=True, gone=gone, of_cell=True)
+        shown = reported(robot, 7, running=True, run_cycles=gone, of_cell=True)
         T = pose.inverse(cell.T_base_part) @ forward(cell.controller_chain, shown.q_command)
         np.testing.assert_allclose(shown.T_part_nominal, T, atol=1e-7)

@@ -15,16 +15,16 @@ from counterflex.protocols.system.realtime import locked_kb, prepared
 from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex.twin.devices.played_program import Phase, PlayedProgram
-from counterflex.twin.live.timed_block import NOT_TOLD, Block, Times
+from counterflex.twin.live.timed_block import NOT_REPORTED, Block, Times
 from counterflex.validation.faults.rig import PATIENT, Rig
 from counterflex.validation.soak.figures import figures
-from counterflex.validation.soak.operator import PATIENCE, SteadyOperator, wanted
+from counterflex.validation.soak.operator import PATIENCE, SteadyOperator, requested_words
 from counterflex.validation.soak.replay_figures import active, in_standstill, micro
 
 
 @pytest.mark.parametrize("state", [state.name.lower() for state in State])
 def test_what_an_operator_asks_for(state: str) -> None:
-    held, free = wanted(state, feed_hold=True), wanted(state, feed_hold=False)
+    held, free = requested_words(state, feed_hold=True), requested_words(state, feed_hold=False)
     assert free == {"fault": "reset", "ready": "arm"}.get(state, "")
     assert held == ("reset" if state in ("fault", "ready", "idle") else "")
 
@@ -166,12 +166,12 @@ def block_of(states: list[int], reply: list[float], woken: list[float], **counts
 def test_cycles_are_told_apart() -> None:
     ACTIVE, HOLD, lost = int(State.ACTIVE), int(State.HOLD), np.nan
     block = block_of(
-        [NOT_TOLD, ACTIVE, ACTIVE, NOT_TOLD, NOT_TOLD, HOLD, ACTIVE, ACTIVE],
+        [NOT_REPORTED, ACTIVE, ACTIVE, NOT_REPORTED, NOT_REPORTED, HOLD, ACTIVE, ACTIVE],
         [lost, 2e-4, 2e-4, lost, lost, 3e-4, 2e-4, lost],
         [0.0, 0.0, 0.0, 20e-3, 0.0, 0.0, 0.0, 0.0],
         missed=5,
         paused=2,
-        held=1,
+        feed_held=1,
     )
     np.testing.assert_array_equal(active(block), np.array([1, 1, 1, 1, 1, 0, 1, 1], dtype=bool))
     np.testing.assert_array_equal(in_standstill(block), np.array([0, 0, 1, 1, 1, 0, 0, 0], dtype=bool))

@@ -100,16 +100,16 @@ def signal(cut_m: float, incident: Incident, seed: int) -> Float:
     ]
     engaged = engaged * (1.0 + 0.015 * wave)
     place = x - AIR_M - incident.at_m
-    gone = place > 0.0
+    after_tooth = place > 0.0
     teeth: Int = np.ones((k, TEETH), dtype=np.int64)
     if incident.event == Event.MISSING_CUT:
-        engaged = np.where(gone & (place < incident.size), 0.0, engaged)
+        engaged = np.where(after_tooth & (place < incident.size), 0.0, engaged)
     elif incident.event == Event.OVERLOAD:
-        engaged = np.where(gone, engaged * (1.0 + incident.size * np.clip(place / RAMP_M, 0.0, 1.0)), engaged)
+        engaged = np.where(after_tooth, engaged * (1.0 + incident.size * np.clip(place / RAMP_M, 0.0, 1.0)), engaged)
     elif incident.event == Event.WEAR:
         engaged = engaged * (1.0 + incident.size * np.maximum(0.0, place))
     elif incident.event == Event.BREAKAGE:
-        teeth[gone, : round(incident.size)] = 0
+        teeth[after_tooth, : round(incident.size)] = 0
     angle: Float = 2.0 * np.pi * TURN_PER_S * (1.0 - rng.uniform(0.0, 0.008)) * t + rng.uniform(0.0, 2.0 * np.pi)
     force = _teeth(angle, teeth, engaged, 6.0 * UM * rng.standard_normal(TEETH))
     swing = np.zeros(k)
@@ -118,11 +118,11 @@ def signal(cut_m: float, incident: Incident, seed: int) -> Float:
     swing[begin:] = 0.15 * np.exp(-0.05 * 2.0 * np.pi * 8.0 * since) * np.sin(2.0 * np.pi * 8.0 * since)
     force += swing[:, None] * np.linalg.norm(MEAN_N) * np.array([0.3, 1.0, 0.2])
     if incident.event == Event.CHATTER:
-        grown = incident.size * np.where(gone, 1.0 - np.exp(-np.maximum(0.0, place) / (5.0 * MM)), 0.0)
+        grown = incident.size * np.where(after_tooth, 1.0 - np.exp(-np.maximum(0.0, place) / (5.0 * MM)), 0.0)
         line = 2.0 * np.pi * rng.uniform(70.0, 480.0) * t
         force += (grown * (engaged > 0.0))[:, None] * np.sin(line)[:, None] * np.array([0.4, 0.9, 0.1])
     if incident.event == Event.LOW_CHATTER:
-        grown = incident.size * np.where(gone, 1.0 - np.exp(-np.maximum(0.0, place) / (5.0 * MM)), 0.0)
+        grown = incident.size * np.where(after_tooth, 1.0 - np.exp(-np.maximum(0.0, place) / (5.0 * MM)), 0.0)
         arm = 2.0 * np.pi * rng.uniform(4.0, 36.0) * t
         force += (grown * (engaged > 0.0))[:, None] * np.sin(arm)[:, None] * np.array([0.4, 0.9, 0.1])
     return force + rng.standard_normal((k, 3))
@@ -194,7 +194,7 @@ def run_trial(settings: MonitorSettings, cut_m: float, incident: Incident, seed:
     result.state = State.ACTIVE
     place: Float = np.zeros(2)
     step = 0.25 * MM
-    found: dict[Event, float] = {}
+    detected: dict[Event, float] = {}
     for cycle in range(len(samples) // per_cycle):
         x = FEED_M_S * cycle * PERIOD_S
         row = min(int(x / step), len(path) - 2)
@@ -207,5 +207,5 @@ def run_trial(settings: MonitorSettings, cut_m: float, incident: Incident, seed:
         if new:
             for event in Event:
                 if new >> event & 1:
-                    found.setdefault(event, x - AIR_M)
-    return Outcome(found, float(monitor.results.trend), float(monitor.results.trend_sigma))
+                    detected.setdefault(event, x - AIR_M)
+    return Outcome(detected, float(monitor.results.trend), float(monitor.results.trend_sigma))

@@ -17,7 +17,7 @@ NEAR_ZERO_MM = 0.005  # what CF_ZERO compares with
 
 def told(rig: Rig) -> tuple[bool, bool]:
     """Whether the program would go on: "armed" before the path, "at zero" behind it."""
-    state = float(rig.robot.told_state)
+    state = float(rig.robot.reported_state)
     corrected = float(np.abs(rig.robot.correction[:3]).max()) / MM
     return 1.5 < state < 2.5, state <= 2.5 and corrected <= NEAR_ZERO_MM
 

@@ -126,7 +126,7 @@ def _show_mandiola(summary: dict[str, Any]) -> None:
     from counterflex.validation.reproduce import mandiola_report as report
 
     print_table("True error of the tool", list(report.COLUMNS), report.figure_rows(summary))
-    columns, rows = report.beside_paper(summary)
+    columns, rows = report.paper_comparison(summary)
     print_table("Beside the paper, worst truth", columns, rows)
     print_table(
         "Reduction against off (Mandiola2023: circle 66 %), and corner peak against the published gain's",

@@ -255,9 +255,9 @@ class FakeEgm:
         self._queue.append((now if self._reference is None else self._reference, self._twist))
         if len(self._queue) <= round(context.dead_s / context.cycle_s):
             return
-        T_wanted, twist = self._queue.pop(0)
-        T_wanted = self._filtered(T_wanted)
-        error = np.r_[T_wanted[:3, 3] - now[:3, 3], rotation.log(T_wanted[:3, :3] @ now[:3, :3].T)]
+        T_target, twist = self._queue.pop(0)
+        T_target = self._filtered(T_target)
+        error = np.r_[T_target[:3, 3] - now[:3, 3], rotation.log(T_target[:3, :3] @ now[:3, :3].T)]
         ramp = min(1.0, self._guided_s / context.ramp_in_s) if context.ramp_in_s > 0.0 else 1.0
         speed = ramp * (context.gain_per_s * error + twist)
         self.utilization = max(
@@ -272,14 +272,14 @@ class FakeEgm:
         if self._standing_s >= context.condition_s:
             self.stopped = CONVERGED
 
-    def _filtered(self, T_wanted: Float) -> Float:
+    def _filtered(self, T_target: Float) -> Float:
         """Reference behind its low-pass of first order."""
         context = self.context
         if context.low_pass_hz == 0.0 or self._smooth is None:
-            self._smooth = T_wanted
-            return T_wanted
+            self._smooth = T_target
+            return T_target
         share = 1.0 - math.exp(-2.0 * math.pi * context.low_pass_hz * context.cycle_s)
-        p = self._smooth[:3, 3] + share * (T_wanted[:3, 3] - self._smooth[:3, 3])
-        turn = rotation.log(T_wanted[:3, :3] @ self._smooth[:3, :3].T)
+        p = self._smooth[:3, 3] + share * (T_target[:3, 3] - self._smooth[:3, 3])
+        turn = rotation.log(T_target[:3, :3] @ self._smooth[:3, :3].T)
         self._smooth = pose.make(rotation.exp(share * turn) @ self._smooth[:3, :3], p)
         return self._smooth

@@ -182,8 +182,8 @@ class AdsServer:
             return struct.pack("<HH", _RUN, 0)
         if command == ads.READ:
             group, offset, length = struct.unpack("<III", data)
-            found = self._read(group, offset, length, frozen, not_a_number)
-            return struct.pack("<I", len(found)) + found
+            content = self._read(group, offset, length, frozen, not_a_number)
+            return struct.pack("<I", len(content)) + content
         if command == ads.WRITE:
             group, offset, length = struct.unpack_from("<III", data)
             if len(data) != 12 + length:
@@ -194,8 +194,8 @@ class AdsServer:
             group, offset, longest, length = struct.unpack_from("<IIII", data)
             if len(data) != 16 + length:
                 raise _AdsFault(ads.WRONG_SIZE)
-            found = self._read_write(group, offset, data[16:], frozen, not_a_number)
-            return struct.pack("<I", len(found[:longest])) + found[:longest]
+            content = self._read_write(group, offset, data[16:], frozen, not_a_number)
+            return struct.pack("<I", len(content[:longest])) + content[:longest]
         raise _AdsFault(ads.NOT_SUPPORTED)
 
     def _content(self, place: int, *, frozen: bool, not_a_number: bool = False) -> bytes:
@@ -247,18 +247,18 @@ class AdsServer:
             place = self._place[name]
             return struct.pack("<I", place + 1) if group == ads.HANDLE_BY_NAME else self._entry(place)
         if group == ads.SUM_READ:
-            codes, found = [], []
-            wanted = [struct.unpack_from("<III", data, 12 * k) for k in range(offset)]
-            if 4 * offset + sum(length for _, _, length in wanted) > ads.LONGEST // 2:
+            codes, contents = [], []
+            requests = [struct.unpack_from("<III", data, 12 * k) for k in range(offset)]
+            if 4 * offset + sum(length for _, _, length in requests) > ads.LONGEST // 2:
                 raise _AdsFault(ads.WRONG_SIZE)
-            for its_group, its_offset, length in wanted:
+            for its_group, its_offset, length in requests:
                 try:
                     content, code = self._read(its_group, its_offset, length, frozen, not_a_number), 0
                 except _AdsFault as fault:
                     content, code = b"", fault.code
                 codes.append(struct.pack("<I", code))
-                found.append(content[:length].ljust(length, b"\0"))
-            return b"".join((*codes, *found))
+                contents.append(content[:length].ljust(length, b"\0"))
+            return b"".join((*codes, *contents))
         if group == ads.SUM_WRITE:
             places = [struct.unpack_from("<III", data, 12 * k) for k in range(offset)]
             at, codes = 12 * offset, []

@@ -89,7 +89,7 @@ class FakeRsi:
         stat: POSCORR status: 0, 1 correcting, 2 clamped.
         override: Speed of the program that the answer asks for, 0..1 (tag ``Override``, %).
         feed_hold: The answer asks for a feed hold (tag ``FeedHold``).
-        told_state: What the sensor program says it is doing (tag ``State``); -1 where the configuration has none.
+        reported_state: What the sensor program says it is doing (tag ``State``); -1 where the configuration has none.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class FakeRsi:
         self.config, self.context = config, context
         self._currents = currents
         self._job = job if any(v.name == "Enable" and v.kind != "BOOL" for v in config.sent()) else 0
-        self._shows_currents = currents is not None and any(value.element == "MACur" for value in config.sent())
+        self._has_currents = currents is not None and any(value.element == "MACur" for value in config.sent())
         self._reader, self._writer = answer_reader(config), robot_writer(config, decimals=context.precision)
         self.frees: dict[str, float] = dict(frees or {})
         self.counter = context.first_counter - self._increment
@@ -115,7 +115,7 @@ class FakeRsi:
         self.stat = FREE
         self.override = 1.0
         self.feed_hold = False
-        self.told_state = 0 if any(value.name == "State" for value in config.received()) else -1
+        self.reported_state = 0 if any(value.name == "State" for value in config.received()) else -1
         self._sent = 0
         self._hold = np.array([value.tag.hold for value in config.received()])
         self._latched: Float = np.array([100.0 if value.name == "Override" else 0.0 for value in config.received()])
@@ -160,7 +160,7 @@ class FakeRsi:
             "AIPos": report.q_actual / DEG,
             "ASPos": report.q_command / DEG,
         }
-        if self._currents is not None and self._shows_currents:
+        if self._currents is not None and self._has_currents:
             values["MACur"] = self._currents(report.drive_torque)
         for i, value in enumerate(self.config.sent()):
             if value.element in values and (value.element == "MACur" or value.tag.tag.startswith("DEF_")):
@@ -198,8 +198,8 @@ class FakeRsi:
     def _accept(self, data: bytes | None) -> str:
         if data is None:
             return "no answer"
-        found = _TYPE.match(data)
-        if found is None or found.group(1) != self.config.sentype.encode("ascii"):
+        match = _TYPE.match(data)
+        if match is None or match.group(1) != self.config.sentype.encode("ascii"):
             return "SENTYPE"
         status = self._reader.read_bytes(data)
         if status not in (OK, MISSING):
@@ -230,7 +230,7 @@ class FakeRsi:
         ):
             self.stopped = "POSCORRMON"
         self.feed_hold = named.get("FeedHold", 0.0) > 0.5
-        self.told_state = int(named.get("State", -1.0))
+        self.reported_state = int(named.get("State", -1.0))
         self.override = min(1.0, max(0.0, named.get("Override", 100.0) / 100.0))
         if named.get("Stop", 0.0) > 0.5:
             self.stopped = "Stop"

@@ -68,7 +68,7 @@ class NetftServer:
         self.status = netft.GOOD
         self._sequence = 0
         self._sample = 0
-        self._left = 0
+        self._remaining = 0
         self._time_s = 0.0
         self._asker: tuple[str, int] | None = None
         self.dead = False
@@ -104,7 +104,7 @@ class NetftServer:
             with contextlib.suppress(ProtocolError):
                 command, samples = netft.read_request(data)
                 if command == netft.START:
-                    self.peer, self._left, self._sequence = self._asker, samples, 0
+                    self.peer, self._remaining, self._sequence = self._asker, samples, 0
                 elif command == netft.STOP:
                     self.peer = None
                 elif command == netft.SET_BIAS:
@@ -137,9 +137,9 @@ class NetftServer:
         sequence = (self._sequence + condition.step) & 0xFFFFFFFF
         record = netft.Record(sequence, self._sample, status, tuple(int(c) for c in counts))  # type: ignore[arg-type]
         self._out.put(netft.write_record(record), self._time_s, self._put)
-        if self._left:
-            self._left -= 1
-            if self._left == 0:
+        if self._remaining:
+            self._remaining -= 1
+            if self._remaining == 0:
                 self.peer = None
 
     def _put(self, data: bytes) -> None:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Final
 
-BEHIND_S: Final = 0.1
+LATEST_S: Final = 0.1
 """How far it may fall behind before it gives up the samples in between, as an instrument that was held up does."""
 
 
@@ -29,14 +29,14 @@ def keep_pace(
         Number of samples given up because the pace could not be kept.
     """
     begin = now()
-    given_up = 0
+    skipped = 0
     for index, due in enumerate(times_s):
-        left = begin + due - now()
-        if left > 0.0:
-            wait(left)
-        elif left < -BEHIND_S:
-            given_up += 1
+        remaining = begin + due - now()
+        if remaining > 0.0:
+            wait(remaining)
+        elif remaining < -LATEST_S:
+            skipped += 1
             continue
         if not tick(index, due):
             break
-    return given_up
+    return skipped

@@ -59,9 +59,9 @@ class PlayedProgram:
         self._gate, self._again, self._pause = gate, again, pause
         self._unanswered, self._uncorrected = unanswered, uncorrected
         self.phase = Phase.WAITS
-        self.place = self.held = self.ends = 0
+        self.place = self.held_cycles = self.ends = 0
         self._stood = self._silent = self._without = 0
-        self._held = False
+        self._feed_held = False
 
     @property
     def enabled(self) -> bool:
@@ -71,14 +71,14 @@ class PlayedProgram:
     def go_on(self, cycles: int) -> None:
         """Cycles in which nobody looked: a program on its path goes on as it went, or stands where it was held."""
         if self.phase == Phase.RUNS:
-            self.held += cycles if self._held else 0
-            self.place += 0 if self._held else cycles
+            self.held_cycles += cycles if self._feed_held else 0
+            self.place += 0 if self._feed_held else cycles
 
-    def cycle(self, told_state: int, *, answered: bool, feed_hold: bool, stopped: str) -> str:
+    def cycle(self, reported_state: int, *, answered: bool, feed_hold: bool, stopped: str) -> str:
         """What it does in the next cycle, by what came in the last one.
 
         Args:
-            told_state: What the sensor program says it is doing; :data:`NO_TAG` where it cannot say.
+            reported_state: What the sensor program says it is doing; :data:`NO_TAG` where it cannot say.
             answered: An answer was taken.
             feed_hold: The feed is to be held.
             stopped: Why the controller was stopped, or empty.
@@ -93,7 +93,7 @@ class PlayedProgram:
             return ""
         self._silent = 0 if answered else self._silent + 1
         running = self.phase == Phase.RUNS
-        self._without = self._without + 1 if running and NO_TAG < told_state < ARMED else 0
+        self._without = self._without + 1 if running and NO_TAG < reported_state < ARMED else 0
         why = stopped
         if running and self._silent >= self._unanswered:
             why = why or "no answer"
@@ -104,10 +104,10 @@ class PlayedProgram:
             self.ends += 1
             self._stood = self._silent = self._without = 0
         elif running:
-            self._held = feed_hold
+            self._feed_held = feed_hold
             self.go_on(1)
         else:
             self._stood += 1
-            if self._stood >= self._gate and told_state in (ARMED, NO_TAG):
+            if self._stood >= self._gate and reported_state in (ARMED, NO_TAG):
                 self.phase = Phase.RUNS
         return why

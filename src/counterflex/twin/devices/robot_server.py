@@ -182,9 +182,9 @@ class RobotServer:
             if condition.dead:
                 self.stop_reason = "died"
                 return self.stop_reason
-            held = (self.controller.feed_hold and self.cycles > self.gate_cycles) or condition.silent
-            self._require_progress(held)
-            report = self._advance(held)
+            feed_held = (self.controller.feed_hold and self.cycles > self.gate_cycles) or condition.silent
+            self._require_progress(feed_held)
+            report = self._advance(feed_held)
             self.controller.counter += condition.step - self._step
             self._step = condition.step
             self.exchange(self.controller.telegram(report), silent=condition.silent)
@@ -206,9 +206,9 @@ class RobotServer:
         self.stop_reason = "cycles"
         return self.stop_reason
 
-    def _require_progress(self, held: bool) -> None:
+    def _require_progress(self, feed_held: bool) -> None:
         """A real robot waits for a person; a simulated one that nobody watches must come to an end."""
-        self._held_cycles = self._held_cycles + 1 if held else 0
+        self._held_cycles = self._held_cycles + 1 if feed_held else 0
         if not self.timing.realtime and self._held_cycles * self._period_s > self.timing.most_held_s:
             raise SimulationError(
                 f"the sensor program has held the feed for {self.timing.most_held_s:g} s, and nobody gives it free",
@@ -217,10 +217,10 @@ class RobotServer:
                 "operator reset; [monitor] says which events hold",
             )
 
-    def _advance(self, held: bool) -> Report:
+    def _advance(self, feed_held: bool) -> Report:
         """The cycles of the robot until the next telegram."""
         controller = self.controller
-        override = 0.0 if held else controller.override
+        override = 0.0 if feed_held else controller.override
         correction, guided = controller.pose_correction(), controller.guided_pose()
         for _ in range(self._per_telegram):
             report = self.robot.advance(correction, controller.axes, override, guided)
@@ -289,13 +289,13 @@ class RobotServer:
 
     def _wait_lockstep(self, now_s: float) -> bytes | None:
         """Wait for the answer to this cycle's telegram, if that went out: faults of the way are known at both ends."""
-        found: list[bytes] = []
-        self._in.release(now_s, found.append)
+        datagrams: list[bytes] = []
+        self._in.release(now_s, datagrams.append)
         if not self._unharmed or self.controller.only_sends:
-            return found[-1] if found else None
+            return datagrams[-1] if datagrams else None
         begin = time.perf_counter()
-        while (left := begin + self.timing.patience_s - time.perf_counter()) > 0.0:
-            self._socket.settimeout(left)
+        while (remaining := begin + self.timing.patience_s - time.perf_counter()) > 0.0:
+            self._socket.settimeout(remaining)
             try:
                 data = self._socket.recv(65536)
             except TimeoutError:
@@ -306,39 +306,39 @@ class RobotServer:
             self._refused = 0
             if self.controller.answers(data):
                 self._reply_s = time.perf_counter() - self._sent_at
-                self._in.put(data, now_s, found.append)
+                self._in.put(data, now_s, datagrams.append)
                 begin, self._waited_s = time.perf_counter(), 0.0
                 break
         self._waited_s += time.perf_counter() - begin
         self._alone = self._refused >= _MOST_REFUSED or self._waited_s >= _LONGEST_ALONE_S
-        return found[-1] if found else None
+        return datagrams[-1] if datagrams else None
 
     def _wait_realtime(self, now_s: float) -> bytes | None:
-        found: list[bytes] = []
+        datagrams: list[bytes] = []
         begin, window = self._due - self._period_s, self._due - self._period_s + self._answer_s
 
         def elapsed_s() -> float:
             return now_s + max(0.0, time.perf_counter() - begin)
 
-        while (left := self._due - time.perf_counter()) > 0.0:
+        while (remaining := self._due - time.perf_counter()) > 0.0:
             if time.perf_counter() > window:
-                time.sleep(left)  # what comes now is late, and waits in the socket
+                time.sleep(remaining)  # what comes now is late, and waits in the socket
                 break
             self._out.release(elapsed_s(), self._send)
-            self._in.release(elapsed_s(), found.append)
+            self._in.release(elapsed_s(), datagrams.append)
             pending = min(self._out.due_s(), self._in.due_s()) - elapsed_s()
-            self._socket.settimeout(max(min(left, window - time.perf_counter(), pending), 1e-5))
+            self._socket.settimeout(max(min(remaining, window - time.perf_counter(), pending), 1e-5))
             try:
                 data = self._socket.recv(65536)
             except (TimeoutError, ConnectionError):
                 continue
             self._reply_s = time.perf_counter() - self._sent_at
-            self._in.put(data, elapsed_s(), found.append)
+            self._in.put(data, elapsed_s(), datagrams.append)
         if self._answer_s >= self._period_s:
-            self._take_waiting(elapsed_s(), found)
-        return found[-1] if found else None
+            self._take_waiting(elapsed_s(), datagrams)
+        return datagrams[-1] if datagrams else None
 
-    def _take_waiting(self, now_s: float, found: list[bytes]) -> None:
+    def _take_waiting(self, now_s: float, datagrams: list[bytes]) -> None:
         """What came while this process itself was held up is not late."""
         self._socket.setblocking(False)
         while True:
@@ -349,7 +349,7 @@ class RobotServer:
             except ConnectionError:
                 continue
             self._reply_s = time.perf_counter() - self._sent_at
-            self._in.put(data, now_s, found.append)
+            self._in.put(data, now_s, datagrams.append)
 
     def _tell(self, report: Report) -> None:
         if self._observe is None:

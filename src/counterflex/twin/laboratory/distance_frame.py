@@ -23,7 +23,7 @@ PUT_UP_RAD: Final = 0.05 * DEG
 """Standard deviation of how it stands, per axis."""
 STAND_OFF_M: Final = 40.0 * MM
 HALF_EDGE_M: Final = 50.0 * MM
-_APART_M: Final = 35.0 * MM
+_SPACING_M: Final = 35.0 * MM
 _PLACES: Final = (
     ("X1", 0, (-1.0, -1.0)),
     ("X2", 0, (1.0, -1.0)),
@@ -44,7 +44,7 @@ def beams() -> tuple[Float, Float, Float]:
         middle[i, axis] = HALF_EDGE_M
         look[i, axis] = -1.0
         stand[i, axis] = HALF_EDGE_M + STAND_OFF_M
-        stand[i, [(axis + 1) % 3, (axis + 2) % 3]] = _APART_M * np.array(at)
+        stand[i, [(axis + 1) % 3, (axis + 2) % 3]] = _SPACING_M * np.array(at)
     return stand, look, middle
 
 

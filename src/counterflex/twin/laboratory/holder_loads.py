@@ -32,18 +32,18 @@ def measure(order: Order) -> Measured:
     _truth, laboratory, _request, settings, progress = order
     if "gauges" not in settings:
         raise InputError("the request does not say where the gauges sit", limit="settings: gauges")
-    wanted = order.columns(*COLUMNS)
+    loads = order.columns(*COLUMNS)
     holder = instrumented_holder(np.asarray(settings["gauges"], dtype=np.float64).reshape(-1, 5), laboratory.seed)
     rng = laboratory.noise("holder_loads")
-    force, place = _history(wanted)
+    force, place = _history(loads)
     time_s = STEP_S * np.arange(len(force))
     warm = START_C + WARM_C * (1.0 - np.exp(-time_s / WARM_S))
     strain = holder.record(force, place, warm, rng, STEP_S)
     ends = np.arange(RAMP + HOLD, len(force) + 1, RAMP + HOLD)
     rows = [slice(int(e) - HOLD, int(e)) for e in ends]
     n = len(rows)
-    progress(1.0, f"{len(wanted)} loads")
-    group: Int = np.repeat(np.arange(len(wanted), dtype=np.int64), 2)
+    progress(1.0, f"{len(loads)} loads")
+    group: Int = np.repeat(np.arange(len(loads), dtype=np.int64), 2)
     return Measured(
         channels={
             "strain": np.array([strain[r].mean(axis=0) for r in rows]),
@@ -63,10 +63,10 @@ def measure(order: Order) -> Measured:
     )
 
 
-def _history(wanted: Float) -> tuple[Float, Float]:
+def _history(loads: Float) -> tuple[Float, Float]:
     """Loads and their places over time: up within RAMP steps, HOLD steps, down and hold, for each wanted load."""
     up = np.concatenate([np.arange(1, RAMP + 1) / RAMP, np.ones(HOLD)])
     share = np.concatenate([up, 1.0 - up])
-    force = np.concatenate([share[:, None] * row[:3] for row in wanted])
-    place = np.repeat(wanted[:, 3:], len(share), axis=0)
+    force = np.concatenate([share[:, None] * row[:3] for row in loads])
+    place = np.repeat(loads[:, 3:], len(share), axis=0)
     return force, place

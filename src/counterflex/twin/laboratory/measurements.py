@@ -40,5 +40,5 @@ def measurement(kind: str) -> Measurement:
         raise InputError(
             "the simulated laboratory cannot measure this", value=kind, limit=", ".join(sorted(MODULES)) or "nothing"
         )
-    found: Measurement = importlib.import_module(f"counterflex.twin.laboratory.{MODULES[kind]}").measure
-    return found
+    measure: Measurement = importlib.import_module(f"counterflex.twin.laboratory.{MODULES[kind]}").measure
+    return measure

@@ -59,8 +59,8 @@ def measure(order: Order) -> Measured:
             load[row] = force[k] if cycle <= before else 0.0
             row += 1
             for i in range(per):
-                left = 1.0 - np.clip(((cycle - before) * CYCLE_S + i * STEP_S) / CUT_S, 0.0, 1.0)
-                plant.step(q[k], still, w * left)
+                remaining = 1.0 - np.clip(((cycle - before) * CYCLE_S + i * STEP_S) / CUT_S, 0.0, 1.0)
+                plant.step(q[k], still, w * remaining)
         plant.check()
         progress((k + 1) / len(q), f"load step {k + 1} of {len(q)}")
     T = laboratory.T_base_tracker

@@ -116,8 +116,8 @@ def _reading(
 ) -> Float:
     """(n, 3) N: what the sensor shows, turned into base axes by the controller."""
     names = [body.name for body in truth.bodies]
-    behind = truth.bodies[names.index(_SENSOR) + 1 :] if _SENSOR in names else truth.bodies[-1:]
-    mass = sum(body.mass_kg for body in behind)
+    carried = truth.bodies[names.index(_SENSOR) + 1 :] if _SENSOR in names else truth.bodies[-1:]
+    mass = sum(body.mass_kg for body in carried)
     R_base_part = record.T_base_part[:3, :3]
     n = len(record.time_s)
     dt = controller.cycle_s
@@ -129,13 +129,13 @@ def _reading(
         acceleration[:-1][jump] = 0.0
     acting = record.force_part @ R_base_part.T + mass * (truth.gravity_base - acceleration @ R_base_part.T)
     axes = controller.tool_poses(record.p_part_command, np.tile(np.array([0.0, 0.0, 1.0]), (n, 1)))[:, :3, :3]
-    R_base_told = controller.T_base_part[:3, :3] @ axes
+    R_base_stated = controller.T_base_part[:3, :3] @ axes
     R_base_true = R_base_part @ rotation.exp(record.tilt_part) @ axes
     shown = np.einsum("nji,nj->ni", R_base_true, acting)
     share = (record.time_s - record.time_s[0]) / max(float(record.time_s[-1] - record.time_s[0]), 1e-9)
     drift = np.outer(share, DRIFT_N * rng.standard_normal(3))
     shown += bias + drift + laboratory.force_n * rng.standard_normal((n, 3))
-    out: Float = np.einsum("nij,nj->ni", R_base_told, shown)
+    out: Float = np.einsum("nij,nj->ni", R_base_stated, shown)
     return out
 
 
@@ -198,8 +198,8 @@ class _Columns:
         if self.gauge is None:
             return np.zeros(len(place))
         begin, end = self.cuts.start_part[place], self.cuts.end_part[place]
-        gone = np.linalg.norm(self.record.p_part_command[blocks[:, 0]] - begin, axis=1)
-        share = np.clip(gone / np.linalg.norm(end - begin, axis=1), 0.0, 1.0)
+        travel = np.linalg.norm(self.record.p_part_command[blocks[:, 0]] - begin, axis=1)
+        share = np.clip(travel / np.linalg.norm(end - begin, axis=1), 0.0, 1.0)
         out: Float = (1.0 - share) * self.gauge[place, 0] + share * self.gauge[place, 1]
         return out
 

@@ -151,8 +151,8 @@ class LiveCell:
             SimulationError: The cell left its physical range.
         """
         before = self.motion.at
-        q_nominal, T_part_nominal, q_told = self.motion.advance(cartesian, axes, override, T_part_guided)
-        q_next = self._following(q_told)
+        q_nominal, T_part_nominal, q_reported = self.motion.advance(cartesian, axes, override, T_part_guided)
+        q_next = self._following(q_reported)
         qd_next = (q_next - self._q) / self.period_s
         self._integrate(int(before), q_next, qd_next)
         self._q, self._qd = q_next, qd_next

@@ -28,7 +28,7 @@ from counterflex.twin.devices.path_answer import AnswerState, PathAnswer
 from counterflex.twin.devices.played_program import Phase, PlayedProgram
 from counterflex.twin.live.live_cell import Report
 from counterflex.twin.live.recorded_pass import SAMPLES, RecordedPass
-from counterflex.twin.live.timed_block import NOT_TOLD, Block, Times
+from counterflex.twin.live.timed_block import NOT_REPORTED, Block, Times
 
 _ECHO_AT: Final = 2
 """Millisecond of the cycle at which the echo is asked."""
@@ -40,7 +40,7 @@ _SESSION_MS: Final = 60_000
 """By how much the counter of another session is ahead."""
 
 
-class SteadyCell:
+class ReplayedCell:
     """The played cell.
 
     Args:
@@ -82,7 +82,7 @@ class SteadyCell:
         tracker: tuple[str, int] | None = None,
         echo: tuple[str, int] | None = None,
         block: int = 15_000,
-        told: Callable[[Block], None] = lambda _: None,
+        on_block: Callable[[Block], None] = lambda _: None,
     ) -> None:
         """Play in real time; another call goes on where the last one ended.
 
@@ -92,20 +92,20 @@ class SteadyCell:
             tracker: Where poses go, or None.
             echo: Where the datagram goes that is sent back, or None.
             block: Cycles that are told together.
-            told: Told every block, the last one shorter.
+            on_block: Told every block, the last one shorter.
         """
         period = self.rsi.context.cycle_s
         times = Times(block)
         begin = due = max(self._due, time.perf_counter())
         for k in range(cycles):
-            running, held = self.program.phase != Phase.ENDED, self.program.held
+            running, held_before = self.program.phase != Phase.ENDED, self.program.held_cycles
             row, telegram = self._prepared(running=running)
             late_s = _until(due)
-            gone = int(late_s / period + 1.0 - _LATEST)
-            if gone > 0:
-                self._miss(gone, running=running)
-                times.missed += gone
-                due += gone * period
+            missed = int(late_s / period + 1.0 - _LATEST)
+            if missed > 0:
+                self._miss(missed, running=running)
+                times.missed += missed
+                due += missed * period
                 row, telegram = self._prepared(running=running)
                 _until(due)
             if self.netft is not None and k % 250 == 0:
@@ -138,12 +138,12 @@ class SteadyCell:
                     self._another_session()
             else:
                 times.paused += 1
-                self.program.cycle(NOT_TOLD, answered=False, feed_hold=False, stopped="")
-            times.held += self.program.held - held
+                self.program.cycle(NOT_REPORTED, answered=False, feed_hold=False, stopped="")
+            times.held_cycles += self.program.held_cycles - held_before
             self._due = due = due + period
             self._time_s += period
             if (k + 1) % block == 0 or k == cycles - 1:
-                told(times.block(self._largest, self.refused))
+                on_block(times.block(self._largest, self.refused))
                 times = Times(block)
 
     @property
@@ -155,7 +155,7 @@ class SteadyCell:
         """Let the controller have an answer; what the sensor program said in it."""
         self.rsi.answer(data)
         self._take_in()
-        return NOT_TOLD if self.rsi.refused else self.rsi.told_state
+        return NOT_REPORTED if self.rsi.refused else self.rsi.reported_state
 
     def _take_in(self) -> None:
         """What the controller makes of its correction within a cycle."""
@@ -165,7 +165,7 @@ class SteadyCell:
 
     def _go_on(self, *, answered: bool) -> str:
         rsi = self.rsi
-        return self.program.cycle(rsi.told_state, answered=answered, feed_hold=rsi.feed_hold, stopped=rsi.stopped)
+        return self.program.cycle(rsi.reported_state, answered=answered, feed_hold=rsi.feed_hold, stopped=rsi.stopped)
 
     def _another_session(self) -> None:
         """The program was ended: no correction is in effect any more."""
@@ -221,19 +221,19 @@ class SteadyCell:
             _send(self._tracker, DATAGRAM.pack(MAGIC, self._sequence, now, 0, 0, *p, *quat, 0.015), tracker)
 
     @staticmethod
-    def _await(own: socket.socket, asked: float, end: float, mark: str) -> tuple[bytes | None, float]:
+    def _await(own: socket.socket, sent: float, end: float, mark: str) -> tuple[bytes | None, float]:
         """Wait for the datagram that holds a mark: it and its age, or None and not-a-number."""
-        wanted = mark.encode("ascii")
-        while (left := end - time.perf_counter()) > 0.0:
-            if not select.select([own], [], [], left)[0]:
+        pattern = mark.encode("ascii")
+        while (remaining := end - time.perf_counter()) > 0.0:
+            if not select.select([own], [], [], remaining)[0]:
                 break
             try:
                 data = own.recv(65536)
             except (BlockingIOError, ConnectionError):
                 continue
             now = time.perf_counter()
-            if wanted in data:
-                return data, now - asked
+            if pattern in data:
+                return data, now - sent
         return None, np.nan
 
     def close(self) -> None:
@@ -246,9 +246,9 @@ class SteadyCell:
 
 def _until(due: float) -> float:
     """Sleep until then; how much later it is, s."""
-    left = due - time.perf_counter()
-    if left > 0.0:
-        time.sleep(left)
+    remaining = due - time.perf_counter()
+    if remaining > 0.0:
+        time.sleep(remaining)
     return time.perf_counter() - due
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 
-NOT_TOLD: Final = -1
+NOT_REPORTED: Final = -1
 """State where no answer came."""
 
 
@@ -22,10 +22,10 @@ class Block:
         echo_s: (n,) the same of the datagram that is only sent back.
         late_s: (n,) how late this side wanted to send the telegram and could not.
         woken_s: (n,) how late this side woke up at most within the cycle, whatever it waited for.
-        told_state: (n,) what the sensor program said it was doing in its answer; :data:`NOT_TOLD` without one.
+        reported_state: (n,) what the sensor program said it was doing in its answer; :data:`NOT_REPORTED` without one.
         missed: Cycles that were over before this side woke up: their telegrams were not sent, and nobody answered them.
         paused: Cycles without a telegram, between two sessions.
-        held: Cycles in which the robot stood because the feed was held.
+        held_cycles: Cycles in which the robot stood because the feed was held.
         ended: Time since the start, s, and why, each time the robot program was ended.
         largest_m: Largest correction in force, since the start.
         refused: Answers that the controller did not take, since the start.
@@ -35,10 +35,10 @@ class Block:
     echo_s: Float
     late_s: Float
     woken_s: Float
-    told_state: Int
+    reported_state: Int
     missed: int
     paused: int
-    held: int
+    held_cycles: int
     ended: tuple[tuple[float, str], ...]
     largest_m: float
     refused: int
@@ -59,16 +59,16 @@ class Times:
 
     def __init__(self, most: int) -> None:
         self._times: Float = np.full((4, most), np.nan)
-        self._states: Int = np.full(most, NOT_TOLD, dtype=np.int64)
+        self._states: Int = np.full(most, NOT_REPORTED, dtype=np.int64)
         self._count = 0
-        self.missed = self.paused = self.held = 0
+        self.missed = self.paused = self.held_cycles = 0
         self.ended: list[tuple[float, str]] = []
 
-    def add(self, reply_s: float, echo_s: float, late_s: float, woken_s: float, told_state: int) -> None:
+    def add(self, reply_s: float, echo_s: float, late_s: float, woken_s: float, reported_state: int) -> None:
         """Take a cycle with a telegram; see :class:`Block`."""
         k = self._count
         self._times[:, k] = reply_s, echo_s, late_s, woken_s
-        self._states[k] = told_state
+        self._states[k] = reported_state
         self._count = k + 1
 
     def block(self, largest_m: float, refused: int) -> Block:
@@ -85,10 +85,10 @@ class Times:
             echo_s=echo,
             late_s=late,
             woken_s=woken,
-            told_state=self._states[:n].copy(),
+            reported_state=self._states[:n].copy(),
             missed=self.missed,
             paused=self.paused,
-            held=self.held,
+            held_cycles=self.held_cycles,
             ended=tuple(self.ended),
             largest_m=largest_m,
             refused=refused,

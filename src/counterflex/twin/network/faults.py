@@ -141,12 +141,12 @@ class Delivery:
     Attributes:
         data: Bytes.
         late_s: After it was sent.
-        behind: Datagrams that follow it and arrive before it.
+        overtaken_by: Datagrams that follow it and arrive before it.
     """
 
     data: bytes
     late_s: float = 0.0
-    behind: int = 0
+    overtaken_by: int = 0
 
 
 @dataclass(frozen=True)
@@ -226,21 +226,21 @@ class FaultSchedule:
             time_s: At which it is sent, s since the start.
             direction: See :data:`Direction`.
         """
-        found = [Delivery(data)]
+        deliveries = [Delivery(data)]
         for fault, chance in self._of_datagrams[direction]:
             if not fault.covers(index, time_s):
                 continue
-            behind = fault.kind == "reordered"
-            found = [
+            reordered = fault.kind == "reordered"
+            deliveries = [
                 Delivery(
                     arrived.of(one.data),
-                    one.late_s + (0.0 if behind else arrived.delay_s),
-                    one.behind + int(behind and arrived.delay_s > 0.0),
+                    one.late_s + (0.0 if reordered else arrived.delay_s),
+                    one.overtaken_by + int(reordered and arrived.delay_s > 0.0),
                 )
-                for one in found
+                for one in deliveries
                 for arrived in chance.decide(index)
             ]
-        return found
+        return deliveries
 
     def condition(self, index: int, time_s: float) -> Condition:
         """Condition of the instrument.

@@ -24,7 +24,7 @@ class FaultyLine:
     def __init__(self, schedule: FaultSchedule, direction: Direction = "out") -> None:
         self._schedule, self._direction = schedule, direction
         self._late: list[tuple[float, int, bytes]] = []
-        self._behind: list[tuple[int, Delivery]] = []
+        self._delayed: list[tuple[int, Delivery]] = []
         self._order = 0
         self.offered = self.carried = 0
 
@@ -37,17 +37,17 @@ class FaultyLine:
             deliver: Told every datagram that comes out.
         """
         self.release(time_s, deliver)
-        waiting, self._behind = self._behind, []
+        waiting, self._delayed = self._delayed, []
         for delivery in self._schedule.deliveries(data, self.offered, time_s, self._direction):
-            if delivery.behind:
-                self._behind.append((self.offered + delivery.behind, delivery))
+            if delivery.overtaken_by:
+                self._delayed.append((self.offered + delivery.overtaken_by, delivery))
             else:
                 self._carry(delivery, time_s, deliver)
         for after, delivery in waiting:
             if after <= self.offered:
                 self._carry(delivery, time_s, deliver)
             else:
-                self._behind.append((after, delivery))
+                self._delayed.append((after, delivery))
         self.offered += 1
 
     def release(self, time_s: float, deliver: Callable[[bytes], None]) -> None:

@@ -79,21 +79,21 @@ def read_decisions(path: Path) -> tuple[Recorded, Recorded]:
     Raises:
         FileFormatError: It is none.
     """
-    found: tuple[dict[int, tuple[Delivery, ...]], dict[int, tuple[Delivery, ...]]] = ({}, {})
+    decisions: tuple[dict[int, tuple[Delivery, ...]], dict[int, tuple[Delivery, ...]]] = ({}, {})
     try:
         with path.open(encoding="utf-8", newline="") as stream:
             rows = csv.DictReader(stream)
             if tuple(rows.fieldnames or ()) != COLUMNS:
                 raise FileFormatError("not a log of the proxy", where=str(path), hint=f"columns {', '.join(COLUMNS)}")
             for row in rows:
-                way, number = found[WAYS.index(row["way"])], int(row["number"])
+                way, number = decisions[WAYS.index(row["way"])], int(row["number"])
                 copies = way.get(number, ())
                 way[number] = (*copies, *_delivery(row))
     except OSError as fault:
         raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
     except (ValueError, KeyError, TypeError, UnicodeDecodeError) as fault:
         raise FileFormatError("not a log of the proxy", where=str(path), value=str(fault)[:80]) from fault
-    return Recorded(found[THERE]), Recorded(found[BACK])
+    return Recorded(decisions[THERE]), Recorded(decisions[BACK])
 
 
 def _delivery(row: dict[str, str]) -> tuple[Delivery, ...]:

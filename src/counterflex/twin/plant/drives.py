@@ -97,13 +97,13 @@ class FollowingLag:
 
     def reset(self, start: Float) -> None:
         """Stand at ``start`` (n,) rad."""
-        self._told: Float = np.array(start, dtype=np.float64)
-        self._followed: Float = self._told.copy()
+        self._commanded: Float = np.array(start, dtype=np.float64)
+        self._followed: Float = self._commanded.copy()
 
     def __call__(self, q: Float) -> Float:
         """Take the angles (n,) of the end of this cycle; returns where the drives' references are by then."""
-        self._followed = self._decay * self._followed + self._before * self._told + self._now * q
-        self._told = np.array(q, dtype=np.float64)
+        self._followed = self._decay * self._followed + self._before * self._commanded + self._now * q
+        self._commanded = np.array(q, dtype=np.float64)
         return self._followed
 
 

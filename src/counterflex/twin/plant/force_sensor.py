@@ -33,7 +33,7 @@ class ForceSensor:
 
     Attributes:
         segment: Body that carries the sensor frame.
-        behind: First body on its tool side.
+        carried: First body on its tool side.
         arm: Body that the hose pack comes from.
         T_seg_sensor: (4, 4) true frame.
         gain: (6, 6) of the reading on the true wrench.
@@ -44,7 +44,7 @@ class ForceSensor:
     """
 
     segment: str
-    behind: str
+    carried: str
     arm: str
     T_seg_sensor: Float
     gain: Float
@@ -57,10 +57,10 @@ class ForceSensor:
         """(6,) N, N m on the tool side about the true sensor's origin in its axes, of the plant's present state."""
         T_base_sensor = plant.body_pose(self.segment) @ self.T_seg_sensor
         T_sensor_base = pose.inverse(T_base_sensor)
-        T_base_behind = plant.body_pose(self.behind)
-        w = wrench.carry(T_sensor_base @ T_base_behind, plant.section_wrench(self.behind))
+        T_base_carried = plant.body_pose(self.carried)
+        w = wrench.carry(T_sensor_base @ T_base_carried, plant.section_wrench(self.carried))
         if self.hose is not None:
-            place, pull = self.hose.on_tool(plant.body_pose(self.arm), T_base_behind, gravity_base)
+            place, pull = self.hose.on_tool(plant.body_pose(self.arm), T_base_carried, gravity_base)
             w = w + wrench.carry(T_sensor_base @ pose.make(p=place), pull)
         return w
 
@@ -115,7 +115,7 @@ def force_sensor(
         segment: Body that carries it, see :func:`sensor_place`.
         hose_share: Size of the hose pack; 0 leaves it out.
     """
-    segment, behind, arm = sensor_place(truth, segment)
+    segment, carried, arm = sensor_place(truth, segment)
     rng = np.random.Generator(np.random.PCG64(random.Random(f"counterflex-force-sensor-1:{seed}").getrandbits(64)))
     six = np.r_[np.full(3, BIAS_N), np.full(3, BIAS_NM)]
     bias = six * rng.standard_normal(6)
@@ -139,7 +139,7 @@ def force_sensor(
     )
     return ForceSensor(
         segment=segment,
-        behind=behind,
+        carried=carried,
         arm=arm,
         T_seg_sensor=nominal @ pose.make(rotation.exp(turn)),
         gain=gain,

@@ -175,11 +175,11 @@ class Plant:
                 self._balance, applied,
             )  # fmt: skip
             net: Float = applied - d.qfrc_bias
-            wanted = net[soft] / self._stiffness[soft] + np.clip(net[soft] / floating[soft], -1.0, 1.0) * band[soft]
-            change = float(np.max(np.abs(wanted - self._qpos[soft]), initial=0.0))
+            target = net[soft] / self._stiffness[soft] + np.clip(net[soft] / floating[soft], -1.0, 1.0) * band[soft]
+            change = float(np.max(np.abs(target - self._qpos[soft]), initial=0.0))
             if not np.isfinite(change) or change > 1.0:
                 break
-            self._qpos[soft] = wanted
+            self._qpos[soft] = target
             if change < _SETTLED:
                 break
         else:
@@ -326,10 +326,10 @@ class Plant:
             InputError: There is no such body.
         """
         i, d = self._body_of(name), self._data
-        kept = d.qacc.copy()
+        qacc = d.qacc.copy()
         d.qacc[:] = (self._qvel - self._speed_before) / self.step_s
         mujoco.mj_rnePostConstraint(self._model, d)
-        d.qacc[:] = kept
+        d.qacc[:] = qacc
         moment, force = -d.cfrc_int[i, :3], -d.cfrc_int[i, 3:]  # about the tree's centre of gravity, base axes
         origin: Float = np.array(d.xpos[i])
         moment = moment + cross(d.subtree_com[self._model.body_rootid[i]] - origin, force)
@@ -377,6 +377,6 @@ def _body_ids(model: mujoco.MjModel, truth: Truth) -> dict[str, int]:
     """Number of each body in the engine: the part behind its drive where the drive has a carrier of its own."""
     out = {}
     for index, body in enumerate(truth.bodies):
-        behind = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"b{index}e")
-        out[body.name] = behind if behind >= 0 else mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"b{index}")
+        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"b{index}e")
+        out[body.name] = number if number >= 0 else mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"b{index}")
     return out

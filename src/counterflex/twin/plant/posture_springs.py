@@ -45,7 +45,7 @@ class PostureSprings:
         for region, place in zip(self._regions, self._place, strict=True):
             angle = float(q[region.axis])
             inside = float(np.clip(angle, region.angles_rad[0], region.angles_rad[-1]))
-            found = float(np.interp(inside, region.angles_rad, region.factors))
+            factor = float(np.interp(inside, region.angles_rad, region.factors))
             near = max(0.0, 1.0 - abs(angle - inside) / _FADE_RAD)
-            out[place] /= 1.0 + (found - 1.0) * near
+            out[place] /= 1.0 + (factor - 1.0) * near
         return out

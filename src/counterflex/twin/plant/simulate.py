@@ -87,7 +87,7 @@ def simulate(
         run.stretch(first, last, parts[str(first)])
     Rs_part_command = controller.tool_poses(reference.p_part_command, reference.axis_part)[:, :3, :3]
     progress(1.0, "machined")
-    return record_of(run.cycles(), path, reference, Rs_part_command[run.kept], process.finish(), T_base_part, residual)
+    return record_of(run.cycles(), path, reference, Rs_part_command[run.rows], process.finish(), T_base_part, residual)
 
 
 def _as_driven(reference: Reference, truth: Truth, cycle_s: float) -> Reference:
@@ -125,12 +125,12 @@ def _stretches(near: Bool, cycle_s: float, skip_air: bool) -> list[tuple[int, in
     n = len(near)
     if not skip_air:
         return [(0, n - 1)]
-    wanted = np.zeros(n, dtype=bool)
+    simulated = np.zeros(n, dtype=bool)
     lead_in, lead_out = round(LEAD_IN_S / cycle_s), round(LEAD_OUT_S / cycle_s)
     change = np.diff(np.concatenate([[False], near, [False]]).astype(np.int8))
     for k, end in zip(np.flatnonzero(change == 1), np.flatnonzero(change == -1), strict=True):
-        wanted[max(0, k - lead_in) : min(n, end + lead_out)] = True
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], wanted, [False]]).astype(np.int8)))
+        simulated[max(0, k - lead_in) : min(n, end + lead_out)] = True
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], simulated, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - 1 > a]
 
 
@@ -163,11 +163,11 @@ class _Run:
         self.done: Bool = np.zeros(n, dtype=bool)
 
     @property
-    def kept(self) -> Int:
+    def rows(self) -> Int:
         return np.flatnonzero(self.done)
 
     def cycles(self) -> SimulatedCycles:
-        k, reference = self.kept, self.reference
+        k, reference = self.rows, self.reference
         motion = self.p_base_tcp[k], self.R_base_tcp[k], reference.q_ref[k], self.q_motor[k]
         return SimulatedCycles(k, reference.time_s[k], *motion, self.sums[k])
 

@@ -89,11 +89,11 @@ def hysteresis(strain: Float) -> Float:
     range.
     """
     limit = np.array(HYSTERESIS_AT)[:, None]
-    held, out = np.zeros((len(limit), strain.shape[1])), np.empty_like(strain)
+    residual, out = np.zeros((len(limit), strain.shape[1])), np.empty_like(strain)
     steps = np.diff(strain, axis=0, prepend=0.0)
     for k in range(len(strain)):
-        held = np.minimum(np.maximum(held + steps[k], -limit), limit)
-        out[k] = held.sum(axis=0)
+        residual = np.minimum(np.maximum(residual + steps[k], -limit), limit)
+        out[k] = residual.sum(axis=0)
     return np.asarray(HYSTERESIS_SHARE * out, dtype=np.float64)
 
 

@@ -119,15 +119,15 @@ class _Table:
     def __init__(self, data: Any, where: str) -> None:
         if not isinstance(data, Mapping):
             raise FileFormatError("not a table", where=where, value=type(data).__name__)
-        self._left, self.where = dict(data), where
+        self._unread, self.where = dict(data), where
 
     def __contains__(self, key: str) -> bool:
-        return key in self._left
+        return key in self._unread
 
     def raw(self, key: str) -> Any:
-        if key not in self._left:
+        if key not in self._unread:
             raise FileFormatError(f"the key '{key}' is missing", where=self.where)
-        return self._left.pop(key)
+        return self._unread.pop(key)
 
     def number(self, key: str, unit: float = 1.0) -> float:
         return self._number(key, self.raw(key)) * unit
@@ -169,8 +169,8 @@ class _Table:
         )
 
     def close(self) -> None:
-        if self._left:
-            keys = ", ".join(f"'{key}'" for key in sorted(map(str, self._left)))
+        if self._unread:
+            keys = ", ".join(f"'{key}'" for key in sorted(map(str, self._unread)))
             raise FileFormatError(f"unknown key {keys}", where=self.where, hint="Remove it")
 
     def _number(self, key: str, value: Any) -> float:

@@ -51,8 +51,8 @@ class Aftermath:
 
     def outcome(self, passed: bool) -> Outcome:
         """The outcome, in words."""
-        said = ", ".join(cause.name.lower().replace("_", " ") for cause in self.causes)
-        happened = f"{described(self.path)}; said: {said or 'nothing'}; followed by {self.followed_m / MM:.3f} mm"
+        names = ", ".join(cause.name.lower().replace("_", " ") for cause in self.causes)
+        happened = f"{described(self.path)}; said: {names or 'nothing'}; followed by {self.followed_m / MM:.3f} mm"
         if self.without:
             happened += f"; {self.without} cycles gone on without the correction"
         if self.stopped:
@@ -69,13 +69,15 @@ def aftermath(rig: Rig, begin: int) -> Aftermath:
     """
     seen = rig.seen
     states = np.array(seen.state[begin:])
-    went = np.diff(np.array(seen.gone[begin - 1 :])) > 0
+    went = np.diff(np.array(seen.run_cycles[begin - 1 :])) > 0
     corrections = np.array(seen.correction_m[begin - 1 :])
     moved = np.linalg.norm(corrections[1:] - corrections[0], axis=1)
-    heard = np.array(seen.state[begin - 1 : -1])  # the robot goes by what it was told at the end of the cycle before
-    without = went & np.isin(heard, (State.IDLE, State.READY, State.ARMED, State.RAMP_OUT))
-    causes = [cause for cause in seen.told[begin:] if cause]
-    held = np.flatnonzero(states != State.ACTIVE)
+    received_state = np.array(
+        seen.state[begin - 1 : -1]
+    )  # the robot goes by what it was told at the end of the cycle before
+    without = went & np.isin(received_state, (State.IDLE, State.READY, State.ARMED, State.RAMP_OUT))
+    causes = [cause for cause in seen.reported[begin:] if cause]
+    not_active = np.flatnonzero(states != State.ACTIVE)
     return Aftermath(
         float(moved[went].max(initial=0.0)),
         int(without.sum()),
@@ -83,6 +85,6 @@ def aftermath(rig: Rig, begin: int) -> Aftermath:
         seen.path(begin),
         float(seen.steps()[begin - 1 :].max()),
         float(np.linalg.norm(corrections, axis=1).max()),
-        None if len(held) == 0 else (int(held[0]) + 1) * PERIOD_S,
+        None if len(not_active) == 0 else (int(not_active[0]) + 1) * PERIOD_S,
         rig.robot.stopped,
     )

@@ -84,17 +84,19 @@ def _in_part() -> Float:
     return out
 
 
-def reported(robot: FakeRsi, cycle: int, running: bool, gone: int | None = None, *, of_cell: bool = False) -> Report:
+def reported(
+    robot: FakeRsi, cycle: int, running: bool, run_cycles: int | None = None, *, of_cell: bool = False
+) -> Report:
     """What a robot on a straight path shows that follows its correction at once.
 
     Args:
         robot: Its controller.
         cycle: Number of the cycle.
         running: The program runs.
-        gone: Cycles in which the robot went on; None: all of them. It begins anew every 50 mm.
+        run_cycles: Cycles in which the robot went on; None: all of them. It begins anew every 50 mm.
         of_cell: The program's BASE is the cell's part frame; else it is one in which the path runs along x.
     """
-    at = (cycle if gone is None else gone) % _STEPS
+    at = (cycle if run_cycles is None else run_cycles) % _STEPS
     T = (_in_part() if of_cell else _path())[at]
     q = _angles()[at]
     corrected, offset = T.copy(), robot.pose_correction()

@@ -23,7 +23,7 @@ from counterflex.validation.faults.scenario import SENSORS, Effort, Outcome, Sce
 TABLE: Final = "faults.csv"
 PAGE: Final = "faults.md"
 SUMMARY: Final = "summary.json"
-_SAID: Final = {"force": "a force sensor", "both": "a force sensor and a tracker at once"}
+_SENSOR_TEXTS: Final = {"force": "a force sensor", "both": "a force sensor and a tracker at once"}
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ def chosen(only: tuple[str, ...], *, realtime: bool = True, sensors: str = "forc
     if sensors not in SENSORS:
         raise InputError("no such sensors", where="--sensors", value=sensors, limit=" or ".join(SENSORS))
     known = {s.requirement for s in SCENARIOS} | {s.name for s in SCENARIOS}
-    wanted = tuple(word.upper() if word.upper() in known else word for word in only)
-    for word in wanted:
+    requested = tuple(word.upper() if word.upper() in known else word for word in only)
+    for word in requested:
         if word not in known:
             raise InputError(
                 "no fault is injected for this",
@@ -67,7 +67,7 @@ def chosen(only: tuple[str, ...], *, realtime: bool = True, sensors: str = "forc
     return tuple(
         s
         for s in SCENARIOS
-        if (not wanted or s.requirement in wanted or s.name in wanted)
+        if (not requested or s.requirement in requested or s.name in requested)
         and (realtime or not s.realtime)
         and sensors in s.sensors
     )
@@ -157,9 +157,9 @@ def table(results: list[Result]) -> str:
 
 def page(results: list[Result], condition: dict[str, Any], effort: Effort) -> str:
     """Markdown table of the results."""
-    held = sum(result.outcome.passed for result in results)
+    passed = sum(result.outcome.passed for result in results)
     lines = [
-        f"{held} of {len(results)} hold, corrected from {_SAID[effort.sensors]}. "
+        f"{passed} of {len(results)} hold, corrected from {_SENSOR_TEXTS[effort.sensors]}. "
         f"{condition['processor']}, {condition['cores']} cores, kernel "
         f"{condition['kernel']}, load {condition['load']:g} at the start, counterflex {__version__}.",
         "",

@@ -26,16 +26,16 @@ def _demo() -> str:
     return (resources.files("counterflex.app") / "demo" / "cell.toml").read_text(encoding="utf-8")
 
 
-def numbers(found: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], float]]:
+def numbers(tables: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], float]]:
     """Every number of a table that is not zero, with the keys that lead to it."""
-    if isinstance(found, dict):
-        for key, value in found.items():
+    if isinstance(tables, dict):
+        for key, value in tables.items():
             yield from numbers(value, (*path, key))
-    elif isinstance(found, list):
-        for k, value in enumerate(found):
+    elif isinstance(tables, list):
+        for k, value in enumerate(tables):
             yield from numbers(value, (*path, k))
-    elif isinstance(found, int | float) and not isinstance(found, bool) and found != 0:
-        yield path, float(found)
+    elif isinstance(tables, int | float) and not isinstance(tables, bool) and tables != 0:
+        yield path, float(tables)
 
 
 def altered(tables: dict[str, Any], path: tuple[Any, ...], value: float) -> str:
@@ -70,9 +70,9 @@ def _units(effort: Effort) -> Outcome:
         sound = judged(_demo(), Path(place))
         for path, value in list(numbers(tables))[::every]:
             for factor in _FACTORS:
-                found = judged(altered(tables, path, value * factor), Path(place))
-                count[found] += 1
-                if found == "passed":
+                verdict = judged(altered(tables, path, value * factor), Path(place))
+                count[verdict] += 1
+                if verdict == "passed":
                     name = ".".join(str(key) for key in path if not isinstance(key, int))
                     passed_over[name] = passed_over.get(name, 0) + 1
     most = sorted(passed_over, key=lambda name: -passed_over[name])[:6]

@@ -41,15 +41,15 @@ def _silent(cycles: int, *, holds_feed: bool) -> Callable[[Effort], Outcome]:
             seed=effort.seed, sensors=effort.sensors, force=_steady, holds_feed=holds_feed, context=RsiContext()
         ) as rig:
             rig.activate().run(SETTLED)
-            begin, gone = rig.cycle_count, rig.gone
-            held = rig.robot.correction[:3].copy()
+            begin, run_before = rig.cycle_count, rig.run_cycles
+            correction = rig.robot.correction[:3].copy()
             rig.sense = False
             way = []
             for k in range(700):
                 rig.sense = 0 < cycles <= k
                 rig.cycle()
-                missing = float(np.linalg.norm(rig.robot.correction[:3] - held))
-                way.append((rig.gone - gone, missing, rig.robot.feed_hold))
+                missing = float(np.linalg.norm(rig.robot.correction[:3] - correction))
+                way.append((rig.run_cycles - run_before, missing, rig.robot.feed_hold))
             path, stopped = rig.seen.path(begin), rig.robot.stopped
             step = float(rig.seen.steps()[begin - 1 :].max())
             hold = first_cycle(rig, State.HOLD, begin)
@@ -61,8 +61,8 @@ def _silent(cycles: int, *, holds_feed: bool) -> Callable[[Effort], Outcome]:
         elif holds_feed:
             ramped = 0 if after is None else after
             uncorrected = way[-1][0] - way[ramped][0]
-            held_on = all(asked for _, _, asked in way[ramped:])
-            passed = after is not None and uncorrected == 0 and held_on and stopped == "Stop"
+            feed_held = all(feed_hold for _, _, feed_hold in way[ramped:])
+            passed = after is not None and uncorrected == 0 and feed_held and stopped == "Stop"
             happened = (
                 f"{described(path, 5)}; feed held to the end, {uncorrected} cycles gone on without the correction; "
                 f"robot: {stopped}"
@@ -88,20 +88,20 @@ def _stopped(*, holds_feed: bool) -> Callable[[Effort], Outcome]:
             begin, lost = rig.cycle_count, 0.0
             rig.control[Request.STOP] = 1
             for _ in range(700):
-                before, gone = rig.robot.correction[:3].copy(), rig.gone
+                before, run_before = rig.robot.correction[:3].copy(), rig.run_cycles
                 rig.cycle()
-                if rig.gone != gone:
+                if rig.run_cycles != run_before:
                     lost += float(np.linalg.norm(rig.robot.correction[:3] - before))
             path, stopped = rig.seen.path(begin), rig.robot.stopped
             step = float(rig.seen.steps()[begin - 1 :].max())
-            held = first_cycle(rig, State.HOLD, begin)
+            hold = first_cycle(rig, State.HOLD, begin)
             state, cause = rig.state, rig.loop.cause
         ended = state <= State.READY if holds_feed else (state, cause) == (State.FAULT, Cause.HELD_TOO_LONG)
         return Outcome(
             ended and stopped == "Stop" and lost < _LEAST_M and step <= LARGEST_STEP_M,
             f"{described(path)}; while the robot moved its correction changed by {lost / MM:.3f} mm; robot: {stopped}",
             step,
-            None if held is None else held * PERIOD_S,
+            None if hold is None else hold * PERIOD_S,
         )
 
     return run
@@ -190,8 +190,8 @@ def _job(effort: Effort) -> Outcome:
     ours, other = (job_number(job) for job in _JOBS)
     ends = []
     with Rig(seed=effort.seed, sensors=effort.sensors, config=config, checks=SessionChecks(job=ours)) as rig:
-        for says in (other, ours):
-            rig.says = float(says)
+        for scale in (other, ours):
+            rig.force_scale = float(scale)
             rig.control[Request.ARM] = 1
             rig.enable = False
             rig.run(200)

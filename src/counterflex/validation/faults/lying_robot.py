@@ -21,11 +21,11 @@ from counterflex.validation.faults.scenario import Effort, Outcome, Scenario
 _SETTLED: Final = 250
 _AFTER: Final = 700
 _FOLLOWED_M: Final = 0.1 * MM
-_SOON_S: Final = 0.5
+_HOLD_WITHIN_S: Final = 0.5
 _Shown = Callable[[Report], Report]
 
 
-def _shows(shown: _Shown) -> Callable[[Effort], Outcome]:
+def _false_report(shown: _Shown) -> Callable[[Effort], Outcome]:
     """From some cycle on the controller shows what is not so."""
 
     def run(effort: Effort) -> Outcome:
@@ -34,14 +34,14 @@ def _shows(shown: _Shown) -> Callable[[Effort], Outcome]:
             begin = rig.cycle_count
             rig.shown = shown
             rig.run(_AFTER)
-            found = aftermath(rig, begin)
-        ended = found.hold_s is not None and found.hold_s <= _SOON_S
-        return found.outcome(found.followed_m <= _FOLLOWED_M and ended and len(found.causes) > 0)
+            after = aftermath(rig, begin)
+        ended = after.hold_s is not None and after.hold_s <= _HOLD_WITHIN_S
+        return after.outcome(after.followed_m <= _FOLLOWED_M and ended and len(after.causes) > 0)
 
     return run
 
 
-def _shows_before(shown: _Shown) -> Callable[[Effort], Outcome]:
+def _false_from_start(shown: _Shown) -> Callable[[Effort], Outcome]:
     """It shows what is not so from the beginning, as where the base or the tool is another one: it must not correct."""
 
     def run(effort: Effort) -> Outcome:
@@ -55,8 +55,8 @@ def _shows_before(shown: _Shown) -> Callable[[Effort], Outcome]:
             rig.feed = True
             rig.run(_AFTER)
             largest = max(float(np.linalg.norm(c)) for c in rig.seen.correction_m)
-            found = aftermath(rig, begin)
-        return replace(found, without=0).outcome(largest <= 2.0 * _FOLLOWED_M and len(found.causes) > 0)
+            after = aftermath(rig, begin)
+        return replace(after, without=0).outcome(largest <= 2.0 * _FOLLOWED_M and len(after.causes) > 0)
 
     return run
 
@@ -104,9 +104,9 @@ def _flickers(pattern: Callable[[int, np.random.Generator], bool], *, goes_on: b
             for k in range(_AFTER):
                 rig.enable = pattern(k, rng)
                 rig.cycle()
-            found = aftermath(rig, begin)
+            after = aftermath(rig, begin)
             active = rig.state == State.ACTIVE
-        return found.outcome(active if goes_on else bool(found.causes))
+        return after.outcome(active if goes_on else bool(after.causes))
 
     return run
 
@@ -117,7 +117,7 @@ def _for_good(k: int, _: np.random.Generator) -> bool:
 
 SCENARIOS: Final = (
     *(
-        Scenario("R19", name, injected, required, _shows(shown))
+        Scenario("R19", name, injected, required, _false_report(shown))
         for name, injected, required, shown in (
             (
                 "rist-turned",
@@ -132,7 +132,7 @@ SCENARIOS: Final = (
         )
     ),
     *(
-        Scenario("R19", name, injected, "never corrected by more than 0.2 mm, and why", _shows_before(shown))
+        Scenario("R19", name, injected, "never corrected by more than 0.2 mm, and why", _false_from_start(shown))
         for name, injected, shown in (
             ("rist-turned-before", "RIst is turned from the beginning", _turned),
             ("axis-2-off-before", "axis 2 is off by 20 deg from the beginning", _axis(1, 20.0)),

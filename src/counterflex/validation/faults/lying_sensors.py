@@ -28,7 +28,7 @@ _SETTLED: Final = 250
 _AFTER: Final = 700
 _FOLLOWED_M: Final = 0.1 * MM
 """How far a correction may go with something that is not so, before it is not believed."""
-_SOON: Final = 50
+_REPORT_WITHIN: Final = 50
 """Cycles within which something must be said."""
 _RAIL_N: Final = (2**31 - 1) / COUNTS
 
@@ -63,14 +63,14 @@ def _tracker(
                 tracker.silent = tracker.frozen = False
                 tracker.status, tracker.change, tracker.stamp = 0, None, None
             rig.run(_AFTER - cycles)
-            found = aftermath(rig, begin)
+            after = aftermath(rig, begin)
             active = rig.state == State.ACTIVE
             noticed = rig.session.set_back
-        said = any("TRACKER" in cause.name or cause in _OF_A_TRACKER for cause in found.causes)
-        return found.outcome(
-            found.followed_m <= _FOLLOWED_M
-            and (active if goes_on else said)
-            and (not set_back or (said and noticed == 1))
+        reported = any("TRACKER" in cause.name or cause in _OF_A_TRACKER for cause in after.causes)
+        return after.outcome(
+            after.followed_m <= _FOLLOWED_M
+            and (active if goes_on else reported)
+            and (not set_back or (reported and noticed == 1))
         )
 
     return run
@@ -146,13 +146,13 @@ def _unseen(effort: Effort) -> Outcome:
         tracker.status = BEAM_BROKEN
         rig.control[Request.ARM] = 1
         rig.run(300)
-        state, told = rig.state, rig.seen.told[-1]
+        state, cause = rig.state, rig.seen.reported[-1]
         tracker.status = 0
         rig.run(300)
         after = rig.state
     return Outcome(
-        state < State.ARMED and told != Cause.NONE and after == State.ARMED,
-        f"{state.name.lower()} ({told.name.lower().replace('_', ' ')}); seen again: {after.name.lower()}",
+        state < State.ARMED and cause != Cause.NONE and after == State.ARMED,
+        f"{state.name.lower()} ({cause.name.lower().replace('_', ' ')}); seen again: {after.name.lower()}",
     )
 
 
@@ -167,9 +167,9 @@ def _force(
             begin = rig.cycle_count
             rig.sensed = lie()
             rig.run(_AFTER)
-            found = aftermath(rig, begin)
-        named = any(cause in causes for cause in found.causes)
-        return found.outcome(found.followed_m <= most_m and named)
+            after = aftermath(rig, begin)
+        named = any(cause in causes for cause in after.causes)
+        return after.outcome(after.followed_m <= most_m and named)
 
     return run
 
@@ -179,31 +179,31 @@ def _rail() -> Callable[[Float], Float]:
 
 
 def _same() -> Callable[[Float], Float]:
-    kept: list[Float] = []
+    recent: list[Float] = []
 
     def sensed(w: Float) -> Float:
-        kept.append(w.copy())
-        return kept[0]
+        recent.append(w.copy())
+        return recent[0]
 
     return sensed
 
 
-_TOLD: Final = (Cause.FORCE_OFFSET, Cause.FORCE_SATURATED)
+_REPORTED: Final = (Cause.FORCE_OFFSET, Cause.FORCE_SATURATED)
 
 
 def _units(effort: Effort) -> Outcome:
     """The sensor's counts are of another unit than its document says, from the beginning."""
-    said = []
+    reports = []
     for factor in (1e3, 4.448):
         with Rig(seed=effort.seed, sensors=effort.sensors, force=steady) as rig:
             rig.idle = np.array([0.0, 0.0, 5.0])
             rig.sensed = lambda w, f=factor: np.clip(w * f, -_RAIL_N, _RAIL_N)
             rig.control[Request.ARM] = 1
             rig.run(400)
-            said.append((factor, rig.state, rig.seen.told[-1]))
+            reports.append((factor, rig.state, rig.seen.reported[-1]))
     return Outcome(
-        all(state < State.ARMED and cause in _TOLD for _, state, cause in said),
-        "; ".join(f"times {f:g}: {s.name.lower()} ({c.name.lower().replace('_', ' ')})" for f, s, c in said),
+        all(state < State.ARMED and cause in _REPORTED for _, state, cause in reports),
+        "; ".join(f"times {f:g}: {s.name.lower()} ({c.name.lower().replace('_', ' ')})" for f, s, c in reports),
     )
 
 
@@ -230,21 +230,23 @@ def _off(n: float, mode: ForceMode) -> Callable[[Effort], Outcome]:
             context=RsiContext(),
         ) as rig:
             rig.activate().run(150)
-            begin, told = rig.cycle_count, -1
+            begin, reported = rig.cycle_count, -1
             rig.sensed = lambda w: w + add
             for k in range(200):
                 rig.cycle()
-                if told < 0 and rig.seen.told[-1] == Cause.FORCE_OFFSET:
-                    told = k + 1
-            found = aftermath(rig, begin)
-        done = found.outcome(0 < told <= _SOON and Cause.FORCE_OFFSET in found.causes and found.hold_s is not None)
-        when = f"told after {told * PERIOD_S:.3f} s" if told > 0 else "never told"
+                if reported < 0 and rig.seen.reported[-1] == Cause.FORCE_OFFSET:
+                    reported = k + 1
+            after = aftermath(rig, begin)
+        done = after.outcome(
+            0 < reported <= _REPORT_WITHIN and Cause.FORCE_OFFSET in after.causes and after.hold_s is not None
+        )
+        when = f"told after {reported * PERIOD_S:.3f} s" if reported > 0 else "never told"
         return replace(done, happened=f"{when}; {done.happened}")
 
     return run
 
 
-_HELD: Final = "not followed by more than 0.1 mm, named; never the cut without its correction"
+_REQUIRED: Final = "not followed by more than 0.1 mm, named; never the cut without its correction"
 
 
 def _tracked(name: str, injected: str, required: str, run: Callable[[Effort], Outcome]) -> Scenario:
@@ -258,9 +260,9 @@ def _fused(lost: Lost) -> OnlineSettings:
 
 _OFF: Final = _jumps(0.3, 0.4, 0.0)
 SCENARIOS: Final = (
-    _tracked("tracker-jump-1m", "the tracker is off by 1 m from now on", _HELD, _tracker(_jumps(0.0, 1000.0, 0.0))),
-    _tracked("tracker-jump-2mm", "the same by 2 mm", _HELD, _tracker(_jumps(0.0, 2.0, 0.0))),
-    _tracked("tracker-jump-0.5mm", "the same by 0.5 mm", _HELD, _tracker(_OFF)),
+    _tracked("tracker-jump-1m", "the tracker is off by 1 m from now on", _REQUIRED, _tracker(_jumps(0.0, 1000.0, 0.0))),
+    _tracked("tracker-jump-2mm", "the same by 2 mm", _REQUIRED, _tracker(_jumps(0.0, 2.0, 0.0))),
+    _tracked("tracker-jump-0.5mm", "the same by 0.5 mm", _REQUIRED, _tracker(_OFF)),
     _tracked(
         "tracker-one-outlier",
         "a single sample is off by 1 m",
@@ -268,7 +270,7 @@ SCENARIOS: Final = (
         _tracker(_jumps(0.0, 1000.0, 0.0), cycles=1, goes_on=True),
     ),
     *(
-        _tracked(f"tracker-{name}-{lost.name.lower()}", injected, _HELD, _tracker(lie, settings=_fused(lost)))
+        _tracked(f"tracker-{name}-{lost.name.lower()}", injected, _REQUIRED, _tracker(lie, settings=_fused(lost)))
         for lost in Lost
         for name, injected, lie in (
             ("fused-0.5mm", f"the same by 0.5 mm; force = fused, tracker_lost = {lost.name.lower()}", _OFF),
@@ -276,21 +278,21 @@ SCENARIOS: Final = (
             ("fused-frozen", "the same, it sends the last pose again and again", _frozen),
         )
     ),
-    _tracked("tracker-silent", "the tracker says nothing any more", _HELD, _tracker(_silent)),
-    _tracked("tracker-frozen", "it sends the last pose again and again, with new times", _HELD, _tracker(_frozen)),
-    _tracked("tracker-occluded", "its beam is broken", _HELD, _tracker(_status(BEAM_BROKEN))),
+    _tracked("tracker-silent", "the tracker says nothing any more", _REQUIRED, _tracker(_silent)),
+    _tracked("tracker-frozen", "it sends the last pose again and again, with new times", _REQUIRED, _tracker(_frozen)),
+    _tracked("tracker-occluded", "its beam is broken", _REQUIRED, _tracker(_status(BEAM_BROKEN))),
     _tracked(
         "tracker-occluded-60ms",
         "its beam is broken for 60 ms",
         "goes on afterwards, no step",
         _tracker(_status(BEAM_BROKEN), cycles=15, goes_on=True),
     ),
-    _tracked("tracker-doubts", "it doubts its own values", _HELD, _tracker(_status(INACCURATE))),
-    _tracked("tracker-nan", "its poses hold no number", _HELD, _tracker(_not_a_number)),
+    _tracked("tracker-doubts", "it doubts its own values", _REQUIRED, _tracker(_status(INACCURATE))),
+    _tracked("tracker-nan", "its poses hold no number", _REQUIRED, _tracker(_not_a_number)),
     _tracked(
         "tracker-stamps",
         "its time stamps are a second ahead, then back, by turns",
-        _HELD,
+        _REQUIRED,
         _tracker(_stamps((1.0, 0.0, -1.0, 30.0))),
     ),
     _tracked(

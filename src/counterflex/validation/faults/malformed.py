@@ -91,10 +91,10 @@ def _unreadable(number: bytes) -> Callable[[Effort], Outcome]:
             hold, fault = first_cycle(rig, State.HOLD, begin), first_cycle(rig, State.FAULT, begin)
             step = float(rig.seen.steps()[begin - 1 :].max())
             path, stopped = rig.seen.path(begin), rig.robot.stopped
-            safe_s, held = rig.seen.stopped_s(begin), rig.robot.feed_hold
+            safe_s, feed_held = rig.seen.stopped_s(begin), rig.robot.feed_hold
             after = np.array(rig.seen.correction_m[begin + (fault or 0) :])
         steady = bool(np.all(after == after[0])) and float(np.linalg.norm(after[0])) > 0.0
-        passed = hold is not None and hold <= 3 and stopped == "Stop" and held and steady
+        passed = hold is not None and hold <= 3 and stopped == "Stop" and feed_held and steady
         return Outcome(
             passed and step <= LARGEST_STEP_M,
             f"hold after {hold}, fault after {fault}; told to stop ({stopped or 'went on'}); {described(path)}",

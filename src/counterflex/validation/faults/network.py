@@ -79,7 +79,7 @@ def _random(loss: float, share: float) -> Scenario:
     )
 
 
-def _held(
+def _hold_outcome(
     requirement: str, name: str, injected: str, made: Impairment, back: Impairment | None, within_s: float
 ) -> Scenario:
     """Losses under which the loop must stop correcting, as it is set by default."""
@@ -94,8 +94,8 @@ def _held(
             step = float(rig.seen.steps()[begin - 1 :].max())
             again = sum(part == "active" for part in path) - 1
         safe_s = (stopped - begin) * PERIOD_S
-        held = any(part.startswith(("hold", "fault")) for part in path)
-        passed = held and again == 0 and step <= LARGEST_STEP_M and safe_s <= within_s
+        holds = any(part.startswith(("hold", "fault")) for part in path)
+        passed = holds and again == 0 and step <= LARGEST_STEP_M and safe_s <= within_s
         return Outcome(passed, f"{described(path)}; active again {again} times", step, safe_s)
 
     return Scenario(requirement, name, injected, f"stops within {within_s:g} s and stays so", run)
@@ -188,16 +188,16 @@ def _copies(effort: Effort) -> Outcome:
     """Repeated telegrams change nothing: the corrections are those of a good network, bit for bit."""
     made = Impairment(duplicate=0.5, reorder_s=9e-3)
     cycles = effort.pick(2_500, 500)
-    found = []
+    outcomes = []
     for way in (None, made):
         with Rig(way, seed=effort.seed, sensors=effort.sensors) as rig:
             begin = rig.activate().cycle_count
             rig.run(cycles)
-            found.append(np.array(rig.seen.correction_m))
+            outcomes.append(np.array(rig.seen.correction_m))
             old = rig.link.counters.old
             step = float(rig.seen.steps()[begin - 1 :].max())
             state = rig.state
-    same = bool(np.array_equal(found[0], found[1]))
+    same = bool(np.array_equal(outcomes[0], outcomes[1]))
     return Outcome(
         same and old > 0 and state == State.ACTIVE,
         f"{old} copies passed over, corrections {'the same bit for bit' if same else 'DIFFERENT'}",
@@ -249,8 +249,8 @@ SCENARIOS: Final = (
     _random(0.10, 0.999),
     _burst(3.0),
     _burst(8.0),
-    _held("R5", "alternating", "every second telegram lost", Impairment(pattern="10"), None, 0.504),
-    _held(
+    _hold_outcome("R5", "alternating", "every second telegram lost", Impairment(pattern="10"), None, 0.504),
+    _hold_outcome(
         "R5", "scattered-15", "3 of 20 telegrams lost, apart", Impairment(pattern="11101111110111111011"), None, 0.504
     ),
     Scenario(

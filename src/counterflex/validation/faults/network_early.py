@@ -46,7 +46,7 @@ def _early(made: Impairment, back: Impairment | None, *, arms: bool) -> Callable
         with Rig(made, back, seed=effort.seed, sensors=effort.sensors) as rig:
             rig.control[Request.ARM] = 1
             rig.run(_BEFORE)
-            bad, told = set(rig.seen.state), rig.seen.told[-1]
+            bad, cause = set(rig.seen.state), rig.seen.reported[-1]
             rig.ways = (Schedule(Impairment()), Schedule(Impairment()))
             rig.run(300)
             rig.control[Request.RESET] = 1
@@ -56,9 +56,9 @@ def _early(made: Impairment, back: Impairment | None, *, arms: bool) -> Callable
             good = rig.state
             largest = max(float(np.linalg.norm(c)) for c in rig.seen.correction_m)
         armed = State.ARMED in bad
-        happened = f"{'armed' if armed else 'not armed'} ({told.name.lower().replace('_', ' ')})"
+        happened = f"{'armed' if armed else 'not armed'} ({cause.name.lower().replace('_', ' ')})"
         return Outcome(
-            armed == arms and (arms or told != Cause.NONE) and good == State.ARMED and largest == 0.0,
+            armed == arms and (arms or cause != Cause.NONE) and good == State.ARMED and largest == 0.0,
             f"{happened}; with a good line {good.name.lower()}; nothing but zero was sent",
             largest,
         )
@@ -66,19 +66,19 @@ def _early(made: Impairment, back: Impairment | None, *, arms: bool) -> Callable
     return run
 
 
-def _rubbish_early(effort: Effort) -> Outcome:
+def _malformed_early(effort: Effort) -> Outcome:
     """Telegrams cut in half from the beginning: neither armed nor answered as if they were whole."""
     with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
         rig.spoil = lambda data: data[: len(data) // 2]
         rig.control[Request.ARM] = 1
         rig.run(100)
-        state, heard = rig.state, rig.link.counters.telegrams
+        state, telegrams = rig.state, rig.link.counters.telegrams
         rig.spoil = None
         rig.run(300)
         after = rig.state
     return Outcome(
-        state < State.ARMED and heard == 0 and after == State.ARMED,
-        f"{state.name.lower()}, {heard} taken for telegrams; whole ones: {after.name.lower()}",
+        state < State.ARMED and telegrams == 0 and after == State.ARMED,
+        f"{state.name.lower()}, {telegrams} taken for telegrams; whole ones: {after.name.lower()}",
     )
 
 
@@ -90,9 +90,9 @@ def _late_in_order(effort: Effort) -> Outcome:
         rig.ways = (_Late((10.0 * MS, 6.0 * MS, 2.0 * MS)), Schedule(Impairment()))
         rig.restart_numbers()
         rig.run(500)
-        found = aftermath(rig, begin)
+        after = aftermath(rig, begin)
         state = rig.state
-    return found.outcome(state == State.ACTIVE and found.path.count("active") <= 2)
+    return after.outcome(state == State.ACTIVE and after.path.count("active") <= 2)
 
 
 def _nine_lost(effort: Effort) -> Outcome:
@@ -103,8 +103,8 @@ def _nine_lost(effort: Effort) -> Outcome:
         rig.ways = (rig.ways[0], Schedule(Impairment(loss=1.0, end=9)))
         rig.restart_numbers()
         rig.run(500)
-        found = aftermath(rig, begin)
-    return found.outcome(rig.state == State.ACTIVE or bool(found.causes))
+        after = aftermath(rig, begin)
+    return after.outcome(rig.state == State.ACTIVE or bool(after.causes))
 
 
 def _halves(effort: Effort) -> Outcome:
@@ -120,14 +120,14 @@ def _halves(effort: Effort) -> Outcome:
                 rig.spoil = lambda data: data[len(data) // 3 :]
             rig.cycle()
             rig.spoil = None
-        found, malformed = aftermath(rig, begin), rig.link.counters.malformed
-    return found.outcome(malformed >= 200 and bool(found.causes))
+        after, malformed = aftermath(rig, begin), rig.link.counters.malformed
+    return after.outcome(malformed >= 200 and bool(after.causes))
 
 
 def _flood(effort: Effort) -> Outcome:
     """From the controller's own address: 40 old telegrams and rubbish in every cycle."""
     cycles = effort.pick(1_000, 200)
-    found, old = [], 0
+    corrections, old = [], 0
     for disturbed in (False, True):
         with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
             rig.activate()
@@ -139,12 +139,12 @@ def _flood(effort: Effort) -> Outcome:
                     for k in range(40):
                         rig.to_loop(before if k % 2 else re.sub(rb"</Rob>", b"", before))
                 rig.cycle()
-            found.append(np.array(rig.seen.correction_m))
+            corrections.append(np.array(rig.seen.correction_m))
             old = rig.link.counters.old
             answered = int(np.sum(np.array(rig.seen.age[begin:]) == 0))
             step = float(rig.seen.steps()[begin - 1 :].max())
             state = rig.state
-    same = bool(np.array_equal(found[0], found[1]))
+    same = bool(np.array_equal(corrections[0], corrections[1]))
     return Outcome(
         state == State.ACTIVE and old > 0 and answered == cycles and same,
         f"{old} old ones passed over, {answered} of {cycles} telegrams answered in their cycle, corrections "
@@ -187,7 +187,7 @@ SCENARIOS: Final = (
         "halves-before",
         "every telegram is cut in half, then whole ones",
         "not armed; then armed",
-        _rubbish_early,
+        _malformed_early,
     ),
     Scenario(
         "R6",

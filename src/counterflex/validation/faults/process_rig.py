@@ -158,8 +158,8 @@ class ProcessRig:
         Raises:
             SimulationError: It did not begin.
         """
-        kept = {Life.RECORDER_PID: self.recorder, Life.RUN_PID: self.starter}
-        numbers = {place: process.pid for place, process in kept.items() if process is not None and process.is_alive()}
+        pids = {Life.RECORDER_PID: self.recorder, Life.RUN_PID: self.starter}
+        numbers = {place: process.pid for place, process in pids.items() if process is not None and process.is_alive()}
         for place in range(CONTROL):
             self.control[place] = 0
         for place, number in numbers.items():
@@ -181,12 +181,12 @@ class ProcessRig:
         self.loop.start()
         theirs.close()
         try:
-            said: Any = ours.recv()
+            message: Any = ours.recv()
         except EOFError:
             raise SimulationError("the loop's process died") from None
-        if isinstance(said, BaseException):
-            raise said
-        self._address = said[0]
+        if isinstance(message, BaseException):
+            raise message
+        self._address = message[0]
 
     def start_recorder(self, name: str, largest_file: int = 0) -> Path:
         """Start a recorder's process; its log lies in the folder that is returned.

@@ -149,8 +149,8 @@ def _kill(rig: ProcessRig, victim: BaseProcess | None, folder: Path, seen: Kille
     seen.worst_m = max(seen.worst_m, float(rig.steps(first).max(initial=0.0)))
     rows, _, _ = read_log(folder)
     seen.lost_s.append(float(last[_RECEIVED] - rows[-1, _RECEIVED]) * 1e-9)
-    left = float(np.linalg.norm(rig.robot.correction[:3]))
-    seen.good += rig.robot.stopped == "Stop" and left < 1e-6 and loop.exitcode == 0
+    correction_m = float(np.linalg.norm(rig.robot.correction[:3]))
+    seen.good += rig.robot.stopped == "Stop" and correction_m < 1e-6 and loop.exitcode == 0
 
 
 def _stopped_recorder(effort: Effort) -> Outcome:

@@ -132,8 +132,8 @@ def _robot(pipe: Any, control: Any, cycles: int, timeout: int, stop: tuple[int, 
         for _ in range(4):
             server.send(w + rng.standard_normal(6) * [0.3, 0.3, 0.3, 0.03, 0.03, 0.03])
         answer = None
-        while (left := due - time.perf_counter()) > 0.0:
-            own.settimeout(left)
+        while (remaining := due - time.perf_counter()) > 0.0:
+            own.settimeout(remaining)
             try:
                 data = own.recv(65536)
             except TimeoutError:
@@ -180,17 +180,17 @@ def real_run(cycles: int, *, timeout: int = PATIENT, busy: int = 0, stop: tuple[
     processes: list[BaseProcess] = [robot]
     try:
         robot.start()
-        sensor = _told(robot_pipe)
+        sensor = _message(robot_pipe)
         loop = context.Process(target=_loop, args=(loop_side, sensor, control), daemon=True)
         processes.append(loop)
         loop.start()
-        address = _told(loop_pipe)
+        address = _message(loop_pipe)
         for _ in range(busy):
             processes.append(context.Process(target=_busy, args=(ended,), daemon=True))
             processes[-1].start()
         robot_pipe.send((address, loop.pid))
-        ages, corrections, lates, stale, stopped, robot_fifo = _told(robot_pipe)
-        compute, states, fifo = _told(loop_pipe)
+        ages, corrections, lates, stale, stopped, robot_fifo = _message(robot_pipe)
+        compute, states, fifo = _message(loop_pipe)
     finally:
         ended.set()
         for process in processes:
@@ -203,7 +203,7 @@ def real_run(cycles: int, *, timeout: int = PATIENT, busy: int = 0, stop: tuple[
     return RealRun(ages[n:], corrections[n:], stale, stopped, lates[n:], compute, states, fifo and robot_fifo)
 
 
-def _told(pipe: Any) -> Any:
+def _message(pipe: Any) -> Any:
     """What the other process says.
 
     Raises:
@@ -219,20 +219,20 @@ def _told(pipe: Any) -> Any:
 
 def _nominal(busy: int, share: float) -> Callable[[Effort], Outcome]:
     def run(effort: Effort) -> Outcome:
-        found = real_run(effort.pick(5_000, 750), busy=busy)
-        fresh = float(np.mean(found.age == 0))
-        p50, p99 = (float(np.percentile(found.compute_s, q, method="higher")) for q in (50, 99))
-        largest = float(found.compute_s.max())
-        quick = busy > 0 or (found.worst_run <= 2 and p99 < _COMPUTE_P99_S and largest < _COMPUTE_MAX_S)
+        result = real_run(effort.pick(5_000, 750), busy=busy)
+        fresh = float(np.mean(result.age == 0))
+        p50, p99 = (float(np.percentile(result.compute_s, q, method="higher")) for q in (50, 99))
+        largest = float(result.compute_s.max())
+        quick = busy > 0 or (result.worst_run <= 2 and p99 < _COMPUTE_P99_S and largest < _COMPUTE_MAX_S)
         return Outcome(
             fresh >= share and quick,
-            f"{fresh:.3%} of {len(found.age)} telegrams answered in time, at most {found.worst_run} in a row not; "
-            f"computing p50 {p50 * 1e6:.0f}, p99 {p99 * 1e6:.0f}, largest {largest * 1e6:.0f} us; controller "
-            f"itself up to {found.late_s.max() * 1e3:.1f} ms late; real-time priority {'yes' if found.fifo else 'no'}; "
-            + ", ".join(found.states),
-            found.step_m,
+            f"{fresh:.3%} of {len(result.age)} telegrams answered in time, at most {result.worst_run} in a row not; "
+            f"computing p50 {p50 * 1e6:.0f}, p99 {p99 * 1e6:.0f}, largest {largest * 1e6:.0f} us; "
+            f"controller itself up to {result.late_s.max() * 1e3:.1f} ms late; "
+            f"real-time priority {'yes' if result.fifo else 'no'}; " + ", ".join(result.states),
+            result.step_m,
             None,
-            {"in_time_share": fresh, "worst_run": float(found.worst_run), "compute_p99_us": round(p99 * 1e6, 1)},
+            {"in_time_share": fresh, "worst_run": float(result.worst_run), "compute_p99_us": round(p99 * 1e6, 1)},
         )
 
     return run
@@ -241,16 +241,16 @@ def _nominal(busy: int, share: float) -> Callable[[Effort], Outcome]:
 def _stopped_process(cycles: int, timeout: int) -> Callable[[Effort], Outcome]:
     def run(_: Effort) -> Outcome:
         begin = 150
-        found = real_run(begin + cycles + 125, timeout=timeout, stop=(begin, cycles))
-        missed = int(found.age[begin : begin + cycles + 25].max())
-        stopped_early = found.stopped == "RSITimeout"
-        fault = any(name.startswith("fault") for name in found.states)
+        result = real_run(begin + cycles + 125, timeout=timeout, stop=(begin, cycles))
+        missed = int(result.age[begin : begin + cycles + 25].max())
+        stopped_early = result.stopped == "RSITimeout"
+        fault = any(name.startswith("fault") for name in result.states)
         expected = missed <= cycles + 1 if timeout == PATIENT else stopped_early
         return Outcome(
-            expected and fault and found.stale == 0 and found.step_m <= LARGEST_STEP_M,
-            f"{missed} answers missed, {found.stale} sent to telegrams that were not the newest; controller: "
-            f"{found.stopped or 'goes on'}; {', '.join(found.states)}",
-            found.step_m,
+            expected and fault and result.stale == 0 and result.step_m <= LARGEST_STEP_M,
+            f"{missed} answers missed, {result.stale} sent to telegrams that were not the newest; controller: "
+            f"{result.stopped or 'goes on'}; {', '.join(result.states)}",
+            result.step_m,
             min(missed, timeout) * PERIOD_S,
             {"missed": float(missed)},
         )

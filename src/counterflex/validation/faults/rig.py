@@ -135,8 +135,8 @@ class Rig:
         self.loop = self.session.loop
         self.ways = (Schedule(telegrams or Impairment(), seed, 0), Schedule(answers or Impairment(), seed, 1))
         self.seen = Seen()
-        self.cycle_count = self.gone = 0
-        self.says = 1.0
+        self.cycle_count = self.run_cycles = 0
+        self.force_scale = 1.0
         self.idle: Float = np.zeros(3)
         self._holds_feed = holds_feed
         self.frozen = self.feed = self.enable = self.paused = self.wrap = False
@@ -240,9 +240,9 @@ class Rig:
         """One cycle of the controller."""
         begin = self.cycle_count * PERIOD_S
         self.now_s = begin
-        self.gone += not self.stands
+        self.run_cycles += not self.stands
         if self.running:
-            self.robot.frees["Enable"] = self.says * self.enable
+            self.robot.frees["Enable"] = self.force_scale * self.enable
             if self.wrap and self.robot.counter + round(PERIOD_S / MS) > _LAST_COUNTER:
                 self.robot.counter -= _LAST_COUNTER + 1
                 self.wrapped_at = self.cycle_count
@@ -287,7 +287,7 @@ class Rig:
         return data
 
     def _report(self) -> Report:
-        return reported(self.robot, self.cycle_count, self.feed, self.gone)
+        return reported(self.robot, self.cycle_count, self.feed, self.run_cycles)
 
     def _send(self, kind: int, data: bytes, time_s: float) -> None:
         number = self._sent[kind]
@@ -306,23 +306,23 @@ class Rig:
                 self.act(due=True)
                 continue
             self.now_s = max(self.now_s, arrival)
-            came = False
+            received = False
             while self._events and self._events[0][0] <= arrival:
                 _, _, kind, data = heapq.heappop(self._events)
                 if kind == _ANSWER:
                     self._arrived.append(data)
                 else:
                     self.to_loop(data)
-                    came = True
-            if came and not self.frozen:
+                    received = True
+            if received and not self.frozen:
                 self.act()
 
     def act(self, *, due: bool = False) -> None:
         """The loop takes what is there and answers; where that is nothing, it waits on, unless its patience is due."""
-        came = self.link.wait(0.0)
-        if not came and not due:
+        received = self.link.wait(0.0)
+        if not received and not due:
             return
-        self.session.handle_cycle(came)
+        self.session.handle_cycle(received)
         self._due = self.now_s + self.session.patience_s
         while True:
             try:
@@ -347,6 +347,6 @@ class Rig:
         seen.cause.append(self.loop.cause)
         seen.session.append(self._sessions)
         seen.running.append(not self.robot.stopped)
-        seen.gone.append(self.gone)
+        seen.run_cycles.append(self.run_cycles)
         result = self.loop.result
-        seen.told.append(Cause(int(result.cause or result.soft or result.degraded)))
+        seen.reported.append(Cause(int(result.cause or result.soft or result.degraded)))

@@ -39,22 +39,22 @@ def _killed(effort: Effort) -> Outcome:
         while time.monotonic() < end and not rig.robot.stopped and _living(children):
             rig.cycle(enable=True, force_n=300.0, patience_s=1.0)
             died = died if rig.process.poll() is not None and died > begin else time.monotonic()
-        held = next((k for k in range(first, len(rig.held)) if rig.held[k]), None)
-        held_s = float("inf") if held is None else max(0.0, rig.times[held] - died)
+        hold = next((k for k in range(first, len(rig.feed_held)) if rig.feed_held[k]), None)
+        hold_s = float("inf") if hold is None else max(0.0, rig.times[hold] - died)
         rest = float(np.linalg.norm(rig.robot.correction[:3]))
         step = float(rig.steps(first).max(initial=0.0))
         while time.monotonic() < end and _living(children):  # a robot that has stopped sends nothing any more
             time.sleep(0.05)
-        left = _living(children)
+        survivors = _living(children)
         _, records, missing = rig.repaired()
-    safe = held_s <= _HELD_S and (rest == 0.0 or rig.robot.stopped != "") and step <= LARGEST_STEP_M
+    safe = hold_s <= _HELD_S and (rest == 0.0 or rig.robot.stopped != "") and step <= LARGEST_STEP_M
     return Outcome(
-        safe and not left and missing == 0,
-        f"feed held {1e3 * held_s:.0f} ms after the system had ended it, correction {rest / MM:.3f} mm at the end, "
-        f"robot: {rig.robot.stopped or 'stands'}; {len(left)} processes left; log repaired: {records} records, "
+        safe and not survivors and missing == 0,
+        f"feed held {1e3 * hold_s:.0f} ms after the system had ended it, correction {rest / MM:.3f} mm at the end, "
+        f"robot: {rig.robot.stopped or 'stands'}; {len(survivors)} processes left; log repaired: {records} records, "
         f"{missing} missing",
         step,
-        held_s,
+        hold_s,
     )
 
 
@@ -88,15 +88,15 @@ def _without_recorder(effort: Effort) -> Outcome:
         os.kill(rig.recorder(), signal.SIGKILL)
         first = len(rig.times)
         status = rig.until_ended()
-        held = any(rig.held[first:])
+        feed_held = any(rig.feed_held[first:])
         rest = float(np.linalg.norm(rig.robot.correction[:3]))
         step = float(rig.steps(first).max(initial=0.0))
         stopped = rig.robot.stopped
         _, records, missing = rig.repaired()
     return Outcome(
-        held and status == _LOG_LOST and (rest == 0.0 or stopped != "") and step <= LARGEST_STEP_M and records > 0,
-        f"{'feed held' if held else 'feed NOT held'}, correction {rest / MM:.3f} mm at the end, exit status {status}; "
-        f"log repaired: {records} records, {missing} missing between them",
+        feed_held and status == _LOG_LOST and (rest == 0.0 or stopped != "") and step <= LARGEST_STEP_M and records > 0,
+        f"{'feed held' if feed_held else 'feed NOT held'}, correction {rest / MM:.3f} mm at the end, "
+        f"exit status {status}; log repaired: {records} records, {missing} missing between them",
         step,
     )
 
@@ -129,18 +129,18 @@ def _ended(ask: Callable[[RunRig], None], status: int) -> Callable[[Effort], Out
             first = len(rig.times)
             begin = time.monotonic()
             ask(rig)
-            found = rig.until_ended()
-            held = next((k for k in range(first, len(rig.held)) if rig.held[k]), None)
-            held_s = float("inf") if held is None else rig.times[held] - begin
+            exit_status = rig.until_ended()
+            hold = next((k for k in range(first, len(rig.feed_held)) if rig.feed_held[k]), None)
+            hold_s = float("inf") if hold is None else rig.times[hold] - begin
             rest = float(np.linalg.norm(rig.robot.correction[:3]))
             step = float(rig.steps(first).max(initial=0.0))
-            happened = f"feed held after {1e3 * held_s:.0f} ms, correction {rest / MM:.3f} mm at the end"
-            happened += f", exit status {found}"
+            happened = f"feed held after {1e3 * hold_s:.0f} ms, correction {rest / MM:.3f} mm at the end"
+            happened += f", exit status {exit_status}"
             done, records, missing = rig.repaired()
             happened += f"; log: {records} records, {missing} missing, {len(done)} segments to repair"
-        passed = found == status and held is not None and missing == 0 and records > 0
+        passed = exit_status == status and hold is not None and missing == 0 and records > 0
         passed &= rest == 0.0 or rig.robot.stopped != ""
-        return Outcome(passed and step <= LARGEST_STEP_M, happened, step, held_s)
+        return Outcome(passed and step <= LARGEST_STEP_M, happened, step, hold_s)
 
     return run
 
@@ -153,9 +153,9 @@ def _signal(number: signal.Signals) -> Callable[[RunRig], None]:
 
 
 def _operator(rig: RunRig) -> None:
-    asked = subprocess.Popen(command("operator", "stop", str(rig.log)), stdout=subprocess.DEVNULL)
+    command_process = subprocess.Popen(command("operator", "stop", str(rig.log)), stdout=subprocess.DEVNULL)
     end = time.monotonic() + _END_S
-    while asked.poll() is None and time.monotonic() < end:
+    while command_process.poll() is None and time.monotonic() < end:
         rig.cycle(enable=True, force_n=300.0)
     for _ in range(300):
         rig.cycle(enable=True, force_n=300.0)
@@ -167,21 +167,21 @@ def _removed(effort: Effort) -> Outcome:
     with tempfile.TemporaryDirectory() as place, RunRig(Path(place), effort.seed) as rig:
         rig.activate()
         rig.cut(100)
-        before = rig.said()
+        before = rig.output()
         shutil.rmtree(rig.log)
         rig.cut(500)
-        while_it_ran = rig.said()[len(before) :]
+        while_it_ran = rig.output()[len(before) :]
         for k in range(450):  # out of the cut, then the program switches the correction off
             rig.cycle(enable=k < 200)
         end = time.monotonic() + _END_S
         while rig.process.poll() is None and time.monotonic() < end:
             time.sleep(0.05)
         status, step = rig.process.poll(), float(rig.steps().max())
-    told = next((line.strip() for line in while_it_ran.splitlines() if "LOGGING STOPPED" in line), "")
-    told = " ".join(told.split())[-90:]
+    message = next((line.strip() for line in while_it_ran.splitlines() if "LOGGING STOPPED" in line), "")
+    message = " ".join(message.split())[-90:]
     return Outcome(
-        told != "" and status == _LOG_LOST and step <= LARGEST_STEP_M,
-        f"said while it ran: {told or 'nothing'}; exit status {status}",
+        message != "" and status == _LOG_LOST and step <= LARGEST_STEP_M,
+        f"said while it ran: {message or 'nothing'}; exit status {status}",
         step,
     )
 

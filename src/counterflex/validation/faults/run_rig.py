@@ -78,10 +78,10 @@ class RunRig:
         self._socket.bind(("127.0.0.1", 0))
         self.robot = FakeRsi(demo_config(), RsiContext(), {"Enable": 0.0})
         self.corrections: list[Float] = []
-        self.held: list[bool] = []
+        self.feed_held: list[bool] = []
         self.times: list[float] = []
-        self._gone = 0
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the process
+        self._run_cycles = 0
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the process
         host, udp = self.sensor.address
         options = ["--cell", str(self.cell), "--rsi", str(rsi), "--arm", "-s", "local"]
         options += [
@@ -92,7 +92,7 @@ class RunRig:
         ]
         options += ["--out", str(self.log), *words]
         self.process = subprocess.Popen(
-            command("run", *options), stdout=self._said, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL
+            command("run", *options), stdout=self._output, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL
         )
 
     def __enter__(self) -> Self:
@@ -107,12 +107,12 @@ class RunRig:
         self.process.wait(_PATIENCE_S)
         self.sensor.close()
         self._socket.close()
-        self._said.close()
+        self._output.close()
 
-    def said(self) -> str:
+    def output(self) -> str:
         """What the command has printed so far."""
-        self._said.seek(0)
-        return self._said.read().decode(errors="replace")
+        self._output.seek(0)
+        return self._output.read().decode(errors="replace")
 
     def children(self) -> list[int]:
         """Process numbers of the command's own processes."""
@@ -145,13 +145,13 @@ class RunRig:
         """
         begin = time.monotonic()
         stands = self.robot.feed_hold or bool(self.robot.stopped)
-        self._gone += not stands
+        self._run_cycles += not stands
         self.sensor.poll()
         for _ in range(_SAMPLES):
             push = 0.0 if stands else force_n
             self.sensor.send(np.array([0.0, push, 0.0, 0.0, 0.0, 0.0]) + 0.3 * self._noise.standard_normal(6))
         self.robot.frees["Enable"] = float(enable)
-        report = reported(self.robot, len(self.times), running=True, gone=self._gone, of_cell=True)
+        report = reported(self.robot, len(self.times), running=True, run_cycles=self._run_cycles, of_cell=True)
         answer = None
         with contextlib.suppress(ConnectionError):
             self._socket.sendto(self.robot.telegram(report), self._address)
@@ -159,7 +159,7 @@ class RunRig:
             answer = self._answer(begin + (usual if patience_s is None else patience_s))
         self.robot.answer(answer)
         self.corrections.append(self.robot.correction[:3].copy())
-        self.held.append(self.robot.feed_hold)
+        self.feed_held.append(self.robot.feed_hold)
         time.sleep(max(0.0, begin + PERIOD_S - time.monotonic()))
         self.times.append(time.monotonic())
         return answer is not None
@@ -187,7 +187,7 @@ class RunRig:
         end = time.monotonic() + _START_S
         while not list(self.log.glob("run-*.mcap")):  # begun when the loop listens
             if time.monotonic() > end or self.process.poll() is not None:
-                raise SimulationError("the run did not begin", value=self.said()[-300:])
+                raise SimulationError("the run did not begin", value=self.output()[-300:])
             time.sleep(0.05)
         for k in range(2_000):
             self.cycle(enable=k > 250, force_n=_PUSH_N if k > 300 else 0.0)
@@ -195,7 +195,7 @@ class RunRig:
                 self.cycle(enable=False)  # an edge, where it was armed later
             if np.linalg.norm(self.robot.correction[:3]) > _ON_M:
                 return
-        raise SimulationError("the run did not correct", value=self.said()[-300:])
+        raise SimulationError("the run did not correct", value=self.output()[-300:])
 
     def cut(self, cycles: int) -> None:
         """Go on cutting."""

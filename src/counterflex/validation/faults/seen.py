@@ -28,8 +28,8 @@ class Seen:
         cause: (n,) its cause.
         session: (n,) number of the controller's session.
         running: (n,) the controller had not stopped.
-        gone: (n,) cycles in which the robot had gone on.
-        told: (n,) what stood against the loop's going on or its being armed, or degraded it, at the end of the cycle.
+        run_cycles: (n,) cycles in which the robot had gone on.
+        reported: (n,) cause that held the loop, kept it from being armed or degraded it, at the end of the cycle.
     """
 
     age: list[int] = field(default_factory=list)
@@ -38,8 +38,8 @@ class Seen:
     cause: list[Cause] = field(default_factory=list)
     session: list[int] = field(default_factory=list)
     running: list[bool] = field(default_factory=list)
-    gone: list[int] = field(default_factory=list)
-    told: list[Cause] = field(default_factory=list)
+    run_cycles: list[int] = field(default_factory=list)
+    reported: list[Cause] = field(default_factory=list)
 
     def steps(self) -> Float:
         """(n - 1,) m: change of the correction in force from cycle to cycle; none from one session to the next."""

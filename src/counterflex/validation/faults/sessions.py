@@ -26,8 +26,8 @@ _FIRST: Final = 4208163000
 
 def first_cycle(rig: Rig, state: State, begin: int) -> int | None:
     """Cycles from ``begin`` to the end of the one in which a state was first there; None: never."""
-    for k, found in enumerate(rig.seen.state[begin:]):
-        if found == state:
+    for k, reached in enumerate(rig.seen.state[begin:]):
+        if reached == state:
             return k + 1
     return None
 
@@ -36,13 +36,13 @@ def _restart(counter: int) -> Callable[[Effort], Outcome]:
     def run(effort: Effort) -> Outcome:
         with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
             rig.activate().run(SETTLED)
-            held = float(np.linalg.norm(rig.robot.correction[:3]))
+            correction_m = float(np.linalg.norm(rig.robot.correction[:3]))
             begin = rig.cycle_count
             rig.restart_robot(counter)
             rig.enable = False
             rig.run(60)
             decided = first_cycle(rig, State.FAULT, begin)
-            kept = max(float(np.linalg.norm(c)) for c in rig.seen.correction_m[begin:])
+            largest_m = max(float(np.linalg.norm(c)) for c in rig.seen.correction_m[begin:])
             cause = rig.loop.cause
             stopped = rig.robot.stopped
             rig.control[Request.RESET] = 1
@@ -61,8 +61,8 @@ def _restart(counter: int) -> Callable[[Effort], Outcome]:
         passed = (
             decided is not None
             and decided <= _ANSWER_CYCLES
-            and kept == 0.0
-            and held > 0.0
+            and largest_m == 0.0
+            and correction_m > 0.0
             and stopped == "Stop"
             and idle in (State.IDLE, State.READY)
             and state in (State.ACTIVE, State.HOLD)
@@ -70,8 +70,8 @@ def _restart(counter: int) -> Callable[[Effort], Outcome]:
         )
         return Outcome(
             passed,
-            f"{described(path, 8)}; {held * 1e3:.2f} mm were in force, none of it went into the new session, which was "
-            f"told to stop; "
+            f"{described(path, 8)}; {correction_m * 1e3:.2f} mm were in force, none of it went into the new session, "
+            f"which was told to stop; "
             f"fault after {decided} telegrams ({cause.name.lower().replace('_', ' ')})",
             step,
             None if decided is None else decided * PERIOD_S,
@@ -93,7 +93,7 @@ def _wrap(effort: Effort) -> Outcome:
         after = np.array(rig.seen.correction_m[wrapped:])
         at_zero = rig.wrapped_at
         safe_s = rig.seen.stopped_s(at_zero)
-    return _told_to_stop(after, stopped, path, step, safe_s)
+    return _stop_outcome(after, stopped, path, step, safe_s)
 
 
 def _jump(by_ms: int, *, reports: bool) -> Callable[[Effort], Outcome]:
@@ -113,12 +113,12 @@ def _jump(by_ms: int, *, reports: bool) -> Callable[[Effort], Outcome]:
             path, stopped = rig.seen.path(begin), rig.robot.stopped
             after = np.array(rig.seen.correction_m[begin + (fault or 0) :])
             safe_s = rig.seen.stopped_s(begin)
-        return _told_to_stop(after, stopped, path, step, safe_s)
+        return _stop_outcome(after, stopped, path, step, safe_s)
 
     return run
 
 
-def _told_to_stop(after: Float, stopped: str, path: list[str], step: float, safe_s: float | None) -> Outcome:
+def _stop_outcome(after: Float, stopped: str, path: list[str], step: float, safe_s: float | None) -> Outcome:
     """The correction stays what it was, and the controller is told to stop."""
     steady = bool(np.all(after == after[0])) and float(np.linalg.norm(after[0])) > 0.0
     return Outcome(

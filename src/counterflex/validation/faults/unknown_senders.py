@@ -23,19 +23,19 @@ def _second(effort: Effort) -> Outcome:
     """A second loop on the port of the first."""
     with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
         rig.activate()
-        said = ""
+        message = ""
         for host in ("127.0.0.1", "0.0.0.0"):
             try:
                 RsiLink(rig.config, host=host, port=rig.link.address[1]).close()
             except OutputError as fault:
-                said = str(fault).split(": ", 1)[-1].split(".")[0]
+                message = str(fault).split(": ", 1)[-1].split(".")[0]
             else:
                 return Outcome(False, f"a second loop could listen at {host}")
         begin = rig.cycle_count
         rig.run(200)
         state = rig.state
         step = float(rig.seen.steps()[begin - 1 :].max())
-    return Outcome(state == State.ACTIVE, f"refused ({said}); the first one goes on", step)
+    return Outcome(state == State.ACTIVE, f"refused ({message}); the first one goes on", step)
 
 
 def _other_answers(effort: Effort) -> Outcome:
@@ -68,7 +68,7 @@ def _other_answers(effort: Effort) -> Outcome:
 def _strangers(effort: Effort) -> Outcome:
     """Good telegrams and rubbish from another address, 40 in every cycle: 10 000 a second."""
     cycles = effort.pick(1_000, 200)
-    found, foreign = [], 0
+    paths, foreign = [], 0
     taken_s = 0.0
     for disturbed in (False, True):
         with (
@@ -83,7 +83,7 @@ def _strangers(effort: Effort) -> Outcome:
                     for k in range(40):
                         rig.to_loop(forged if k % 2 else b"rubbish", stranger)
                 rig.cycle()
-            found.append(np.array(rig.seen.correction_m))
+            paths.append(np.array(rig.seen.correction_m))
             foreign = rig.link.counters.foreign
             answered = int(np.sum(np.array(rig.seen.age[begin:]) == 0))
             step = float(rig.seen.steps()[begin - 1 :].max())
@@ -93,7 +93,7 @@ def _strangers(effort: Effort) -> Outcome:
                 start = time.perf_counter()
                 rig.link.wait(0.0)
                 taken_s = (time.perf_counter() - start) / 200
-    same = bool(np.array_equal(found[0], found[1]))
+    same = bool(np.array_equal(paths[0], paths[1]))
     return Outcome(
         same and foreign == 40 * cycles and answered == cycles,
         f"{foreign} dropped unread and counted, {answered} of {cycles} telegrams answered in their cycle, corrections "

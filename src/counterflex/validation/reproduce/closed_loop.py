@@ -103,7 +103,7 @@ def run(
     try:
         with interrupts_held():
             process.start()
-        found = online.run(loop, log, watch=watch, ended=lambda: not process.is_alive())
+        outcome = online.run(loop, log, watch=watch, ended=lambda: not process.is_alive())
         process.join(_END_S)
         fault = parent.recv() if parent.poll() else None
         if isinstance(fault, BaseException):
@@ -115,7 +115,7 @@ def run(
             process.terminate()
             process.join()
         parent.close()
-    return found
+    return outcome
 
 
 def _cell_process(settings: live.LiveSettings, out: Path, pipe: Any) -> None:

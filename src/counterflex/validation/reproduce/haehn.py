@@ -91,8 +91,8 @@ def run(
         for output in item.outputs
         if output == "cartesian" or not quick
     ]
-    found = _mill_all(folder, jobs, cells, workers, share_of(parts["milling"], 0.0, 0.99))
-    summary = _summary(found, level, time.perf_counter() - start)
+    results = _mill_all(folder, jobs, cells, workers, share_of(parts["milling"], 0.0, 0.99))
+    summary = _summary(results, level, time.perf_counter() - start)
     summary["made_again"] = made_again(folder, begun)
     write_summary(folder / "summary.json", summary)
     parts["milling"](0.99, "page")
@@ -110,7 +110,7 @@ def _mill_all(
 ) -> dict[tuple[int, str, str], dict[str, Any]]:
     """Prepare every edge on every cell, then mill; results in the order of the jobs."""
     places = {(seed, edge): folder / f"seed-{seed}" / edge for seed, edge, _, _ in jobs}
-    found: dict[tuple[int, str, str, str], dict[str, Any]] = {}
+    results: dict[tuple[int, str, str, str], dict[str, Any]] = {}
     shares, weights = Shares(len(jobs)), [1.0] * len(jobs)
     with pool_of(count_of(workers, len(jobs)), shares) as pool:
         with interrupts_held():
@@ -123,19 +123,19 @@ def _mill_all(
                 for k, job in enumerate(jobs)
             }
 
-        def told() -> None:
-            progress(shares.sum(weights), f"milled {len(found)} of {len(jobs)}")
+        def report() -> None:
+            progress(shares.sum(weights), f"milled {len(results)} of {len(jobs)}")
 
-        for done in done_one_by_one(waiting, told):
-            found[waiting[done]] = done.result()
-    return {(s, e, haehn_case.variant_name(k, o)): found[s, e, k, o] for s, e, k, o in jobs}
+        for done in done_one_by_one(waiting, report):
+            results[waiting[done]] = done.result()
+    return {(s, e, haehn_case.variant_name(k, o)): results[s, e, k, o] for s, e, k, o in jobs}
 
 
 def _one_at(task: int, place: Path, truth: Path, job: tuple[int, str, str, str]) -> dict[str, Any]:
     """A run in a worker process, which tells how far it is."""
-    found = one(place, truth, job[0], job[2], job[3], progress=share(task))
+    result = one(place, truth, job[0], job[2], job[3], progress=share(task))
     share(task)(1.0)
-    return found
+    return result
 
 
 def _identify(folder: Path, seeds: int, level: str, workers: int | None, progress: Progress) -> dict[int, Path]:
@@ -192,28 +192,28 @@ def one(place: Path, truth: Path, seed: int, kind: str, output: str, *, progress
     plan = place / PLANNED / _PLAN_FILE
     program = place / PLANNED / haehn_case.PROGRAM if item.compensated else original
     mark = _run_mark(place, truth, seed, kind, output)
-    kept = finished(part, mark)
-    if kept is not None:
-        return kept
+    figures = finished(part, mark)
+    if figures is not None:
+        return figures
     begin(part, mark)
     log = part.with_name(f"{part.name}-log")
     shutil.rmtree(log, ignore_errors=True)
     with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as config:
         twin = live.LiveSettings(program, cell, truth, config, original=original, seed=seed)
         loop = online_session.RunSettings(cell, config, plan, compensated=item.compensated, arm=item.armed)
-        said = closed_loop.run(twin, part, loop, log, sensors=closed_loop.Sensors(), cycles=1850, progress=progress)
+        outcome = closed_loop.run(twin, part, loop, log, sensors=closed_loop.Sensors(), cycles=1850, progress=progress)
     shutil.rmtree(log, ignore_errors=True)
     judged = evaluate.run([part], None)["variants"]["nominal"]
-    kept = {key: judged[key] for key in (*_FIGURES, "surface") if key in judged}
-    kept["loop"] = {key: said[key] for key in ("cycles", "states", "causes", "largest_correction_um")}
-    finish(part, mark, kept)
-    return kept
+    figures = {key: judged[key] for key in (*_FIGURES, "surface") if key in judged}
+    figures["loop"] = {key: outcome[key] for key in ("cycles", "states", "causes", "largest_correction_um")}
+    finish(part, mark, figures)
+    return figures
 
 
-def _summary(found: Mapping[tuple[int, str, str], dict[str, Any]], level: str, seconds: float) -> dict[str, Any]:
+def _summary(results: Mapping[tuple[int, str, str], dict[str, Any]], level: str, seconds: float) -> dict[str, Any]:
     rows = []
-    for seed, edge in dict.fromkeys(key[:2] for key in found):
-        variants = {name: value for (s, e, name), value in found.items() if (s, e) == (seed, edge)}
+    for seed, edge in dict.fromkeys(key[:2] for key in results):
+        variants = {name: value for (s, e, name), value in results.items() if (s, e) == (seed, edge)}
         rows.append({"seed": seed, "edge": edge, "truth_level": level, "variants": variants})
     total = over_seeds(rows)
     return {
@@ -228,10 +228,10 @@ def _summary(found: Mapping[tuple[int, str, str], dict[str, Any]], level: str, s
     }
 
 
-def _goal(found: Mapping[str, Any], limit_mm: float) -> dict[str, Any]:
+def _goal(figures: Mapping[str, Any], limit_mm: float) -> dict[str, Any]:
     """Worst figure beside its limit; met only where no run was refused."""
-    worst = found["path"]["max_mm"] if "path" in found else None
-    met = worst is not None and worst <= limit_mm and found["refused"] == 0
+    worst = figures["path"]["max_mm"] if "path" in figures else None
+    met = worst is not None and worst <= limit_mm and figures["refused"] == 0
     return {"limit_mm": limit_mm, "worst_mm": worst, "met": met}
 
 

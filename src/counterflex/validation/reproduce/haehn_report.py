@@ -32,10 +32,10 @@ _CARDS: Final = (
 )
 
 
-def acted(name: str, found: Mapping[str, Any]) -> bool:
+def acted(name: str, figures: Mapping[str, Any]) -> bool:
     """Whether a run did what its variant says: the loop corrected, or was to watch only."""
     kind = haehn_case.KINDS[name.removesuffix("_axes")]
-    return not kind.armed or "active" in found["loop"]["states"]
+    return not kind.armed or "active" in figures["loop"]["states"]
 
 
 def spread(summary: Mapping[str, Any], name: str, edge: str, part: str) -> str:
@@ -60,10 +60,10 @@ def page(summary: Mapping[str, Any], folder: Path) -> str:
     edges = [edge for edge in haehn_case.EDGES if any(row["edge"] == edge for row in summary["seeds"])]
     names = list(summary["variants"])
     dots = [
-        Dot(name, row["edge"], row["seed"], found["path"]["max_mm"], found["exit"]["max_mm"])
+        Dot(name, row["edge"], row["seed"], figures["path"]["max_mm"], figures["exit"]["max_mm"])
         for row in summary["seeds"]
-        for name, found in row["variants"].items()
-        if acted(name, found)
+        for name, figures in row["variants"].items()
+        if acted(name, figures)
     ]
     best = "hybrid" if "hybrid" in names else names[-1]
     worst = max((d for d in dots if d.variant == best), key=lambda d: d.path_mm, default=dots[0])
@@ -108,8 +108,8 @@ def verdict(summary: Mapping[str, Any]) -> str:
     for name, title in (("force_pilot", "with force and pilot control"), ("hybrid", "with the plan, its rest online")):
         goal = summary["goals"].get(name)
         if goal is not None and goal["worst_mm"] is not None:
-            said = "kept" if goal["met"] else "missed"
-            parts.append(f"{goal['worst_mm']:.3f} mm {title} (goal {goal['limit_mm']:g} mm, {said})")
+            outcome = "kept" if goal["met"] else "missed"
+            parts.append(f"{goal['worst_mm']:.3f} mm {title} (goal {goal['limit_mm']:g} mm, {outcome})")
     edges = len({row["edge"] for row in summary["seeds"]})
     count = len({row["seed"] for row in summary["seeds"]})
     where = f"{count} simulated cell{'s' if count > 1 else ''} and {edges} edge{'s' if edges > 1 else ''}"
@@ -123,8 +123,10 @@ def _cards(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         if path is None:
             continue
         paper = summary["paper"].get(name if name != "force_pilot" else "force_pilot_40ms")
-        said = f"worst; median {path['median_max_mm']:.3f}" + (f"; Haehn2020 {paper:g}" if paper is not None else "")
-        out.append((title, f"{path['max_mm']:.3f} mm", said))
+        subtitle = f"worst; median {path['median_max_mm']:.3f}" + (
+            f"; Haehn2020 {paper:g}" if paper is not None else ""
+        )
+        out.append((title, f"{path['max_mm']:.3f} mm", subtitle))
     return out
 
 
@@ -134,15 +136,15 @@ def _drawn(summary: Mapping[str, Any], folder: Path) -> list[GrooveRun]:
         place = folder / f"seed-{row['seed']}" / row["edge"]
         cell = read_cell(place / haehn_case.OFFLINE)
         job = read_job(place / haehn_case.PROGRAM, cell)
-        for name, found in row["variants"].items():
-            if acted(name, found):
+        for name, figures in row["variants"].items():
+            if acted(name, figures):
                 out.append(_groove(place / name, name, row["edge"], row["seed"], job, cell))
     return out
 
 
 def _groove(part: Path, name: str, edge: str, seed: int, job: Job, cell: Cell) -> GrooveRun:
     run, _ = read_run(part / simulate.RUN)
-    found = path_deviation(
+    deviation = path_deviation(
         job.path,
         run.time_s,
         run.p_part_tcp,
@@ -153,20 +155,20 @@ def _groove(part: Path, name: str, edge: str, seed: int, job: Job, cell: Cell) -
     )
     angle = haehn_case.EDGES[edge] * DEG
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
-    level = np.abs(found.feed_direction @ along) > 1.0 - 1e-6  # without plunging and lifting
-    place = found.p_part_nominal @ along - (haehn_case.MIDDLE_M @ along - 0.5 * haehn_case.cut_length_m(edge))
-    force = np.interp(found.time_s, run.time_s, np.linalg.norm(run.force_part, axis=1))
+    level = np.abs(deviation.feed_direction @ along) > 1.0 - 1e-6  # without plunging and lifting
+    place = deviation.p_part_nominal @ along - (haehn_case.MIDDLE_M @ along - 0.5 * haehn_case.cut_length_m(edge))
+    force = np.interp(deviation.time_s, run.time_s, np.linalg.norm(run.force_part, axis=1))
     return GrooveRun(
         variant=name,
         edge=edge,
         seed=seed,
         place_m=place[level],
-        left_m=found.across_left_m[level],
-        axis_m=found.across_axis_m[level],
+        left_m=deviation.across_left_m[level],
+        axis_m=deviation.across_axis_m[level],
         force_n=force[level],
-        cutting=found.cutting[level] & ~found.broken[level],
-        entering=found.entry[level],
-        leaving=found.exit[level],
+        cutting=deviation.cutting[level] & ~deviation.broken[level],
+        entering=deviation.entry[level],
+        leaving=deviation.exit[level],
     )
 
 

@@ -79,11 +79,11 @@ def run(
     start, begun = time.perf_counter(), time.time()
     folder, scale = Path(out), QUICK_SCALE if quick else 1.0
     cases = {n: mandiola_case.write_case(folder / f"seed-{n}", n, scale=scale) for n in range(1, seeds + 1)}
-    found = _run_all(cases, workers, progress)
+    results = _run_all(cases, workers, progress)
     first = cases[1]
     margins = mandiola_report.margin_table(mandiola_report.open_loops(first.cell("designed")))
     summary = {
-        **_summary(found, scale, time.perf_counter() - start),
+        **_summary(results, scale, time.perf_counter() - start),
         "margins": margins,
         "made_again": made_again(folder, begun),
     }
@@ -103,7 +103,7 @@ def _run_all(
 ) -> dict[tuple[int, str, str], dict[str, Any]]:
     """Plan every path, then run all variants, the longest first; results in the order of the table."""
     order = [(seed, shape, variant) for seed in cases for shape in SHAPES for variant in VARIANTS]
-    found: dict[tuple[int, str, str], dict[str, Any]] = {}
+    results: dict[tuple[int, str, str], dict[str, Any]] = {}
     jobs = sorted(order, key=lambda job: SHAPES.index(job[1]))
     shares, weights = Shares(len(jobs)), [1.0] * len(jobs)
     with pool_of(count_of(workers, len(order)), shares) as pool:
@@ -114,19 +114,19 @@ def _run_all(
         with interrupts_held():
             waiting = {pool.submit(_one_at, k, cases[job[0]], job[1], job[2]): job for k, job in enumerate(jobs)}
 
-        def told() -> None:
-            progress(0.01 + 0.98 * shares.sum(weights), f"ran {len(found)} of {len(order)}")
+        def report() -> None:
+            progress(0.01 + 0.98 * shares.sum(weights), f"ran {len(results)} of {len(order)}")
 
-        for done in done_one_by_one(waiting, told):
-            found[waiting[done]] = done.result()
-    return {job: found[job] for job in order}
+        for done in done_one_by_one(waiting, report):
+            results[waiting[done]] = done.result()
+    return {job: results[job] for job in order}
 
 
 def _one_at(task: int, case: Case, shape: str, variant: str) -> dict[str, Any]:
     """A run in a worker process, which tells how far it is."""
-    found = one(case, shape, variant, progress=share(task))
+    result = one(case, shape, variant, progress=share(task))
     share(task)(1.0)
-    return found
+    return result
 
 
 def prepare(case: Case, shape: str) -> None:
@@ -161,12 +161,12 @@ def one(case: Case, shape: str, variant: str, *, progress: Progress = silent) ->
     cell, program = case.cell(variant), case.program(shape)
     part = case.folder / f"{shape}-{variant}"
     mark = fingerprint(cell, program, case.truth, shape=shape, variant=variant, dead=mandiola_case.DEAD_S)
-    kept = finished(part, mark)
-    if kept is None:
+    result = finished(part, mark)
+    if result is None:
         begin(part, mark)
-        kept = _mill(case, shape, variant, part, progress)
-        finish(part, mark, kept)
-    return {"loop": kept["loop"], "figures": figures(tracked(part, cell), case, shape)}
+        result = _mill(case, shape, variant, part, progress)
+        finish(part, mark, result)
+    return {"loop": result["loop"], "figures": figures(tracked(part, cell), case, shape)}
 
 
 def _mill(case: Case, shape: str, variant: str, part: Path, progress: Progress) -> dict[str, Any]:
@@ -186,7 +186,7 @@ def _mill(case: Case, shape: str, variant: str, part: Path, progress: Progress) 
         loop = online_session.RunSettings(cell, rsi, plan, compensated=False, arm=variant != "off")
         log = part.with_name(f"{part.name}-log")
         shutil.rmtree(log, ignore_errors=True)
-        said = closed_loop.run(
+        outcome = closed_loop.run(
             twin,
             part,
             loop,
@@ -196,7 +196,7 @@ def _mill(case: Case, shape: str, variant: str, part: Path, progress: Progress) 
             progress=progress,
         )
     shutil.rmtree(log, ignore_errors=True)
-    return {"loop": {key: said[key] for key in ("cycles", "states", "causes", "largest_correction_um", "seconds")}}
+    return {"loop": {key: outcome[key] for key in ("cycles", "states", "causes", "largest_correction_um", "seconds")}}
 
 
 def tracked(part: Path, cell: Path) -> tracking.Tracked:
@@ -244,13 +244,13 @@ def figures(run_: tracking.Tracked, case: Case, shape: str) -> dict[str, Any]:
     return out
 
 
-def _summary(found: Mapping[tuple[int, str, str], dict[str, Any]], scale: float, seconds: float) -> dict[str, Any]:
-    seeds = sorted({seed for seed, _, _ in found})
+def _summary(results: Mapping[tuple[int, str, str], dict[str, Any]], scale: float, seconds: float) -> dict[str, Any]:
+    seeds = sorted({seed for seed, _, _ in results})
     rows = [
         {
             "seed": seed,
-            "variants": {v: {s: found[seed, s, v]["figures"] for s in SHAPES} for v in VARIANTS},
-            "loops": {v: {s: found[seed, s, v]["loop"] for s in SHAPES} for v in VARIANTS},
+            "variants": {v: {s: results[seed, s, v]["figures"] for s in SHAPES} for v in VARIANTS},
+            "loops": {v: {s: results[seed, s, v]["loop"] for s in SHAPES} for v in VARIANTS},
         }
         for seed in seeds
     ]

@@ -168,18 +168,18 @@ def verdict(summary: Mapping[str, Any]) -> str:
     )
 
 
-def beside_paper(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+def paper_comparison(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     """Header and rows of a table of the paper's figures beside those found here, worst over the truths."""
     paper, seeds = summary["paper"], summary["seeds"]
 
     def worst(variant: str, *keys: str) -> str:
         values = []
         for row in seeds:
-            found: Any = row["variants"][variant]
+            value: Any = row["variants"][variant]
             for key in keys:
-                found = found.get(key, {}) if isinstance(found, Mapping) else found
-            if isinstance(found, int | float):
-                values.append(float(found))
+                value = value.get(key, {}) if isinstance(value, Mapping) else value
+            if isinstance(value, int | float):
+                values.append(float(value))
         return f"{max(values):.0f}" if values else "-"
 
     def least(variant: str, key: str) -> str:
@@ -247,7 +247,7 @@ def page(summary: Mapping[str, Any], case: Case, read: Any) -> str:
         subtitle=f"400 mm square and 150 mm circle at 700 mm/min, size {summary['scale']:g}; drawn: seed {case.seed}",
         created="",
         verdict=verdict(summary),
-        beside=beside_paper(summary),
+        beside=paper_comparison(summary),
         columns=COLUMNS,
         rows=figure_rows(summary),
         margin_columns=MARGIN_COLUMNS,

@@ -27,7 +27,7 @@ def minute(k: int, block: Block) -> dict[str, float]:
         "minute": k + 1,
         "cycles": n,
         "active": int(np.sum(active(block))),
-        "held": block.held,
+        "held": block.held_cycles,
         "missed": block.missed,
         "without_session": block.paused,
         "programs_ended": len(block.ended),
@@ -55,7 +55,7 @@ def figures(blocks: list[Block], minutes: list[dict[str, float]], samples: list[
         over those of them outside of standstills of the machine; growth per hour.
     """
     reply, echo = (np.concatenate([getattr(b, name) for b in blocks]) for name in ("reply_s", "echo_s"))
-    acting, stood = (np.concatenate([found(b) for b in blocks]) for found in (active, in_standstill))
+    acting, stood = (np.concatenate([select(b) for b in blocks]) for select in (active, in_standstill))
     unanswered = np.isnan(reply)
     hours = np.array([s["seconds"] for s in samples]) / 3600.0
     settled = hours >= 0.1 * hours[-1]
@@ -105,7 +105,7 @@ def figures(blocks: list[Block], minutes: list[dict[str, float]], samples: list[
     }  # fmt: skip
 
 
-def _growth(found: Growth | None) -> dict[str, float] | None:
-    if found is None:
+def _growth(growth: Growth | None) -> dict[str, float] | None:
+    if growth is None:
         return None
-    return {"slope": round(found.slope, 4), "standard_error": round(found.standard_error, 4)}
+    return {"slope": round(growth.slope, 4), "standard_error": round(growth.standard_error, 4)}

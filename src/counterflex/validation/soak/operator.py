@@ -18,7 +18,7 @@ PATIENCE: Final = 30
 """Requests in a row without an answer: a recorder that stands still for a while is no reason to end."""
 
 
-def wanted(state: str, *, feed_hold: bool) -> str:
+def requested_words(state: str, *, feed_hold: bool) -> str:
     """What an operator asks for who wants the run to go on.
 
     Args:
@@ -64,9 +64,9 @@ class SteadyOperator:
             CounterflexError: The run has not answered :data:`PATIENCE` times in a row.
         """
         try:
-            found = self._ask("status")
+            status = self._ask("status")
             self._unheard = 0
-            action = wanted(found["state"], feed_hold=found["feed_hold"])
+            action = requested_words(status["state"], feed_hold=status["feed_hold"])
             if not action:
                 return ""
             answer = self._ask(action)
@@ -82,6 +82,6 @@ class SteadyOperator:
         self.counts[action] += 1
         if len(self.events) < MOST_EVENTS:
             self.events.append(
-                {"seconds": round(seconds, 2), "action": action, "state": found["state"], "cause": found["cause"]}
+                {"seconds": round(seconds, 2), "action": action, "state": status["state"], "cause": status["cause"]}
             )
         return action

@@ -11,7 +11,7 @@ from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import UM
 from counterflex.evaluate.loop_timing import percentiles
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.live.timed_block import NOT_TOLD, Block
+from counterflex.twin.live.timed_block import NOT_REPORTED, Block
 
 STOOD_S: Final = 1e-3
 """A cycle in which the simulated cell itself woke up later than this lies in a standstill of the machine."""
@@ -31,13 +31,13 @@ def in_standstill(block: Block) -> Bool:
 
 def active(block: Block) -> Bool:
     """(n,) cycles in which the loop corrected by its own word; one without an answer counts as the one before it."""
-    states = block.told_state.copy()
-    known = np.flatnonzero(states != NOT_TOLD)
+    states = block.reported_state.copy()
+    known = np.flatnonzero(states != NOT_REPORTED)
     if len(known) == 0:
         return np.zeros(len(states), dtype=np.bool_)
     last = known[np.maximum(0, np.searchsorted(known, np.arange(len(states)), side="right") - 1)]
-    found: Bool = states[last] == State.ACTIVE
-    return found
+    active_rows: Bool = states[last] == State.ACTIVE
+    return active_rows
 
 
 def micro(time_s: Float) -> dict[str, float]:
@@ -52,6 +52,6 @@ def micro(time_s: Float) -> dict[str, float]:
     names = ("p50", "p99", "p999", "max")
     if len(time_s) == 0:
         return {**dict.fromkeys(names, math.nan), "n": 0}
-    found = percentiles(time_s)
-    values = (found.p50_s, found.p99_s, found.p999_s, found.max_s)
-    return {**{name: round(value / UM, 1) for name, value in zip(names, values, strict=True)}, "n": found.n}
+    ranked = percentiles(time_s)
+    values = (ranked.p50_s, ranked.p99_s, ranked.p999_s, ranked.max_s)
+    return {**{name: round(value / UM, 1) for name, value in zip(names, values, strict=True)}, "n": ranked.n}

@@ -39,7 +39,7 @@ from counterflex.protocols.system.realtime import Prepared, prepare, prepared
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.live.recorded_pass import RecordedPass
-from counterflex.twin.live.replayed_cell import SteadyCell
+from counterflex.twin.live.replayed_cell import ReplayedCell
 from counterflex.twin.live.timed_block import Block
 from counterflex.validation.soak import replayed_cell as steady
 from counterflex.validation.soak.figures import figures, minute
@@ -52,7 +52,7 @@ LOG: Final = "log"
 _SAMPLE_S: Final = 5.0
 _LOOKED_S: Final = 0.5
 """How often the operator looks."""
-_GONE_S: Final = 60.0
+_ABSENT_S: Final = 60.0
 """Without a telegram for so long, the loop ends by itself: longer than a robot program needs to be started again."""
 _LAST_CYCLES: Final = 50
 _LATENESS_ALLOWED: Final = 1 << 30
@@ -152,7 +152,7 @@ def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress:
     tracker_port = _free_port() if settings.tracker != "none" else None
     cell_end, cell_pipe = context.Pipe()
     run_end, run_pipe = context.Pipe()
-    gone = context.Event()
+    ended = context.Event()
     own = timing_probe.echo_socket()
     echo_address = own.getsockname()
     echo = context.Process(target=_echo_process, args=(own,), daemon=True)
@@ -162,7 +162,7 @@ def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress:
     before = processor_times()
     try:
         cell.start()
-        force = _said(cell_end, cell)
+        force = _message(cell_end, cell)
         run_settings = online_session.RunSettings(
             job.cell,
             job.rsi,
@@ -173,12 +173,12 @@ def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress:
             force_http_port=force[1][1],
             tracker_port=tracker_port,
             arm=True,
-            quiet_s=_GONE_S,
+            quiet_s=_ABSENT_S,
         )
-        loop = context.Process(target=_run_process, args=(run_settings, log, run_pipe, gone))
+        loop = context.Process(target=_run_process, args=(run_settings, log, run_pipe, ended))
         loop.start()
         started.append(loop)
-        address, pids = _said(run_end, loop)
+        address, pids = _message(run_end, loop)
         pids = {"loop": pids["loop"], "recorder": pids["recorder"], "cell": cell.pid}
         tracker = None if tracker_port is None else ("127.0.0.1", tracker_port)
         echo.start()  # it waits for 10 s at most
@@ -186,11 +186,11 @@ def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress:
         cell_end.send((address, tracker, echo_address))
         _watch(out, cell_end, cell, pids, settings.minutes, progress)
         out.realtime = {name: prepared(pid) for name, pid in {**pids, "echo": echo.pid}.items() if name != "recorder"}
-        gone.set()
-        out.run = _said(run_end, loop)
+        ended.set()
+        out.run = _message(run_end, loop)
         cell_end.send(None)
     finally:
-        gone.set()
+        ended.set()
         own.close()
         for process in started:
             if process.pid is not None:
@@ -223,10 +223,10 @@ def _watch(
             out.operator.look(now - begin)
             look = time.monotonic() + _LOOKED_S
         if pipe.poll(max(0.0, min(due, look) - time.monotonic())):
-            said = _said(pipe, cell)
-            if said is None:
+            message = _message(pipe, cell)
+            if message is None:
                 return
-            out.blocks.append(said)
+            out.blocks.append(message)
 
 
 def _memory(pids: dict[str, int | None]) -> dict[str, float]:
@@ -250,7 +250,7 @@ def _write_table(path: Path, rows: list[dict[str, float]]) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _said(pipe: Any, process: BaseProcess) -> Any:
+def _message(pipe: Any, process: BaseProcess) -> Any:
     """What a process says next.
 
     Raises:
@@ -259,10 +259,10 @@ def _said(pipe: Any, process: BaseProcess) -> Any:
     while not pipe.poll(0.2):
         if not process.is_alive() and not pipe.poll(0.0):
             raise OutputError("a process of the run ended early", value=f"exit status {process.exitcode}")
-    said = pipe.recv()
-    if isinstance(said, BaseException):
-        raise said
-    return said
+    message = pipe.recv()
+    if isinstance(message, BaseException):
+        raise message
+    return message
 
 
 def _free_port() -> int:
@@ -283,7 +283,7 @@ def _cell_process(rsi: Path, played: RecordedPass, cycles: int, pipe: Any) -> No
     try:
         netft = NetftServer()
         fake = FakeRsi(read_config(rsi), RsiContext(timeout=_LATENESS_ALLOWED))
-        cell = SteadyCell(played, fake, netft)
+        cell = ReplayedCell(played, fake, netft)
         pipe.send((netft.address, netft.http_address))
         while not pipe.poll(0.02):
             netft.poll()
@@ -296,7 +296,7 @@ def _cell_process(rsi: Path, played: RecordedPass, cycles: int, pipe: Any) -> No
         pipe.send(fault)
         return
     try:
-        cell.run(peer, cycles, tracker=tracker, echo=echo, told=tell.put)
+        cell.run(peer, cycles, tracker=tracker, echo=echo, on_block=tell.put)
         tell.put(None)
         while not pipe.poll(0.0):  # a robot does not fall silent before the loop has ended
             cell.run(peer, _LAST_CYCLES, tracker=tracker)
@@ -310,7 +310,7 @@ def _tell(queue: SimpleQueue[Any], pipe: Any) -> None:
         pipe.send(queue.get())
 
 
-def _run_process(settings: online_session.RunSettings, log: Path, pipe: Any, gone: Any) -> None:
+def _run_process(settings: online_session.RunSettings, log: Path, pipe: Any, ended: Any) -> None:
     """Starts loop and recorder: what the command ``run`` does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -318,6 +318,6 @@ def _run_process(settings: online_session.RunSettings, log: Path, pipe: Any, gon
         pipe.send((address, {process.name: process.pid for process in multiprocessing.active_children()}))
 
     try:
-        pipe.send(online.run(settings, log, started=started, ended=gone.is_set))
+        pipe.send(online.run(settings, log, started=started, ended=ended.is_set))
     except BaseException as fault:
         pipe.send(fault)
