@@ -113,7 +113,7 @@ def kinematics(cell: CellModel, rows: int, rng: np.random.Generator) -> tuple[Pa
         np.zeros((rows, 3)),
         np.broadcast_to(np.eye(3), (rows, 3, 3)),
     )
-    known = drawn(parameters.held(names), rng)
+    known = drawn(parameters.with_fixed(names), rng)
     truth = np.where(np.arange(len(known)) < first, known, 0.05 * rng.standard_normal(len(known)))
     T = block.predicted(truth)
     noise = rng.standard_normal((rows, 6)) * block.sigma

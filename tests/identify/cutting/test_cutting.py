@@ -228,7 +228,7 @@ def test_intervals_cover_the_truth_at_their_rate(cell: CellModel) -> None:
     right = np.array([true.kc_ref_pa, true.kr_ref_pa, true.ka_ref_pa, true.mc, true.mr, true.ma])
     exact = pieces_of(cell, [clean]).pieces
     parameters = form.parameters(KNOWN, h) + geometry_parameters(found.pieces)
-    parameters = parameters.held(["top.0", "give"])
+    parameters = parameters.with_fixed(["top.0", "give"])
     inside = np.zeros(6)
     runs = 200
     for _ in range(runs):

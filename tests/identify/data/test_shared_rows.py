@@ -12,7 +12,7 @@ from counterflex.core.errors import InputError
 from counterflex.files.dataset.reader import read_dataset
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.same_postures import joined
-from counterflex.identify.data.shared_rows import joined_by_rows, require_apart
+from counterflex.identify.data.shared_rows import joined_by_rows, require_disjoint
 from counterflex.identify.solver.holdout import fold_of_groups
 
 CELL = Path(__file__).parents[3] / "examples" / "cells" / "kr300_d16_small.toml"
@@ -81,8 +81,8 @@ def read(folder: Path, *what: str) -> list[Dataset]:
 
 @pytest.mark.parametrize("pair", [("points", "bar"), ("poses", "bar"), ("points", "second"), ("links", "drives")])
 def test_other_measurements_of_the_same_rows_are_taken(folder: Path, pair: tuple[str, str]) -> None:
-    require_apart(read(folder, *pair), [])
-    require_apart(read(folder, *reversed(pair)), [])
+    require_disjoint(read(folder, *pair), [])
+    require_disjoint(read(folder, *reversed(pair)), [])
 
 
 @pytest.mark.parametrize(
@@ -99,18 +99,18 @@ def test_the_same_measurement_twice_is_refused_with_row_and_columns(
 ) -> None:
     for order in (pair, pair[::-1]):
         with pytest.raises(InputError, match=rf"all\.csv:2: two datasets hold the same rows .*{columns}\)"):
-            require_apart(read(folder, *order), [])
+            require_disjoint(read(folder, *order), [])
         with pytest.raises(InputError, match="two datasets hold the same rows"):
-            require_apart([], read(folder, *order))
+            require_disjoint([], read(folder, *order))
 
 
 @pytest.mark.parametrize("pair", [("points", "bar"), ("points", "points"), ("links", "drives")])
 def test_data_and_hold_out_share_no_row_whatever_the_columns(folder: Path, pair: tuple[str, str]) -> None:
     one, other = read(folder, *pair)
     with pytest.raises(InputError, match="one as data and one as hold-out"):
-        require_apart([one], [other])
+        require_disjoint([one], [other])
     half, rest = manifest(folder, pair[0], "last_line = 16"), manifest(folder, pair[1], "first_line = 17")
-    require_apart([read_dataset(half)], [read_dataset(rest)])
+    require_disjoint([read_dataset(half)], [read_dataset(rest)])
 
 
 def test_measurements_of_one_row_are_held_out_together(folder: Path) -> None:

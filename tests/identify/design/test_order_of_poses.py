@@ -68,7 +68,7 @@ def test_one_axis_is_swept_in_the_wanted_direction() -> None:
     up = order_of_poses(q, SPEEDS)
     assert np.all(np.diff(q[up, 0]) > 0.0)
     assert not np.any(wrong_sides(q[up]))
-    down = order_of_poses(q, SPEEDS, wanted=np.array([-1.0, 1, 1, 1, 1, 1]))
+    down = order_of_poses(q, SPEEDS, side=np.array([-1.0, 1, 1, 1, 1, 1]))
     assert np.all(np.diff(q[down, 0]) < 0.0)
 
 
@@ -94,4 +94,4 @@ def test_refusals() -> None:
     with pytest.raises(InputError, match="speed"):
         order_of_poses(q, np.zeros(6))
     with pytest.raises(InputError, match="side"):
-        wrong_sides(q, wanted=np.full(6, 0.5))
+        wrong_sides(q, side=np.full(6, 0.5))

@@ -19,7 +19,7 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.identify.data.changes import TableValues
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.holder.layout import APART_M, choose_gauges, places
+from counterflex.identify.holder.layout import SPACING_M, choose_gauges, places
 from counterflex.identify.holder.recipe import RECIPE
 from counterflex.identify.holder.residuals import parameters, readings
 from counterflex.identify.recipe import Identification
@@ -222,7 +222,7 @@ def test_chosen_places_beat_chance_and_keep_apart() -> None:
     gauges = choose_gauges(BEAM, TCP)
     p = np.array([g.p_holder_gauge for g in gauges])
     distance = np.linalg.norm(p[:, None] - p[None], axis=2) + np.eye(6)
-    assert distance.min() >= APART_M
+    assert distance.min() >= SPACING_M
 
     def volume(items: Any) -> float:
         K = tool_matrix(BEAM.sensitivity(items), TCP)

@@ -15,7 +15,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.design.pose_candidates import measurable
 from counterflex.identify.geometry.arm_parameters import arm_model
-from counterflex.identify.kinematics.held_out import held_apart
+from counterflex.identify.kinematics.held_out import region_errors
 from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.kinematics.setup import set_up
 from counterflex.identify.kinematics.stages import priors_of
@@ -61,7 +61,7 @@ def test_frames_that_only_the_part_held_out_fixes_are_found_anew_and_not_taken_f
     # A fit whose frames are wrong to start from must not matter: they are found from the file itself.
     off = fit.values.copy()
     off[[setup.parameters.index(n) for n in setup.needed if "west" in n][:3]] += 3e-3
-    figures, _ = held_apart(setup, replace(fit, values=off))
+    figures, _ = region_errors(setup, replace(fit, values=off))
     moved = {f.name: f.value for f in figures}
     assert moved["file_mean_mm"] == pytest.approx(figure(found, "file_mean_mm"), abs=2e-3)
 

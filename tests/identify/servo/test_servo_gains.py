@@ -19,7 +19,7 @@ from counterflex.identify.data.model import CellModel
 from counterflex.identify.servo import recipe as servo
 from counterflex.identify.servo.data import load_steps
 from counterflex.identify.servo.exchange import exchange_probability
-from counterflex.identify.servo.residuals import Release, ServoResiduals, give_way
+from counterflex.identify.servo.residuals import Release, ServoResiduals, motor_error
 from counterflex.identify.servo.ringing import lowest_mode
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.robot.elasticity.servo import servo_error
@@ -78,7 +78,7 @@ def test_the_loop_is_the_planners() -> None:
     tau = np.concatenate([[0.0], np.cumsum(rng.standard_normal(199))])
     t = times(200)
     known = servo_error((TRUE[0],), np.zeros((200, 1)), -tau[:, None], t)[:, 0]
-    found, _ = give_way(TRUE[0].speed_gain_nm_s, 22.0, 0.07, tau, STEP)
+    found, _ = motor_error(TRUE[0].speed_gain_nm_s, 22.0, 0.07, tau, STEP)
     assert found == pytest.approx(known, abs=1e-12 * np.max(np.abs(known)) + 1e-18, rel=1e-9)
 
 

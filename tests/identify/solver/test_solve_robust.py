@@ -250,7 +250,7 @@ def test_refusals_and_progress(arm: Any) -> None:
     parameters = arm.parameters()
     points = arm.points(parameters.nominal, rng)
     with pytest.raises(InputError, match="nothing to fit"):
-        solve(parameters.held(parameters.names), [points])
+        solve(parameters.with_fixed(parameters.names), [points])
     with pytest.raises(InputError, match="nothing to fit"):
         solve(parameters, [points.subset(np.zeros(40, dtype=np.bool_))])
     with pytest.raises(InputError, match="start"):

@@ -26,7 +26,7 @@ from counterflex.identify.geometry.known_frames import tracker_table
 from counterflex.identify.pulls.blocks import block, layout, refreshed
 from counterflex.identify.pulls.checks import impossible
 from counterflex.identify.pulls.history import lost_angles, unknown_angles
-from counterflex.identify.pulls.pulls import AGAIN, HELD, Pulls, read_pulls
+from counterflex.identify.pulls.pulls import AGAIN, HELD_SETTING, Pulls, read_pulls
 from counterflex.identify.pulls.residuals import Shape, gains
 from counterflex.identify.recipe import Proposal
 from counterflex.identify.stiffness import piecewise_compliance
@@ -210,11 +210,11 @@ def test_friction_cancels_when_the_pose_is_approached_again(cell: CellModel) -> 
     assert chain.play is not None
     dry = replace(chain, play=tuple(None if p is None else replace(p, half_band_rad=0.0) for p in chain.play))
     again = lost_angles(dry, pulls_of(dry, 20, AGAIN, -1e-3))
-    still = lost_angles(dry, pulls_of(dry, 20, HELD, -1e-3))
+    still = lost_angles(dry, pulls_of(dry, 20, HELD_SETTING, -1e-3))
     assert np.max(np.abs(again)) < 1e-9
     assert np.max(np.abs(still)) > 20e-6
     assert np.all(unknown_angles(dry) > 0.0)
-    assert np.max(np.abs(lost_angles(replace(chain, play=None), pulls_of(dry, 5, HELD, -1e-3)))) == 0.0
+    assert np.max(np.abs(lost_angles(replace(chain, play=None), pulls_of(dry, 5, HELD_SETTING, -1e-3)))) == 0.0
 
 
 def test_play_shows_where_the_load_turns_the_torque_round(cell: CellModel) -> None:

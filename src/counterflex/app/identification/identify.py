@@ -37,7 +37,7 @@ from counterflex.files.identification_file import (
 from counterflex.files.shop_unit import unit_of_name
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.same_postures import joined
-from counterflex.identify.data.shared_rows import joined_by_rows, require_apart
+from counterflex.identify.data.shared_rows import joined_by_rows, require_disjoint
 from counterflex.identify.recipe import Identification, Recipe
 from counterflex.identify.recipes import RECIPES
 
@@ -105,7 +105,7 @@ def prepare(
     known = read_cell(cell)
     fitted, unseen = _named_apart(*(tuple(read_dataset(path) for path in paths) for paths in (data, holdout)))
     recipe.require_usable((*fitted, *unseen))
-    require_apart(fitted, unseen)
+    require_disjoint(fitted, unseen)
     return Task(recipe, known, joined_by_rows(joined(fitted)), unseen, chosen)
 
 

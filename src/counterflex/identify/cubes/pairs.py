@@ -149,7 +149,7 @@ def block(chain: ElasticChain, plan: Layout, motions: CubeMotions, scale: float 
     lever = motions.p_base_after - forward(chain, pulls.q)[:, :3, 3]
     columns = element_jacobians(chain, pulls.q)[:, plan.springs.segment, :, plan.springs.direction]
     J = np.moveaxis(columns, 0, -1)
-    felt = np.einsum("nck,nc->nk", J, pulls.w_tcp_base) * _between(motions, plan.springs.segment)
+    load = np.einsum("nck,nc->nk", J, pulls.w_tcp_base) * _between(motions, plan.springs.segment)
     axes = _at(jacobian(chain, pulls.q), lever) * _between(motions, chain.torsion)[:, None, :]
     lost, slope = np.zeros((len(pulls), 6)), np.zeros((len(pulls), 6))
     if pulls.history and chain.play is not None:
@@ -162,7 +162,7 @@ def block(chain: ElasticChain, plan: Layout, motions: CubeMotions, scale: float 
     turned = J * soft * between[:, None, :]
     off = plan.bearing_m * np.linalg.norm(pulls.w_tcp_base[:, :3], axis=1)[:, None, None]
     added = np.sum((axes * doubt[:, None, :]) ** 2, axis=2) + np.sum((_at(turned, lever) * off) ** 2, axis=2)
-    added[:, :3] += plan.bearing_m**2 * np.sum((felt * soft * between) ** 2, axis=1, keepdims=True)
+    added[:, :3] += plan.bearing_m**2 * np.sum((load * soft * between) ** 2, axis=1, keepdims=True)
     acts = _between(motions, plan.springs.segment)
     moved = misplaced_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, plan.bearing_m, lambda t: _at(t, lever), acts)
     coupled = coupled_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, lambda t: _at(t, lever), acts)
@@ -176,7 +176,7 @@ def block(chain: ElasticChain, plan: Layout, motions: CubeMotions, scale: float 
         components=COMPONENTS,
         sigma=np.sqrt(pulls.d_sigma**2 + added),
         measured=pulls.d,
-        gain=_at(J, lever) * felt[:, None, :],
+        gain=_at(J, lever) * load[:, None, :],
         columns=np.arange(len(plan.springs), dtype=np.int64),
         offset=(axes @ lost[:, :, None])[..., 0],
         band_gain=axes * slope[:, None, :],

@@ -44,7 +44,7 @@ the element ``sensor`` known from its data sheet where the cell has one of that 
 sensors of a cube show its motion; ``folds``; ``as_stated``; and
 those of :mod:`counterflex.identify.cubes.proposal`."""
 
-_TRIED: Final = 30  # rows that other readings of the data are tried on
+_READING_ROWS: Final = 30  # rows that other readings of the data are tried on
 
 CHECKING, FITTING, HELD_OUT = "checking the data", "fitting", "held out"
 WORK: Final = {CHECKING: 0.07, FITTING: 0.31, HELD_OUT: 0.26}
@@ -69,34 +69,41 @@ def identify(inputs: Inputs) -> Identification:
     parts = in_parts(progress, WORK)
     motions, unseen = ([read_cubes(chain, d) for d in some] for some in (data, holdout))
     plan = layout(chain, springs(chain, options), [m.pulls for m in [*motions, *unseen]], bearing_m=bearing_of(options))
-    said: list[str] = []
+    remarks: list[str] = []
     for i, d in enumerate([*data, *holdout]):
         pull_checks.check_plain(d)
-        said += check_reading(d, _readings(d), _score(chain, plan), as_stated=bool(options["as_stated"]), rows=_TRIED)
+        remarks += check_reading(
+            d, _readings(d), _score(chain, plan), as_stated=bool(options["as_stated"]), rows=_READING_ROWS
+        )
         parts[CHECKING]((i + 1) / (len(data) + len(holdout)))
     scale = _share(options["scale_sigma"])
     blocks = [block(chain, plan, m, scale) for m in motions]
     fit = solve(plan.parameters, blocks, progress=parts[FITTING])
     fit = with_honest_sigma(fit, blocks)
     parts[FITTING](1.0)
-    told = parts[HELD_OUT]
+    holdout_progress = parts[HELD_OUT]
     if unseen:
         others = [block(chain, plan, m) for m in unseen]
-        held, measured = score_separate(plan.parameters, blocks, others, error=rotation_error, progress=told), others
+        held_out, measured = (
+            score_separate(plan.parameters, blocks, others, error=rotation_error, progress=holdout_progress),
+            others,
+        )
     else:
         folds = int(options["folds"])
-        held, measured = (
-            cross_validate(plan.parameters, blocks, error=rotation_error, folds=Folds(folds), progress=told),
+        held_out, measured = (
+            cross_validate(
+                plan.parameters, blocks, error=rotation_error, folds=Folds(folds), progress=holdout_progress
+            ),
             blocks,
         )
-    told(1.0)
+    holdout_progress(1.0)
     return Identification(
         recipe="cubes",
         fits={"cubes": fit},
-        headline=_headline(held, [b.measured for b in measured]),
+        headline=_headline(held_out, [b.measured for b in measured]),
         figures=(Figure("motions", "relative motions used", float(sum(len(m.pair) for m in motions))),),
         changes=plan.springs.changes(chain, fit.values[: len(plan.springs)]),
-        remarks=(*said, *_remarks(chain, plan, fit, motions)),
+        remarks=(*remarks, *_remarks(chain, plan, fit, motions)),
     )
 
 
@@ -120,12 +127,12 @@ def rotation_error(block: Residuals, x: Float) -> Float:
     return out
 
 
-def _headline(held: HeldOut, measured: Sequence[Float]) -> tuple[Figure, ...]:
-    size = np.array([np.linalg.norm(measured[b][r, 3:]) for b, r in zip(held.block, held.row, strict=True)])
-    keep = ~held.gross
+def _headline(held_out: HeldOut, measured: Sequence[Float]) -> tuple[Figure, ...]:
+    size = np.array([np.linalg.norm(measured[b][r, 3:]) for b, r in zip(held_out.block, held_out.row, strict=True)])
+    keep = ~held_out.gross
     total = max(float(np.sum(size[keep])), 1e-300)
-    share = [100.0 * float(np.sum(e[keep])) / total for e in (held.identified, held.nominal)]
-    mean = [value / URAD for value in held.mean()]
+    share = [100.0 * float(np.sum(e[keep])) / total for e in (held_out.identified, held_out.nominal)]
+    mean = [value / URAD for value in held_out.mean()]
     return (
         Figure(
             "holdout_unexplained_percent",

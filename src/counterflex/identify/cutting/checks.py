@@ -20,7 +20,7 @@ from counterflex.cutting.arc_force import term_force
 from counterflex.identify.cutting.force_forms import FORMS
 from counterflex.identify.cutting.record import contact, zero
 from counterflex.identify.cutting.residuals import SlotResiduals
-from counterflex.identify.cutting.steady_cuts import FORCES, Found, pieces_of
+from counterflex.identify.cutting.steady_cuts import FORCES, SteadyCuts, pieces_of
 from counterflex.identify.data.alternative_readings import Reading, sign_mistakes, swapped_columns, unit_mistakes
 from counterflex.identify.data.dataset import Channel, Dataset
 from counterflex.identify.data.manifest_checks import Misfit, check_reading
@@ -53,17 +53,17 @@ def check(cell: CellModel, data: Dataset, tool: int | None, *, as_stated: bool =
     means = cut_means(data)
 
     def score(sample: Dataset) -> Misfit:
-        found = pieces_of(cell, [sample], tool=tool)
-        return _misfit(cell, found)
+        cuts = pieces_of(cell, [sample], tool=tool)
+        return _misfit(cell, cuts)
 
     return check_reading(means, readings(cell, means), score, as_stated=as_stated)
 
 
-def _misfit(cell: CellModel, found: Found) -> Misfit:
+def _misfit(cell: CellModel, steady: SteadyCuts) -> Misfit:
     """Specific forces c, r, a by linear least squares, none below zero times its sign so far; exponents as known."""
-    pieces = found.pieces
+    pieces = steady.pieces
     basis = np.zeros((len(pieces), 3, 3))
-    cuts = SlotResiduals(pieces, found.cutter, FORMS[0], MM, cell.force_law, len(found.blanks)).stated()
+    cuts = SlotResiduals(pieces, steady.cutter, FORMS[0], MM, cell.force_law, len(steady.blanks)).stated()
     for p, *k in cell.force_law.terms():
         basis += term_force(cuts, float(p)).value * np.array(k)
     weighted, measured = basis / pieces.sigma[:, :, None], pieces.force / pieces.sigma

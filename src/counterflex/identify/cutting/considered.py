@@ -104,11 +104,11 @@ def force_sensor(data: Sequence[Dataset]) -> ForceSensor:
     Raises:
         InputError: A statement out of range, or the uncertainty stated twice.
     """
-    found: dict[str, float] = {}
+    sigma: dict[str, float] = {}
     for d in data:
         for key, most in ((ACCURACY, math.inf), (SCALE_KEY, _MOST), (CROSS_KEY, _MOST), (ALIGNMENT_KEY, _MOST)):
             if key in d.settings:
-                found[key] = max(found.get(key, 0.0), _number(d, key, most))
+                sigma[key] = max(sigma.get(key, 0.0), _number(d, key, most))
         if ACCURACY in d.settings and (SCALE_KEY in d.settings or CROSS_KEY in d.settings):
             raise InputError(
                 "the uncertainty of the force sensor is stated twice",
@@ -117,11 +117,11 @@ def force_sensor(data: Sequence[Dataset]) -> ForceSensor:
                 hint=f"Give {ACCURACY} (% of the range), or {SCALE_KEY} and {CROSS_KEY} (% of the force)",
             )
     return ForceSensor(
-        found.get(SCALE_KEY, SCALE),
-        found.get(CROSS_KEY, CROSS_TALK),
-        found.get(ALIGNMENT_KEY, ALIGNMENT_RAD),
-        found.get(ACCURACY),
-        tuple(found),
+        sigma.get(SCALE_KEY, SCALE),
+        sigma.get(CROSS_KEY, CROSS_TALK),
+        sigma.get(ALIGNMENT_KEY, ALIGNMENT_RAD),
+        sigma.get(ACCURACY),
+        tuple(sigma),
     )
 
 

@@ -155,12 +155,12 @@ class _Layout:
         out: list[Move] = []
         cut, blank = 0, 0
         side, lanes = 0, self._lanes()
-        left = self.sides
-        while left > 0 and side < 2:
-            n = min(self.per_cut, -(-left // (2 - side)))
+        remaining = self.sides
+        while remaining > 0 and side < 2:
+            n = min(self.per_cut, -(-remaining // (2 - side)))
             widths = self.rng.permutation([0.5, 0.25, 0.75, 0.35])[:n] * self.cutter.diameter_m
             out += self._along(blank, cut, self._side_lines(widths, side), [feeds.pop() for _ in range(n)], widths)
-            left, cut, side = left - n, cut + 1, side + 1
+            remaining, cut, side = remaining - n, cut + 1, side + 1
         lane = 0
         while feeds:
             if lane == len(lanes):

@@ -27,7 +27,7 @@ from counterflex.identify.cutting.proposal import SETTINGS as PROPOSAL
 from counterflex.identify.cutting.proposal import propose
 from counterflex.identify.cutting.report import Chosen, Shared, figures, pictures, remarks
 from counterflex.identify.cutting.residuals import TOP_SIGMA_M, SlotResiduals, geometry_parameters
-from counterflex.identify.cutting.steady_cuts import Cutting, Found, pieces_of
+from counterflex.identify.cutting.steady_cuts import Cutting, SteadyCuts, pieces_of
 from counterflex.identify.data.changes import CuttingLaw
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
@@ -77,17 +77,17 @@ def identify(inputs: Inputs) -> Identification:
     tool = int(options["tool"]) or None
     sensor = force_sensor(data)
     wear, eccentric = (as_positive(key, float(options[key]), zero=True) for key in ("wear_sigma", "runout_sigma_m"))
-    said: list[str] = []
+    notes: list[str] = []
     for i, dataset in enumerate([*data, *holdout]):
-        said += check(cell, dataset, tool, as_stated=bool(options["as_stated"]))
+        notes += check(cell, dataset, tool, as_stated=bool(options["as_stated"]))
         parts[READING](0.5 * (i + 1) / (len(data) + len(holdout)))
-    found = pieces_of(
+    cuts = pieces_of(
         cell,
         [*data, *holdout],
         Cutting(float(options["trim_diameters"]), float(options["settle_s"])),
         tool,
     )
-    problem = _Problem(cell, found, found.pieces.session < len(data), float(options["top_sigma_m"]))
+    problem = _Problem(cell, cuts, cuts.pieces.session < len(data), float(options["top_sigma_m"]))
     if problem.train_count < _LEAST_PIECES:
         raise InputError(
             "too few settled pieces of cuts for the constants of a force law",
@@ -95,15 +95,15 @@ def identify(inputs: Inputs) -> Identification:
             limit=f"at least {_LEAST_PIECES}",
             hint="Cut slots at several feeds and depths: counterflex identify cutting --propose 20",
         )
-    wanted = FORMS if options["form"] == "auto" else (form(str(options["form"])),)
+    requested = FORMS if options["form"] == "auto" else (form(str(options["form"])),)
     parts[READING](1.0)
-    trials = problem.trials(wanted, int(options["folds"]), int(options["seed"]), parts[HELD_OUT])
+    trials = problem.trials(requested, int(options["folds"]), int(options["seed"]), parts[HELD_OUT])
     parts[HELD_OUT](1.0)
     best = _simplest(trials)
     train = problem.train(best.form)
     fit = solve_physical(problem.parameters(best.form), train)
     fit = with_jackknife(fit, [train], parts_of_groups([train]))
-    chosen = Chosen(found, train, best.form, fit, problem.h_ref_m, problem.range_m)
+    chosen = Chosen(cuts, train, best.form, fit, problem.h_ref_m, problem.range_m)
     law, seen = chosen.law(_source(data)), chosen.runout()
     shared = Shared(sensor, wear, eccentric if seen is None else seen.value_m, seen is not None, fit.sigma)
     fit = with_shared(fit, train, law, sensor, wear, shared.runout_m)
@@ -116,7 +116,7 @@ def identify(inputs: Inputs) -> Identification:
         headline=_headline(judged, before, bool(holdout)),
         figures=figures(chosen, {t.form.text: 100.0 * t.mean for t in trials}),
         changes=(CuttingLaw(law),),
-        remarks=(*said, *remarks(chosen, cell.force_law)),
+        remarks=(*notes, *remarks(chosen, cell.force_law)),
         pictures=pictures(chosen, cell.force_law),
     )
 
@@ -138,7 +138,7 @@ def solve_physical(parameters: Parameters, block: SlotResiduals) -> Fit:
         if not negative:
             break
         least = min(negative, key=fit.value)
-        parameters = parameters.with_nominal({least: 0.0}).held([least])
+        parameters = parameters.with_nominal({least: 0.0}).with_fixed([least])
         fit = solve(parameters, [block])
     return fit
 
@@ -150,12 +150,12 @@ class Trial:
     Attributes:
         form: The form.
         error: (n,) relative error of each training piece while it was held out.
-        held: The errors of both laws.
+        held_out: The errors of both laws.
     """
 
     form: Form
     error: Float
-    held: HeldOut
+    held_out: HeldOut
 
     @property
     def mean(self) -> float:
@@ -166,10 +166,10 @@ class Trial:
 class _Problem:
     """The pieces, split into training and hold-out, and the blocks and parameters of a form."""
 
-    def __init__(self, cell: CellModel, found: Found, train: Bool, top_sigma_m: float) -> None:
-        self.cell, self.found, self.mask = cell, found, train
+    def __init__(self, cell: CellModel, cuts: SteadyCuts, train: Bool, top_sigma_m: float) -> None:
+        self.cell, self.cuts, self.mask = cell, cuts, train
         self.train_count = int(np.sum(train))
-        self.geometry = geometry_parameters(found.pieces, top_sigma_m)
+        self.geometry = geometry_parameters(cuts.pieces, top_sigma_m)
         self.h_ref_m, self.range_m = MM, (MM, MM)
         if self.train_count:
             rough = self._block(FORMS[0], train, MM)
@@ -177,9 +177,9 @@ class _Problem:
             self.h_ref_m, self.range_m = rough.reference_m(), (float(np.min(h)), float(np.max(h)))
 
     def _block(self, item: Form, rows: Bool, h_ref_m: float) -> SlotResiduals:
-        found = self.found
+        cuts = self.cuts
         return SlotResiduals(
-            found.pieces.subset(rows), found.cutter, item, h_ref_m, self.cell.force_law, len(found.blanks)
+            cuts.pieces.subset(rows), cuts.cutter, item, h_ref_m, self.cell.force_law, len(cuts.blanks)
         )
 
     def train(self, item: Form) -> SlotResiduals:
@@ -198,7 +198,7 @@ class _Problem:
         """Geometry, which any use of a force law has to find."""
         return [p.name for p in self.geometry if p.free]
 
-    def trials(self, wanted: Sequence[Form], folds: int, seed: int, progress: Progress) -> list[Trial]:
+    def trials(self, requested: Sequence[Form], folds: int, seed: int, progress: Progress) -> list[Trial]:
         """Hold cuts out of every form that the data can bear; the fullest form is always among them, for the nominal.
 
         Raises:
@@ -206,35 +206,35 @@ class _Problem:
         """
         out = []
         full = FORMS[-1]
-        forms = list(wanted) if full in wanted else [*wanted, full]
-        told = in_parts(progress, {f"held out: {item.text}": item.count + 3.0 for item in forms})
+        forms = list(requested) if full in requested else [*requested, full]
+        parts = in_parts(progress, {f"held out: {item.text}": item.count + 3.0 for item in forms})
         for item in forms:
             if 3 * self.train_count <= item.count + 3 and item is not full:
                 continue
-            held = cross_validate(
+            held_out = cross_validate(
                 self.parameters(item),
                 [self.train(item)],
                 needed=self.needed(),
                 error=row_error,
                 folds=Folds(folds, seed),
-                progress=saying(told[f"held out: {item.text}"], f"held out: {item.text}"),
+                progress=saying(parts[f"held out: {item.text}"], f"held out: {item.text}"),
             )
-            out.append(Trial(item, held.identified, held))
-        self._nominal = out[-1].held.nominal
-        kept = [t for t in out if t.form in wanted]
-        if not kept:
+            out.append(Trial(item, held_out.identified, held_out))
+        self._nominal = out[-1].held_out.nominal
+        candidates = [t for t in out if t.form in requested]
+        if not candidates:
             raise InputError("too few cuts for this form of the force law", value=self.train_count)
-        return kept
+        return candidates
 
     def judged(self, best: Trial, separate: bool) -> tuple[Float, Float]:
         """Relative errors (identified, nominal) of pieces that were not used."""
         if not separate:
             return best.error, self._nominal
-        blanks = set(self.found.pieces.blank[self.mask].tolist())
-        local = [f"top.{i}" for i in range(len(self.found.blanks)) if i not in blanks]
+        blanks = set(self.cuts.pieces.blank[self.mask].tolist())
+        local = [f"top.{i}" for i in range(len(self.cuts.blanks)) if i not in blanks]
         local = [name for name in local if self.geometry.items[self.geometry.index(name)].free]
 
-        def held(item: Form) -> HeldOut:
+        def scores(item: Form) -> HeldOut:
             return score_separate(
                 self.parameters(item),
                 [self.train(item)],
@@ -244,8 +244,8 @@ class _Problem:
                 error=row_error,
             )
 
-        own = held(best.form)
-        return own.identified, own.nominal if best.form is FORMS[-1] else held(FORMS[-1]).nominal
+        own = scores(best.form)
+        return own.identified, own.nominal if best.form is FORMS[-1] else scores(FORMS[-1]).nominal
 
 
 def _simplest(trials: Sequence[Trial]) -> Trial:
@@ -258,20 +258,20 @@ def _simplest(trials: Sequence[Trial]) -> Trial:
     return best
 
 
-def _headline(found: Float, before: Float, separate: bool) -> tuple[Figure, ...]:
+def _headline(identified: Float, before: Float, separate: bool) -> tuple[Figure, ...]:
     where = "of the separate file" if separate else "held out"
     return (
         Figure(
             "holdout_mean_percent",
             f"mean error of the mean force on cuts {where}, of the force",
-            100.0 * float(np.mean(found)),
+            100.0 * float(np.mean(identified)),
             100.0 * float(np.mean(before)),
             LIMIT,
         ),
         Figure(
             "holdout_worst_percent",
             f"largest error of the mean force on cuts {where}, of the force",
-            100.0 * float(np.max(found)),
+            100.0 * float(np.max(identified)),
             100.0 * float(np.max(before)),
         ),
     )

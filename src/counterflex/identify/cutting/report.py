@@ -17,7 +17,7 @@ from counterflex.identify.cutting.considered import ACCURACY, ALIGNMENT_KEY, CRO
 from counterflex.identify.cutting.force_forms import DIRECTIONS, NAMES, Form, constants
 from counterflex.identify.cutting.residuals import GIVE, LAW, SlotResiduals
 from counterflex.identify.cutting.runout import Runout, TurnForce, runout
-from counterflex.identify.cutting.steady_cuts import Found
+from counterflex.identify.cutting.steady_cuts import SteadyCuts
 from counterflex.identify.cutting.wear_trend import wear_trend
 from counterflex.identify.recipe import Curve, Figure, Picture
 from counterflex.identify.solver.fit import Fit
@@ -40,14 +40,14 @@ class Shared:
         sensor: The force sensor.
         wear: Growth of the force to the last piece, share.
         runout_m: Runout.
-        found: Whether the runout was found in the records.
+        is_identified: Whether the runout was identified from the records.
         before: (p,) standard deviations without all this.
     """
 
     sensor: ForceSensor
     wear: float
     runout_m: float
-    found: bool
+    is_identified: bool
     before: Float
 
 
@@ -56,7 +56,7 @@ class Chosen:
     """The form that was chosen and its fit.
 
     Attributes:
-        found: All pieces.
+        cuts: All pieces.
         block: The pieces that were fitted.
         form: The form.
         fit: Its fit.
@@ -65,7 +65,7 @@ class Chosen:
         shared: What is in its standard deviations because all cuts share it.
     """
 
-    found: Found
+    cuts: SteadyCuts
     block: SlotResiduals
     form: Form
     fit: Fit
@@ -179,15 +179,15 @@ def _with_sigma(fit: Fit, place: int, name: str, text: str, unit: float) -> list
 
 def remarks(chosen: Chosen, law: ForceLaw) -> tuple[str, ...]:
     """What was assumed, what the cuts cannot see, what to measure next."""
-    fit, found = chosen.fit, chosen.found
+    fit, cuts = chosen.fit, chosen.cuts
     low, high = chosen.range_m
     out = [
         f"Form of the law: {chosen.form.text}, the simplest that predicts held-out cuts as well as any",
         f"{len(chosen.block.pieces)} settled pieces of {len(np.unique(chosen.block.pieces.cut))} cuts with "
-        f"T{found.tool}, mean chip thickness {low / UM:.1f} to {high / UM:.1f} um",
+        f"T{cuts.tool}, mean chip thickness {low / UM:.1f} to {high / UM:.1f} um",
         "k1.1 is an extrapolation to 1 mm; the cell file stores it because tables do, with the range of thickness "
         "that the constants are good for",
-        *found.remarks,
+        *cuts.remarks,
     ]
     if high < NARROW * low:
         out.append(
@@ -220,7 +220,8 @@ def _shared(chosen: Chosen, shared: Shared) -> list[str]:
     out = [
         f"In the standard deviations because all cuts share it: force sensor ({shared.sensor.text}), wear "
         f"({100 * shared.wear:.2g} % more force at the last piece), runout ({shared.runout_m / UM:.2g} um, "
-        f"{'found' if shared.found else 'usual'}). Your sensor's data sheet goes into the manifest under [settings]: "
+        f"{'found' if shared.is_identified else 'usual'}). "
+        f"Your sensor's data sheet goes into the manifest under [settings]: "
         f"{ACCURACY}, or {SCALE_KEY} and {CROSS_KEY}; {ALIGNMENT_KEY.replace('_rad', '_deg')}",
         COUNTED["cutting"].text,
     ]
@@ -246,7 +247,7 @@ def pictures(chosen: Chosen, before: ForceLaw) -> tuple[Picture, ...]:
     depth = block.shape(fit.values).cuts.depth_m
     grid = np.geomspace(float(h.min()) / 1.3, float(h.max()) * 1.3, 60)
     law = chosen.law("fit")
-    per_edge = _slot_left(law, grid, block)
+    per_edge = _slot_residual(law, grid, block)
     sigma = np.array([chosen.sigma_ln_k(float(x)) for x in grid])
     if np.any(slots):
         curves.append(Curve("slots measured", h[slots] / UM, pieces.force[slots, 1] / depth[slots] * MM))
@@ -254,7 +255,7 @@ def pictures(chosen: Chosen, before: ForceLaw) -> tuple[Picture, ...]:
         Curve("fit", grid / UM, per_edge * MM, line=True),
         Curve("fit + 2 standard deviations", grid / UM, per_edge * (1.0 + 2.0 * sigma) * MM, line=True),
         Curve("fit - 2 standard deviations", grid / UM, per_edge * (1.0 - 2.0 * sigma) * MM, line=True),
-        Curve("before", grid / UM, _slot_left(before, grid, block) * MM, line=True),
+        Curve("before", grid / UM, _slot_residual(before, grid, block) * MM, line=True),
     ]
     rest = fit.residuals[0] * block.sigma / np.linalg.norm(pieces.force, axis=1, keepdims=True)
     number = np.arange(1, len(pieces) + 1, dtype=np.float64)
@@ -275,7 +276,7 @@ def pictures(chosen: Chosen, before: ForceLaw) -> tuple[Picture, ...]:
     )
 
 
-def _slot_left(law: ForceLaw, h_mean: Float, block: SlotResiduals) -> Float:
+def _slot_residual(law: ForceLaw, h_mean: Float, block: SlotResiduals) -> Float:
     """Force to the left of the feed per depth of a slot, N/m, at mean thicknesses (n,)."""
     n = len(h_mean)
     cuts = ArcCuts(block.cutter, np.full(n, MM), np.zeros(n), np.full(n, np.pi), 0.5 * np.pi * h_mean, np.zeros(n))

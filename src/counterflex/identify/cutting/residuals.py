@@ -168,9 +168,9 @@ class SlotResiduals:
         depth_by[:, -1] = np.where(free, -pieces.give_m[:, 2], 0.0)
         radius = self.cutter.radius_m
         side = pieces.give_m[:, 1]
-        left = np.where(pieces.left_wall, pieces.left_m - give * side, radius)
+        low_edge = np.where(pieces.left_wall, pieces.left_m - give * side, radius)
         right = np.where(pieces.right_wall, pieces.right_m - give * side, -radius)
-        entry, entry_slope = _angle(left / radius)
+        entry, entry_slope = _angle(low_edge / radius)
         leave, leave_slope = _angle(right / radius)
         left_by = np.where(pieces.left_wall, entry_slope / radius, 0.0)
         right_by = np.where(pieces.right_wall, leave_slope / radius, 0.0)

@@ -83,8 +83,8 @@ def turn_amplitude(force: Float, time_s: Float, spindle_rad_s: float, flutes: in
     waves = [np.ones_like(angle)]
     for order in range(1, flutes + 1):
         waves += [np.cos(order * angle), np.sin(order * angle)]
-    found, *_ = np.linalg.lstsq(np.stack(waves, axis=1), force, rcond=None)
-    return float(np.linalg.norm(found[1:3]))
+    coefficients, *_ = np.linalg.lstsq(np.stack(waves, axis=1), force, rcond=None)
+    return float(np.linalg.norm(coefficients[1:3]))
 
 
 def predicted_amplitude(turn: TurnForce, cutter: Cutter, law: ForceLaw, runout_m: float) -> float:
@@ -106,7 +106,7 @@ def runout(turns: Sequence[TurnForce], cutter: Cutter, law: ForceLaw) -> Runout 
     Returns:
         The runout, or None for a single flute, no piece, or an amplitude beyond what runout can do.
     """
-    found = []
+    amplitudes = []
     if cutter.flutes < 2:
         return None
     for turn in turns:
@@ -116,9 +116,9 @@ def runout(turns: Sequence[TurnForce], cutter: Cutter, law: ForceLaw) -> Runout 
             return predicted_amplitude(turn, cutter, law, e) - turn.amplitude_n
 
         if excess(largest) > 0.0:
-            found.append(float(brentq(excess, 0.0, largest, xtol=1e-9)))
-    if not found:
+            amplitudes.append(float(brentq(excess, 0.0, largest, xtol=1e-9)))
+    if not amplitudes:
         return None
-    values = np.array(found)
+    values = np.array(amplitudes)
     spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
     return Runout(float(np.median(values)), 1.2533 * spread / math.sqrt(len(values)), len(values))

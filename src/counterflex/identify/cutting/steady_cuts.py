@@ -101,7 +101,7 @@ class Pieces:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class SteadyCuts:
     """Pieces of all datasets, with what they were found from.
 
     Attributes:
@@ -125,7 +125,7 @@ class Found:
 
 def pieces_of(
     cell: CellModel, data: Sequence[Dataset], options: Cutting | None = None, tool: int | None = None
-) -> Found:
+) -> SteadyCuts:
     """Find the settled pieces of all test cuts.
 
     Args:
@@ -173,7 +173,7 @@ def pieces_of(
             hint="Cut longer than three tool diameters, or set trim_diameters and settle_s lower",
         )
     pieces = Pieces(**{f.name: np.array([row[f.name] for row in rows]) for f in fields(Pieces)})
-    return Found(pieces, cutter, chosen, tuple(blanks), tuple(places), tuple(dict.fromkeys(remarks)), used)
+    return SteadyCuts(pieces, cutter, chosen, tuple(blanks), tuple(places), tuple(dict.fromkeys(remarks)), used)
 
 
 def _tools(dataset: Dataset) -> Int:
@@ -182,12 +182,12 @@ def _tools(dataset: Dataset) -> Int:
     return np.full(len(dataset), int(dataset.settings.get("tool", 1)), dtype=np.int64)
 
 
-def _tool(data: Sequence[Dataset], wanted: int | None) -> int:
+def _tool(data: Sequence[Dataset], requested: int | None) -> int:
     numbers = np.unique(np.concatenate([_tools(d) for d in data])) if data else np.zeros(0, dtype=np.int64)
-    if wanted is not None:
-        if wanted not in numbers:
-            raise InputError("no test cut was made with this tool", value=f"T{wanted}", limit=_names(numbers))
-        return wanted
+    if requested is not None:
+        if requested not in numbers:
+            raise InputError("no test cut was made with this tool", value=f"T{requested}", limit=_names(numbers))
+        return requested
     if len(numbers) != 1:
         raise InputError(
             "the test cuts were made with several tools; the constants belong to one tool and material",

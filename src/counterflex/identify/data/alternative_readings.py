@@ -128,8 +128,8 @@ def left_handed(
     names = " and ".join(f"'{c}'" for c in (*points, *rotations))
     remedy = "export from a right-handed frame, or turn the sign of one axis in the file"
     if free_frame:
-        says = f"{names} are in a left-handed frame"
-        return (Reading(points[0], says, remedy, _mirrored(points, rotations, 1)),)
+        text = f"{names} are in a left-handed frame"
+        return (Reading(points[0], text, remedy, _mirrored(points, rotations, 1)),)
     return tuple(
         Reading(
             points[0],
@@ -179,11 +179,11 @@ def quaternion_mistakes(channel: str) -> tuple[Reading, ...]:
     return tuple(
         Reading(
             channel,
-            f"the quaternions '{channel}' are in the order {meant}, not {read}",
-            f'check the order of the columns, or write rotation = "quat_{meant}" under [channels.{channel}]',
+            f"the quaternions '{channel}' are in the order {actual}, not {read}",
+            f'check the order of the columns, or write rotation = "quat_{actual}" under [channels.{channel}]',
             change(shift),
         )
-        for read, meant, shift in (("xyzw", "wxyz", -1), ("wxyz", "xyzw", 1))
+        for read, actual, shift in (("xyzw", "wxyz", -1), ("wxyz", "xyzw", 1))
     )
 
 
@@ -211,13 +211,13 @@ def row_mistakes(channel: str) -> tuple[Reading, ...]:
     )
 
 
-def other_axes(channel: str, R_of: Callable[[Dataset], Float], says: str, remedy: str) -> Reading:
+def other_axes(channel: str, R_of: Callable[[Dataset], Float], text: str, remedy: str) -> Reading:
     """The three-vectors of a channel given in other axes than stated.
 
     Args:
         channel: (n, 3) or (n, 6): each half is a vector.
         R_of: Rotation (n, 3, 3) from the axes they would be in to those stated: ``v_stated = R v``.
-        says: As in :class:`Reading`: ``'w_tcp_base' is in the axes of the sensor``.
+        text: As in :class:`Reading`: ``'w_tcp_base' is in the axes of the sensor``.
         remedy: As in :class:`Reading`.
     """
 
@@ -226,16 +226,16 @@ def other_axes(channel: str, R_of: Callable[[Dataset], Float], says: str, remedy
         turned = np.einsum("nij,nhj->nhi", R_of(d), v.reshape(len(v), -1, 3))
         return _with(d, channel, turned.reshape(v.shape))
 
-    return Reading(channel, says, remedy, change)
+    return Reading(channel, text, remedy, change)
 
 
 def _parts(data: Dataset, channel: str) -> dict[str, list[int]]:
     """Places of the components by SI unit."""
     count = data.values(channel).shape[1]
     kind = CHANNELS.get(channel)
-    given = (data.channel(channel).unit,) * count if kind is None else kind.si_units(count)
+    units = (data.channel(channel).unit,) * count if kind is None else kind.si_units(count)
     out: dict[str, list[int]] = {}
-    for i, unit in enumerate(given):
+    for i, unit in enumerate(units):
         out.setdefault(unit, []).append(i)
     return out
 

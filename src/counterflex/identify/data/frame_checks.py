@@ -94,7 +94,7 @@ def check_rows(data: Dataset, frame: SensorFrame, s_unloaded: Float, s_loaded: F
 
 
 def check_misfit(
-    frame: SensorFrame, s_unloaded: Float, s_loaded: Float, found: Motion, reference: Float
+    frame: SensorFrame, s_unloaded: Float, s_loaded: Float, stated: Motion, reference: Float
 ) -> tuple[str, ...]:
     """Say whether readings contradict each other, and which sensor does it, where there are more than are needed.
 
@@ -104,36 +104,36 @@ def check_misfit(
         frame: k sensors.
         s_unloaded: (n, k) m.
         s_loaded: (n, k) m.
-        found: Motion as stated.
+        stated: Motion as stated.
         reference: (n, 3) m.
 
     Returns:
         What is wrong and what to do, in words; empty where the readings agree or none is spare.
     """
-    if found.spare < 1:
+    if stated.spare < 1:
         return ()
-    as_stated = float(np.median(found.misfit()))
+    as_stated = float(np.median(stated.misfit()))
     if as_stated < CONTRADICTION:
         return ()
-    tried = []
-    for says, remedy, sensors, before, after, sigma, at_least in _readings(
-        frame, s_unloaded, s_loaded, found.sigma, found.d.shape[1]
+    alternatives = []
+    for change, remedy, sensors, before, after, sigma, at_least in _readings(
+        frame, s_unloaded, s_loaded, stated.sigma, stated.d.shape[1]
     ):
         if len(sensors) >= FEWEST and condition(sensors, before[0], reference[0])[0] <= MOST_CONDITION:
             other = motion(sensors, before, after, sigma, reference)
-            tried.append((max(float(np.median(other.misfit())), 1.0) * at_least, says, remedy))
-    tried.sort(key=lambda item: item[0])
-    k = int(np.argmax(np.median(np.abs(found.residual / found.sigma), axis=0)))
+            alternatives.append((max(float(np.median(other.misfit())), 1.0) * at_least, change, remedy))
+    alternatives.sort(key=lambda item: item[0])
+    k = int(np.argmax(np.median(np.abs(stated.residual / stated.sigma), axis=0)))
     text = (
-        f"the sensors of the frame contradict each other: {np.sqrt(np.mean(found.residual**2)) / UM:.3g} um left, "
+        f"the sensors of the frame contradict each other: {np.sqrt(np.mean(stated.residual**2)) / UM:.3g} um left, "
         f"{as_stated:.3g} times what their standard deviations give, most at '{frame.names[k]}'"
     )
-    if tried and as_stated > BETTER * tried[0][0]:
-        alike = [says for size, says, _ in tried[1:] if size <= 1.2 * tried[0][0]]
+    if alternatives and as_stated > BETTER * alternatives[0][0]:
+        alike = [change for size, change, _ in alternatives[1:] if size <= 1.2 * alternatives[0][0]]
         return (
-            f"{text}; they agree ({tried[0][0]:.3g} times) if {tried[0][1]}"
+            f"{text}; they agree ({alternatives[0][0]:.3g} times) if {alternatives[0][1]}"
             + (f"; or if {'; or if '.join(alike[:2])}" if alike else ""),
-            f"If so, {tried[0][2]}",
+            f"If so, {alternatives[0][2]}",
         )
     return (text, "Check position, direction and plane of each sensor, the order of the columns, units and sigma")
 
@@ -146,29 +146,29 @@ def _readings(
     for i in range(k):
         after = s_loaded.copy()
         after[:, i] = 2.0 * s_unloaded[:, i] - s_loaded[:, i]
-        says = f"sensor '{frame.names[i]}' counts the other way"
-        yield says, "write its -1 into signs of s_unloaded and s_loaded", frame, s_unloaded, after, sigma, 1.0
+        change = f"sensor '{frame.names[i]}' counts the other way"
+        yield change, "write its -1 into signs of s_unloaded and s_loaded", frame, s_unloaded, after, sigma, 1.0
     for i, j in combinations(range(k), 2):
         order = np.arange(k)
         order[[i, j]] = j, i
-        says = f"sensors '{frame.names[i]}' and '{frame.names[j]}' are exchanged"
+        change = f"sensors '{frame.names[i]}' and '{frame.names[j]}' are exchanged"
         remedy = "put columns or [[sensors]] in the right order"
-        yield says, remedy, frame, s_unloaded[:, order], s_loaded[:, order], sigma[:, order], 1.0
+        yield change, remedy, frame, s_unloaded[:, order], s_loaded[:, order], sigma[:, order], 1.0
     if k - 1 <= unknown:
         return
     for i in range(k):
         keep = np.arange(k) != i
         fewer = replace(
             frame,
-            names=tuple(name for name, kept in zip(frame.names, keep, strict=True) if kept),
+            names=tuple(name for name, used in zip(frame.names, keep, strict=True) if used),
             position=frame.position[keep],
             direction=frame.direction[keep],
             normal=frame.normal[keep],
             point=frame.point[keep],
         )
-        says = f"sensor '{frame.names[i]}' is left out"
+        change = f"sensor '{frame.names[i]}' is left out"
         remedy = "look at it, or leave its column and its table out"
-        yield says, remedy, fewer, s_unloaded[:, keep], s_loaded[:, keep], sigma[:, keep], 1.3
+        yield change, remedy, fewer, s_unloaded[:, keep], s_loaded[:, keep], sigma[:, keep], 1.3
 
 
 def _motion_words(unseen: Float) -> str:

@@ -146,17 +146,17 @@ def suspect(data: Dataset, readings: Sequence[Reading], score: Score, *, rows: i
     stated = _scored(score, sample)
     if stated.size <= PLAUSIBLE and stated.surprise <= PLAUSIBLE:
         return None
-    found = []
+    suspicions = []
     for reading in readings:
         other = _scored(score, reading.change(sample))
         suspicion = _compared(reading, stated, other, len(readings))
         if suspicion is not None:
-            found.append((other.size * max(1.0, other.surprise), suspicion))
-    if not found:
+            suspicions.append((other.size * max(1.0, other.surprise), suspicion))
+    if not suspicions:
         return None
-    found.sort(key=lambda item: item[0])
-    best, chosen = found[0]
-    alike = tuple(s.reading.says for value, s in found[1:] if value <= ALIKE * best)
+    suspicions.sort(key=lambda item: item[0])
+    best, chosen = suspicions[0]
+    alike = tuple(s.reading.says for value, s in suspicions[1:] if value <= ALIKE * best)
     return Suspicion(chosen.reading, chosen.stated, chosen.otherwise, chosen.of_values, chosen.chance, alike)
 
 
@@ -198,7 +198,7 @@ def _scored(score: Score, data: Dataset) -> Misfit:
         return Misfit(np.full(max(len(data), 1), np.inf), np.zeros(0), 0.0)
 
 
-def _compared(reading: Reading, stated: Misfit, other: Misfit, tried: int) -> Suspicion | None:
+def _compared(reading: Reading, stated: Misfit, other: Misfit, count: int) -> Suspicion | None:
     if not math.isfinite(other.size):
         return None
     ratio = stated.size / max(other.size, 1.0)
@@ -206,12 +206,12 @@ def _compared(reading: Reading, stated: Misfit, other: Misfit, tried: int) -> Su
     if ratio >= RATIO and plausible:
         if math.isinf(ratio):
             return Suspicion(reading, stated.size, other.size, False, 0.0, ())
-        chance = tried * float(f.sf(ratio**2, max(stated.dof, 1.0), max(other.dof, 1.0)))
+        chance = count * float(f.sf(ratio**2, max(stated.dof, 1.0), max(other.dof, 1.0)))
         if chance <= CHANCE:
             return Suspicion(reading, stated.size, other.size, False, chance, ())
     gain = stated.surprise / max(other.surprise, 1.0)
     if gain >= CLOSER and other.size <= WORSE * max(stated.size, 1.0):
-        chance = tried * float(chi2.sf(np.sum(stated.priors**2), len(stated.priors)))
+        chance = count * float(chi2.sf(np.sum(stated.priors**2), len(stated.priors)))
         if chance <= CHANCE:
             return Suspicion(reading, stated.surprise, other.surprise, True, chance, ())
     return None

@@ -51,11 +51,11 @@ def joined(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
     postures = [np.zeros(0, dtype=np.int64)] * len(chosen)
     for width in sorted({datasets[i].values("q").shape[1] for i in chosen}):
         members = [k for k, i in enumerate(chosen) if datasets[i].values("q").shape[1] == width]
-        found = leaders(np.concatenate([_feature(datasets[chosen[k]]) for k in members]))
+        posture_ids = leaders(np.concatenate([_feature(datasets[chosen[k]]) for k in members]))
         ends = np.cumsum([len(datasets[chosen[k]]) for k in members])
-        for k, part in zip(members, np.split(found, ends[:-1]), strict=True):
+        for k, part in zip(members, np.split(posture_ids, ends[:-1]), strict=True):
             postures[k] = part + first
-        first += int(found.max()) + 1
+        first += int(posture_ids.max()) + 1
     group, posture = np.concatenate(keys), np.concatenate(postures)
     links = coo_matrix((np.ones(len(group)), (group, posture)), shape=(first, first))
     label = connected_components(links, directed=False)[1]

@@ -22,7 +22,7 @@ from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.same_postures import SINGLE_ROWS
 
 
-def require_apart(data: Sequence[Dataset], holdout: Sequence[Dataset]) -> None:
+def require_disjoint(data: Sequence[Dataset], holdout: Sequence[Dataset]) -> None:
     """No measurement is used twice: it would be counted twice, or predicted from itself.
 
     Args:
@@ -108,5 +108,5 @@ def _counted_twice(one: Dataset, other: Dataset) -> list[str]:
 
 
 def _columns(dataset: Dataset, names: Iterable[str]) -> set[str]:
-    wanted = set(names) & set(dataset.channels)
-    return {column for name in wanted for column in dataset.channels[name].columns}
+    shared = set(names) & set(dataset.channels)
+    return {column for name in shared for column in dataset.channels[name].columns}

@@ -18,11 +18,11 @@ _UNITS: Final = ((1.0 / DEG, "deg stated as rad", "deg"), (DEG, "rad stated as d
 _WITHIN = 0.1
 
 
-def check_delay(found: Delay, *, as_stated: bool = False) -> tuple[str, ...]:
+def check_delay(estimate: Delay, *, as_stated: bool = False) -> tuple[str, ...]:
     """Refuse a pair of channels that cannot be what the manifest says.
 
     Args:
-        found: The fit of a pair.
+        estimate: The fit of a pair.
         as_stated: The user insists: what was found is returned as remarks.
 
     Returns:
@@ -32,28 +32,28 @@ def check_delay(found: Delay, *, as_stated: bool = False) -> tuple[str, ...]:
         InputError: A unit, a sign, or which channel is which looks wrong.
     """
     remarks = []
-    for what, hint in _suspicions(found):
+    for what, hint in _suspicions(estimate):
         if not as_stated:
             raise InputError(
                 what,
-                where=found.pair.answer.where,
+                where=estimate.pair.answer.where,
                 hint=f"{hint}. If the data are right, add --set as_stated=true",
             )
         remarks.append(f"{what}; used as stated, as requested")
     return tuple(remarks)
 
 
-def _suspicions(found: Delay) -> Iterator[tuple[str, str]]:
-    pair = found.pair
+def _suspicions(estimate: Delay) -> Iterator[tuple[str, str]]:
+    pair = estimate.pair
     lead, answer = pair.reference.name, pair.answer.name
     if pair.mixing == "own" and pair.derivative == 0:
-        gains = np.array([found.value(f"gain{label}") for label in pair.labels])
+        gains = np.array([estimate.value(f"gain{label}") for label in pair.labels])
         middle = float(np.median(gains))
-        for factor, says, unit in _UNITS:
+        for factor, text, unit in _UNITS:
             if abs(middle / factor - 1.0) < _WITHIN:
                 other = lead if factor < 1.0 else answer
                 yield (
-                    f"'{answer}' moves {middle:.3g} times as far as '{lead}': one of them is in {says}",
+                    f"'{answer}' moves {middle:.3g} times as far as '{lead}': one of them is in {text}",
                     f'Look at unit under [channels.{other}]; perhaps unit = "{unit}"',
                 )
         turned = [label for label, gain in zip(pair.labels, gains, strict=True) if gain < -0.5]
@@ -64,19 +64,19 @@ def _suspicions(found: Delay) -> Iterator[tuple[str, str]]:
             )
     names = [f"delay{label}" for label in pair.labels] if pair.each else ["delay"]
     early = pair.same_clock and all(
-        found.value(n) < -CLEAR * found.sigma(n) and found.value(n) < -0.2 * MS for n in names
+        estimate.value(n) < -CLEAR * estimate.sigma(n) and estimate.value(n) < -0.2 * MS for n in names
     )
-    springs = [n for n in found.parameters.names if n.startswith(f"{pair.name}.compliance")]
-    negative = bool(springs) and _negative(found, springs)
+    springs = [n for n in estimate.parameters.names if n.startswith(f"{pair.name}.compliance")]
+    negative = bool(springs) and _negative(estimate, springs)
     if early and negative:
         yield (
-            f"'{answer}' leads '{lead}' by {-found.value(names[0]) / MS:.3g} ms and yields against the torque: "
+            f"'{answer}' leads '{lead}' by {-estimate.value(names[0]) / MS:.3g} ms and yields against the torque: "
             "the two encoders look exchanged",
             f"Exchange the columns of {lead} and {answer}",
         )
     elif early:
         yield (
-            f"'{answer}' leads '{lead}' by {-found.value(names[0]) / MS:.3g} ms although it should follow",
+            f"'{answer}' leads '{lead}' by {-estimate.value(names[0]) / MS:.3g} ms although it should follow",
             f"Exchange the columns of {lead} and {answer}, or state another clock for one of them",
         )
     elif negative:
@@ -87,10 +87,10 @@ def _suspicions(found: Delay) -> Iterator[tuple[str, str]]:
         )
 
 
-def _negative(found: Delay, names: list[str]) -> bool:
+def _negative(estimate: Delay, names: list[str]) -> bool:
     """Whether the springs together are negative beyond doubt."""
-    values = np.array([found.fit.value(n) for n in names])
-    sigma = np.array([found.fit.sigma_of(n) for n in names])
+    values = np.array([estimate.fit.value(n) for n in names])
+    sigma = np.array([estimate.fit.sigma_of(n) for n in names])
     weight = 1.0 / np.maximum(sigma, 1e-300) ** 2
     mean = float(np.sum(weight * values) / np.sum(weight))
     return mean < -CLEAR / math.sqrt(float(np.sum(weight)))

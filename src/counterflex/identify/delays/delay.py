@@ -248,8 +248,8 @@ def _fitted(pair: Pair, order: Order, shift: float, robust: bool) -> Delay:
         start = _refined(parameters, block, start)
     stop = Stop(tolerance=1e-9, evaluations=20)
     independent = solve(parameters, [block], robust=False, start=start, stop=stop)
-    apart = with_jackknife(independent, [block], stretches([block]))
-    fit = widened(with_correlation(independent, [block]), np.diag(apart.covariance))
+    jackknife = with_jackknife(independent, [block], stretches([block]))
+    fit = widened(with_correlation(independent, [block]), np.diag(jackknife.covariance))
     held_out = cross_validate(
         parameters, [block], needed=needed, start=fit.values, robust=False, stop=Stop(tolerance=1e-7, evaluations=10)
     )
@@ -298,7 +298,7 @@ def _coarse(pair: Pair) -> float:
     m, k = answer.values.shape[1], lead.shape[1]
     step = min(reference.step_s, answer.step_s)
     limit = SAME_CLOCK_S if pair.same_clock else None
-    best, found = 0.0, 0.0
+    best, best_shift = 0.0, 0.0
     sizes = np.std(lead, axis=0)
     for c in range(m):
         for b in [c] if pair.mixing == "own" else range(k):
@@ -308,14 +308,14 @@ def _coarse(pair: Pair) -> float:
                 reference.time_s, lead[:, b], answer.time_s, answer.values[:, c], step_s=step, limit_s=limit
             )
             if abs(match) > best:
-                best, found = abs(match), shift
+                best, best_shift = abs(match), shift
     if best == 0.0:
         raise InputError(
             "nothing moves in the record, so it contains no information on time",
             where=reference.where,
             hint="Record a chirp or steps that are large against the noise",
         )
-    return found
+    return best_shift
 
 
 def _derived(stamped: Stamped, order: int) -> Float:

@@ -36,7 +36,7 @@ class Following:
         components: How many components of the answer take part; 0 is all.
         inertia: See :class:`counterflex.identify.delays.delay.Pair`.
         lag: A lag large enough to be told from a dead time is to be expected.
-        asked: Only looked for when it is asked for by name.
+        requested: Only looked for when it is asked for by name.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Following:
     components: int = 0
     inertia: bool = False
     lag: bool = False
-    asked: bool = False
+    requested: bool = False
 
 
 FOLLOWING: Final = (
@@ -57,18 +57,18 @@ FOLLOWING: Final = (
     Following("correction", ("d_correction",), "p_tracker_target", "matrix", lag=True),
     Following("feedback", ("p_base_command",), "p_base_tcp", "matrix", inertia=True),
     Following("tracker", ("p_base_tcp", "p_base_command", "q_motor", "q"), "p_tracker_target", "matrix", inertia=True),
-    Following("force", ("q_motor", "q"), "w_sensor", "matrix", components=3, asked=True),
+    Following("force", ("q_motor", "q"), "w_sensor", "matrix", components=3, requested=True),
 )
 """In the order in which they are looked for; of several with one name the first that the record has."""
 
 
-def pairs(cell: CellModel, dataset: Dataset, wanted: str = "auto") -> tuple[Pair, ...]:
+def pairs(cell: CellModel, dataset: Dataset, requested: str = "auto") -> tuple[Pair, ...]:
     """The pairs of a record.
 
     Args:
         cell: What is known before: compliance of the axes, ``[timing]``.
         dataset: Of kind ``record``.
-        wanted: ``auto``, or the names of pairs, separated by commas.
+        requested: ``auto``, or the names of pairs, separated by commas.
 
     Returns:
         At least one pair.
@@ -76,29 +76,29 @@ def pairs(cell: CellModel, dataset: Dataset, wanted: str = "auto") -> tuple[Pair
     Raises:
         InputError: The record has no two channels that follow each other, or not those that are wanted.
     """
-    names = None if wanted == "auto" else [part.strip() for part in wanted.split(",") if part.strip()]
+    names = None if requested == "auto" else [part.strip() for part in requested.split(",") if part.strip()]
     known = sorted({f.name for f in FOLLOWING})
     for name in names or ():
         if name not in known:
             raise InputError("there is no such pair of channels", value=name, limit=", ".join(known))
-    found: dict[str, Pair] = {}
+    by_name: dict[str, Pair] = {}
     for kind in FOLLOWING:
-        if kind.name in found or kind.asked if names is None else kind.name in found or kind.name not in names:
+        if kind.name in by_name or kind.requested if names is None else kind.name in by_name or kind.name not in names:
             continue
         if not dataset.has(kind.answer):
             continue
         leads = [name for name in kind.reference if dataset.has(name)]
         if leads:
-            found[kind.name] = _pair(cell, dataset, kind, leads[0])
-    missing = [name for name in names or () if name not in found]
-    if missing or not found:
+            by_name[kind.name] = _pair(cell, dataset, kind, leads[0])
+    missing = [name for name in names or () if name not in by_name]
+    if missing or not by_name:
         raise InputError(
-            "the record has no channels that follow each other" if not found else "the record has no such pair",
+            "the record has no channels that follow each other" if not by_name else "the record has no such pair",
             where=dataset.where,
             value=", ".join(missing) or ", ".join(dataset.channels),
             limit="; ".join(f"{f.answer} after {' or '.join(f.reference)}" for f in FOLLOWING),
         )
-    return tuple(found.values())
+    return tuple(by_name.values())
 
 
 def axes_of(dataset: Dataset, count: int) -> tuple[int, ...]:
@@ -107,13 +107,13 @@ def axes_of(dataset: Dataset, count: int) -> tuple[int, ...]:
     Raises:
         InputError: The setting ``driven_axes`` does not fit the channel.
     """
-    given = dataset.settings.get("driven_axes", list(range(1, count + 1)))
-    axes = tuple(int(a) - 1 for a in (given if isinstance(given, list | tuple) else [given]))
+    numbers = dataset.settings.get("driven_axes", list(range(1, count + 1)))
+    axes = tuple(int(a) - 1 for a in (numbers if isinstance(numbers, list | tuple) else [numbers]))
     if len(axes) != count or any(not 0 <= a < 6 for a in axes) or len(set(axes)) != count:
         raise InputError(
             "settings.driven_axes does not fit the joint channels",
             where=dataset.where,
-            value=str(given),
+            value=str(numbers),
             limit=f"{count} different numbers of 1..6",
         )
     return axes
@@ -148,14 +148,14 @@ def gear_torque(dataset: Dataset, motor: Stamped) -> Float | None:
 
 
 def _per_axis(dataset: Dataset, key: str, default: float, motor: Stamped) -> Float:
-    given = np.asarray(dataset.settings.get(key, default), dtype=np.float64)
-    if given.ndim and given.shape != (motor.values.shape[1],):
+    values = np.asarray(dataset.settings.get(key, default), dtype=np.float64)
+    if values.ndim and values.shape != (motor.values.shape[1],):
         raise InputError(
             f"settings.{key} needs one number, or one for each axis of q_motor",
             where=dataset.where,
-            value=given.tolist(),
+            value=values.tolist(),
         )
-    return given
+    return values
 
 
 def direction(motor: Stamped) -> Float:
@@ -227,5 +227,5 @@ def _at(stamped_signal: Stamped, values: Float, time_s: Float) -> Float:
 def _known(cell: CellModel, name: str) -> float:
     """Dead time that the cell file has for a pair, s; 0 where it has none."""
     table = dict(cell.tables.get("timing") or {}).get(name) or {}
-    given = dict(table).get("dead_time_ms") or (0.0,)
-    return float(np.mean(given)) * MS
+    dead_times = dict(table).get("dead_time_ms") or (0.0,)
+    return float(np.mean(dead_times)) * MS

@@ -138,10 +138,10 @@ def choose(
     c, _, f = J.shape
     if not 1 <= count <= c or len(set(already)) > count or not all(0 <= i < c for i in already):
         raise InputError("cannot choose that many measurements", value=count, limit=f"1 .. {c} candidates")
-    given = as_float("information", information)
-    M = np.diag(given) if given.ndim == 1 else given.copy()
+    matrices = as_float("information", information)
+    M = np.diag(matrices) if matrices.ndim == 1 else matrices.copy()
     if M.shape != (f, f):
-        raise InputError("the prior information has the wrong shape", value=given.shape, limit=(f, f))
+        raise InputError("the prior information has the wrong shape", value=matrices.shape, limit=(f, f))
     weigh = _Weighing(J, M, None if target is None else as_float("target", target, (None, f)))
     chosen: list[int] = []
     for i in dict.fromkeys(already):
@@ -207,8 +207,8 @@ class _Weighing:
             out: Float = 2.0 * np.sum(np.log(np.diagonal(np.linalg.cholesky(grown), axis1=1, axis2=2)), axis=1)
             return out
         aim = solve_triangular(self.root, self.target.T, lower=True)
-        felt = (half.reshape(c * k, f) @ (aim @ aim.T)).reshape(c, k, f) @ np.swapaxes(half, 1, 2)
-        gain: Float = np.sum(np.linalg.inv(grown) * felt, axis=(1, 2))
+        projected = (half.reshape(c * k, f) @ (aim @ aim.T)).reshape(c, k, f) @ np.swapaxes(half, 1, 2)
+        gain: Float = np.sum(np.linalg.inv(grown) * projected, axis=(1, 2))
         return gain
 
 
@@ -244,11 +244,11 @@ def _ordered(J: Float, M: Float, chosen: Sequence[int], fixed: int, target: Floa
     for i in chosen[:fixed]:
         weigh.M += J[i].T @ J[i]
     weigh._factor()
-    left = np.ones(len(rest), dtype=np.bool_)
+    remaining = np.ones(len(rest), dtype=np.bool_)
     order = []
     for _ in rest:
-        i = int(np.argmax(np.where(left, weigh.gains(), -np.inf)))
+        i = int(np.argmax(np.where(remaining, weigh.gains(), -np.inf)))
         weigh.add(i)
-        left[i] = False
+        remaining[i] = False
         order.append(int(rest[i]))
     return np.array([*chosen[:fixed], *order], dtype=np.int64)

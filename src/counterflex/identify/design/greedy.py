@@ -8,13 +8,13 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 
 
-def greedy(J: Float, count: int, given: int = 0) -> tuple[Int, Float]:
+def greedy(J: Float, count: int, fixed: int = 0) -> tuple[Int, Float]:
     """Rows that raise ``det(1 + sum J^T J)`` most, one by one; each may be taken once.
 
     Args:
         J: (n, k, f) weighted derivatives in fit coordinates, where every prior is 1.
         count: How many.
-        given: So many of the first rows are taken whatever they bring, before all others.
+        fixed: So many of the first rows are taken whatever they bring, before all others.
 
     Returns:
         (count,) rows and the (f, f) covariance they give together with the priors.
@@ -26,15 +26,15 @@ def greedy(J: Float, count: int, given: int = 0) -> tuple[Int, Float]:
     if count > n:
         raise InputError("measurements to choose", value=count, limit=f"at most the {n} candidates")
     C = np.eye(f)
-    left = np.ones(n, dtype=np.bool_)
+    remaining = np.ones(n, dtype=np.bool_)
     chosen = []
     for place in range(count):
         S = np.eye(k) + J @ C @ np.swapaxes(J, 1, 2)
-        gain = np.where(left, np.linalg.slogdet(S)[1], -np.inf)
-        best = place if place < given else int(np.argmax(gain))
+        gain = np.where(remaining, np.linalg.slogdet(S)[1], -np.inf)
+        best = place if place < fixed else int(np.argmax(gain))
         CJ = C @ J[best].T
         C = C - CJ @ np.linalg.solve(S[best], CJ.T)
         C = 0.5 * (C + C.T)
-        left[best] = False
+        remaining[best] = False
         chosen.append(best)
     return np.array(chosen, dtype=np.int64), C

@@ -24,14 +24,14 @@ _STILL_RAD: Final = 1e-9
 _STARTS: Final = 10
 
 
-def wrong_sides(q: Float, *, start: Float | None = None, wanted: Float | None = None, band: float = BAND_RAD) -> Bool:
+def wrong_sides(q: Float, *, start: Float | None = None, side: Float | None = None, band: float = BAND_RAD) -> Bool:
     """Which axes rest on the other side of their play than wanted, pose by pose.
 
     Args:
         q: (n, 6) rad, in order.
         start: (6,) rad, where the robot comes from, with its play anywhere; None takes every axis to be on the wanted
             side at the first pose.
-        wanted: (6,) +1 arrives with growing angle (default), -1 with falling.
+        side: (6,) +1 arrives with growing angle (default), -1 with falling.
         band: rad; a smaller move in the wanted direction does not surely take up the play, any move in the other
             direction gives it up.
 
@@ -39,7 +39,7 @@ def wrong_sides(q: Float, *, start: Float | None = None, wanted: Float | None = 
         (n, 6).
     """
     q = as_float("q", q, (None, 6))
-    aim = _sides(wanted)
+    aim = _sides(side)
     before = q[0] if start is None else as_float("start", start, (6,))
     right = np.full(6, start is None)
     out = np.zeros(q.shape, dtype=np.bool_)
@@ -55,7 +55,7 @@ def order_of_poses(
     speeds_rad_s: Float,
     *,
     start: Float | None = None,
-    wanted: Float | None = None,
+    side: Float | None = None,
     weight: Float | None = None,
     reversal_s: float = REVERSAL_S,
 ) -> Int:
@@ -69,7 +69,7 @@ def order_of_poses(
         q: (n, 6) rad poses; equal ones stay together.
         speeds_rad_s: (6,) rad/s.
         start: (6,) rad, where the robot comes from; None begins anywhere.
-        wanted: (6,) side from which to arrive, see :func:`wrong_sides`.
+        side: (6,) side from which to arrive, see :func:`wrong_sides`.
         weight: (6,) how much each axis counts; 0 for one that its weight always keeps on one side.
         reversal_s: See above; 0 only shortens the travel.
 
@@ -87,7 +87,7 @@ def order_of_poses(
     if n <= 2 and start is None:
         return np.arange(n, dtype=np.int64)
     way = q if start is None else np.vstack([as_float("start", start, (6,)), q])
-    cost = _costs(way, speeds, _sides(wanted), np.ones(6) if weight is None else weight, reversal_s)
+    cost = _costs(way, speeds, _sides(side), np.ones(6) if weight is None else weight, reversal_s)
     if start is None:
         # A place to come from that costs nothing.
         cost = np.block([[np.zeros((1, 1)), np.zeros((1, n))], [np.full((n, 1), np.inf), cost]])
@@ -104,8 +104,8 @@ def _right(before: Bool, forward: Float, band: float) -> Bool:
     return out
 
 
-def _sides(wanted: Float | None) -> Float:
-    aim = np.ones(6) if wanted is None else as_float("wanted", wanted, (6,))
+def _sides(side: Float | None) -> Float:
+    aim = np.ones(6) if side is None else as_float("wanted", side, (6,))
     if not np.all(np.abs(aim) == 1.0):
         raise InputError("a side is +1 or -1", value=aim.tolist())
     return aim
@@ -121,13 +121,13 @@ def _costs(way: Float, speeds: Float, aim: Float, weight: Float, reversal_s: flo
 
 
 def _nearest(cost: Float, first: int | None) -> list[int]:
-    left = np.ones(len(cost), dtype=np.bool_)
-    left[0] = False
+    remaining = np.ones(len(cost), dtype=np.bool_)
+    remaining[0] = False
     tour = [0]
-    while np.any(left):
-        here = int(np.argmin(np.where(left, cost[tour[-1]], np.inf))) if first is None or len(tour) > 1 else first
+    while np.any(remaining):
+        here = int(np.argmin(np.where(remaining, cost[tour[-1]], np.inf))) if first is None or len(tour) > 1 else first
         tour.append(here)
-        left[here] = False
+        remaining[here] = False
     return tour
 
 
@@ -172,7 +172,7 @@ def _moved(tour: list[int], cost: Float) -> list[int] | None:
     t = np.array(tour)
     n = len(t)
     step = cost[t[:-1], t[1:]]
-    found: tuple[float, list[int]] | None = None
+    best: tuple[float, list[int]] | None = None
     for size in (1, 2, 3):
         for a in range(1, n - size + 1):
             b = a + size - 1
@@ -184,6 +184,6 @@ def _moved(tour: list[int], cost: Float) -> list[int] | None:
             into[:-1] += cost[t[b], rest[1:]] - inner
             k = int(np.argmin(into))
             gain = out - into[k]
-            if gain > 1e-9 and (found is None or gain > found[0]):
-                found = (gain, [*rest[: k + 1].tolist(), *tour[a : b + 1], *rest[k + 1 :].tolist()])
-    return None if found is None else found[1]
+            if gain > 1e-9 and (best is None or gain > best[0]):
+                best = (gain, [*rest[: k + 1].tolist(), *tour[a : b + 1], *rest[k + 1 :].tolist()])
+    return None if best is None else best[1]

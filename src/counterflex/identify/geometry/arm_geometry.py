@@ -136,19 +136,19 @@ class ArmGeometry:
         tip = T[:, :3, 3]
         lay, chain = self.layout, self.chain
         loads, compliance = self._loads(x), self._compliance(x)
-        found = _Columns(tip)
+        columns = _Columns(tip)
         heavy = np.zeros((len(self.q), 6, len(lay.mass)))
-        found.displaced(lay, BASE, np.broadcast_to(np.eye(4), T.shape), x)
+        columns.displaced(lay, BASE, np.broadcast_to(np.eye(4), T.shape), x)
         for i, name in enumerate(chain.names):
             R, p = drives[i][:, :3, :3], drives[i][:, :3, 3]
             for term in lay.periodic:
                 if term.axis == chain.joint[i]:
                     angle = term.order * self.q[:, term.axis]
                     amount = chain.sign[i] * np.stack([np.sin(angle), np.cos(angle) - 1.0], axis=-1)
-                    found.turns(R[:, :, 2:] * amount[:, None, :], p, np.array([term.sine, term.cosine]))
+                    columns.turns(R[:, :, 2:] * amount[:, None, :], p, np.array([term.sine, term.cosine]))
             places, turns = self._turns_of(i)
             if len(places):
-                found.turns(R[:, :, 2:] * (chain.sign[i] * turns)[:, None, :], p, places)
+                columns.turns(R[:, :, 2:] * (chain.sign[i] * turns)[:, None, :], p, places)
             soft = {d: place for (segment, d), place in lay.soft.items() if segment == i}
             if loads is not None and (soft or (lay.mass and np.any(compliance[i] > 0.0))):
                 e = compliance[i] * loads[:, i]
@@ -157,19 +157,19 @@ class ArmGeometry:
                 for d, place in soft.items():
                     column = (R if d < 3 else axes)[:, :, d % 3, None] * loads[:, i, d, None, None]
                     if d < 3:
-                        found.shifts(column, np.array([place]))
+                        columns.shifts(column, np.array([place]))
                     else:
-                        found.turns(column, centre, np.array([place]))
+                        columns.turns(column, centre, np.array([place]))
                 if self.unit_loads is not None and np.any(compliance[i] > 0.0):
                     by = compliance[i] * self.unit_loads[:, :, i]  # (m, bodies, 6)
                     turn = axes @ np.swapaxes(by[:, :, 3:], 1, 2)
                     heavy[:, :3] += R @ np.swapaxes(by[:, :, :3], 1, 2) - rotation.skew(tip - centre) @ turn
                     heavy[:, 3:] += turn
-            found.displaced(lay, name, ends[i], x)
-        found.displaced(lay, TCP, T_last, x)
+            columns.displaced(lay, name, ends[i], x)
+        columns.displaced(lay, TCP, T_last, x)
         if loads is not None and lay.mass:
-            found.add(heavy, np.array(list(lay.mass.values())))
-        return T, *found.all()
+            columns.add(heavy, np.array(list(lay.mass.values())))
+        return T, *columns.all()
 
     def settled(self) -> ArmGeometry:
         """The same poses with the loads of own weight where the bodies are after sag (at the known compliances)."""

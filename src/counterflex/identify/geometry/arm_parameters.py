@@ -122,37 +122,37 @@ def with_lost_motion(model: ArmModel, axes: Sequence[int], prior_rad: float) -> 
     return replace(model, layout=replace(model.layout, lost=lost), parameters=model.parameters + Parameters.of(items))
 
 
-def sag_of(chain: ElasticChain, asked: str) -> Sag:
+def sag_of(chain: ElasticChain, requested: str) -> Sag:
     """How own weight is treated.
 
     Args:
         chain: The chain.
-        asked: ``auto`` finds masses where the cell knows how soft the arm is, torsion where it knows only masses, and
-            finds what weight turns axes 2 and 3 by where it knows no masses of the arm; or one of the others.
+        requested: ``auto`` finds masses where the cell knows how soft the arm is, torsion where it knows only
+            masses, and the sag of axes 2 and 3 where it knows no masses of the arm; or one of the others.
 
     Raises:
         InputError: Another word, or one that the chain's masses and compliances do not allow.
     """
-    if asked not in SAGS:
-        raise InputError("unknown treatment of own weight", where="sag", value=asked, limit=", ".join(SAGS))
+    if requested not in SAGS:
+        raise InputError("unknown treatment of own weight", where="sag", value=requested, limit=", ".join(SAGS))
     heavy, soft = bool(np.any(chain.mass > 0.0)), bool(np.any(chain.compliance > 0.0))
-    if asked == "auto":
+    if requested == "auto":
         return "axes" if not arm_is_heavy(chain) else ("masses" if soft else "torsion")
-    if asked in ("masses", "cell") and not (heavy and soft):
+    if requested in ("masses", "cell") and not (heavy and soft):
         raise InputError(
             "the cell has no masses or no compliances to compute sag from",
-            where=f"sag = {asked}",
+            where=f"sag = {requested}",
             hint="Give mass_kg and compliances in the cell file, or set sag=off",
         )
-    if asked == "torsion" and not heavy:
+    if requested == "torsion" and not heavy:
         raise InputError("the cell has no masses", where="sag = torsion", hint="Give mass_kg in the cell file")
-    if asked == "axes" and arm_is_heavy(chain):
+    if requested == "axes" and arm_is_heavy(chain):
         raise InputError(
             "the robot has masses: their sag would count twice",
             where="sag = axes",
             hint="Set sag=masses or sag=torsion, or give the robot mass_kg = 0 from axis 2 on",
         )
-    return cast(Sag, asked)
+    return cast(Sag, requested)
 
 
 def sag_as_known(chain: ElasticChain) -> Sag:

@@ -113,7 +113,7 @@ def springs(chain: ElasticChain, settings: Mapping[str, Any]) -> Springs:
     for key in ("prior", "wide_prior", "known_prior"):
         if not (isinstance(options[key], int | float) and 0.0 < float(options[key]) <= 10.0):
             raise InputError(f"setting {key}", value=options[key], limit="a relative standard deviation above 0, <= 10")
-    wide, known, free, held = (named_directions(chain, str(options[key])) for key in ("wide", "known", "free", "held"))
+    wide, known, free, fixed = (named_directions(chain, str(options[key])) for key in ("wide", "known", "free", "held"))
     items, segment, direction = [], [], []
     for i, name in enumerate(chain.names):
         for d, letter in enumerate(DIRECTIONS):
@@ -130,11 +130,11 @@ def springs(chain: ElasticChain, settings: Mapping[str, Any]) -> Springs:
                     sigma,
                     lower=value / _RANGE,
                     upper=value * _RANGE,
-                    free=place not in held,
+                    free=place not in fixed,
                     log=True,
                     label=label,
                 )
-            elif place in free and (value == 0.0 and place not in held):
+            elif place in free and (value == 0.0 and place not in fixed):
                 sigma = TRANSLATION_M_N if d < 3 else ROTATION_RAD_NM
                 item = Parameter(f"{name}.{letter}", unit, 0.0, sigma, lower=0.0, upper=_RANGE * sigma, label=label)
             else:
@@ -158,12 +158,12 @@ def named_directions(chain: ElasticChain, names: str) -> set[tuple[int, int]]:
     Raises:
         InputError: A name that the chain does not have.
     """
-    found: set[tuple[int, int]] = set()
+    directions: set[tuple[int, int]] = set()
     for word in names.replace(",", " ").split():
         if word == "all":
             return {(i, d) for i in range(chain.n) for d in range(6)}
         if word in _OF_AXES:
-            found |= {(int(i), d) for i in np.flatnonzero(chain.joint >= 0) for d in _OF_AXES[word]}
+            directions |= {(int(i), d) for i in np.flatnonzero(chain.joint >= 0) for d in _OF_AXES[word]}
             continue
         element, _, letter = word.partition(".")
         if element not in chain.names or (letter and letter not in DIRECTIONS):
@@ -176,5 +176,5 @@ def named_directions(chain: ElasticChain, names: str) -> set[tuple[int, int]]:
                 hint=f"Did you mean '{close[0]}'?" if close else None,
             )
         i = chain.names.index(element)
-        found |= {(i, d) for d in range(6) if not letter or DIRECTIONS[d] == letter}
-    return found
+        directions |= {(i, d) for d in range(6) if not letter or DIRECTIONS[d] == letter}
+    return directions

@@ -47,10 +47,10 @@ def open_offsets(Ts_base_tcp: Float) -> Float:
 
 
 def _check_turns(A: Float, most_open: int) -> None:
-    left_open = len(open_offsets(A))
-    if left_open <= most_open:
+    undetermined = len(open_offsets(A))
+    if undetermined <= most_open:
         return
-    constant = left_open == 3
+    constant = undetermined == 3
     raise InputError(
         "the poses have one orientation, so the offset of the target is not determined"
         if constant
@@ -84,8 +84,8 @@ def of_poses(Ts_base_tcp: Float, Ts_tracker_target: Float, *, partly: bool = Fal
             "hand-eye calibration needs matching poses", value=(len(A), len(B)), limit=f"{FEWEST} or more each"
         )
     _check_turns(A, 1 if partly else 0)
-    found = [refined(A, B, R_Z) for R_Z in _different(_tracker_rotations(A, B))]
-    return min(found, key=lambda pair: float(np.sum(error_of(A, B, *pair) ** 2)))
+    candidates = [refined(A, B, R_Z) for R_Z in _different(_tracker_rotations(A, B))]
+    return min(candidates, key=lambda pair: float(np.sum(error_of(A, B, *pair) ** 2)))
 
 
 def error_of(Ts_base_tcp: Float, measured: Float, T_base_tracker: Float, T_tcp_target: Float) -> Float:
@@ -297,5 +297,5 @@ def of_points(Ts_base_tcp: Float, p_tracker_target: Float, *, partly: bool = Fal
     rows, right = _point_rows(A, p)
     x, *_ = np.linalg.lstsq(rows, right, rcond=None)
     starts = [register(A[:, :3, 3], p)[0][:3, :3], _proper(np.asarray(x[:9], dtype=np.float64).reshape(3, 3).T)]
-    found = [refined(A, p, R_Z) for R_Z in _different(starts)]
-    return min(found, key=lambda pair: float(np.sum(error_of(A, p, *pair) ** 2)))
+    candidates = [refined(A, p, R_Z) for R_Z in _different(starts)]
+    return min(candidates, key=lambda pair: float(np.sum(error_of(A, p, *pair) ** 2)))

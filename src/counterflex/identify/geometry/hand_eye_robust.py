@@ -72,7 +72,7 @@ def robust_of_poses(
     Raises:
         InputError: As :func:`of_poses`.
     """
-    found = _best(
+    best = _best(
         len(Ts_base_tcp),
         _SAMPLE,
         lambda rows: of_poses(Ts_base_tcp[rows], Ts_tracker_target[rows], partly=partly),
@@ -82,7 +82,7 @@ def robust_of_poses(
         seed,
         trials,
     )
-    return replace(found, open=open_offsets(Ts_base_tcp))
+    return replace(best, open=open_offsets(Ts_base_tcp))
 
 
 def robust_tracker(Ts_base_tcp: Float, measured: Float, T_tcp_target: Float, *, trials: int = TRIALS) -> HandEye:
@@ -117,7 +117,7 @@ def robust_of_points(
     Ts_base_tcp: Float, p_tracker_target: Float, *, seed: int = 0, trials: int = TRIALS, partly: bool = False
 ) -> HandEye:
     """:func:`of_points` that survives gross errors. Arguments and errors as there."""
-    found = _best(
+    best = _best(
         len(Ts_base_tcp),
         _POINT_SAMPLE,
         lambda rows: of_points(Ts_base_tcp[rows], p_tracker_target[rows], partly=partly),
@@ -127,7 +127,7 @@ def robust_of_points(
         seed,
         trials,
     )
-    return replace(found, open=open_offsets(Ts_base_tcp))
+    return replace(best, open=open_offsets(Ts_base_tcp))
 
 
 def _best(

@@ -41,15 +41,15 @@ def _known_sag(cell: CellModel) -> AxisSag | None:
     return AxisSag(cell.nominal_chain, np.array(rows, dtype=np.float64).ravel() * MRAD)
 
 
-def axis_sag_table(known: DriveErrors, found_rad: Float, source: str) -> TableValues:
+def axis_sag_table(known: DriveErrors, added_rad: Float, source: str) -> TableValues:
     """The table of sag with what was found added to what was known.
 
     Args:
         known: Before.
-        found_rad: (6,) rad, to be added, in the order of :data:`counterflex.robot.elasticity.axis_sag.TERMS`.
+        added_rad: (6,) rad, to be added, in the order of :data:`counterflex.robot.elasticity.axis_sag.TERMS`.
         source: Where the numbers come from.
     """
-    whole = found_rad if known.sag is None else found_rad + known.sag.moments_rad
+    whole = added_rad if known.sag is None else added_rad + known.sag.moments_rad
     values: dict[str, float | str | bool | list[float] | list[list[float]]] = {
         key: [float(f"{v / MRAD:.6g}") for v in pair] for key, pair in zip(_SAG_KEYS, whole.reshape(3, 2), strict=True)
     }
@@ -57,12 +57,12 @@ def axis_sag_table(known: DriveErrors, found_rad: Float, source: str) -> TableVa
     return TableValues(SAG_TABLE, values)
 
 
-def drive_error_table(known: DriveErrors, found: Iterable[DriveError], q: Float, source: str) -> TableValues:
+def drive_error_table(known: DriveErrors, added: Iterable[DriveError], q: Float, source: str) -> TableValues:
     """The table with what was found added to what was known.
 
     Args:
         known: Before.
-        found: To be added.
+        added: To be added.
         q: (m, 6) rad, the angles it was found from; where something was known, both ranges have to hold.
         source: Where the numbers come from.
     """
@@ -70,10 +70,10 @@ def drive_error_table(known: DriveErrors, found: Iterable[DriveError], q: Float,
     if known.terms and known.measured_rad:
         before = np.array(known.measured_rad) / DEG
         both_low, both_high = np.maximum(low, before[:, 0]), np.minimum(high, before[:, 1])
-        apart = both_low > both_high
-        low, high = np.where(apart, low, both_low), np.where(apart, high, both_high)
+        differs = both_low > both_high
+        low, high = np.where(differs, low, both_low), np.where(differs, high, both_high)
     values: dict[str, float | str | bool | list[float] | list[list[float]]] = {}
-    merged = known.merged(found)
+    merged = known.merged(added)
     for axis in range(6):
         rows = [
             [t.order, float(f"{t.sine_rad / URAD:.6g}"), float(f"{t.cosine_rad / URAD:.6g}")]

@@ -150,10 +150,10 @@ def check_tracker_data(
         InputError: See above; the message names what was found.
         FileFormatError: A channel is missing.
     """
-    told = "q" if d.has("q") or not d.has("p_base_flange") else "p_base_flange"
-    channels = [told, POINT] + ([ORIENTATION] if has_orientation(d) else [])
+    channel = "q" if d.has("q") or not d.has("p_base_flange") else "p_base_flange"
+    channels = [channel, POINT] + ([ORIENTATION] if has_orientation(d) else [])
     check_finite(d, channels)
-    distinct = len(np.unique(np.round(d.values(told), 5), axis=0))
+    distinct = len(np.unique(np.round(d.values(channel), 5), axis=0))
     if distinct < FEWEST:
         raise InputError(
             "too few different poses",
@@ -162,9 +162,9 @@ def check_tracker_data(
             limit=f"{FEWEST} or more",
             hint="Measure poses that differ in position and orientation",
         )
-    if told != "q":
+    if channel != "q":
         _check_reach(cell, d)
-    check_repeats(d, POINT, same=(told,))
+    check_repeats(d, POINT, same=(channel,))
     # Poses that leave a frame open are refused by the hand-eye calibration with its reason.
     start_frames(cell, thinned(d), trials=0, partly=partly, target=target)
     remarks = check_reading(
@@ -175,12 +175,12 @@ def check_tracker_data(
         rows=_READ_ROWS,
     )
     if not remarks and not as_stated:
-        left = float(np.median(start_frames(cell, thinned(d), partly=partly, target=target).error_m))
-        if left > 2.0 * ROBOT_M:
+        residual_m = float(np.median(start_frames(cell, thinned(d), partly=partly, target=target).error_m))
+        if residual_m > 2.0 * ROBOT_M:
             raise InputError(
                 "the measurements contradict the robot",
                 where=d.where or d.name,
-                value=f"median error {left / MM:.4g} mm",
+                value=f"median error {residual_m / MM:.4g} mm",
                 limit=f"{2.0 * ROBOT_M / MM:g} mm",
                 hint="Check robot, order and signs of the joint angles, units and columns; or add --set as_stated=true",
             )
@@ -239,22 +239,22 @@ def start_frames(
 
 
 def _misfit(cell: CellModel, d: Dataset, partly: bool, target: Float | None) -> Misfit:
-    found = start_frames(cell, d, trials=_QUICK_TRIALS, partly=partly, target=target)
+    frames = start_frames(cell, d, trials=_QUICK_TRIALS, partly=partly, target=target)
     numbers = len(d) * (6 if has_orientation(d) else 3)
-    return Misfit(found.error_m / ROBOT_M, np.zeros(0), float(max(numbers - (12 if target is None else 6), 1)))
+    return Misfit(frames.error_m / ROBOT_M, np.zeros(0), float(max(numbers - (12 if target is None else 6), 1)))
 
 
 def readings_of(d: Dataset) -> tuple[Reading, ...]:
     """What else a table of tracker poses or points may mean."""
-    told = "q" if d.has("q") else "p_base_flange"
+    channel = "q" if d.has("q") else "p_base_flange"
     out = [
-        *unit_mistakes(d, told),
+        *unit_mistakes(d, channel),
         *unit_mistakes(d, POINT),
-        *swapped_columns(d, told),
-        *sign_mistakes(d, told),
+        *swapped_columns(d, channel),
+        *sign_mistakes(d, channel),
         *row_mistakes(POINT),
     ]
-    if told != "q" and d.has("R_base_flange"):
+    if channel != "q" and d.has("R_base_flange"):
         out += [
             *quaternion_mistakes("R_base_flange"),
             transposed("R_base_flange"),
@@ -301,12 +301,12 @@ def euler_mistakes(channel: str) -> tuple[Reading, ...]:
         for form, (numbers, matrix) in _FORMS.items()
     ]
     for read, (numbers, _) in _FORMS.items():
-        for meant, (_, matrix) in _FORMS.items():
-            if read != meant:
+        for actual, (_, matrix) in _FORMS.items():
+            if read != actual:
                 out.append(
                     Reading(
                         channel,
-                        f"the numbers of '{channel}' are {meant}, not {read}",
+                        f"the numbers of '{channel}' are {actual}, not {read}",
                         f"state that under [channels.{channel}]: rotation = ...",
                         _reread(channel, numbers, matrix),
                     )

@@ -38,9 +38,9 @@ def regressions(block: HolderReadings, fold: Int) -> Mapping[str, Float]:
             continue
         M, f0 = regressed_matrix(s, f)
         size = np.linalg.norm(f, axis=1)
-        left = np.linalg.norm(s @ M.T + f0 - f, axis=1)
-        share = float(np.median(left / np.maximum(size, 0.1 * size.max())))
-        spread = np.hypot(float(np.median(left)), share * size)
+        residual = np.linalg.norm(s @ M.T + f0 - f, axis=1)
+        share = float(np.median(residual / np.maximum(size, 0.1 * size.max())))
+        spread = np.hypot(float(np.median(residual)), share * size)
         solved = {
             "ordinary": (M, f0),
             "ridge": regressed_matrix(s, f, RIDGE),

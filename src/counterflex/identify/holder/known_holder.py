@@ -14,13 +14,13 @@ def holder_before(cell: CellModel) -> StrainHolder:
         InputError: The cell has none.
         ModelError: What the cell holds as its holder is none.
     """
-    given = cell.tables.get("holder")
-    if given is None:
+    table = cell.tables.get("holder")
+    if table is None:
         raise InputError(
             "the cell has no instrumented spindle holder",
             where=cell.name,
             hint="Add a table [holder] with its dimensions, [[holder.gauges]] and tcp_mm to the cell file",
         )
-    if not isinstance(given, StrainHolder):
-        raise ModelError("the holder of the cell is not a holder", value=type(given).__name__)
-    return given
+    if not isinstance(table, StrainHolder):
+        raise ModelError("the holder of the cell is not a holder", value=type(table).__name__)
+    return table

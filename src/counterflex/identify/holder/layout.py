@@ -12,7 +12,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.sensing.holder_beam import Gauge, HolderBeam
 from counterflex.sensing.strain_holder import tool_matrix
 
-APART_M = 12.0 * MM
+SPACING_M = 12.0 * MM
 """Least distance between two bridges."""
 _STATIONS = (0.12, 0.25, 0.38, 0.5, 0.62, 0.75, 0.88)
 _ACROSS = (-0.4, -0.2, 0.0, 0.2, 0.4)
@@ -58,32 +58,32 @@ def choose_gauges(
     """
     if not 3 <= count <= 12:
         raise InputError("bridges of the holder", value=count, limit="3..12")
-    found = places(beam, factor)
-    S = beam.sensitivity(found)
+    candidates = places(beam, factor)
+    S = beam.sensitivity(candidates)
     K = tool_matrix(S, p_holder_tcp) * np.broadcast_to(np.asarray(largest_n, dtype=np.float64), (3,))
     K = K / np.sqrt(np.mean(K**2))
     moments = S[:, 3:] / np.sqrt(np.mean(S[:, 3:] ** 2))
-    p = np.array([g.p_holder_gauge for g in found])
-    apart = np.linalg.norm(p[:, None] - p[None], axis=2) >= APART_M
+    p = np.array([g.p_holder_gauge for g in candidates])
+    far_enough = np.linalg.norm(p[:, None] - p[None], axis=2) >= SPACING_M
 
     def score(rows: list[int]) -> float:
         forces = np.linalg.slogdet(K[rows].T @ K[rows] + 1e-6 * np.eye(3))[1]
         rest = np.linalg.slogdet(moments[rows].T @ moments[rows] + np.eye(3))[1]
         return float(forces + 1e-3 * rest)
 
-    def best_beside(rows: list[int]) -> int:
-        free = np.flatnonzero(np.all(apart[:, rows], axis=1)) if rows else np.arange(len(found))
+    def best_addition(rows: list[int]) -> int:
+        free = np.flatnonzero(np.all(far_enough[:, rows], axis=1)) if rows else np.arange(len(candidates))
         return int(max(free, key=lambda i: score([*rows, int(i)])))
 
     chosen: list[int] = []
     while len(chosen) < count:
-        chosen.append(best_beside(chosen))
+        chosen.append(best_addition(chosen))
     value = score(chosen)
     while True:
         for k in range(count):
             rest = chosen[:k] + chosen[k + 1 :]
-            chosen = [*rest[:k], best_beside(rest), *rest[k:]]
+            chosen = [*rest[:k], best_addition(rest), *rest[k:]]
         new = score(chosen)
         if new <= value + 1e-9:
-            return tuple(found[i] for i in chosen)
+            return tuple(candidates[i] for i in chosen)
         value = new

@@ -82,21 +82,21 @@ def identify(inputs: Inputs) -> Identification:
         parts[CHECKING]((i + 1) / (len(data) + len(holdout)))
     free, fit = fitted(holder, blocks, s, saying(parts[FITTING], FITTING))
     parts[FITTING](1.0)
-    held = _held_out(free, blocks, unseen, len(holder.gauges), parts[HELD_OUT])
+    held_out = _evaluate(free, blocks, unseen, len(holder.gauges), parts[HELD_OUT])
     parts[HELD_OUT](1.0)
     n = len(holder.gauges)
-    found = replace(
+    identified = replace(
         holder,
         sensitivity=sensitivity_of(fit.values, n),
         bias=fit.values[6 * n : 7 * n],
         per_kelvin=fit.values[7 * n : 8 * n],
     )
     estimated = np.concatenate([b.estimated(fit.values) for b in blocks])
-    figures, more = _figures(holder, found, blocks, estimated)
+    figures, more = _figures(holder, identified, blocks, estimated)
     parts[COMPARING](1.0)
-    mean, before = held.mean()
-    worst, worst_before = held.largest()
-    p95, p95_before = held.quantile(0.95)
+    mean, before = held_out.mean()
+    worst, worst_before = held_out.largest()
+    p95, p95_before = held_out.quantile(0.95)
     return Identification(
         recipe="holder",
         fits={"holder": fit},
@@ -106,9 +106,9 @@ def identify(inputs: Inputs) -> Identification:
             Figure("holdout_max_n", "largest error of the force, loads not used", worst, worst_before),
         ),
         figures=figures,
-        changes=_changes(found),
-        remarks=(*remarks, *more, *_remarks(holder, found, fit, blocks)),
-        pictures=(_picture(blocks, unseen, held),),
+        changes=_changes(identified),
+        remarks=(*remarks, *more, *_remarks(holder, identified, fit, blocks)),
+        pictures=(_picture(blocks, unseen, held_out),),
     )
 
 
@@ -203,17 +203,17 @@ def _check(data: Dataset, holder: StrainHolder, as_stated: bool) -> tuple[str, .
     def score(sample: Dataset) -> Misfit:
         return misfit_of(solve(free, [readings(sample, holder, reference_c=holder.reference_c)]))
 
-    tried = [
+    alternatives = [
         *unit_mistakes(data, "f_tcp_holder"),
         *sign_mistakes(data, "f_tcp_holder"),
         *swapped_columns(data, "f_tcp_holder"),
         *swapped_columns(data, "strain"),
         *sign_mistakes(data, "strain"),
     ]
-    return check_reading(data, tried, score, as_stated=as_stated)
+    return check_reading(data, alternatives, score, as_stated=as_stated)
 
 
-def _held_out(
+def _evaluate(
     free: Parameters, blocks: Sequence[HolderReadings], unseen: Sequence[HolderReadings], n: int, progress: Progress
 ) -> HeldOut:
     zeros = [name for name in needed(n) if free.items[free.index(name)].free]
@@ -228,10 +228,10 @@ def _force_error(block: Any, x: Float) -> Float:
 
 
 def _figures(
-    holder: StrainHolder, found: StrainHolder, blocks: Sequence[HolderReadings], estimated: Float
+    holder: StrainHolder, identified: StrainHolder, blocks: Sequence[HolderReadings], estimated: Float
 ) -> tuple[tuple[Figure, ...], list[str]]:
-    noise = np.diag(found.noise**2)
-    seen = sight(tool_matrix(found.sensitivity, found.p_holder_tcp), noise)
+    noise = np.diag(identified.noise**2)
+    seen = sight(tool_matrix(identified.sensitivity, identified.p_holder_tcp), noise)
     drawn = sight(tool_matrix(holder.sensitivity, holder.p_holder_tcp), noise)
     figures = [Figure("condition", "condition of strain by force, weighted by noise", seen.condition, drawn.condition)]
     figures += [
@@ -264,13 +264,15 @@ def _figures(
     return tuple(figures), more
 
 
-def _remarks(holder: StrainHolder, found: StrainHolder, fit: Fit, blocks: Sequence[HolderReadings]) -> tuple[str, ...]:
+def _remarks(
+    holder: StrainHolder, identified: StrainHolder, fit: Fit, blocks: Sequence[HolderReadings]
+) -> tuple[str, ...]:
     n = len(holder.gauges)
     points = np.unique(np.round(np.concatenate([b.p_holder_load for b in blocks]), 3), axis=0)
     lever = fit.covariance  # of the free parameters, in fit coordinates
     S = [int(np.flatnonzero(fit.free_index == k)[0]) for k in range(6 * n)]
-    moved = found.p_holder_tcp + np.array([0.0, 0.0, 50.0 * MM])
-    K, M = tool_matrix(found.sensitivity, moved), found.matrix(moved)
+    moved = identified.p_holder_tcp + np.array([0.0, 0.0, 50.0 * MM])
+    K, M = tool_matrix(identified.sensitivity, moved), identified.matrix(moved)
     slope = fit.parameters.slope(fit.values)[: 6 * n]
     load = np.zeros((3, 6))
     load[:, :3] = np.eye(3)
@@ -297,7 +299,7 @@ def _remarks(holder: StrainHolder, found: StrainHolder, fit: Fit, blocks: Sequen
     return tuple(out)
 
 
-def _changes(found: StrainHolder) -> tuple[Change, ...]:
+def _changes(identified: StrainHolder) -> tuple[Change, ...]:
     def row(values: Float, unit: float) -> list[float]:
         return [float(f"{v / unit:.6g}") for v in values]
 
@@ -309,27 +311,27 @@ def _changes(found: StrainHolder) -> tuple[Change, ...]:
             "angle_deg": round(g.angle_rad / DEG, 4),
             "factor": g.factor,
         }
-        for g in found.gauges
+        for g in identified.gauges
     ]
     values: dict[str, Any] = {
         "gauges": gauges,
-        "sensitivity_um_m_per_kn": [row(r, MICRO / KN) for r in found.sensitivity],
-        "bias_um_m": row(found.bias, MICRO),
-        "temperature_um_m_per_k": row(found.per_kelvin, MICRO),
-        "reference_c": found.reference_c,
+        "sensitivity_um_m_per_kn": [row(r, MICRO / KN) for r in identified.sensitivity],
+        "bias_um_m": row(identified.bias, MICRO),
+        "temperature_um_m_per_k": row(identified.per_kelvin, MICRO),
+        "reference_c": identified.reference_c,
     }
     return (TableValues("holder", values),)
 
 
-def _picture(blocks: Sequence[HolderReadings], unseen: Sequence[HolderReadings], held: HeldOut) -> Picture:
+def _picture(blocks: Sequence[HolderReadings], unseen: Sequence[HolderReadings], held_out: HeldOut) -> Picture:
     of = unseen or blocks
     size = [np.linalg.norm(b.force, axis=1) for b in of]
-    x = np.array([size[b][r] for b, r in zip(held.block, held.row, strict=True)])
+    x = np.array([size[b][r] for b, r in zip(held_out.block, held_out.row, strict=True)])
     return Picture(
         "Error of the force from the bridges, held-out loads",
         "load, N",
         "error, N",
-        (Curve("drawing", x, held.nominal), Curve("identified", x, held.identified)),
+        (Curve("drawing", x, held_out.nominal), Curve("identified", x, held_out.identified)),
     )
 
 

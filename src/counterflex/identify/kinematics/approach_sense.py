@@ -108,11 +108,11 @@ def seen_axes(places: Mapping[int, int], fit: Fit) -> tuple[int, ...]:
     return tuple(a for a, i in places.items() if fit.values[i] > SEEN * fit.sigma[i])
 
 
-def better(held: HeldOut, without: HeldOut) -> tuple[bool, str]:
+def better(with_lost: HeldOut, without: HeldOut) -> tuple[bool, str]:
     """Whether poses held out are predicted better beyond chance, pose by pose, and the sentence that says it.
 
     Args:
-        held: With lost motion.
+        with_lost: With lost motion.
         without: The same rows without.
     """
     rows = {
@@ -123,18 +123,18 @@ def better(held: HeldOut, without: HeldOut) -> tuple[bool, str]:
     pairs = np.array(
         [
             (e, rows[int(b), int(r)])
-            for b, r, e, g in zip(held.block, held.row, held.identified, held.gross, strict=True)
+            for b, r, e, g in zip(with_lost.block, with_lost.row, with_lost.identified, with_lost.gross, strict=True)
             if not g and (int(b), int(r)) in rows
         ]
     )
     fall = pairs[:, 1] - pairs[:, 0]
     error = float(np.std(fall) / np.sqrt(len(fall)))
     mean = float(np.mean(fall))
-    said = (
+    sentence = (
         f"the mean error of poses held out is {np.mean(pairs[:, 0]) / UM:.1f} um with and "
         f"{np.mean(pairs[:, 1]) / UM:.1f} um without (difference {mean / UM:.2f} +- {error / UM:.2f} um)"
     )
-    return mean > SURE * error and mean > 0.0, said
+    return mean > SURE * error and mean > 0.0, sentence
 
 
 def as_play(chain: ElasticChain, axis: int, half_rad: float, compliance: float, q: Float) -> AxisPlay | None:
@@ -160,29 +160,29 @@ def as_play(chain: ElasticChain, axis: int, half_rad: float, compliance: float, 
     return AxisPlay(axis, Play(half_rad, (_RIGID_FRICTION_NM,), (slip,)))
 
 
-def written(plays: Mapping[int, AxisPlay | None]) -> tuple[str, ...]:
+def play_remarks(plays: Mapping[int, AxisPlay | None]) -> tuple[str, ...]:
     """What is said of the cell file's ``[[robot.play]]``.
 
     Args:
         plays: By axis 0..5, see :func:`as_play`.
     """
-    kept = [f"{a + 1}" for a, play in sorted(plays.items()) if play is not None]
-    left = [f"{a + 1}" for a, play in sorted(plays.items()) if play is None]
+    stored = [f"{a + 1}" for a, play in sorted(plays.items()) if play is not None]
+    omitted = [f"{a + 1}" for a, play in sorted(plays.items()) if play is None]
     out = []
-    if kept:
+    if stored:
         out.append(
-            f"Lost motion of axis {', '.join(kept)} is stored in [[robot.play]] as friction over the torsion of the "
+            f"Lost motion of axis {', '.join(stored)} is stored in [[robot.play]] as friction over the torsion of the "
             f"axis and replaces the former values: plans reverse it with the axis."
         )
-    if left:
+    if omitted:
         out.append(
-            f"Lost motion of axis {', '.join(left)} is not written to the cell file: the axis carries weight and "
+            f"Lost motion of axis {', '.join(omitted)} is not written to the cell file: the axis carries weight and "
             f"has no torsion compliance there; identify stiffness first."
         )
     return tuple(out)
 
 
-def told(places: Mapping[int, int], fit: Fit, axes: Sequence[int]) -> str:
+def describe(places: Mapping[int, int], fit: Fit, axes: Sequence[int]) -> str:
     """What was found, axis by axis, with the ends of the 95 % interval."""
     return "; ".join(
         f"axis {a + 1} loses +-{fit.values[places[a]] / URAD:.1f} urad "

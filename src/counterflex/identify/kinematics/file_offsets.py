@@ -93,12 +93,12 @@ def file_offsets(
     tracker = _agreements(seen, first, [tuple(s.block.tracker.index[:3]) for s in seen], _tracker_of)
     target = _agreements(seen, first, [tuple(s.block.target.index[:3]) for s in seen], _target_of)
     largest = max(range(first), key=lambda i: len(seen[i].Ts), default=-1)
-    found = []
+    offsets = []
     for i, mine in enumerate(seen):
         offset = _offset(mine, tracker[i], target[i], least_m, may_have_both=i != largest)
         if offset is not None:
-            found.append(replace(offset, place=i))
-    return tuple(sorted(found, key=lambda o: o.own_m / o.shared_m))
+            offsets.append(replace(offset, place=i))
+    return tuple(sorted(offsets, key=lambda o: o.own_m / o.shared_m))
 
 
 def refuse(offsets: Sequence[FileOffset], where: Sequence[str], *, as_stated: bool) -> tuple[str, ...]:
@@ -158,14 +158,14 @@ def _pooled(parts: Sequence[Float]) -> Float:
 
 def _tracker_of(seen: Sequence[_Seen]) -> tuple[Float, HandEye]:
     Ts = np.concatenate([s.Ts @ s.X for s in seen])
-    found = robust_tracker(Ts, _pooled([s.measured for s in seen]), np.eye(4), trials=_TRIALS)
-    return found.T_base_tracker, found
+    estimate = robust_tracker(Ts, _pooled([s.measured for s in seen]), np.eye(4), trials=_TRIALS)
+    return estimate.T_base_tracker, estimate
 
 
 def _target_of(seen: Sequence[_Seen]) -> tuple[Float, HandEye]:
     in_base = [pose.transform(s.Z, s.measured) if s.measured.ndim == 2 else s.Z @ s.measured for s in seen]
-    found = robust_target(np.concatenate([s.Ts for s in seen]), _pooled(in_base), np.eye(4), trials=_TRIALS)
-    return found.T_tcp_target, found
+    estimate = robust_target(np.concatenate([s.Ts for s in seen]), _pooled(in_base), np.eye(4), trials=_TRIALS)
+    return estimate.T_tcp_target, estimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,31 +218,31 @@ def _offset(
     Ts, measured, numbers = mine.Ts, mine.measured, mine.block.sigma.size
     if len(Ts) < FEWEST:
         return None
-    tried: list[tuple[str, float, Float, Float, HandEye]] = []
+    candidates: list[tuple[str, float, Float, Float, HandEye]] = []
     if tracker.of_others is not None and not tracker.agrees:
         T = tracker.of_others
-        tried.append(("tracker", mine.error(_tracker_of, T), T, tracker.own.T_base_tracker, tracker.own))
+        candidates.append(("tracker", mine.error(_tracker_of, T), T, tracker.own.T_base_tracker, tracker.own))
     if target.of_others is not None and not target.agrees:
         T = target.of_others
-        tried.append(("target", mine.error(_target_of, T), T, target.own.T_tcp_target, target.own))
+        candidates.append(("target", mine.error(_target_of, T), T, target.own.T_tcp_target, target.own))
     shares_both = tracker.of_others is not None and target.of_others is not None
     if may_have_both and shares_both and mine.block.R is not None and len(open_offsets(Ts)) <= 1:
         both = robust_of_poses(Ts, measured, trials=_TRIALS, partly=True)
         now = float(np.median(error_of(Ts, measured, mine.Z, mine.X)))
-        tried.append(("tracker and target", now, mine.X, both.T_tcp_target, both))
+        candidates.append(("tracker and target", now, mine.X, both.T_tcp_target, both))
     best: FileOffset | None = None
-    for frame, shared, of_others, of_own, hand_eye in tried:
+    for frame, shared, of_others, of_own, hand_eye in candidates:
         count = _NUMBERS[frame]
-        left = float(hand_eye.median_m * np.sqrt(numbers / max(numbers - count, 1)))
+        residual_m = float(hand_eye.median_m * np.sqrt(numbers / max(numbers - count, 1)))
         more = best is not None and count > _NUMBERS[best.frame]
-        enough = max(left * _OTHER, _USUAL * least_m) if more else left
+        enough = max(residual_m * _OTHER, _USUAL * least_m) if more else residual_m
         simpler = best is not None and best.own_m < enough
-        if simpler or shared < least_m or numbers <= count or left * RATIO > shared:
+        if simpler or shared < least_m or numbers <= count or residual_m * RATIO > shared:
             continue
-        chance = len(tried) * float(f.sf((shared / max(left, 1e-9)) ** 2, numbers, numbers - count))
+        chance = len(candidates) * float(f.sf((shared / max(residual_m, 1e-9)) ** 2, numbers, numbers - count))
         if chance > CHANCE:
             continue
         step = pose.inverse(of_others) @ of_own
         turn = 0.0 if measured.ndim == 2 and frame == "target" else float(np.linalg.norm(rotation.log(step[:3, :3])))
-        best = FileOffset(-1, mine.block.name, frame, float(np.linalg.norm(step[:3, 3])), turn, shared, left)
+        best = FileOffset(-1, mine.block.name, frame, float(np.linalg.norm(step[:3, 3])), turn, shared, residual_m)
     return best

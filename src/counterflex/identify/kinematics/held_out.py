@@ -62,7 +62,7 @@ def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit, pro
     )  # fmt: skip
 
 
-def held_apart(setup: Setup, fit: Fit, progress: Progress = silent) -> tuple[tuple[Figure, ...], tuple[str, ...]]:
+def region_errors(setup: Setup, fit: Fit, progress: Progress = silent) -> tuple[tuple[Figure, ...], tuple[str, ...]]:
     """Error of whole regions of the joint space, and of whole files, that their fit had not seen.
 
     Args:
@@ -83,45 +83,46 @@ def held_apart(setup: Setup, fit: Fit, progress: Progress = silent) -> tuple[tup
     weighted = _weighted(setup, fit)
     sizes = [len(q) for q in poses.values()]
     every, group = np.concatenate(list(poses.values())), np.concatenate([setup.blocks[i].group for i in poses])
-    found = np.split(regions(every, group, _REGIONS), np.cumsum(sizes)[:-1])
-    ways = [("region", "whole regions of the joint space", dict(zip(poses, found, strict=True)))]
+    region = np.split(regions(every, group, _REGIONS), np.cumsum(sizes)[:-1])
+    ways = [("region", "whole regions of the joint space", dict(zip(poses, region, strict=True)))]
     if len(poses) > 1 and not setup.local and len({setup.blocks[i].name for i in poses}) > 1:
         ways.append(
             ("file", "whole files", {i: np.full(n, k) for k, (i, n) in enumerate(zip(poses, sizes, strict=True))})
         )
     out: list[Figure] = []
-    said: list[str] = []
+    remarks: list[str] = []
     shares = in_parts(progress, {f"{what} held out": 1.0 for _, what, _ in ways})
     for name, what, parts in ways:
-        told = shares[f"{what} held out"]
-        told(0.0)
+        part_progress = shares[f"{what} held out"]
+        part_progress(0.0)
         if len(np.unique(np.concatenate(list(parts.values())))) < 2:
-            said.append(f"No {what} were held out: there are not two of them.")
+            remarks.append(f"No {what} were held out: there are not two of them.")
             continue
         own = _own_frames(setup, weighted, parts)
         try:
-            held = (
-                _found_anew(setup, fit, weighted, parts, own, told)
+            errors = (
+                _refitted_errors(setup, fit, weighted, parts, own, part_progress)
                 if any(own)
                 else cross_validate(
                     setup.parameters, weighted, needed=setup.needed, error=position_error, scored=list(poses),
-                    folds=Folds(parts=parts), start=fit.values, robust=False, stop=Stop(tolerance=1e-6), progress=told,
+                    folds=Folds(parts=parts), start=fit.values, robust=False, stop=Stop(tolerance=1e-6),
+                    progress=part_progress,
                 )
             )  # fmt: skip
         except CounterflexError as fault:
-            said.append(f"No error is given for {what} held out: the other data are not sufficient ({fault.what}).")
+            remarks.append(f"No error is given for {what} held out: the other data are not sufficient ({fault.what}).")
             continue
         if any(own):
-            said.append(
+            remarks.append(
                 f"Frames that only one of the {what} fixes were identified again from it, to evaluate the arm "
                 f"identified from the others."
             )
-        (mean, before), (worst, worst_before) = held.mean(), held.largest()
+        (mean, before), (worst, worst_before) = errors.mean(), errors.largest()
         out.append(Figure(f"{name}_mean_mm", f"mean position error, {what} held out", mean / MM, before / MM))
         out.append(
             Figure(f"{name}_largest_mm", f"largest position error, {what} held out", worst / MM, worst_before / MM)
         )
-    return tuple(out), tuple(said)
+    return tuple(out), tuple(remarks)
 
 
 def _own_frames(setup: Setup, blocks: Sequence[Any], parts: Mapping[int, Int]) -> list[tuple[str, ...]]:
@@ -133,7 +134,7 @@ def _own_frames(setup: Setup, blocks: Sequence[Any], parts: Mapping[int, Int]) -
     return out
 
 
-def _found_anew(
+def _refitted_errors(
     setup: Setup,
     fit: Fit,
     blocks: Sequence[Any],
@@ -146,7 +147,7 @@ def _found_anew(
     Raises:
         InputError: A part is too small to find its frames from and to be judged as well.
     """
-    found = []
+    scores = []
     for part, local in enumerate(own):
         rest = [b.subset(parts[i] != part) if i in parts else b for i, b in enumerate(blocks)]
         unseen = [blocks[i].subset(p == part) for i, p in parts.items() if np.any(p == part)]
@@ -159,9 +160,9 @@ def _found_anew(
             stop=Stop(tolerance=1e-6),
             progress=share_of(progress, part / len(own), (part + 1) / len(own), f"held out {part + 1} of {len(own)}"),
         )  # fmt: skip
-        found.append(one)
+        scores.append(one)
     joined = {
-        name: np.concatenate([getattr(h, name) for h in found])
+        name: np.concatenate([getattr(h, name) for h in scores])
         for name in ("block", "row", "fold", "nominal", "identified", "gross")
     }
-    return HeldOut(**joined, fits=tuple(f for h in found for f in h.fits))
+    return HeldOut(**joined, fits=tuple(f for h in scores for f in h.fits))

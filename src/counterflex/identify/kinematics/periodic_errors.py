@@ -91,7 +91,7 @@ def choose_harmonics(setup: Setup, fit: Fit, prior_rad: float, progress: Progres
         return {}
     # Priors pull towards nominal, not towards the fit.
     pull = np.concatenate([fit.parameters.coordinates(fit.values) * known, np.zeros(2 * len(taken))])
-    errors = _held_out(
+    errors = _validation_error(
         tables,
         taken,
         np.concatenate([known, np.ones(2 * len(taken))]),
@@ -166,10 +166,10 @@ def _pursue(tables: Sequence[_Table], known: Float, prior_rad: float, progress: 
         right = np.zeros((_AXES, HIGHEST, 2))
         part = np.zeros((_AXES, HIGHEST, 2, new.shape[1]))
         for t, wave, first, last in zip(tables, waves, ends[:-1], ends[1:], strict=True):
-            felt = np.einsum("mca,mc->ma", t.G, r[first:last].reshape(t.r.shape))
+            gradient = np.einsum("mca,mc->ma", t.G, r[first:last].reshape(t.r.shape))
             across = np.einsum("mca,mcj->maj", t.G, new[first:last].reshape(*t.r.shape, -1))
             for a in range(_AXES):
-                right[a] += np.einsum("imk,m->ki", wave[a], felt[:, a])
+                right[a] += np.einsum("imk,m->ki", wave[a], gradient[:, a])
                 for i in range(2):
                     part[a, :, i] += wave[a][i].T @ across[:, a]
         shared = np.concatenate([shared, part], axis=-1)
@@ -191,7 +191,7 @@ def _pursue(tables: Sequence[_Table], known: Float, prior_rad: float, progress: 
     return taken
 
 
-def _held_out(
+def _validation_error(
     tables: Sequence[_Table],
     taken: Sequence[tuple[int, int]],
     prior: Float,

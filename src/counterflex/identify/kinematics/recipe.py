@@ -24,9 +24,9 @@ from counterflex.identify.geometry.known_drives import axis_sag_table, drive_err
 from counterflex.identify.geometry.known_frames import KnownFrames, known_frames, tracker_table
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.geometry.tracker_data import ROBOT_M, check_tracker_data, fixes_target, start_frames
-from counterflex.identify.kinematics.approach_sense import as_play, with_approach, written
+from counterflex.identify.kinematics.approach_sense import as_play, play_remarks, with_approach
 from counterflex.identify.kinematics.file_offsets import file_offsets, refuse
-from counterflex.identify.kinematics.held_out import held_apart, held_out
+from counterflex.identify.kinematics.held_out import held_out, region_errors
 from counterflex.identify.kinematics.periodic_errors import GAIN, Harmonics, choose_harmonics
 from counterflex.identify.kinematics.proposal import propose
 from counterflex.identify.kinematics.report import figures, headline, pictures, remarks
@@ -80,9 +80,9 @@ def identify(inputs: Inputs) -> Identification:
     if options["frames"] not in ("free", "known"):
         raise InputError("unknown setting", where="frames", value=options["frames"], limit="free or known")
     known = known_frames(cell) if options["frames"] == "known" else None
-    told = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]), known=known)
+    notes = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]), known=known)
     if known_drive_errors(cell).sag is not None:
-        told += (
+        notes += (
             "The [axis_sag] of the cell file is applied to all poses; the identified values are in addition to it.",
         )
     parts[CHECKING](1.0)
@@ -92,18 +92,18 @@ def identify(inputs: Inputs) -> Identification:
     setup = set_up(cell, model, data, holdout, known=known)
     check_enough(setup.parameters, setup.blocks)
     everything = [*data, *holdout]
-    told += _check_offsets(setup, everything, setup.parameters.nominal, options, least_m=ROBOT_M)
-    fit = solve(setup.parameters.held(setup.local), setup.blocks, progress=parts[GEOMETRY])
+    notes += _check_offsets(setup, everything, setup.parameters.nominal, options, least_m=ROBOT_M)
+    fit = solve(setup.parameters.with_fixed(setup.local), setup.blocks, progress=parts[GEOMETRY])
     parts[GEOMETRY](1.0)
     if _tries_axes(cell, options):
-        setup, fit, said = with_turns(cell, setup, fit, data, holdout, options, known)
-        model, told = setup.model, told + said
+        setup, fit, more_notes = with_turns(cell, setup, fit, data, holdout, options, known)
+        model, notes = setup.model, notes + more_notes
     if options["play"] != "off":
-        setup, fit, said = with_lost(cell, setup, fit, data, holdout, int(options["folds"]), known)
-        model, told = setup.model, told + said
+        setup, fit, more_notes = with_lost(cell, setup, fit, data, holdout, int(options["folds"]), known)
+        model, notes = setup.model, notes + more_notes
     parts[SAG](1.0)
     orders = _harmonics(str(options["periodic"]), setup, fit, priors, share_of(parts[PERIODIC], 0.0, 0.7))
-    held: HeldOut | None = None
+    errors: HeldOut | None = None
     if orders:
         for axis, k in orders.items():
             model = model.with_periodic(k, [axis], priors.periodic_rad)
@@ -111,27 +111,27 @@ def identify(inputs: Inputs) -> Identification:
         more = refitted(setup, fit, wider)
         if holdout and options["periodic"] == "auto":
             without = held_out(setup, holdout, int(options["folds"]), fit)
-            held = held_out(wider, holdout, int(options["folds"]), more)
-            if held.mean()[0] > (1.0 - GAIN) * without.mean()[0]:
-                told += (_not_kept(orders, held, without),)
-                orders, held = {}, without
+            errors = held_out(wider, holdout, int(options["folds"]), more)
+            if errors.mean()[0] > (1.0 - GAIN) * without.mean()[0]:
+                notes += (_rejected(orders, errors, without),)
+                orders, errors = {}, without
         if orders:
             setup, fit = wider, more
-    told += _check_offsets(setup, everything, fit.values, options)
+    notes += _check_offsets(setup, everything, fit.values, options)
     fit = with_honest_sigma(fit, setup.blocks, float(options["compliance_sigma"]), bearing_of(options))
     parts[PERIODIC](1.0)
-    held = held_out(setup, holdout, int(options["folds"]), fit, parts[HELD_OUT]) if held is None else held
+    errors = held_out(setup, holdout, int(options["folds"]), fit, parts[HELD_OUT]) if errors is None else errors
     parts[HELD_OUT](1.0)
-    apart, not_apart = ((), ()) if holdout else held_apart(setup, fit, parts[APART])
+    by_region, not_by_region = ((), ()) if holdout else region_errors(setup, fit, parts[APART])
     plays = _plays(setup, fit)
     return Identification(
         recipe="kinematics",
         fits={"kinematics": fit},
-        headline=headline(setup, held, separate=bool(holdout)),
-        figures=(*apart, *figures(setup, fit, orders)),
+        headline=headline(setup, errors, separate=bool(holdout)),
+        figures=(*by_region, *figures(setup, fit, orders)),
         changes=_changes(cell, setup, fit, plays),
-        remarks=(*told, *written(plays), *not_apart, *remarks(setup, fit, held, orders)),
-        pictures=pictures(setup, fit, held),
+        remarks=(*notes, *play_remarks(plays), *not_by_region, *remarks(setup, fit, errors, orders)),
+        pictures=pictures(setup, fit, errors),
     )
 
 
@@ -143,7 +143,7 @@ def _tries_axes(cell: CellModel, options: Mapping[str, Any]) -> bool:
 def _check(
     cell: CellModel, data: Sequence[Dataset], *, as_stated: bool, known: KnownFrames | None = None
 ) -> tuple[str, ...]:
-    told: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     parts = []
     for d in data:
         if d.kind not in KINDS:
@@ -164,12 +164,12 @@ def _check(
     fixing = [len(part) == 0 or fixes_target(cell, part) for _, part in parts]
     for (tool, part), fixed in sorted(zip(parts, fixing, strict=True), key=lambda item: not item[1]):
         target = None if fixed else targets.get(tool)
-        told = (*told, *check_tracker_data(cell, part, as_stated=as_stated, partly=True, target=target))
+        notes = (*notes, *check_tracker_data(cell, part, as_stated=as_stated, partly=True, target=target))
         if fixed and tool not in targets:
             targets[tool] = start_frames(cell, thinned(part)).T_tcp_target
         elif not fixed:
-            told = (*told, _not_turning(part, tool, target is not None))
-    return told
+            notes = (*notes, _not_turning(part, tool, target is not None))
+    return notes
 
 
 def _check_offsets(
@@ -179,11 +179,11 @@ def _check_offsets(
     blocks = [b for b in (*setup.blocks, *setup.unseen) if isinstance(b, TrackerResiduals)]
     owners = [d for d in data if d.kind in POSE_KINDS for _ in by_channel(d, "target")]
     fitted = sum(isinstance(b, TrackerResiduals) for b in setup.blocks)
-    found = file_offsets(blocks, x, fitted=fitted, least_m=least_m)
+    offsets = file_offsets(blocks, x, fitted=fitted, least_m=least_m)
     # A few tenths of a millimetre on data not used may be the arm's own error where these are: told, not refused.
-    told = [o for o in found if o.place >= fitted and least_m == 0.0]
-    remarks = tuple(f"{o.sentence()}. If it was moved, {o.remedy()}." for o in told)
-    rest = [o for o in found if o not in told]
+    reported = [o for o in offsets if o.place >= fitted and least_m == 0.0]
+    remarks = tuple(f"{o.sentence()}. If it was moved, {o.remedy()}." for o in reported)
+    rest = [o for o in offsets if o not in reported]
     where = [d.where or d.name for d in owners]
     return (*refuse(rest, where, as_stated=bool(options["as_stated"])), *remarks)
 
@@ -200,23 +200,24 @@ def _not_turning(d: Dataset, tool: str, known: bool) -> str:
     )
 
 
-def _harmonics(asked: str, setup: Setup, fit: Fit, priors: ArmPriors, progress: Progress) -> Harmonics:
-    if asked == "off":
+def _harmonics(requested: str, setup: Setup, fit: Fit, priors: ArmPriors, progress: Progress) -> Harmonics:
+    if requested == "off":
         return {}
-    if asked == "auto":
+    if requested == "auto":
         return choose_harmonics(setup, fit, priors.periodic_rad, progress)
     try:
-        order = int(asked)
+        order = int(requested)
     except ValueError as fault:
-        raise InputError("unknown setting", where="periodic", value=asked, limit="auto, off or an order") from fault
+        raise InputError("unknown setting", where="periodic", value=requested, limit="auto, off or an order") from fault
     return dict.fromkeys(range(6), tuple(range(1, order + 1))) if order > 0 else {}
 
 
-def _not_kept(orders: Harmonics, held: HeldOut, without: HeldOut) -> str:
+def _rejected(orders: Harmonics, with_orders: HeldOut, without: HeldOut) -> str:
     count = sum(len(k) for k in orders.values())
     return (
-        f"{count} periodic errors of the drives that the folds of the fitted data confirm were not kept: the mean "
-        f"error of the held-out data is {held.mean()[0] / MM:.3g} mm with and {without.mean()[0] / MM:.3g} mm without."
+        f"{count} periodic errors of the drives that the folds of the fitted data confirm were not kept: "
+        f"the mean error of the held-out data is {with_orders.mean()[0] / MM:.3g} mm with and "
+        f"{without.mean()[0] / MM:.3g} mm without."
     )
 
 
@@ -252,8 +253,8 @@ def _changes(cell: CellModel, setup: Setup, fit: Fit, plays: Mapping[int, AxisPl
     if lay.turns is not None:
         out.append(axis_sag_table(known_drive_errors(cell), x[lay.turns], SOURCE))
     if lay.periodic:
-        found = [DriveError(t.axis, t.order, float(x[t.sine]), float(x[t.cosine])) for t in lay.periodic]
-        out.append(drive_error_table(known_drive_errors(cell), found, _angles(setup), SOURCE))
+        errors = [DriveError(t.axis, t.order, float(x[t.sine]), float(x[t.cosine])) for t in lay.periodic]
+        out.append(drive_error_table(known_drive_errors(cell), errors, _angles(setup), SOURCE))
     tracker, target = setup.frames.get(TRACKER), setup.frames.get(TARGET)
     if tracker is not None:
         whole = target if target is not None and np.all(target.index >= 0) else None

@@ -18,27 +18,27 @@ from counterflex.identify.solver.holdout import HeldOut
 _MOST_NAMED = 10
 
 
-def headline(setup: Setup, held: HeldOut, *, separate: bool = False) -> tuple[Figure, ...]:
+def headline(setup: Setup, held_out: HeldOut, *, separate: bool = False) -> tuple[Figure, ...]:
     """Errors of held-out rows, with the nominal arm in frames of its own beside them, and which rows these are.
 
     Args:
         setup: Of the fit.
-        held: Errors of the rows.
+        held_out: Errors of the rows.
         separate: They come from data given for that, else from folds of the postures.
     """
     poses = any(isinstance(b, TrackerResiduals) for b in setup.blocks)
-    which = "separate data" if separate else f"{len(held.fits)} folds of the postures"
+    which = "separate data" if separate else f"{len(held_out.fits)} folds of the postures"
     what = f"position error of held-out poses ({which})" if poses else "error of held-out distances or planes"
     rows = (
-        ("holdout_mean_mm", f"mean {what}", held.mean()),
-        ("holdout_median_mm", f"median {what}", held.quantile(0.5)),
-        ("holdout_p95_mm", f"{what}, 95 %", held.quantile(0.95)),
-        ("holdout_largest_mm", f"largest {what}", held.largest()),
+        ("holdout_mean_mm", f"mean {what}", held_out.mean()),
+        ("holdout_median_mm", f"median {what}", held_out.quantile(0.5)),
+        ("holdout_p95_mm", f"{what}, 95 %", held_out.quantile(0.95)),
+        ("holdout_largest_mm", f"largest {what}", held_out.largest()),
     )
     return (
-        *(Figure(name, text, found / MM, before / MM) for name, text, (found, before) in rows),
-        Figure("holdout_count", "rows predicted", float(held.count)),
-        Figure("gross_count", "excluded outliers of the measurement", float(np.sum(held.gross))),
+        *(Figure(name, text, identified / MM, before / MM) for name, text, (identified, before) in rows),
+        Figure("holdout_count", "rows predicted", float(held_out.count)),
+        Figure("gross_count", "excluded outliers of the measurement", float(np.sum(held_out.gross))),
     )
 
 
@@ -64,7 +64,7 @@ def figures(setup: Setup, fit: Fit, orders: Mapping[int, Sequence[int]]) -> tupl
     return tuple(out)
 
 
-def remarks(setup: Setup, fit: Fit, held: HeldOut, orders: Mapping[int, Sequence[int]]) -> tuple[str, ...]:
+def remarks(setup: Setup, fit: Fit, held_out: HeldOut, orders: Mapping[int, Sequence[int]]) -> tuple[str, ...]:
     """Sentences for the report."""
     out = []
     for o in fit.outliers[:_MOST_NAMED]:
@@ -98,7 +98,7 @@ def remarks(setup: Setup, fit: Fit, held: HeldOut, orders: Mapping[int, Sequence
                 f"{100.0 * outside:.0f} % of the poses held out lie beyond the angles that were measured, where "
                 "periodic errors fade; measure there too."
             )
-    if len(held.fits) > 1:
+    if len(held_out.fits) > 1:
         out.append("The periodic errors were selected on other folds of the same poses.")
     return tuple(out)
 
@@ -115,9 +115,9 @@ def _outside(setup: Setup, axes: Sequence[int]) -> float:
     return float(np.mean(np.any((other < q.min(axis=0)) | (other > q.max(axis=0)), axis=1)))
 
 
-def pictures(setup: Setup, fit: Fit, held: HeldOut) -> tuple[Picture, ...]:
+def pictures(setup: Setup, fit: Fit, held_out: HeldOut) -> tuple[Picture, ...]:
     """Errors of held-out rows in order of size, and residuals over the angles of the axes."""
-    good = ~held.gross
+    good = ~held_out.gross
     share = np.linspace(0.0, 100.0, int(np.sum(good)))
     out = [
         Picture(
@@ -125,8 +125,8 @@ def pictures(setup: Setup, fit: Fit, held: HeldOut) -> tuple[Picture, ...]:
             "share of rows, %",
             "error, mm",
             (
-                Curve("nominal, frames fitted", share, np.sort(held.nominal[good]) / MM, line=True),
-                Curve("calibrated", share, np.sort(held.identified[good]) / MM, line=True),
+                Curve("nominal, frames fitted", share, np.sort(held_out.nominal[good]) / MM, line=True),
+                Curve("calibrated", share, np.sort(held_out.identified[good]) / MM, line=True),
             ),
         )
     ]

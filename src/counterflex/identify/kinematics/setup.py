@@ -201,8 +201,8 @@ def _tracker(
     Z0 = frames.placed[tracker].T0 if tracker in frames.placed else None if main is None else main.T_base_tracker
     X0 = frames.placed[target].T0 if target in frames.placed else None if mine is None else mine.T_tcp_target
     if Z0 is None or X0 is None:
-        found = start_frames(cell, d, partly=True, target=X0, tracker=Z0)
-        Z0, X0 = found.T_base_tracker, found.T_tcp_target
+        start = start_frames(cell, d, partly=True, target=X0, tracker=Z0)
+        Z0, X0 = start.T_base_tracker, start.T_tcp_target
     arm = model.at(known_drive_errors(cell).link_angles(d.values("q")), senses(d))
     return tracker_residuals(
         d,

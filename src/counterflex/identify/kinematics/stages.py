@@ -14,7 +14,7 @@ from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.geometry.arm_parameters import ArmModel, ArmPriors, arm_model, with_lost_motion
 from counterflex.identify.geometry.known_frames import KnownFrames
-from counterflex.identify.kinematics.approach_sense import PRIOR_RAD, better, seen_axes, senses, told
+from counterflex.identify.kinematics.approach_sense import PRIOR_RAD, better, describe, seen_axes, senses
 from counterflex.identify.kinematics.held_out import held_out
 from counterflex.identify.kinematics.periodic_errors import GAIN
 from counterflex.identify.kinematics.setup import Setup, set_up
@@ -89,9 +89,9 @@ def with_turns(
         return setup, fit, ("Too few poses to find what own weight turns axes 2 and 3 by; measure more of them.",)
     more = refitted(setup, fit, wider)
     folds = int(options["folds"])
-    without, held = held_out(setup, (), folds, fit).mean()[0], held_out(wider, (), folds, more).mean()[0]
-    compared = f"the mean error of poses held out is {held / MM:.3g} mm with and {without / MM:.3g} mm without"
-    if held > (1.0 - GAIN) * without:
+    without, with_error = held_out(setup, (), folds, fit).mean()[0], held_out(wider, (), folds, more).mean()[0]
+    compared = f"the mean error of poses held out is {with_error / MM:.3g} mm with and {without / MM:.3g} mm without"
+    if with_error > (1.0 - GAIN) * without:
         return setup, fit, (f"The rotation of axes 2 and 3 under own weight is not determined: {compared}.",)
     return wider, more, (f"Own weight turns axes 2 and 3: {compared}.",)
 
@@ -119,8 +119,12 @@ def with_lost(
     Returns:
         Setup, fit, and what is said.
     """
-    came = np.concatenate([s for d in data if (s := senses(d)) is not None])
-    axes = [a for a in range(came.shape[1]) if min(np.sum(came[:, a] > 0.0), np.sum(came[:, a] < 0.0)) >= ENOUGH]
+    directions = np.concatenate([s for d in data if (s := senses(d)) is not None])
+    axes = [
+        a
+        for a in range(directions.shape[1])
+        if min(np.sum(directions[:, a] > 0.0), np.sum(directions[:, a] < 0.0)) >= ENOUGH
+    ]
     wider, more = setup, fit
     for _ in range(2):  # all axes, then those that show it
         if not axes:
@@ -134,14 +138,14 @@ def with_lost(
     if not axes:
         return setup, fit, ("Lost motion by the direction of approach is not visible in any axis.",)
     sure, compared = better(held_out(wider, holdout, folds, more), held_out(setup, holdout, folds, fit))
-    found = told(wider.model.layout.lost, more, sorted(wider.model.layout.lost))
+    description = describe(wider.model.layout.lost, more, sorted(wider.model.layout.lost))
     if not sure:
-        return setup, fit, (f"Lost motion by the direction of approach was not kept ({found}): {compared}.",)
-    return wider, more, (f"Lost motion by the sense of approach, half of it: {found}; {compared}.",)
+        return setup, fit, (f"Lost motion by the direction of approach was not kept ({description}): {compared}.",)
+    return wider, more, (f"Lost motion by the sense of approach, half of it: {description}; {compared}.",)
 
 
 def refitted(setup: Setup, fit: Fit, wider: Setup) -> Fit:
     """The fit of a setup whose arm has more parameters, behind those of the one before; frames as they were."""
     first, added = len(setup.model.parameters), len(wider.model.parameters) - len(setup.model.parameters)
     start = np.concatenate([fit.values[:first], np.zeros(added), fit.values[first:]])
-    return solve(wider.parameters.held(wider.local), wider.blocks, start=start)
+    return solve(wider.parameters.with_fixed(wider.local), wider.blocks, start=start)

@@ -89,7 +89,7 @@ def check(
         priors = np.array([u[MASS], float(np.linalg.norm(u[COM])) / np.sqrt(3.0)]) if judged else np.zeros(0)
         return replace(misfit_of(fit), priors=priors)
 
-    tried = [
+    alternatives = [
         *unit_mistakes(data, CHANNEL),
         *sign_mistakes(data, CHANNEL),
         *swapped_columns(data, CHANNEL),
@@ -97,4 +97,4 @@ def check(
         *(_mirrored(axis) for axis in range(3)),
         *(row_mistakes(CHANNEL) if data.kind != "sensor_motion" else ()),
     ]
-    return check_reading(data, tried, score, as_stated=as_stated)
+    return check_reading(data, alternatives, score, as_stated=as_stated)

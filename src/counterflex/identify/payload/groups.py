@@ -66,10 +66,10 @@ def groups_of(blocks: Sequence[SensorReadings], at_rest: Sequence[bool]) -> tupl
     resting_blocks = [i for i, resting in enumerate(at_rest) if resting]
     if not resting_blocks:
         return tuple(keys)
-    found = orientations(np.concatenate([blocks[i].R_base_sensor for i in resting_blocks])) + used
+    orientation = orientations(np.concatenate([blocks[i].R_base_sensor for i in resting_blocks])) + used
     group = np.concatenate([keys[i] for i in resting_blocks])
-    size = int(found.max()) + 1
-    links = coo_matrix((np.ones(len(group)), (group, found)), shape=(size, size))
+    size = int(orientation.max()) + 1
+    links = coo_matrix((np.ones(len(group)), (group, orientation)), shape=(size, size))
     label = connected_components(links, directed=False)[1]
     return tuple(np.asarray(label[key], dtype=np.int64) for key in keys)
 

@@ -42,7 +42,7 @@ def held_out_moments(
         unseen: Readings of a separate file, or empty for folds of ``blocks``.
         progress: Told about folds.
     """
-    zero_only = chosen.held([name for name in chosen.names if name not in needed()])
+    zero_only = chosen.with_fixed([name for name in chosen.names if name not in needed()])
     nominal, identified = np.empty(len(force.row)), np.empty(len(force.row))
     for fold, fit in enumerate(force.fits):
         mine = [(force.block == i) & (force.fold == fold) for i in range(len(unseen or blocks))]

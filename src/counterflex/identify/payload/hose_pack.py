@@ -42,13 +42,13 @@ class Rest:
     Attributes:
         degree: Of the functions, 0 is none.
         hose_from: Body in which the sensor's rotation is taken; empty is the base.
-        tried: Held-out forces by body (``base`` for the base) and degree, where that was tried.
+        candidates: Held-out forces by body (``base`` for the base) and degree, where that was tried.
         dear: Those that would have helped and were not taken, with the factor of the mass' standard deviation.
     """
 
     degree: int = 0
     hose_from: str = ""
-    tried: Mapping[tuple[str, int], HeldOut] = field(default_factory=dict)
+    candidates: Mapping[tuple[str, int], HeldOut] = field(default_factory=dict)
     dear: Mapping[tuple[str, int], float] = field(default_factory=dict)
 
     @property
@@ -80,12 +80,12 @@ def frames_of(settings: Mapping[str, Any], bodies: Sequence[str], *, with_joints
     Raises:
         InputError: A body that no hose pack can come from.
     """
-    given = str(settings.get("hose_from", "auto"))
-    if given == "auto":
+    setting = str(settings.get("hose_from", "auto"))
+    if setting == "auto":
         return ("", *bodies[_ARM]) if with_joints else ("",)
-    if given != BASE and given not in bodies:
-        raise InputError("setting hose_from", value=given, limit=", ".join(("auto", BASE, *bodies)))
-    return ("",) if given == BASE else (given,)
+    if setting != BASE and setting not in bodies:
+        raise InputError("setting hose_from", value=setting, limit=", ".join(("auto", BASE, *bodies)))
+    return ("",) if setting == BASE else (setting,)
 
 
 def trials_of(
@@ -143,32 +143,32 @@ def choose_rest(
     if not degrees or (forced and len(degrees) == len(frames) == 1):
         return Rest(*((degrees[0], frames[0]) if degrees else (0, "")))
     blocks = blocks_in("")
-    told = in_parts(progress, trials_of(blocks, degrees, frames, forced=forced))
-    tried: dict[tuple[str, int], HeldOut] = {}
+    parts = in_parts(progress, trials_of(blocks, degrees, frames, forced=forced))
+    candidates: dict[tuple[str, int], HeldOut] = {}
     dear: dict[tuple[str, int], float] = {}
     best = Rest()
     if not forced:
-        plain = saying(told[_trial(0)], _trial(0))
-        tried[BASE, 0] = held_out_forces(parameters(sensor, known, replace(effects, degree=0)), blocks, plain)
+        plain = saying(parts[_trial(0)], _trial(0))
+        candidates[BASE, 0] = held_out_forces(parameters(sensor, known, replace(effects, degree=0)), blocks, plain)
     for degree in degrees:
-        if _trial(degree, frames[0]) not in told:
+        if _trial(degree, frames[0]) not in parts:
             break
         chosen = parameters(sensor, known, replace(effects, degree=degree))
         for body in frames:
             name = _trial(degree, body)
-            tried[body or BASE, degree] = held_out_forces(chosen, blocks_in(body), saying(told[name], name))
-        error = {body: float(tried[body or BASE, degree].mean()[0]) for body in frames}
+            candidates[body or BASE, degree] = held_out_forces(chosen, blocks_in(body), saying(parts[name], name))
+        error = {body: float(candidates[body or BASE, degree].mean()[0]) for body in frames}
         for body in sorted(frames, key=lambda b: error[b]):
-            if best.key in tried and error[body] >= GAIN * tried[best.key].mean()[0]:
+            if best.key in candidates and error[body] >= GAIN * candidates[best.key].mean()[0]:
                 break
-            cost = 0.0 if forced else _mass_sigma(tried[body or BASE, degree]) / _mass_sigma(tried[BASE, 0])
+            cost = 0.0 if forced else _mass_sigma(candidates[body or BASE, degree]) / _mass_sigma(candidates[BASE, 0])
             if cost > MOST_COST:
                 dear[body or BASE, degree] = cost
                 continue
             best = Rest(degree, body)
             break
-    return replace(best, tried=tried, dear=dear)
+    return replace(best, candidates=candidates, dear=dear)
 
 
-def _mass_sigma(held: HeldOut) -> float:
-    return float(np.median([fit.sigma_of("mass") for fit in held.fits]))
+def _mass_sigma(held_out: HeldOut) -> float:
+    return float(np.median([fit.sigma_of("mass") for fit in held_out.fits]))

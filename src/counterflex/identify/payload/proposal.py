@@ -70,7 +70,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     free = parameters(replace(sensor, w_offset=np.zeros((0, 6))), Knowledge(), Effects(degree=degree))
     mask = free.free
     J = block.jacobian(free.nominal)[:, :, mask] * free.slope(free.nominal)[mask]
-    rows, covariance = greedy(J, count, given=near)
+    rows, covariance = greedy(J, count, fixed=near)
     rows = _near_next(q[rows], rows)
     sd = np.sqrt(np.diag(covariance)) * free.slope(free.nominal)[mask]
     names = [p.name for p, f in zip(free, mask, strict=True) if f and not p.name.startswith("offset")]
@@ -166,12 +166,12 @@ def _near_count(count: int, share: float) -> int:
 
 def _near_next(q: Float, rows: Int) -> Int:
     """The rows in an order with short moves: always the nearest that is left."""
-    order, left = [0], set(range(1, len(rows)))
-    while left:
+    order, remaining = [0], set(range(1, len(rows)))
+    while remaining:
         here = order[-1]
-        nearest = min(left, key=lambda i: float(np.max(np.abs(q[i] - q[here]))))
+        nearest = min(remaining, key=lambda i: float(np.max(np.abs(q[i] - q[here]))))
         order.append(nearest)
-        left.remove(nearest)
+        remaining.remove(nearest)
     out: Int = rows[np.array(order)]
     return out
 

@@ -55,7 +55,7 @@ from counterflex.sensing.carrier import hose_bodies
 from counterflex.sensing.flange_sensor import FlangeSensor
 from counterflex.sensing.orientation_basis import COUNTS
 
-SHOWS = 2.6
+SIGNIFICANT = 2.6
 """Standard deviations beyond which a drift is kept: one of six components exceeds that by chance in 6 % of cases."""
 _HOUR = 60.0 * MINUTE
 _ROUNDS = 2
@@ -132,7 +132,7 @@ def identify(inputs: Inputs) -> Identification:
         blocks = blocks_in()
         fit = solve(parameters(before, known, effects), blocks, progress=shares[i + 1])
     parts[WEIGHT](1.0)
-    effects = _that_show(fit, effects)
+    effects = _significant(fit, effects)
     rest = choose_rest(
         blocks_in,
         before,
@@ -156,17 +156,17 @@ def identify(inputs: Inputs) -> Identification:
             chosen, blocks, unseen, needed=needed(), error=force_error, progress=share_of(parts[HELD_OUT], 0.2, 0.6)
         )
     else:
-        force = rest.tried[rest.key] if rest.key in rest.tried else held_out_forces(chosen, blocks)
+        force = rest.candidates[rest.key] if rest.key in rest.candidates else held_out_forces(chosen, blocks)
     moment = held_out_moments(force, chosen, blocks, unseen, share_of(parts[HELD_OUT], 0.6, 1.0))
     parts[HELD_OUT](1.0)
-    found = sensor_of(replace(sensor, hose_from=rest.hose_from), fit.values, reference_c)
-    remarks += _remarks(cell, found, fit, effects, rest, blocks)
+    identified = sensor_of(replace(sensor, hose_from=rest.hose_from), fit.values, reference_c)
+    remarks += _remarks(cell, identified, fit, effects, rest, blocks)
     return Identification(
         recipe="payload",
         fits={"payload": fit},
         headline=_headline(force, moment),
-        figures=_figures(force, moment, fit, found),
-        changes=_changes(cell, found, effects),
+        figures=_figures(force, moment, fit, identified),
+        changes=_changes(cell, identified, effects),
         remarks=tuple(remarks),
         pictures=_pictures(unseen or blocks, force, moment),
     )
@@ -195,23 +195,23 @@ def _effects(blocks: Sequence[SensorReadings], s: Mapping[str, Any]) -> Effects:
     )
 
 
-def _that_show(fit: Fit, effects: Effects) -> Effects:
+def _significant(fit: Fit, effects: Effects) -> Effects:
     """Drift and temperature only where a component stands out of its noise."""
 
-    def shows(part: slice) -> bool:
-        return bool(np.any(np.abs(fit.values[part] - fit.parameters.nominal[part]) > SHOWS * fit.sigma[part]))
+    def is_significant(part: slice) -> bool:
+        return bool(np.any(np.abs(fit.values[part] - fit.parameters.nominal[part]) > SIGNIFICANT * fit.sigma[part]))
 
     return replace(
         effects,
-        drift=effects.drift and shows(DRIFT),
-        temperature=effects.temperature and shows(KELVIN),
+        drift=effects.drift and is_significant(DRIFT),
+        temperature=effects.temperature and is_significant(KELVIN),
     )
 
 
 def _headline(force: HeldOut, moment: HeldOut) -> tuple[Figure, ...]:
     out = []
-    for held, key, text in ((force, "n", "force"), (moment, "nm", "moment")):
-        (mean, before), (worst, worst_before) = held.mean(), held.largest()
+    for held_out, key, text in ((force, "n", "force"), (moment, "nm", "moment")):
+        (mean, before), (worst, worst_before) = held_out.mean(), held_out.largest()
         out += [
             Figure(
                 f"holdout_mean_{key}", f"mean error of the {text} without process, held-out orientations", mean, before
@@ -221,66 +221,69 @@ def _headline(force: HeldOut, moment: HeldOut) -> tuple[Figure, ...]:
     return tuple(out)
 
 
-def _figures(force: HeldOut, moment: HeldOut, fit: Fit, found: FlangeSensor) -> tuple[Figure, ...]:
+def _figures(force: HeldOut, moment: HeldOut, fit: Fit, identified: FlangeSensor) -> tuple[Figure, ...]:
     turn = float(np.linalg.norm(fit.values[TURN]))
     return (
         Figure("holdout_p95_n", "force error, 95 % quantile, held-out orientations", *force.quantile(0.95)),
         Figure("holdout_p95_nm", "moment error, 95 % quantile, held-out orientations", *moment.quantile(0.95)),
-        Figure("mass_kg", "mass behind the sensor", found.mass_kg, float(fit.parameters.nominal[6])),
+        Figure("mass_kg", "mass behind the sensor", identified.mass_kg, float(fit.parameters.nominal[6])),
         Figure("mass_sigma_kg", "its standard deviation", fit.sigma_of("mass")),
         Figure("mounting_deg", "rotation of the sensor against the cell file", turn / DEG, 0.0),
-        Figure("offset_degree", "degree of the hose terms", float(found.degree), 0.0),
+        Figure("offset_degree", "degree of the hose terms", float(identified.degree), 0.0),
     )
 
 
-def _changes(cell: CellModel, found: FlangeSensor, effects: Effects) -> tuple[Change, ...]:
-    changes: list[Change] = [TableValues("sensor", _table(found, effects))]
+def _changes(cell: CellModel, identified: FlangeSensor, effects: Effects) -> tuple[Change, ...]:
+    changes: list[Change] = [TableValues("sensor", _table(identified, effects))]
     chain = cell.chain
-    split = shared_mass(chain, found.segment, found.mass_kg, _seg_com(found))
+    split = shared_mass(chain, identified.segment, identified.mass_kg, _seg_com(identified))
     changes += [BodyMass(chain.names[i], kg, com) for i, (kg, com) in split.items()]
     return tuple(changes)
 
 
-def _seg_com(found: FlangeSensor) -> Float:
-    out: Float = pose.transform(found.T_seg_sensor, found.p_sensor_com)
+def _seg_com(identified: FlangeSensor) -> Float:
+    out: Float = pose.transform(identified.T_seg_sensor, identified.p_sensor_com)
     return out
 
 
-def _table(found: FlangeSensor, effects: Effects) -> dict[str, Any]:
+def _table(identified: FlangeSensor, effects: Effects) -> dict[str, Any]:
     """The table of the cell file, in its units."""
-    a, b, c = rotation.to_zyx(found.T_seg_sensor[:3, :3]) / DEG
-    x, y, z = found.T_seg_sensor[:3, 3] / MM
+    a, b, c = rotation.to_zyx(identified.T_seg_sensor[:3, :3]) / DEG
+    x, y, z = identified.T_seg_sensor[:3, 3] / MM
 
     def row(values: Float) -> list[float]:
         return [float(f"{v:.6g}") for v in values]
 
     table: dict[str, Any] = {
-        "segment": found.segment,
+        "segment": identified.segment,
         **dict(
             zip(("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg"), row(np.array([x, y, z, a, b, c])), strict=True)
         ),
-        "mass_kg": float(f"{found.mass_kg:.6g}"),
-        "com_mm": row(found.p_sensor_com / MM),
-        "bias_n": row(found.w_bias[:3]),
-        "bias_nm": row(found.w_bias[3:]),
-        "reference_c": found.reference_c,
-        "offset": [row(r) for r in found.w_offset],
-        "hose_from": found.hose_from,
+        "mass_kg": float(f"{identified.mass_kg:.6g}"),
+        "com_mm": row(identified.p_sensor_com / MM),
+        "bias_n": row(identified.w_bias[:3]),
+        "bias_nm": row(identified.w_bias[3:]),
+        "reference_c": identified.reference_c,
+        "offset": [row(r) for r in identified.w_offset],
+        "hose_from": identified.hose_from,
     }
     if effects.drift:
         table["drift_n_per_h"], table["drift_nm_per_h"] = (
-            row(found.w_drift_per_s[:3] * _HOUR),
-            row(found.w_drift_per_s[3:] * _HOUR),
+            row(identified.w_drift_per_s[:3] * _HOUR),
+            row(identified.w_drift_per_s[3:] * _HOUR),
         )
     if effects.temperature:
-        table["temperature_n_per_k"], table["temperature_nm_per_k"] = row(found.w_kelvin[:3]), row(found.w_kelvin[3:])
+        table["temperature_n_per_k"], table["temperature_nm_per_k"] = (
+            row(identified.w_kelvin[:3]),
+            row(identified.w_kelvin[3:]),
+        )
     if effects.inertia:
-        table["inertia_kg_m2"] = row(found.inertia_kg_m2)
+        table["inertia_kg_m2"] = row(identified.inertia_kg_m2)
     return table
 
 
 def _remarks(
-    cell: CellModel, found: FlangeSensor, fit: Fit, effects: Effects, rest: Rest, blocks: Sequence[SensorReadings]
+    cell: CellModel, identified: FlangeSensor, fit: Fit, effects: Effects, rest: Rest, blocks: Sequence[SensorReadings]
 ) -> list[str]:
     out = []
     rows, count = sum(len(b.group) for b in blocks), count_of(blocks)
@@ -290,40 +293,40 @@ def _remarks(
             "standard deviations and in the folds"
         )
     chain = cell.chain
-    split = shared_mass(chain, found.segment, found.mass_kg, _seg_com(found))
+    split = shared_mass(chain, identified.segment, identified.mass_kg, _seg_com(identified))
     if split:
         names = ", ".join(chain.names[i] for i in split)
         out.append(
-            f"The sensor measures the total mass behind it, {found.mass_kg:.2f} kg; its distribution among the "
+            f"The sensor measures the total mass behind it, {identified.mass_kg:.2f} kg; its distribution among the "
             f"bodies is not determined. The difference from the cell file is assigned to {names}"
         )
     else:
         out.append("The cell file has no body with mass behind the sensor, so only the table [sensor] is changed")
-    if len(rest.tried) > 1:
+    if len(rest.candidates) > 1:
         listed = ", ".join(
-            f"degree {degree} in {body}: {held.mean()[0]:.2f} N" if degree else f"none: {held.mean()[0]:.2f} N"
-            for (body, degree), held in rest.tried.items()
+            f"degree {degree} in {body}: {held_out.mean()[0]:.2f} N" if degree else f"none: {held_out.mean()[0]:.2f} N"
+            for (body, degree), held_out in rest.candidates.items()
         )
-        kept = (
-            f"degree {found.degree} is used, with the rotation of the sensor in {found.hose_from or BASE}"
-            if found.degree
+        reason = (
+            f"degree {identified.degree} is used, with the rotation of the sensor in {identified.hose_from or BASE}"
+            if identified.degree
             else "none is used, as none improves held-out orientations"
         )
-        out.append(f"Hose terms, error on held-out orientations: {listed}; {kept}")
+        out.append(f"Hose terms, error on held-out orientations: {listed}; {reason}")
         out += [
             f"The hose terms of degree {degree} in {body} were not used: they would make the standard deviation of "
             f"the mass "
             f"{cost:.0f} times larger"
             for (body, degree), cost in rest.dear.items()
         ]
-    elif found.degree == 0 and not effects.inertia:
+    elif identified.degree == 0 and not effects.inertia:
         out.append(
             f"No hose terms were fitted; they need {ROWS_PER_FUNCTION * COUNTS[1]} or more different orientations; "
             "the data have "
             f"{count_of(blocks)} (directions of gravity that differ by over {ALIKE_RAD / DEG:.0f} deg; repeats and "
             "copies do not count)"
         )
-    if found.degree:
+    if identified.degree:
         out.append(
             "A hose force that rotates with gravity cannot be separated from weight; the standard deviations of "
             "mass and mounting include this"
@@ -338,7 +341,7 @@ def _remarks(
                 f"Temperature rose with time (correlation of their effects {share:.2f}): drift and temperature "
                 "coefficients cannot be separated. Read the sensor again after it has cooled"
             )
-    if np.all(found.inertia_kg_m2 == 0.0):
+    if np.all(identified.inertia_kg_m2 == 0.0):
         out.append("The inertia is not determined; record a motion (kind sensor_motion) to identify it")
     if effects.inertia and not np.all(np.linalg.eigvalsh(_tensor(fit.values[INERTIA])) > 0.0):
         out.append("The identified inertia is not that of a rigid body; the motion does not determine it")
@@ -354,8 +357,8 @@ def _pictures(blocks: Sequence[SensorReadings], force: HeldOut, moment: HeldOut)
     tilt = [np.degrees(np.arccos(np.clip(-b.R_base_sensor[:, 2, 2], -1.0, 1.0))) for b in blocks]
     x = np.array([tilt[b][r] for b, r in zip(force.block, force.row, strict=True)])
     out = []
-    for held, unit, text in ((force, "N", "Force"), (moment, "N m", "Moment")):
-        curves = (Curve("before", x, held.nominal), Curve("identified", x, held.identified))
+    for held_out, unit, text in ((force, "N", "Force"), (moment, "N m", "Moment")):
+        curves = (Curve("before", x, held_out.nominal), Curve("identified", x, held_out.identified))
         out.append(
             Picture(
                 f"{text} without process, held-out orientations",

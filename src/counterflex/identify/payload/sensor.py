@@ -17,11 +17,11 @@ def sensor_before(cell: CellModel) -> FlangeSensor:
         InputError: The cell names no sensor and no body of its end effector is called so.
         ModelError: What the cell holds as its sensor is none.
     """
-    given = cell.tables.get("sensor")
-    if isinstance(given, FlangeSensor):
-        return given
-    if given is not None:
-        raise ModelError("the sensor of the cell is not a sensor", value=type(given).__name__)
+    table = cell.tables.get("sensor")
+    if isinstance(table, FlangeSensor):
+        return table
+    if table is not None:
+        raise ModelError("the sensor of the cell is not a sensor", value=type(table).__name__)
     chain = cell.chain
     name = next((s.name for s in cell.end_effector.segments if "sensor" in s.name), None)
     if name is None:

@@ -165,7 +165,7 @@ def check(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[str, .
     if len(block.group) < FEWEST or distinct(block) < FEWEST:
         return ()
     stated = plain_weight(block)
-    found = []
+    mistakes = []
     readings = axis_readings(data, block_of)
     for reading in readings:
         try:
@@ -173,8 +173,8 @@ def check(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[str, .
         except CounterflexError:
             continue
         if other.hangs and _better(stated, other, len(readings)):
-            found.append((other.size, reading, other))
-    if not found and stated.mass_kg < -SURE * stated.sigma_kg and not as_stated:
+            mistakes.append((other.size, reading, other))
+    if not mistakes and stated.mass_kg < -SURE * stated.sigma_kg and not as_stated:
         raise InputError(
             "the weight found pulls upward",
             where=f"{data.where or data.name}: channels.{CHANNEL}",
@@ -182,11 +182,11 @@ def check(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[str, .
             limit="> 0",
             hint="Check the sign, the axes and the rotation; or add --set as_stated=true",
         )
-    if not found:
+    if not mistakes:
         return ()
-    found.sort(key=lambda item: item[0])
-    size, reading, other = found[0]
-    alike = "; ".join(r.says for s, r, _ in found[1:] if s <= ALIKE * max(size, 1.0))
+    mistakes.sort(key=lambda item: item[0])
+    size, reading, other = mistakes[0]
+    alike = "; ".join(r.says for s, r, _ in mistakes[1:] if s <= ALIKE * max(size, 1.0))
     text = (
         f"the data suggest that {reading.says}: as stated, the plain weight is {stated.mass_kg:.3g} kg and leaves "
         f"{stated.size:.3g} sigma in median, so read {other.mass_kg:.3g} kg and {other.size:.3g} sigma"
@@ -203,10 +203,10 @@ def check(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[str, .
     )
 
 
-def _better(stated: Plain, other: Plain, tried: int) -> bool:
+def _better(stated: Plain, other: Plain, count: int) -> bool:
     ratio = stated.size / max(other.size, 1.0)
     if ratio >= RATIO:
-        return tried * float(f.sf(ratio**2, stated.dof, other.dof)) <= CHANCE
+        return count * float(f.sf(ratio**2, stated.dof, other.dof)) <= CHANCE
     upward = stated.mass_kg < -SURE * stated.sigma_kg
     none = abs(stated.mass_kg) < 0.2 * other.mass_kg
     return (upward or none) and other.size <= ALIKE * max(stated.size, 1.0)

@@ -46,8 +46,8 @@ def with_honest_sigma(plain: Fit, rows: AxisResiduals) -> Fit:
         Standard deviations of correlated rows, not below those of the jackknife over stretches of the motions, and what
         is left out; the latter for the constants of the gear, not for the delay, which is taken out and used nowhere.
     """
-    apart = with_jackknife(plain, [rows], [_stretches(rows)])
-    wide = widened(with_correlation(plain, [rows]), np.diag(apart.covariance))
+    jackknife = with_jackknife(plain, [rows], [_stretches(rows)])
+    wide = widened(with_correlation(plain, [rows]), np.diag(jackknife.covariance))
     more = considered(plain, [rows], [left_out(rows, plain.values)[:, None, :]])
     gear = np.isin(plain.free_index, rows.parts[0].places.constants)
     return added(wide, more * np.outer(gear, gear))

@@ -54,26 +54,26 @@ def identify(inputs: Inputs) -> Identification:
         InputError: See there; or torque and motion contradict each other.
     """
     cell, data, holdout, settings, progress = inputs
-    found = motions(cell, data)
-    unseen = motions(cell, holdout, len(found))
-    axes = sorted({m.axis for m in found})
+    records = motions(cell, data)
+    unseen = motions(cell, holdout, len(records))
+    axes = sorted({m.axis for m in records})
     fits: dict[str, Fit] = {}
     errors: list[HeldOut] = []
     changes: list[AxisPlay] = []
     figures: list[Figure] = []
     remarks: list[str] = []
     pictures: list[Picture] = []
-    rows_of = {axis: float(sum(len(m.q) for m in found if m.axis == axis)) for axis in axes}
+    rows_of = {axis: float(sum(len(m.q) for m in records if m.axis == axis)) for axis in axes}
     parts = in_parts(progress, {f"axis {axis + 1}": rows_of[axis] for axis in axes}) if axes else {}
     for axis in axes:
-        told = parts[f"axis {axis + 1}"]
-        mine = [m for m in found if m.axis == axis]
+        axis_progress = parts[f"axis {axis + 1}"]
+        mine = [m for m in records if m.axis == axis]
         other = [m for m in unseen if m.axis == axis]
         remarks += _turned_torque(mine, bool(settings["as_stated"]))
         large = any(m.by == "encoder" and float(np.ptp(m.q)) > LARGE_RAD for m in mine)
         p, places = parameters(cell, axis, free_compliance=large, delay=all(m.time_s is not None for m in mine))
         rows = [AxisResiduals(tuple(blocks(mine, places)))]
-        first = share_of(told, 0.0, 0.3, f"axis {axis + 1}")
+        first = share_of(axis_progress, 0.0, 0.3, f"axis {axis + 1}")
         plain = solve(p, rows, robust=False, stop=_STOP, progress=first)
         fit = with_honest_sigma(plain, rows[0])
         needed = [name for name in p.names if name.endswith(".delay")]
@@ -92,7 +92,7 @@ def identify(inputs: Inputs) -> Identification:
             )
         elif len(mine) > 1:
             folds = min(4, len(mine))
-            held = cross_validate(
+            held_out = cross_validate(
                 p,
                 rows,
                 needed=needed,
@@ -101,11 +101,11 @@ def identify(inputs: Inputs) -> Identification:
                 robust=False,
                 stop=_STOP,
                 start=fit.values,
-                progress=share_of(told, 0.3, 1.0, f"axis {axis + 1}"),
+                progress=share_of(axis_progress, 0.3, 1.0, f"axis {axis + 1}"),
             )
-            errors.append(held)
-            fit = _at_least(fit, jackknife([part.values for part in held.fits]))
-            turn_spread = float(jackknife([np.array([turn(part, axis)]) for part in held.fits])[0])
+            errors.append(held_out)
+            fit = _at_least(fit, jackknife([part.values for part in held_out.fits]))
+            turn_spread = float(jackknife([np.array([turn(part, axis)]) for part in held_out.fits])[0])
         share = float(settings["bearing_m"]) / min(m.lever_m for m in mine)
         fit = with_spread(_with_bearing(fit, share), compliance_share(plain, rows[0]))
         fits[f"axis {axis + 1}"] = fit
@@ -114,11 +114,11 @@ def identify(inputs: Inputs) -> Identification:
         figures += _figures(cell, fit, axis, play, mine, (turn_spread, share))
         remarks += _remarks(cell, fit, axis, play, mine)
         pictures += [_loop(b, fit, m) for b, m in list(zip(rows[0].parts, mine, strict=True))[:2]]
-        told(1.0)
+        axis_progress(1.0)
     if not errors:
         raise InputError(
             "each axis has one motion only, so none can be held out",
-            value=len(found),
+            value=len(records),
             limit="two motions of an axis",
             hint="Record a second motion (another pose, speed or amplitude), or give a separate file with --holdout",
         )
@@ -241,14 +241,14 @@ def _turned_torque(mine: Sequence[Motion], as_stated: bool) -> list[str]:
     half = motor_friction(mine)
     if half is None or half > 0.0:
         return []
-    says = (
+    text = (
         f"the motor of axis {mine[0].axis + 1} pushes against its own motion ({half:.3g} N m): "
         "the sign of 'tau_motor' looks turned round"
     )
     if as_stated:
-        return [f"{says}; used as stated, as requested"]
+        return [f"{text}; used as stated, as requested"]
     raise InputError(
-        says,
+        text,
         where=mine[0].where,
         hint="Write signs = [...] under [channels.tau_motor]. If the data are right, add --set as_stated=true",
     )

@@ -117,7 +117,7 @@ def uncertain_angles(chain: ElasticChain, pulls: Pulls) -> Float:
     """
     if chain.play is None:
         return np.zeros((len(pulls), 6))
-    found = [
+    angles = [
         lost_angles(replace(chain, play=_with_friction(chain, dry), mass=chain.mass * weight), pulls)
         for dry in (1.0 - FRICTION_SIGMA, 1.0 + FRICTION_SIGMA)
         for weight in (1.0 - WEIGHT_SIGMA, 1.0 + WEIGHT_SIGMA)
@@ -125,8 +125,8 @@ def uncertain_angles(chain: ElasticChain, pulls: Pulls) -> Float:
     w = pulls.w_tcp_base
     for turn in 2.0 * DIRECTION_RAD * np.concatenate([np.eye(3), -np.eye(3)]):
         turned = w + np.hstack([np.cross(turn, w[:, :3]), np.cross(turn, w[:, 3:])])
-        found.append(lost_angles(chain, replace(pulls, w_tcp_base=turned)))
-    out: Float = 0.5 * (np.max(found, axis=0) - np.min(found, axis=0))
+        angles.append(lost_angles(chain, replace(pulls, w_tcp_base=turned)))
+    out: Float = 0.5 * (np.max(angles, axis=0) - np.min(angles, axis=0))
     return out
 
 

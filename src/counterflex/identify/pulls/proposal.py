@@ -156,11 +156,11 @@ def _in_order(q: Float, direction: Int, chosen: Int) -> Int:
     """One direction after the other; within each from pose to nearest pose."""
     out: list[int] = []
     for d in np.unique(direction[chosen]):
-        left = [int(i) for i in chosen if direction[i] == d]
-        at = q[out[-1]] if out else q[left[0]]
-        while left:
-            near = min(left, key=lambda i: float(np.max(np.abs(q[i] - at))))
-            left.remove(near)
+        remaining = [int(i) for i in chosen if direction[i] == d]
+        at = q[out[-1]] if out else q[remaining[0]]
+        while remaining:
+            near = min(remaining, key=lambda i: float(np.max(np.abs(q[i] - at))))
+            remaining.remove(near)
             out.append(near)
             at = q[near]
     return np.array(out, dtype=np.int64)

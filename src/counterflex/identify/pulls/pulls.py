@@ -16,11 +16,11 @@ from counterflex.robot.elasticity.chain import ElasticChain, forward
 KIND: Final = "pulls"
 AGAIN: Final = "approached again"
 """Under load the pose was left and approached again the same way, so that dry friction is the same in both states."""
-HELD: Final = "held"
+HELD_SETTING: Final = "held"
 """The load came on while the axes were held still."""
 RELAXED: Final = "relaxed"
 """Before each reading, small dying movements of the axes shook the friction out."""
-HISTORIES: Final = (AGAIN, HELD, RELAXED)
+HISTORIES: Final = (AGAIN, HELD_SETTING, RELAXED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Pulls:
         in_tracker: The displacement is written in the axes of the tracker, else in base axes.
         p_tcp_measured: (3,) m, the measured point in the frame of the TCP.
         approach: (n, 6) rad, from where each pose was reached (angles there minus ``q``), or None.
-        history: :data:`AGAIN`, :data:`HELD`, :data:`RELAXED` or empty where it is not known.
+        history: :data:`AGAIN`, :data:`HELD_SETTING`, :data:`RELAXED` or empty where it is not known.
         group: (n,) rows that belong together.
         line: (n,) line of the file.
         where: Of the file, for messages.
@@ -132,7 +132,7 @@ def read_path(data: Dataset) -> tuple[str, Float | None]:
             "there is no such history of pulls", where=data.where, value=history, limit=", ".join(HISTORIES)
         )
     approach = data.values("approach") if data.has("approach") else None
-    if history in (AGAIN, HELD) and approach is None:
+    if history in (AGAIN, HELD_SETTING) and approach is None:
         raise FileFormatError(
             "pulls with a history need the channel 'approach': from where each pose was reached",
             where=data.where,

@@ -38,9 +38,9 @@ def gains(chain: ElasticChain, springs: Springs, q: Float, w_tcp_base: Float, p_
     """
     columns = element_jacobians(chain, q)[:, springs.segment, :, springs.direction]  # (k, n, 6)
     J = np.moveaxis(columns, 0, -1)
-    felt = np.einsum("nck,nc->nk", J, w_tcp_base)
-    felt *= growth(chain.regions, chain.names, q)[:, springs.segment, springs.direction]
-    out: Float = carried(chain, q, J, p_tcp_point) * felt[:, None, :]
+    load = np.einsum("nck,nc->nk", J, w_tcp_base)
+    load *= growth(chain.regions, chain.names, q)[:, springs.segment, springs.direction]
+    out: Float = carried(chain, q, J, p_tcp_point) * load[:, None, :]
     return out
 
 
@@ -113,8 +113,8 @@ def misplaced_by(
         own, place = J[:, segment, :, direction], slice(3 * int(segment), 3 * int(segment) + 3)
         axes = bearing_m * J[:, segment, 3:, 3:]  # (n, 3, 3): columns are the axes of the element
         aside = np.cross(axes, own[:, 3:, None], axis=1)
-        felt = np.einsum("nc,nc->n", own, w_tcp_base)
-        out[:, :3, place] += c * aside * felt[:, None, None]
+        load = np.einsum("nc,nc->n", own, w_tcp_base)
+        out[:, :3, place] += c * aside * load[:, None, None]
         more = np.einsum("nck,nc->nk", aside, w_tcp_base[:, :3])
         out[:, :, place] += c * at(own[:, :, None]) * more[:, None, :]
     return out
@@ -235,8 +235,8 @@ class PullResiduals:
             u, right = self._in_base(x), left_jacobian(x[self.turn])
             turned = [back @ skew(u[:, i : i + 3] @ self.R_tracker_base.T) @ right for i in range(0, c, 3)]
             out[:, :, self.turn] = np.concatenate(turned, axis=1)
-        found: Float = -out / self.sigma[:, :, None]
-        return found
+        slope: Float = -out / self.sigma[:, :, None]
+        return slope
 
     def subset(self, rows: Bool) -> PullResiduals:
         """See :class:`counterflex.identify.solver.residuals.Residuals`."""

@@ -85,10 +85,10 @@ def identify(inputs: Inputs) -> Identification:
             remarks.append(f"axis {axis + 1}: no load step moved its motor; its gains stay as they were")
             continue
         remarks += _signs(block, steps[0].where, as_stated)
-        fit, held = _gains(cell, axis, block, unseen, part)
+        fit, held_out = _gains(cell, axis, block, unseen, part)
         fit = _with_torque(fit, axis, share)
         fits[f"axis {axis + 1}"] = fit
-        errors.append(held)
+        errors.append(held_out)
         servo = _servo(cell, axis, fit, friction.get(axis))
         changes.append(AxisServo(axis, servo))
         figures += _figures(cell, axis, fit, servo)
@@ -105,15 +105,15 @@ def identify(inputs: Inputs) -> Identification:
             "Kv and 1/Ti are interchangeable: a load step determines their sum and product, and only the priors "
             "tell which is which. The planner depends on sum and product only: use their intervals"
         )
-        changed, told, missing = _mode(steps)
+        changed, mode_remarks, missing = _mode(steps)
         changes += changed
-        figures += told
+        figures += mode_remarks
         remarks += missing
     headline = list(_headline(errors)) if errors else []
-    for found in _lags(cell, records, as_stated):
-        fits[found.pair.name] = found.fit
-        changes += timing_changes([found])
-        lag_figures, first = _lag_figures(found)
+    for estimate in _lags(cell, records, as_stated):
+        fits[estimate.pair.name] = estimate.fit
+        changes += timing_changes([estimate])
+        lag_figures, first = _lag_figures(estimate)
         figures += lag_figures
         headline.append(first)
     return Identification(
@@ -145,15 +145,17 @@ def _gains(
     fit = with_correlation(solve(p, [block], robust=False, stop=_STOP, progress=share_of(progress, 0.0, 0.2)), [block])
     if unseen:
         other = ServoResiduals(axis, tuple(s.of_axis(axis) for s in unseen))
-        held = score_separate(p, [block], [other], error=row_error, robust=False, stop=_STOP)
+        held_out = score_separate(p, [block], [other], error=row_error, robust=False, stop=_STOP)
         seen = np.concatenate([r.error for r in other.releases])
     else:
-        folds, told = min(5, len(block.releases)), share_of(progress, 0.2, 1.0)
-        held = cross_validate(p, [block], error=row_error, robust=False, stop=_STOP, folds=Folds(folds), progress=told)
+        folds, fold_progress = min(5, len(block.releases)), share_of(progress, 0.2, 1.0)
+        held_out = cross_validate(
+            p, [block], error=row_error, robust=False, stop=_STOP, folds=Folds(folds), progress=fold_progress
+        )
         seen = measured
     if not known:
-        held = replace(held, nominal=np.abs(seen))
-    return with_exchange(fit, axis), held
+        held_out = replace(held_out, nominal=np.abs(seen))
+    return with_exchange(fit, axis), held_out
 
 
 def _with_torque(fit: Fit, axis: int, share: float) -> Fit:
@@ -171,14 +173,14 @@ def _signs(block: ServoResiduals, where: str, as_stated: bool) -> list[str]:
     match = float(unit @ measured) / max(float(np.linalg.norm(unit) * np.linalg.norm(measured)), 1e-300)
     if match > -0.5:
         return []
-    says = (
+    text = (
         f"the motor of axis {block.axis + 1} pushes away from its command (correlation {match:.2f}): "
         "the sign of 'tau_motor' looks turned round, or q_motor and q_command are exchanged"
     )
     if as_stated:
-        return [f"{says}; used as stated, as requested"]
+        return [f"{text}; used as stated, as requested"]
     raise InputError(
-        says,
+        text,
         where=where,
         hint="Write signs = [...] under [channels.tau_motor], or exchange the columns. If the data are right, add "
         "--set as_stated=true",
@@ -199,10 +201,10 @@ def _servo(cell: CellModel, axis: int, fit: Fit, friction: float | None) -> Serv
 
 def _friction(cell: CellModel, data: Sequence[Dataset]) -> dict[int, float]:
     """Dry friction of the motors, N m: half the loop of their torque less the friction of the links."""
-    found = motions(cell, data)
+    records = motions(cell, data)
     out = {}
-    for axis in sorted({m.axis for m in found}):
-        whole = motor_friction([m for m in found if m.axis == axis])
+    for axis in sorted({m.axis for m in records}):
+        whole = motor_friction([m for m in records if m.axis == axis])
         play = (cell.robot.play or (None,) * 6)[axis]
         if whole is not None and play is not None:
             out[axis] = max(whole - sum(play.friction_nm), 0.0)
@@ -266,16 +268,16 @@ def modes(steps: Sequence[LoadStep]) -> list[Mode]:
 
 
 def _mode(steps: Sequence[LoadStep]) -> tuple[list[Change], list[Figure], list[str]]:
-    found = modes(steps)
-    if len(found) < 2:
+    found_modes = modes(steps)
+    if len(found_modes) < 2:
         return [], [], ["fewer than two load steps rang clearly, so mode and damping stay as they were"]
-    hz, zeta = (np.array([getattr(m, key) for m in found]) for key in ("frequency_hz", "damping"))
+    hz, zeta = (np.array([getattr(m, key) for m in found_modes]) for key in ("frequency_hz", "damping"))
     middle, damping = float(np.median(hz)), float(np.clip(np.median(zeta), 1e-3, 1.9))
     spread = [1.2533 * 1.4826 * float(np.median(np.abs(v - np.median(v)))) / np.sqrt(len(v)) for v in (hz, zeta)]
     return (
         [TableValues("dynamics", {"mode_hz": middle, "damping_ratio": damping})],
         [
-            Figure("mode_hz", f"lowest mode, median of {len(found)} load steps, Hz", middle),
+            Figure("mode_hz", f"lowest mode, median of {len(found_modes)} load steps, Hz", middle),
             Figure("mode_sigma_hz", "its standard deviation, from their scatter, Hz", float(spread[0])),
             Figure("damping_ratio", "its damping ratio", damping),
             Figure("damping_sigma", "its standard deviation, from their scatter", float(spread[1])),
@@ -287,32 +289,32 @@ def _mode(steps: Sequence[LoadStep]) -> tuple[list[Change], list[Figure], list[s
 def _lags(cell: CellModel, records: Sequence[Dataset], as_stated: bool) -> list[Delay]:
     out = []
     for record in records:
-        wanted = [
+        required = [
             f.name
             for f in FOLLOWING
             if f.name in ("drive", "correction") and record.has(f.answer) and record.has(f.reference[0])
         ]
-        for pair in pairs(cell, record, ",".join(dict.fromkeys(wanted))) if wanted else ():
-            found = find_delay(replace(pair, lag=True))
-            check_delay(found, as_stated=as_stated)
-            out.append(found)
+        for pair in pairs(cell, record, ",".join(dict.fromkeys(required))) if required else ():
+            estimate = find_delay(replace(pair, lag=True))
+            check_delay(estimate, as_stated=as_stated)
+            out.append(estimate)
     return out
 
 
-def _lag_figures(found: Delay) -> tuple[list[Figure], Figure]:
-    name = found.pair.name
-    size, unit = (URAD, "urad") if found.pair.components[0].endswith("rad") else (1e-6, "um")
-    identified, nominal = found.held_out.rms()
-    out = [Figure(f"{name}_dead_time_ms", f"dead time of the {name}, ms", found.value("delay") / MS)]
-    if found.order != "none":
-        lag = lag_of(found)
+def _lag_figures(estimate: Delay) -> tuple[list[Figure], Figure]:
+    name = estimate.pair.name
+    size, unit = (URAD, "urad") if estimate.pair.components[0].endswith("rad") else (1e-6, "um")
+    identified, nominal = estimate.held_out.rms()
+    out = [Figure(f"{name}_dead_time_ms", f"dead time of the {name}, ms", estimate.value("delay") / MS)]
+    if estimate.order != "none":
+        lag = lag_of(estimate)
         out.append(Figure(f"{name}_lag_ms", f"lag of the {name}, ms", lag.time_s / MS))
         out.append(Figure(f"{name}_bandwidth_hz", f"bandwidth of the {name} (-3 dB), Hz", lag.bandwidth_hz))
         if name == "drive":
             out.append(
                 Figure("drive_following_gain_per_s", "following error is speed over this Kv, 1/s", 1.0 / lag.time_s)
             )
-    text = f"{found.pair.answer.name} predicted from {found.pair.reference.name} on stretches not used, {unit}"
+    text = f"{estimate.pair.answer.name} predicted from {estimate.pair.reference.name} on stretches not used, {unit}"
     return out, Figure(f"holdout_{name}_rms_{unit}", text, identified / size, nominal / size)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.signals.lag import Lag
 
-_APART = 1e-4
+_RATE_SEPARATION = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Release:
     sigma: Float
 
 
-def give_way(
+def motor_error(
     gain: float, position_gain: float, integral_time: float, torque: Float, step_s: float
 ) -> tuple[Float, Float]:
     """Error of the motor (n,) rad and its derivatives (n, 3) by K, Kv and Ti.
@@ -55,14 +55,14 @@ def give_way(
     if len(torque) == 0:
         return np.zeros(0), np.zeros((0, 3))
     a, b = position_gain, 1.0 / integral_time
-    if abs(a - b) < _APART * b:
-        a = b * (1.0 + _APART)
+    if abs(a - b) < _RATE_SEPARATION * b:
+        a = b * (1.0 + _RATE_SEPARATION)
     (y_a, by_a), (y_b, by_b) = (Lag(1.0 / r).sensitivity(torque[:, None], step_s) for r in (a, b))
-    apart = a - b
+    difference = a - b
     gap = (y_a - y_b)[:, 0]
-    e = -gap / (gain * apart)
-    by_position = -(-by_a[0, :, 0] / a**2) / (gain * apart) + gap / (gain * apart**2)
-    by_rate = (-by_b[0, :, 0] / b**2) / (gain * apart) - gap / (gain * apart**2)
+    e = -gap / (gain * difference)
+    by_position = -(-by_a[0, :, 0] / a**2) / (gain * difference) + gap / (gain * difference**2)
+    by_rate = (-by_b[0, :, 0] / b**2) / (gain * difference) - gap / (gain * difference**2)
     slope = np.stack([-e / gain, by_position, by_rate * (-1.0 / integral_time**2)], axis=1)
     return e, slope
 
@@ -101,7 +101,7 @@ class ServoResiduals:
 
     def predict(self, x: Float) -> Float:
         """(n,) rad."""
-        return np.concatenate([give_way(x[0], x[1], x[2], r.torque, r.step_s)[0] for r in self.releases])
+        return np.concatenate([motor_error(x[0], x[1], x[2], r.torque, r.step_s)[0] for r in self.releases])
 
     def evaluate(self, x: Float) -> Float:
         """(n, 1) weighted residuals."""
@@ -111,15 +111,15 @@ class ServoResiduals:
 
     def jacobian(self, x: Float) -> Float:
         """(n, 1, 3)."""
-        slope = np.concatenate([give_way(x[0], x[1], x[2], r.torque, r.step_s)[1] for r in self.releases])
+        slope = np.concatenate([motor_error(x[0], x[1], x[2], r.torque, r.step_s)[1] for r in self.releases])
         out: Float = -slope[:, None, :] / self.sigma[:, :, None]
         return out
 
     def subset(self, rows: Bool) -> ServoResiduals:
         """Load steps of which any row is marked; a step is a whole."""
         ends = np.cumsum([len(r.error) for r in self.releases])[:-1]
-        kept = [r for r, mask in zip(self.releases, np.split(rows, ends), strict=True) if mask.any()]
-        if not kept:
+        releases = [r for r, mask in zip(self.releases, np.split(rows, ends), strict=True) if mask.any()]
+        if not releases:
             empty = np.zeros(0)
-            kept = [Release(-1, 1.0, empty, empty, empty)]
-        return ServoResiduals(self.axis, tuple(kept))
+            releases = [Release(-1, 1.0, empty, empty, empty)]
+        return ServoResiduals(self.axis, tuple(releases))

@@ -66,12 +66,12 @@ def lowest_mode(signals: Float, step_s: float, *, order: int = ORDER) -> Mode:
     V = z[None, :] ** np.arange(n)[:, None]
     amplitudes = np.linalg.norm(np.linalg.lstsq(V, y.astype(np.complex128), rcond=None)[0], axis=1)
     rate = np.log(z) / h
-    found = [
+    modes = [
         Mode(float(abs(r)) / (2.0 * np.pi), float(-r.real / abs(r)), 2.0 * float(a))
         for r, a in zip(rate, amplitudes, strict=True)
         if r.imag > 0.0 and _BAND_HZ[0] < abs(r) / (2.0 * np.pi) < _BAND_HZ[1] and 0.0 < -r.real / abs(r) < 0.6
     ]
-    if not found:
+    if not modes:
         raise InputError("nothing rings in this record", limit=f"{_BAND_HZ[0]:g} .. {_BAND_HZ[1]:g} Hz")
-    strongest = max(mode.amplitude for mode in found)
-    return min((mode for mode in found if mode.amplitude >= SHARE * strongest), key=lambda mode: mode.frequency_hz)
+    strongest = max(mode.amplitude for mode in modes)
+    return min((mode for mode in modes if mode.amplitude >= SHARE * strongest), key=lambda mode: mode.frequency_hz)

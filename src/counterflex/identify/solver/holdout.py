@@ -95,8 +95,8 @@ class HeldOut:
 
     def rms(self) -> tuple[float, float]:
         """Root mean square error (identified, nominal), SI."""
-        found, before = self.identified[~self.gross], self.nominal[~self.gross]
-        return float(np.sqrt(np.mean(found**2))), float(np.sqrt(np.mean(before**2)))
+        identified, before = self.identified[~self.gross], self.nominal[~self.gross]
+        return float(np.sqrt(np.mean(identified**2))), float(np.sqrt(np.mean(before**2)))
 
     def largest(self) -> tuple[float, float]:
         """Largest error (identified, nominal), SI."""
@@ -104,8 +104,8 @@ class HeldOut:
 
     def quantile(self, share: float) -> tuple[float, float]:
         """Error that this share (0..1) of the rows keeps (identified, nominal), SI."""
-        found, before = self.identified[~self.gross], self.nominal[~self.gross]
-        return float(np.quantile(found, share)), float(np.quantile(before, share))
+        identified, before = self.identified[~self.gross], self.nominal[~self.gross]
+        return float(np.quantile(identified, share)), float(np.quantile(before, share))
 
 
 def fold_of_groups(groups: Sequence[Int], folds: int = FOLDS, seed: int = 0) -> tuple[Int, ...]:
@@ -192,16 +192,16 @@ def cross_validate(
     fits = []
     for fold in range(count):
         training = [b.subset(dealt[i] != fold) if i in dealt else b for i, b in enumerate(blocks)]
-        told = share_of(progress, fold / count, (fold + 1) / count, f"held out {fold + 1} of {count}")
-        pair = _fit_both(parameters, training, needed, robust, start, stop, told)
+        fold_progress = share_of(progress, fold / count, (fold + 1) / count, f"held out {fold + 1} of {count}")
+        pair = _fit_both(parameters, training, needed, robust, start, stop, fold_progress)
         fits.append(pair[0])
         for i in judged:
             mine = dealt[i] == fold
             if np.any(mine):
                 unseen = blocks[i].subset(mine)
-                found, before = error(unseen, pair[0].values), error(unseen, pair[1])
-                pieces.append((i, np.flatnonzero(mine), fold, before, found))
-        told(1.0)
+                identified, before = error(unseen, pair[0].values), error(unseen, pair[1])
+                pieces.append((i, np.flatnonzero(mine), fold, before, identified))
+        fold_progress(1.0)
     return _collect(pieces, fits)
 
 
@@ -244,12 +244,13 @@ def score_separate(
     for name in local:
         parameters.index(name)
     fit, nominal = _fit_both(parameters, blocks, needed, robust, start, stop, progress)
-    found, before = fit.values, nominal
+    values, before = fit.values, nominal
     if local:
-        found = _found_anew(parameters, found, local, unseen, robust, stop)
-        before = _found_anew(parameters, before, local, unseen, robust, stop)
+        values = _with_local(parameters, values, local, unseen, robust, stop)
+        before = _with_local(parameters, before, local, unseen, robust, stop)
     pieces = [
-        (i, np.arange(len(b.group), dtype=np.int64), 0, error(b, before), error(b, found)) for i, b in enumerate(unseen)
+        (i, np.arange(len(b.group), dtype=np.int64), 0, error(b, before), error(b, values))
+        for i, b in enumerate(unseen)
     ]
     return _collect(pieces, [fit])
 
@@ -267,17 +268,17 @@ def _fit_both(
     for name in needed:
         parameters.index(name)
     fit = solve(parameters, training, robust=robust, start=start, stop=stop, progress=share_of(progress, 0.0, _WHOLE))
-    only = parameters.held([name for name in parameters.names if name not in set(needed)])
+    only = parameters.with_fixed([name for name in parameters.names if name not in set(needed)])
     if not np.any(only.free):
         return fit, parameters.nominal
     begin = parameters.nominal
     if start is not None:
         begin = np.where(only.free, start, begin)
-    told = share_of(progress, _WHOLE, 1.0)
-    return fit, solve(only, training, robust=robust, start=begin, stop=stop, progress=told).values
+    nominal_progress = share_of(progress, _WHOLE, 1.0)
+    return fit, solve(only, training, robust=robust, start=begin, stop=stop, progress=nominal_progress).values
 
 
-def _found_anew(
+def _with_local(
     parameters: Parameters,
     values: Float,
     names: Collection[str],
@@ -286,7 +287,7 @@ def _found_anew(
     stop: Stop | None,
 ) -> Float:
     own = {name: float(v) for name, v in zip(parameters.names, values, strict=True) if name not in set(names)}
-    return solve(parameters.with_nominal(own).held(own), blocks, robust=robust, start=values, stop=stop).values
+    return solve(parameters.with_nominal(own).with_fixed(own), blocks, robust=robust, start=values, stop=stop).values
 
 
 def _collect(pieces: Sequence[tuple[int, Int, int, Float, Float]], fits: Sequence[Fit]) -> HeldOut:
@@ -294,7 +295,7 @@ def _collect(pieces: Sequence[tuple[int, Int, int, Float, Float]], fits: Sequenc
     row = np.concatenate([rows for _, rows, _, _, _ in pieces])
     fold = np.concatenate([np.full(len(rows), f, dtype=np.int64) for _, rows, f, _, _ in pieces])
     nominal = np.concatenate([before for _, _, _, before, _ in pieces])
-    identified = np.concatenate([found for _, _, _, _, found in pieces])
+    identified = np.concatenate([errors for _, _, _, _, errors in pieces])
     gross = np.zeros(len(row), dtype=np.bool_)
     for i in np.unique(block):
         mine = block == i

@@ -32,7 +32,7 @@ MOST_PARTS: Final = 40
 FEWEST_PARTS: Final = 5
 """Parts below which their spread says nothing."""
 _MOST_LEVERAGE: Final = 0.9
-_LEAST_LEFT: Final = 1.0 / 9.0
+_LEAST_SHARE: Final = 1.0 / 9.0
 """Least share of the numbers that is left over to judge their spread by."""
 
 
@@ -86,8 +86,8 @@ def with_jackknife(fit: Fit, blocks: Sequence[Residuals], parts: Sequence[Int]) 
             scores[k] += of_part.T @ r[rows].reshape(-1)
     moved = np.empty((count, len(free)))
     for k in range(count):
-        held, axes = np.linalg.eigh(information[k])
-        moved[k] = root @ (axes @ ((axes.T @ scores[k]) / (1.0 - np.minimum(held, _MOST_LEVERAGE))))
+        eigenvalues, axes = np.linalg.eigh(information[k])
+        moved[k] = root @ (axes @ ((axes.T @ scores[k]) / (1.0 - np.minimum(eigenvalues, _MOST_LEVERAGE))))
     spread = (count - 1) / count * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0) * (count - 1) / (count - 3)
     return widened(fit, spread)
 
@@ -127,8 +127,8 @@ def with_groups_once(fit: Fit, blocks: Sequence[Residuals]) -> Fit:
     priors = np.linalg.inv(fit.covariance) - all_rows
     covariance = np.linalg.inv(once + priors)
     used = len(free) - float(np.trace(covariance @ priors))
-    left = max(numbers - used, numbers * _LEAST_LEFT)
-    covariance = np.linalg.inv(once / max(1.0, squares / left) + priors)
+    remaining = max(numbers - used, numbers * _LEAST_SHARE)
+    covariance = np.linalg.inv(once / max(1.0, squares / remaining) + priors)
     return widened(fit, np.diag(covariance))
 
 

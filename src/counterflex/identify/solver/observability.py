@@ -75,8 +75,8 @@ def _hidden(items: Sequence[Parameter], R: Float, prior: Bool) -> tuple[str, ...
     for (direction, _), column in zip(directions, lost.T, strict=True):
         direction[loose] = column
     follow = np.linalg.pinv(R[:, loose], rcond=_RANK) @ R[:, known] if len(loose) else np.zeros((0, len(known)))
-    left = R[:, known] - R[:, loose] @ follow
-    weak, leads = _weak(left)
+    reduced = R[:, known] - R[:, loose] @ follow
+    weak, leads = _weak(reduced)
     for column, i in zip(weak.T, leads, strict=True):
         direction = np.zeros(len(items))
         direction[known] = column
@@ -85,7 +85,7 @@ def _hidden(items: Sequence[Parameter], R: Float, prior: Bool) -> tuple[str, ...
     blind, sentences = [], []
     for direction, lead in directions:
         partners = _partners(direction, lead, reach, bool(prior[lead]))
-        held = "it keeps its former value" if prior[lead] else "not determined: its value has no meaning"
+        outcome = "it keeps its former value" if prior[lead] else "not determined: its value has no meaning"
         if not partners:
             blind.append((_name(items[lead]), bool(prior[lead])))
         elif len(partners) == 1:
@@ -93,12 +93,12 @@ def _hidden(items: Sequence[Parameter], R: Float, prior: Bool) -> tuple[str, ...
             sentences.append(
                 f"{_name(items[lead])} cannot be separated from {_name(items[other])}: "
                 f"{_change(items[lead], direction[lead])} of one have the effect of "
-                f"{_change(items[other], -direction[other])} of the other; {held}"
+                f"{_change(items[other], -direction[other])} of the other; {outcome}"
             )
         else:
             names = ", ".join(_name(items[i]) for i in partners[:-1]) + f" and {_name(items[partners[-1]])}"
             sentences.append(
-                f"{_name(items[lead])} cannot be separated from {names}: only combinations are determined; {held}"
+                f"{_name(items[lead])} cannot be separated from {names}: only combinations are determined; {outcome}"
             )
     out = []
     for has_prior, text in ((True, "they keep their former values"), (False, "the values are not determined")):
@@ -144,10 +144,10 @@ def _partners(direction: Float, lead: int, reach: Float, known: bool) -> list[in
 
     None where the parameter itself moves nothing that could be seen.
     """
-    felt = np.abs(direction) * reach
-    if felt[lead] < (_BLIND * abs(direction[lead]) if known else 0.0) or felt[lead] == 0.0:
+    effect = np.abs(direction) * reach
+    if effect[lead] < (_BLIND * abs(direction[lead]) if known else 0.0) or effect[lead] == 0.0:
         return []
-    return [int(i) for i in np.argsort(-felt) if i != lead and felt[i] > _PARTNER * felt[lead]]
+    return [int(i) for i in np.argsort(-effect) if i != lead and effect[i] > _PARTNER * effect[lead]]
 
 
 def _name(item: Parameter) -> str:

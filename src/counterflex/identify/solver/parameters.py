@@ -150,12 +150,12 @@ class Parameters:
         """The same set around other nominal values."""
         return Parameters(tuple(replace(p, nominal=values.get(p.name, p.nominal)) for p in self.items))
 
-    def held(self, names: Iterable[str]) -> Parameters:
+    def with_fixed(self, names: Iterable[str]) -> Parameters:
         """The same set with these parameters held at their nominal values."""
-        wanted = set(names)
-        for name in wanted:
+        fixed = set(names)
+        for name in fixed:
             self.index(name)
-        return Parameters(tuple(replace(p, free=p.free and p.name not in wanted) for p in self.items))
+        return Parameters(tuple(replace(p, free=p.free and p.name not in fixed) for p in self.items))
 
     def values(self, u: Float) -> Float:
         """SI values (p,) of fit coordinates (p,)."""

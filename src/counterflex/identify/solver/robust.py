@@ -49,8 +49,8 @@ def spread(rows: Float, used: float = 0.0) -> float:
     n, k = rows.shape
     if n == 0 or k == 0:
         return 1.0
-    left = max(1.0 - used / (n * k), 1.0 / _LARGEST_SHRINK**2)
-    return max(1.0, float(np.median(sizes(rows))) / usual_size(k, 0.5) / math.sqrt(left))
+    remaining = max(1.0 - used / (n * k), 1.0 / _LARGEST_SHRINK**2)
+    return max(1.0, float(np.median(sizes(rows))) / usual_size(k, 0.5) / math.sqrt(remaining))
 
 
 def median_weights(rows: Float) -> Float:
@@ -95,12 +95,12 @@ def excess(rows: Float, weights: Float, scale: float, used: float, group: Int) -
     """
     n, k = rows.shape
     total = float(np.sum(weights))
-    left = k * total - used
-    if n == 0 or k == 0 or total <= 0.0 or left <= 0.0:
+    remaining = k * total - used
+    if n == 0 or k == 0 or total <= 0.0 or remaining <= 0.0:
         return 1.0
     psi = rows * weights[:, None]
     slope = max(float(np.sum(_slope(rows, weights, scale))), 0.2 * total)
-    v = float(np.sum(psi**2)) * total**2 / slope**2 / left
+    v = float(np.sum(psi**2)) * total**2 / slope**2 / remaining
     return float(max(1.0, v) * _in_common(psi, group))
 
 

@@ -37,7 +37,7 @@ _LASTS = 0.75
 _LOOSE = 1e-6
 _FEW = 10
 _AT_BOUND = 1e-4
-_HELD_BACK = 2.0
+_MISFIT_FACTOR = 2.0
 _BOLDER = (0.1, 0.0)
 _REASONS = {
     0: "stopped after {n} evaluations of the last round without convergence: check the residuals before using the "
@@ -100,7 +100,7 @@ def solve(
         u = _coarse(problem, u, stop, progress)
     state = _settle(problem, _State.at(problem, u, robust), robust, stop, progress)
     for share in _BOLDER:
-        if _priors_may_hold_back(problem, state, share):
+        if _priors_too_tight(problem, state, share):
             bold = _State.at(problem, state.u, robust)
             bold.factors = _believed_more(state.factors, share)
             bold = _settle(problem, bold, robust, stop, progress)
@@ -185,13 +185,13 @@ def _believed_more(factors: Sequence[float], share: float) -> list[float]:
     return [1.0 + share * (s - 1.0) for s in factors]
 
 
-def _priors_may_hold_back(problem: Stacked, state: _State, share: float) -> bool:
+def _priors_too_tight(problem: Stacked, state: _State, share: float) -> bool:
     """Whether believing the data more would make their residuals much smaller, by the tangent at the solution.
 
     Wide factors and narrow priors can hold each other up: residuals are large because the priors hold, and the priors
     hold because the residuals are large.
     """
-    if max(state.factors) < _HELD_BACK or not np.any(problem.known):
+    if max(state.factors) < _MISFIT_FACTOR or not np.any(problem.known):
         return False
     less = _believed_more(state.factors, share)
     parts = problem.triangles(state.u, state.weights, less)
@@ -201,11 +201,11 @@ def _priors_may_hold_back(problem: Stacked, state: _State, share: float) -> bool
         pull = pull + part[:, :-1].T @ part[:, -1]
     step = covariance @ pull
     rows = problem.rows(state.u)
-    left = [
+    residuals = [
         (both[:, -1] - both[:, :-1] @ step).reshape(r.shape)
         for both, r in zip(problem.slopes(state.u), rows, strict=True)
     ]
-    return any(spread(a) > 1.3 * spread(b) for a, b in zip(rows, left, strict=True))
+    return any(spread(a) > 1.3 * spread(b) for a, b in zip(rows, residuals, strict=True))
 
 
 def _fit(problem: Stacked, state: _State, reason: str, converged: bool) -> Fit:
@@ -219,7 +219,7 @@ def _fit(problem: Stacked, state: _State, reason: str, converged: bool) -> Fit:
     sigma[free] = sigma_u * parameters.slope(x)[free]
     squares = sum(float(np.sum(w[:, None] * r**2)) for w, r in zip(state.weights, rows, strict=True))
     dof = sum(float(np.sum(w)) * r.shape[1] for w, r in zip(state.weights, rows, strict=True)) - sum(used)
-    found = examine(parameters, free, np.concatenate(parts)[:, :-1], sigma_u, problem.known > 0.0)
+    observability = examine(parameters, free, np.concatenate(parts)[:, :-1], sigma_u, problem.known > 0.0)
     at_bound = _at_bound(problem, state.u)
     return Fit(
         parameters=parameters,
@@ -229,7 +229,7 @@ def _fit(problem: Stacked, state: _State, reason: str, converged: bool) -> Fit:
         free_index=free,
         seen=tuple(
             "partly" if name in at_bound and how == "determined" else how
-            for name, how in zip(parameters.names, found.seen, strict=True)
+            for name, how in zip(parameters.names, observability.seen, strict=True)
         ),
         residuals=tuple(rows),
         weights=tuple(state.weights),
@@ -237,25 +237,25 @@ def _fit(problem: Stacked, state: _State, reason: str, converged: bool) -> Fit:
         sigma_factors=tuple(state.factors),
         chi2_reduced=squares / dof if dof > 0.0 else math.nan,
         dof=dof,
-        rank=found.rank,
-        condition=found.condition,
-        hidden=found.hidden,
+        rank=observability.rank,
+        condition=observability.condition,
+        hidden=observability.hidden,
         reason=reason,
         evaluations=problem.evaluations,
         converged=converged,
-        at_bound=tuple(name for name in at_bound if found.seen[parameters.index(name)] == "determined"),
+        at_bound=tuple(name for name in at_bound if observability.seen[parameters.index(name)] == "determined"),
     )
 
 
 def _outliers(blocks: Sequence[Residuals], rows: Sequence[Float], state: _State) -> tuple[Outlier, ...]:
-    found = [
+    outliers = [
         Outlier(block.name, int(i), float(size[i]), float(weight[i]))
         for block, size, weight in (
             (b, sizes(r) / s, w) for b, r, w, s in zip(blocks, rows, state.weights, state.scales, strict=True)
         )
         for i in np.flatnonzero(weight < OUTLIER)
     ]
-    return tuple(sorted(found, key=lambda item: -item.size))
+    return tuple(sorted(outliers, key=lambda item: -item.size))
 
 
 def _at_bound(problem: Stacked, u: Float) -> tuple[str, ...]:

@@ -58,12 +58,12 @@ def with_displacements(
     frame = data.sensors
     if frame is None:
         return data, ()
-    given = [name for name in (MOVED, "d_tracker_target") if data.has(name)]
-    if given:
+    displacements = [name for name in (MOVED, "d_tracker_target") if data.has(name)]
+    if displacements:
         raise FileFormatError(
             "the displacement is given twice, by a measuring frame and as a channel",
             where=data.where,
-            value=given[0],
+            value=displacements[0],
             hint="Make two manifests of it, and give both",
         )
     before, after = data.channel(UNLOADED), data.channel(LOADED)
@@ -77,29 +77,29 @@ def with_displacements(
         )
     R, reference = places(chain, data, frame)
     check_rows(data, frame, before.values, after.values, reference)
-    found = _settled(data, frame, before.values, after.values, noise, reference)
+    settled = _settled(data, frame, before.values, after.values, noise, reference)
     remarks: tuple[str, ...] = ()
-    wrong = check_misfit(frame, before.values, after.values, found, reference)
+    wrong = check_misfit(frame, before.values, after.values, settled, reference)
     if wrong:
         if not as_stated:
             raise InputError(wrong[0], where=data.where, hint=f"{wrong[1]}. If all is right, add --set as_stated=true")
         remarks = (*remarks, f"{data.name}: {wrong[0]}; used as stated, as requested")
-    wider = float(np.median(found.misfit())) if found.spare else 1.0
-    count = found.d.shape[1] // 3
+    wider = float(np.median(settled.misfit())) if settled.spare else 1.0
+    count = settled.d.shape[1] // 3
     turn = np.zeros((len(data), 3 * count, 3 * count))
     for i in range(0, 3 * count, 3):
         turn[:, i : i + 3, i : i + 3] = R
-    covariance = turn @ found.covariance @ np.swapaxes(turn, 1, 2) * max(1.0, wider) ** 2
+    covariance = turn @ settled.covariance @ np.swapaxes(turn, 1, 2) * max(1.0, wider) ** 2
     sigma = np.sqrt(np.einsum("nii->ni", covariance))
     channel = Channel(
         MOVED,
-        (turn @ found.d[:, :, None])[..., 0],
+        (turn @ settled.d[:, :, None])[..., 0],
         sigma,
         "m rad" if count == 2 else "m",
         f"{after.source}, by {len(frame)} sensors",
         (*before.columns, *after.columns),
     )
-    return replace(data, channels={**data.channels, MOVED: channel}), (*remarks, *_remarks(data, frame, found))
+    return replace(data, channels={**data.channels, MOVED: channel}), (*remarks, *_remarks(data, frame, settled))
 
 
 def summary(data: Dataset) -> dict[str, Any] | None:
@@ -120,25 +120,25 @@ def summary(data: Dataset) -> dict[str, Any] | None:
     reference = meeting_point(frame, before.values)
     check_rows(data, frame, before.values, after.values, reference)
     noise = np.hypot(_sigma(before), after.need_sigma())
-    found = _settled(data, frame, before.values, after.values, noise, reference)
-    wrong = check_misfit(frame, before.values, after.values, found, reference)
+    settled = _settled(data, frame, before.values, after.values, noise, reference)
+    wrong = check_misfit(frame, before.values, after.values, settled, reference)
     if wrong:
         raise InputError(wrong[0], where=data.where, hint=wrong[1])
-    size = np.linalg.norm(found.d[:, :3], axis=1) / MM
+    size = np.linalg.norm(settled.d[:, :3], axis=1) / MM
     worst = max(condition(frame, s, r)[0] for s, r in zip(before.values, reference, strict=True))
     return {
         "sensors": len(frame),
-        "spare": found.spare,
+        "spare": settled.spare,
         "condition": worst,
         "least_mm": float(np.min(size)),
         "mean_mm": float(np.mean(size)),
         "largest_mm": float(np.max(size)),
-        "left_um": float(np.sqrt(np.mean(found.residual**2))) / UM if found.spare else None,
-        "misfit": float(np.median(found.misfit())) if found.spare else None,
+        "left_um": float(np.sqrt(np.mean(settled.residual**2))) / UM if settled.spare else None,
+        "misfit": float(np.median(settled.misfit())) if settled.spare else None,
         "lines": [
             f"displacement of the point that the sensors look at: {np.min(size):.3g} to {np.max(size):.3g} mm, "
             f"condition {worst:.3g}",
-            *(text.removeprefix(f"{data.name}: ") for text in _remarks(data, frame, found)),
+            *(text.removeprefix(f"{data.name}: ") for text in _remarks(data, frame, settled)),
         ],
     }
 
@@ -188,31 +188,32 @@ def _settled(data: Dataset, frame: SensorFrame, before: Float, after: Float, noi
     """The motion, with the standard deviations that grow with it."""
     alignment = float(data.settings.get("sensor_alignment_rad", ALIGNMENT_RAD))
     by = passing(frame, before, reference) if len(frame) < SIX else np.zeros_like(before)
-    found = motion(frame, before, after, noise, reference)
+    estimate = motion(frame, before, after, noise, reference)
     for _ in range(_ROUNDS):
-        size = np.linalg.norm(found.d[:, :3], axis=1)[:, None]
+        size = np.linalg.norm(estimate.d[:, :3], axis=1)[:, None]
         sigma = np.sqrt(noise**2 + (alignment * size) ** 2 + (TURN_PER_M * size * by) ** 2)
-        found = motion(frame, before, after, sigma, reference)
-    return found
+        estimate = motion(frame, before, after, sigma, reference)
+    return estimate
 
 
-def _remarks(data: Dataset, frame: SensorFrame, found: Motion) -> tuple[str, ...]:
+def _remarks(data: Dataset, frame: SensorFrame, motion: Motion) -> tuple[str, ...]:
     out = []
-    if found.d.shape[1] == 3:
+    if motion.d.shape[1] == 3:
         out.append(
             f"{data.name}: {len(frame)} sensors are fewer than six, so only the displacement is found and the turn of "
             "the tool is not"
         )
-    if found.spare:
-        left = float(np.sqrt(np.mean(found.residual**2)))
+    if motion.spare:
+        residual_m = float(np.sqrt(np.mean(motion.residual**2)))
         out.append(
-            f"{data.name}: {len(frame)} sensors, {found.spare} more than are needed; they agree within "
-            f"{left / UM:.2g} um, {float(np.median(found.misfit())):.2g} times what their standard deviations give"
+            f"{data.name}: {len(frame)} sensors, {motion.spare} more than are needed; they agree within "
+            f"{residual_m / UM:.2g} um, {float(np.median(motion.misfit())):.2g} times what their "
+            "standard deviations give"
         )
     else:
         out.append(f"{data.name}: {len(frame)} sensors, none spare: a wrong one is not noticed among them")
-    size = np.sqrt(np.einsum("nii->ni", found.covariance))
-    correlation = found.covariance / (size[:, :, None] * size[:, None, :]) - np.eye(size.shape[1])
+    size = np.sqrt(np.einsum("nii->ni", motion.covariance))
+    correlation = motion.covariance / (size[:, :, None] * size[:, None, :]) - np.eye(size.shape[1])
     worst = float(np.max(np.abs(np.median(correlation, axis=0))))
     if worst > _CORRELATED:
         far = float(np.median(np.linalg.norm(size[:, :3], axis=1))) / UM

@@ -37,7 +37,7 @@ CHANCE: Final = 1e-3
 """Largest probability that the best of all candidates gains as much by chance."""
 GAIN: Final = 0.03
 """Least relative decrease of the error on data not used."""
-TRIED: Final = 2
+FITTED_CANDIDATES: Final = 2
 """Candidates that are fitted, those with the largest gain in the screening."""
 MOST: Final = 3
 """Regions in all."""
@@ -49,7 +49,7 @@ BLEND_RAD: Final = 10.0 * DEG
 """Angle over which one half becomes the other."""
 _LEAST_SPREAD = 0.05
 _LEAST_SIDE = 0.15
-_APART_RAD = 0.2 * DEG
+_LEAST_GAP_RAD = 0.2 * DEG
 
 
 Kind = Literal["half", "slope", "load_sign", "load_size"]
@@ -127,7 +127,7 @@ class Region:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class PiecewiseSearch:
     """What the search ended with.
 
     Attributes:
@@ -156,7 +156,7 @@ def candidates(chain: ElasticChain, plan: Layout, pulls: Sequence[Pulls]) -> lis
             continue
         spring = f"{chain.names[segment]}.{DIRECTIONS[direction]}"
         own = int(axis_of[segment])
-        found = [
+        regions = [
             Region(k, f"{spring}.load_sign", f"{spring}, by the sign of its load", "load_sign", -1, 0.0),
             Region(k, f"{spring}.load_size", f"{spring}, by the size of its load", "load_size", -1, largest),
         ]
@@ -164,13 +164,17 @@ def candidates(chain: ElasticChain, plan: Layout, pulls: Sequence[Pulls]) -> lis
             at, name = float(np.median(q[:, axis])), f"{spring}.q{axis + 1}"
             words = f"{spring}, by the angle of axis {axis + 1}"
             low, high = float(q[:, axis].min()), float(q[:, axis].max())
-            ends = [a for a in (at - 0.5 * BLEND_RAD, at + 0.5 * BLEND_RAD) if low + _APART_RAD < a < high - _APART_RAD]
-            if high - low < _APART_RAD:
+            ends = [
+                a
+                for a in (at - 0.5 * BLEND_RAD, at + 0.5 * BLEND_RAD)
+                if low + _LEAST_GAP_RAD < a < high - _LEAST_GAP_RAD
+            ]
+            if high - low < _LEAST_GAP_RAD:
                 continue
             sides = f"{words} above and below {at / DEG:.0f} deg"
-            found.append(Region(k, f"{name}_half", sides, "half", axis, at, (low, *ends, high)))
-            found.append(Region(k, f"{name}_slope", f"{words}, linear", "slope", axis, at, (low, high)))
-        for region in found:
+            regions.append(Region(k, f"{name}_half", sides, "half", axis, at, (low, *ends, high)))
+            regions.append(Region(k, f"{name}_slope", f"{words}, linear", "slope", axis, at, (low, high)))
+        for region in regions:
             raw = region.raw(q, load)
             spread, weight = float(np.ptp(raw)), load**2 / float(np.sum(load**2))
             centre = float(weight @ raw)
@@ -186,7 +190,7 @@ def search(
     blocks: Sequence[PullResiduals],
     fit: Fit,
     progress: Progress = silent,
-) -> Found:
+) -> PiecewiseSearch:
     """Regions that the data demand.
 
     Args:
@@ -201,14 +205,14 @@ def search(
         The regions kept; none where data not used do not bear one out.
     """
     parameters, now = plan.parameters, list(blocks)
-    kept: list[Region] = []
+    accepted: list[Region] = []
     errors: list[float] = []
     open_ = candidates(chain, plan, pulls)
     phi = {r.name: tuple(r.phi(chain, plan, p) for p in pulls) for r in open_}
     for turn in range(MOST):
         gains = _gains(fit, now, [(r.spring, phi[r.name]) for r in open_], parameters)
         limit = float(f.isf(CHANCE / max(len(open_), 1), 1.0, max(fit.dof - 1.0, 1.0)))
-        promising = [int(i) for i in np.argsort(-gains)[:TRIED] if gains[i] >= limit]
+        promising = [int(i) for i in np.argsort(-gains)[:FITTED_CANDIDATES] if gains[i] >= limit]
         if not promising:
             break
         if not errors:
@@ -223,31 +227,33 @@ def search(
         if error > (1.0 - GAIN) * errors[-1]:
             break
         parameters, now = wider, shaped
-        kept.append(region)
+        accepted.append(region)
         open_.remove(region)
         errors.append(error)
         fit = solve(parameters, now, start=np.append(fit.values, 0.0))
-    return Found(tuple(kept), parameters, tuple(now), tuple(errors))
+    return PiecewiseSearch(tuple(accepted), parameters, tuple(now), tuple(errors))
 
 
-def shaped_like(found: Found, chain: ElasticChain, plan: Layout, pulls: Pulls, block: PullResiduals) -> PullResiduals:
+def shaped_like(
+    result: PiecewiseSearch, chain: ElasticChain, plan: Layout, pulls: Pulls, block: PullResiduals
+) -> PullResiduals:
     """Another block with the shapes of the regions kept."""
     first = len(plan.parameters)
-    shapes = tuple(Shape(r.spring, first + i, r.phi(chain, plan, pulls)) for i, r in enumerate(found.regions))
+    shapes = tuple(Shape(r.spring, first + i, r.phi(chain, plan, pulls)) for i, r in enumerate(result.regions))
     return replace(block, shapes=shapes)
 
 
-def elements(found: Found | None, chain: ElasticChain, plan: Layout, fit: Fit) -> tuple[ElasticRegion, ...]:
+def elements(result: PiecewiseSearch | None, chain: ElasticChain, plan: Layout, fit: Fit) -> tuple[ElasticRegion, ...]:
     """What a plan can use of the regions kept: those over an angle; a compliance that changes with load stays its mean.
 
     Args:
-        found: By :func:`search`.
+        result: By :func:`search`.
         chain: The cell's.
         plan: Parameters.
         fit: With the regions.
     """
-    kept = () if found is None else found.regions
-    return tuple(r.element(chain, plan, fit.value(r.name)) for r in kept if r.axis >= 0)
+    regions = () if result is None else result.regions
+    return tuple(r.element(chain, plan, fit.value(r.name)) for r in regions if r.axis >= 0)
 
 
 def _with(
@@ -263,12 +269,12 @@ def _with(
 
 
 def _error(parameters: Parameters, blocks: Sequence[PullResiduals], plan: Layout) -> float:
-    held: HeldOut = cross_validate(parameters, blocks, needed=plan.frame_names, error=position_error)
-    return held.mean()[0]
+    held_out: HeldOut = cross_validate(parameters, blocks, needed=plan.frame_names, error=position_error)
+    return held_out.mean()[0]
 
 
 def _gains(
-    fit: Fit, blocks: Sequence[PullResiduals], tried: Sequence[tuple[int, Sequence[Float]]], parameters: Parameters
+    fit: Fit, blocks: Sequence[PullResiduals], candidates: Sequence[tuple[int, Sequence[Float]]], parameters: Parameters
 ) -> Float:
     """F statistic of each one more parameter at the fit: decrease of the sum of squares over the variance left."""
     free = np.flatnonzero(parameters.free)
@@ -282,15 +288,15 @@ def _gains(
     Q, _ = np.linalg.qr(np.vstack([J, np.eye(len(free))]))
     whole = np.concatenate([rows, parameters.coordinates(fit.values)[free]])
     variance = max(float(rows @ rows) / max(fit.dof, 1.0), 1e-300)
-    extra = np.zeros((len(whole), len(tried)))
-    for i, (spring, phis) in enumerate(tried):
+    extra = np.zeros((len(whole), len(candidates)))
+    for i, (spring, phis) in enumerate(candidates):
         parts = [
             (s[:, :, b.columns[spring]] * fit.values[b.columns[spring]] * phi[:, None] * r).reshape(-1)
             for s, b, phi, r in zip(slopes, blocks, phis, roots, strict=True)
         ]
         extra[: len(rows), i] = np.concatenate(parts)
-    left = extra - Q @ (Q.T @ extra)
-    size, before = np.sum(left**2, axis=0), np.sum(extra**2, axis=0)
+    reduced = extra - Q @ (Q.T @ extra)
+    size, before = np.sum(reduced**2, axis=0), np.sum(extra**2, axis=0)
     seen = size > 1e-12 * np.maximum(before, 1e-300)
-    out: Float = np.where(seen, (left.T @ whole) ** 2 / np.where(seen, size, 1.0) / variance, 0.0)
+    out: Float = np.where(seen, (reduced.T @ whole) ** 2 / np.where(seen, size, 1.0) / variance, 0.0)
     return out

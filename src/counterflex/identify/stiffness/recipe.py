@@ -68,9 +68,9 @@ def identify(inputs: Inputs) -> Identification:
     cell, data, holdout, options, progress = inputs
     parts = in_parts(progress, WORK)
     chain, stated = cell.chain, bool(options["as_stated"])
-    data, said = _moved(chain, data, as_stated=stated)
+    data, notes = _moved(chain, data, as_stated=stated)
     holdout, of_holdout = _moved(chain, holdout, as_stated=stated)
-    said += of_holdout
+    notes += of_holdout
     tracker = _frames(cell, [*data, *holdout])
     for d in [*data, *holdout]:
         pull_checks.check_plain(d)
@@ -78,44 +78,46 @@ def identify(inputs: Inputs) -> Identification:
     plan = layout(chain, springs(chain, options), everything, _turn(tracker), bearing_m=bearing_of(options))
     for i, (d, p) in enumerate(zip([*data, *holdout], everything, strict=True)):
         pull_checks.check_work(chain, p, _axes(tracker), as_stated=stated, most=pull_checks.ALL_BUT)
-        said += check_reading(d, pull_checks.readings(chain, d), _score(chain, plan, tracker), as_stated=stated)
-        said += pull_checks.check_work(chain, p, _axes(tracker), as_stated=stated)
+        notes += check_reading(d, pull_checks.readings(chain, d), _score(chain, plan, tracker), as_stated=stated)
+        notes += pull_checks.check_work(chain, p, _axes(tracker), as_stated=stated)
         parts[CHECKING]((i + 1) / len(everything))
     pulls, unseen = everything[: len(data)], everything[len(data) :]
     blocks = [block(chain, plan, p, _axes(tracker)) for p in pulls]
     fit, blocks = settle(chain, plan, pulls, blocks, saying(parts[COMPLIANCES], COMPLIANCES))
     parts[COMPLIANCES](1.0)
-    found = piecewise_compliance.search(chain, plan, pulls, blocks, fit, parts[REGIONS]) if options["regions"] else None
+    pieces = (
+        piecewise_compliance.search(chain, plan, pulls, blocks, fit, parts[REGIONS]) if options["regions"] else None
+    )
     parameters = plan.parameters
-    if found is not None and found.regions:
-        parameters, blocks = found.parameters, list(found.blocks)
+    if pieces is not None and pieces.regions:
+        parameters, blocks = pieces.parameters, list(pieces.blocks)
         fit = solve(parameters, blocks)
     fit = with_honest_sigma(fit, blocks)
     parts[REGIONS](1.0)
     folds = int(options["folds"])
-    held, measured = _judged(chain, plan, found, fit, blocks, unseen, _axes(tracker), folds, parts[HELD_OUT])
+    held_out, measured = _judged(chain, plan, pieces, fit, blocks, unseen, _axes(tracker), folds, parts[HELD_OUT])
     parts[HELD_OUT](1.0)
-    headline = pull_report.headline(held, measured)
+    headline = pull_report.headline(held_out, measured)
     if not stated:
         pull_checks.check_worth(headline[0].value, data[0].where or data[0].name)
     values = fit.values[: len(plan.springs)]
-    kept = piecewise_compliance.elements(found, chain, plan, fit)
+    elements = piecewise_compliance.elements(pieces, chain, plan, fit)
     after = with_compliance(chain, plan.springs.compliance(chain, values))
     return Identification(
         recipe="stiffness",
         fits={"stiffness": fit},
         headline=headline,
-        figures=pull_report.figures(after, pulls, fit, held),
-        changes=(*plan.springs.changes(chain, values), *(ElementRegion(r) for r in kept)),
-        remarks=(*said, *pull_report.remarks(chain, plan, fit, held, pulls, found)),
-        pictures=pull_report.pictures(held, measured, plan, fit),
+        figures=pull_report.figures(after, pulls, fit, held_out),
+        changes=(*plan.springs.changes(chain, values), *(ElementRegion(r) for r in elements)),
+        remarks=(*notes, *pull_report.remarks(chain, plan, fit, held_out, pulls, pieces)),
+        pictures=pull_report.pictures(held_out, measured, plan, fit),
     )
 
 
 def _moved(chain: ElasticChain, data: Sequence[Dataset], *, as_stated: bool) -> tuple[list[Dataset], list[str]]:
     """Datasets with displacements, also those of measuring frames, and what is to be said about these."""
-    found = [with_displacements(chain, d, as_stated=as_stated) for d in data]
-    return [d for d, _ in found], [text for _, remarks in found for text in remarks]
+    displaced = [with_displacements(chain, d, as_stated=as_stated) for d in data]
+    return [d for d, _ in displaced], [text for _, remarks in displaced for text in remarks]
 
 
 def settle(
@@ -141,8 +143,8 @@ def settle(
             float(np.max(np.abs(a.offset - b.offset)[:, :3], initial=0.0)) for a, b in zip(now, new, strict=True)
         )
         now = new
-        told = share_of(progress, 1.0 - 0.5 ** (turn + 1), 1.0 - 0.5 ** (turn + 2))
-        fit = solve(plan.parameters, now, start=fit.values, progress=told)
+        round_progress = share_of(progress, 1.0 - 0.5 ** (turn + 1), 1.0 - 0.5 ** (turn + 2))
+        fit = solve(plan.parameters, now, start=fit.values, progress=round_progress)
         if change < _SETTLED_M:
             break
     return fit, now
@@ -151,7 +153,7 @@ def settle(
 def _judged(
     chain: ElasticChain,
     plan: Layout,
-    found: piecewise_compliance.Found | None,
+    pieces: piecewise_compliance.PiecewiseSearch | None,
     fit: Fit,
     blocks: Sequence[PullResiduals],
     unseen: Sequence[Pulls],
@@ -160,19 +162,21 @@ def _judged(
     progress: Progress,
 ) -> tuple[HeldOut, list[Float]]:
     """Errors on data not used, and the displacements they are errors of."""
-    parameters = plan.parameters if found is None else found.parameters
+    parameters = plan.parameters if pieces is None else pieces.parameters
     if not unseen:
-        held = cross_validate(
+        held_out = cross_validate(
             parameters, blocks, needed=plan.frame_names, error=position_error, folds=Folds(folds), progress=progress
         )
-        return held, [b.measured for b in blocks]
+        return held_out, [b.measured for b in blocks]
     others = [refreshed(block(chain, plan, p, R_base_tracker), chain, plan, p, fit.values) for p in unseen]
-    if found is not None and found.regions:
+    if pieces is not None and pieces.regions:
         others = [
-            piecewise_compliance.shaped_like(found, chain, plan, p, b) for p, b in zip(unseen, others, strict=True)
+            piecewise_compliance.shaped_like(pieces, chain, plan, p, b) for p, b in zip(unseen, others, strict=True)
         ]
-    held = score_separate(parameters, blocks, others, needed=plan.frame_names, error=position_error, progress=progress)
-    return held, [b.measured for b in others]
+    held_out = score_separate(
+        parameters, blocks, others, needed=plan.frame_names, error=position_error, progress=progress
+    )
+    return held_out, [b.measured for b in others]
 
 
 def _score(chain: ElasticChain, plan: Layout, tracker: KnownFrames | None) -> Any:

@@ -15,7 +15,7 @@ from counterflex.identify.pulls.pulls import Pulls
 from counterflex.identify.recipe import Curve, Figure, Picture
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut
-from counterflex.identify.stiffness.piecewise_compliance import Found
+from counterflex.identify.stiffness.piecewise_compliance import PiecewiseSearch
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.compliance import deflection, linear_gap
 
@@ -27,17 +27,17 @@ _NAMED = 5
 _ROWS = 400
 
 
-def headline(held: HeldOut, measured: Sequence[Float]) -> tuple[Figure, ...]:
+def headline(held_out: HeldOut, measured: Sequence[Float]) -> tuple[Figure, ...]:
     """Error of held-out pulls: in all, at worst, and in the median.
 
     Args:
-        held: Errors of the rows, m.
+        held_out: Errors of the rows, m.
         measured: Per block (n, k) measured displacement, m.
     """
-    size = sizes(held, measured)
-    keep = ~held.gross
+    size = sizes(held_out, measured)
+    keep = ~held_out.gross
     total = float(np.sum(size[keep]))
-    errors = {"identified": held.identified[keep], "nominal": held.nominal[keep]}
+    errors = {"identified": held_out.identified[keep], "nominal": held_out.nominal[keep]}
     share = {key: 100.0 * float(np.sum(e)) / total for key, e in errors.items()}
     worst = {key: float(np.max(e)) / MM for key, e in errors.items()}
     median = {key: 100.0 * float(np.median(e / size[keep])) for key, e in errors.items()}
@@ -64,22 +64,23 @@ def headline(held: HeldOut, measured: Sequence[Float]) -> tuple[Figure, ...]:
     )
 
 
-def sizes(held: HeldOut, measured: Sequence[Float]) -> Float:
+def sizes(held_out: HeldOut, measured: Sequence[Float]) -> Float:
     """(n,) length of the measured displacement of each held-out row, m."""
     out: Float = np.array(
-        [np.linalg.norm(measured[b][r, :3]) for b, r in zip(held.block, held.row, strict=True)], dtype=np.float64
+        [np.linalg.norm(measured[b][r, :3]) for b, r in zip(held_out.block, held_out.row, strict=True)],
+        dtype=np.float64,
     )
     return np.maximum(out, 1e-12)
 
 
-def figures(chain: ElasticChain, pulls: Sequence[Pulls], fit: Fit, held: HeldOut) -> tuple[Figure, ...]:
+def figures(chain: ElasticChain, pulls: Sequence[Pulls], fit: Fit, held_out: HeldOut) -> tuple[Figure, ...]:
     """What else is worth a number.
 
     Args:
         chain: With the identified compliances.
         pulls: Data.
         fit: To them.
-        held: Errors of held-out rows.
+        held_out: Errors of held-out rows.
     """
     gaps = []
     for p in pulls:
@@ -92,7 +93,7 @@ def figures(chain: ElasticChain, pulls: Sequence[Pulls], fit: Fit, held: HeldOut
     of_weight, of_second = np.max(np.array(gaps), axis=0)
     return (
         Figure("pulls", "pulls used", float(sum(len(p) for p in pulls))),
-        Figure("holdout_pulls", "pulls that the error on data not used rests on", float(held.count)),
+        Figure("holdout_pulls", "pulls that the error on data not used rests on", float(held_out.count)),
         Figure("weight_um", "largest part of a deflection that own weight adds (second order)", float(of_weight) / UM),
         Figure(
             "second_order_um",
@@ -104,41 +105,46 @@ def figures(chain: ElasticChain, pulls: Sequence[Pulls], fit: Fit, held: HeldOut
 
 
 def remarks(
-    chain: ElasticChain, plan: Layout, fit: Fit, held: HeldOut, pulls: Sequence[Pulls], found: Found | None
+    chain: ElasticChain,
+    plan: Layout,
+    fit: Fit,
+    held_out: HeldOut,
+    pulls: Sequence[Pulls],
+    pieces: PiecewiseSearch | None,
 ) -> tuple[str, ...]:
     """What the data determine and what not, which rows are doubtful, what was assumed."""
-    out = [*_determined(plan, fit, held), COUNTED["stiffness"].text, *fit.hidden, *_doubtful(fit, pulls)]
+    out = [*_determined(plan, fit, held_out), COUNTED["stiffness"].text, *fit.hidden, *_doubtful(fit, pulls)]
     unknown = [p.name for p in pulls if not p.history]
     if unknown and chain.play is not None:
         out.append(
             f"{', '.join(unknown)}: the manifest does not state how the axes moved between the readings "
             f"(settings.history); the effect of play and friction of the cell file was added to the standard deviations"
         )
-    if found is not None and found.regions:
-        for i, region in enumerate(found.regions):
+    if pieces is not None and pieces.regions:
+        for i, region in enumerate(pieces.regions):
             value = fit.value(region.name)
             out.append(
                 f"{region.text}: the compliance changes by {100.0 * value:+.0f} % over the range measured; the error "
-                f"on data not used falls from {found.error[i] / UM:.0f} to {found.error[i + 1] / UM:.0f} um"
+                f"on data not used falls from {pieces.error[i] / UM:.0f} to {pieces.error[i + 1] / UM:.0f} um"
             )
-        if any(region.axis >= 0 for region in found.regions):
+        if any(region.axis >= 0 for region in pieces.regions):
             out.append(
                 "The cell file gets the dependence on angles as [[robot.elastic_region]]: plans, the online loop and "
                 "deflection use it, fading to the mean outside the angles of these pulls"
             )
-        loads = [region.text for region in found.regions if region.axis < 0]
+        loads = [region.text for region in pieces.regions if region.axis < 0]
         if loads:
             out.append(f"{'; '.join(loads)}: a plan has no such dependence, the cell file takes the mean compliance")
     return tuple(out)
 
 
-def _determined(plan: Layout, fit: Fit, held: HeldOut) -> list[str]:
+def _determined(plan: Layout, fit: Fit, held_out: HeldOut) -> list[str]:
     well, fair, poor, unseen = [], [], [], []
     for k, item in enumerate(plan.springs.parameters):
         if not item.free:
             continue
         value = max(float(fit.values[k]), 1e-300)
-        spread = _between_folds(held, k)
+        spread = _between_folds(held_out, k)
         relative = float(fit.sigma[k]) / value
         text = f"{item.name} ({100.0 * relative:.0f} %"
         text += f", {100.0 * spread:.0f} % between folds)" if np.isfinite(spread) else ")"
@@ -165,11 +171,11 @@ def _determined(plan: Layout, fit: Fit, held: HeldOut) -> list[str]:
     return out
 
 
-def _between_folds(held: HeldOut, place: int) -> float:
+def _between_folds(held_out: HeldOut, place: int) -> float:
     """Range of a value between the fits of the folds, relative to its mean; NaN where there is one fit only."""
-    if len(held.fits) < 2:
+    if len(held_out.fits) < 2:
         return float("nan")
-    values = np.array([f.values[place] for f in held.fits])
+    values = np.array([f.values[place] for f in held_out.fits])
     return float(np.ptp(values) / max(float(np.mean(values)), 1e-300))
 
 
@@ -188,9 +194,9 @@ def _doubtful(fit: Fit, pulls: Sequence[Pulls]) -> list[str]:
     return out
 
 
-def pictures(held: HeldOut, measured: Sequence[Float], plan: Layout, fit: Fit) -> tuple[Picture, ...]:
+def pictures(held_out: HeldOut, measured: Sequence[Float], plan: Layout, fit: Fit) -> tuple[Picture, ...]:
     """Error of held-out pulls over their deflection, and what was found against what was known."""
-    size = sizes(held, measured) / MM
+    size = sizes(held_out, measured) / MM
     springs = [k for k, p in enumerate(plan.springs.parameters) if p.free and p.nominal > 0.0]
     place = np.arange(1.0, len(springs) + 1.0)
     ratio = np.array([fit.values[k] / plan.parameters.items[k].nominal for k in springs])
@@ -202,8 +208,8 @@ def pictures(held: HeldOut, measured: Sequence[Float], plan: Layout, fit: Fit) -
             "measured deflection / mm",
             "error / mm",
             (
-                Curve("with the cell file as it was", size, held.nominal / MM),
-                Curve("identified", size, held.identified / MM),
+                Curve("with the cell file as it was", size, held_out.nominal / MM),
+                Curve("identified", size, held_out.identified / MM),
             ),
             "Every point is a held-out pull.",
         )

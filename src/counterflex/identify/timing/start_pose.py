@@ -36,12 +36,12 @@ def over_part(cell: CellModel) -> Float:
     for k in range(_TURNS):
         target = down @ pose.make(rotation.about_z(k * 360.0 / _TURNS * DEG))
         try:
-            found = inverse(chain, target, cell.branch)
+            solution = inverse(chain, target, cell.branch)
         except ReachError:
             continue
-        inside = bool(np.all((found.q > limits[:, 0]) & (found.q < limits[:, 1])))
-        if inside and (best is None or found.sigma_min > best.sigma_min):
-            best = found
+        inside = bool(np.all((solution.q > limits[:, 0]) & (solution.q < limits[:, 1])))
+        if inside and (best is None or solution.sigma_min > best.sigma_min):
+            best = solution
     if best is None:
         raise ReachError(
             "no pose over the part is reachable in the cell's posture",

@@ -99,13 +99,13 @@ def unrest(block: FiducialResiduals, measured: Float, sigma: Float, time_s: Floa
     Returns:
         (m, 3, 1) m, base axes; (m, 3, 0) where there is one round only.
     """
-    found = drifts(block.group, measured, sigma, time_s)
-    if not found:
+    motions = drifts(block.group, measured, sigma, time_s)
+    if not motions:
         return np.zeros((len(measured), 3, 0))
     rounds = rounds_of(block.group, time_s)
     centre = measured[rounds == 0].mean(axis=0)
-    last, shift = found[-1], np.zeros_like(measured)
-    for d in (None, *found):
+    last, shift = motions[-1], np.zeros_like(measured)
+    for d in (None, *motions):
         rows = rounds == (0 if d is None else d.round)
         moved, turned = (np.zeros(3), np.zeros(3)) if d is None else (d.shift_m, d.rotation_rad)
         shift[rows] = (moved - last.shift_m) + np.cross(turned - last.rotation_rad, measured[rows] - centre)

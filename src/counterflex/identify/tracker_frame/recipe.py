@@ -57,7 +57,7 @@ def identify(inputs: Inputs) -> Identification:
         InputError: Too few or collinear fiducials, a mirrored frame, units mixed up, poses that do not turn.
     """
     cell, data, holdout, options, progress = inputs
-    told = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]))
+    notes = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]))
     known = known_frames(cell)
     start_tracker, start_target = _start(cell, data)
     T0 = start_tracker if known is None else known.T_base_tracker
@@ -91,9 +91,9 @@ def identify(inputs: Inputs) -> Identification:
     scored = [i for i, b in enumerate(blocks) if isinstance(b, FiducialResiduals)] or list(range(len(blocks)))
     if holdout:
         unseen = _blocks(cell, holdout, model, tracker, target, last=False)
-        held = score_separate(parameters, blocks, unseen, error=position_error, start=start)
+        held_out = score_separate(parameters, blocks, unseen, error=position_error, start=start)
     else:
-        held = cross_validate(
+        held_out = cross_validate(
             parameters, blocks, error=position_error, scored=scored, start=start, progress=parts["held out"]
         )
     T_base_tracker = tracker.at(fit.values)
@@ -108,27 +108,27 @@ def identify(inputs: Inputs) -> Identification:
     return Identification(
         recipe="tracker-frame",
         fits={"tracker-frame": fit},
-        headline=_headline(held, known),
+        headline=_headline(held_out, known),
         figures=(
             *_figures(fit, blocks, watch),
             *_frame_figures(fit, tracker, target),
             *_part_figures(cell, fit, tracker),
         ),
         changes=(change,),
-        remarks=(*told, *_remarks(fit, blocks, watch, target is not None)),
+        remarks=(*notes, *_remarks(fit, blocks, watch, target is not None)),
         pictures=_pictures(fit, blocks),
     )
 
 
 def _check(cell: CellModel, data: Sequence[Dataset], *, as_stated: bool) -> tuple[str, ...]:
     """Refuse what a fit would hide; remarks."""
-    told: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     poses = [d for d in data if d.kind == "tracker_poses"]
     fiducials = [d for d in data if d.kind == "fiducials"]
     if not poses and not fiducials:
         raise InputError("the tracker's frame needs fiducials or tracker poses", value=[d.kind for d in data])
     for d in poses:
-        told = (*told, *check_tracker_data(cell, d, as_stated=as_stated))
+        notes = (*notes, *check_tracker_data(cell, d, as_stated=as_stated))
     for d in fiducials:
         check_finite(d, ["p_base_fiducial", "p_tracker_fiducial"])
         different = len(np.unique(d.group))
@@ -144,7 +144,7 @@ def _check(cell: CellModel, data: Sequence[Dataset], *, as_stated: bool) -> tupl
         check_spread(p_base, "fiducials", where=d.where or d.name)
         check_spread(p_tracker, "fiducials as measured", where=d.where or d.name)
         check_sense(p_base, p_tracker, float(np.median(fiducial_sigma(d))), d.where or d.name)
-    return told
+    return notes
 
 
 def _start(cell: CellModel, data: Sequence[Dataset]) -> tuple[Float, Float | None]:
@@ -177,22 +177,22 @@ def _blocks(
                 rounds = rounds_of(d.group, _time(d))
                 latest = {int(g): int(rounds[d.group == g].max()) for g in np.unique(d.group)}
                 rows = np.array([rounds[i] == latest[int(g)] for i, g in enumerate(d.group)])
-            kept = d.rows(rows)
+            part = d.rows(rows)
             out.append(
                 FiducialResiduals(
                     name=d.name,
-                    group=kept.group,
-                    sigma=fiducial_sigma(kept),
+                    group=part.group,
+                    sigma=fiducial_sigma(part),
                     tracker=tracker,
-                    p_base=kept.values("p_base_fiducial"),
-                    p_tracker=kept.values("p_tracker_fiducial"),
+                    p_base=part.values("p_base_fiducial"),
+                    p_tracker=part.values("p_tracker_fiducial"),
                 )
             )
         elif target is not None:
-            given = arm_of(cell, d)
+            stated_arm = arm_of(cell, d)
             angles = known_drive_errors(cell).link_angles
-            free = isinstance(given, ArmGeometry) and model is not None
-            arm = model.at(angles(d.values("q"))) if free and model is not None else given
+            free = isinstance(stated_arm, ArmGeometry) and model is not None
+            arm = model.at(angles(d.values("q"))) if free and model is not None else stated_arm
             out.append(tracker_residuals(d, arm, tracker, target))
     return out
 
@@ -242,8 +242,8 @@ def _drift(data: Sequence[Dataset]) -> tuple[Drift, ...]:
     return out
 
 
-def _headline(held: HeldOut, known: KnownFrames | None) -> tuple[Figure, ...]:
-    mean, largest = held.mean(), held.largest()
+def _headline(held_out: HeldOut, known: KnownFrames | None) -> tuple[Figure, ...]:
+    mean, largest = held_out.mean(), held_out.largest()
     return (
         Figure(
             "holdout_mean_mm",
@@ -257,8 +257,8 @@ def _headline(held: HeldOut, known: KnownFrames | None) -> tuple[Figure, ...]:
             largest[0] / MM,
             None if known is None else largest[1] / MM,
         ),
-        Figure("holdout_count", "points predicted", float(held.count)),
-        Figure("gross_count", "excluded outliers", float(np.sum(held.gross))),
+        Figure("holdout_count", "points predicted", float(held_out.count)),
+        Figure("gross_count", "excluded outliers", float(np.sum(held_out.gross))),
     )
 
 
@@ -320,16 +320,16 @@ def _remarks(fit: Fit, blocks: Sequence[Residuals], watch: Sequence[Drift], targ
             "kinematics recipe finds them from more poses."
         )
     for d in watch:
-        told = (
+        notes = (
             f"round {d.round}: the tracker shifted by {_length(d.shift_m) / UM:.3g} um "
             f"({_length(d.shift_sigma_m) / UM:.2g} um standard deviation) and turned by "
             f"{_length(d.rotation_rad) / URAD:.3g} urad ({_length(d.rotation_sigma_rad) / URAD:.2g} urad)"
         )
         if d.significant:
-            out.append(f"Drift, {told}; noise alone would do that with probability {d.probability:.1g}. "
+            out.append(f"Drift, {notes}; noise alone would do that with probability {d.probability:.1g}. "
                        "The frame is that of the last round; earlier measurements refer to another one.")  # fmt: skip
         else:
-            out.append(f"No drift beyond noise, {told}.")
+            out.append(f"No drift beyond noise, {notes}.")
     if not target:
         out.append("The target's offset on the tool was not measured: add tracker poses of the robot.")
     return tuple(out)
