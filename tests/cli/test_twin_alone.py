@@ -6,6 +6,7 @@ import contextlib
 import shutil
 import socket
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from counterflex.protocols.kuka_rsi.config import read_config
 from counterflex.protocols.kuka_rsi.telegram import answer_writer, robot_reader
 from counterflex.robot.elasticity.chain import forward
 from counterflex.runtime.plausibility.axis_check import AxisCheck
+from counterflex.twin.devices import robot_server
 from counterflex.twin.devices.exact_robot import StandingRobot, Standstill
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.devices.robot_server import RobotServer
@@ -56,6 +58,21 @@ def test_nobody_answers(folder: Path, refused: Any, counterflex: Any, somebody: 
         assert not (folder / "seen.csv").exists()
 
 
+@pytest.fixture
+def soon_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A partner counts as gone after 0.6 s in three waits, in place of 15 s: the same comparison, other numbers."""
+    assert 3.0 * robot_server.Timing().patience_s == robot_server._LONGEST_ALONE_S
+    monkeypatch.setattr(robot_server, "_LONGEST_ALONE_S", 0.6)
+    whole = robot_server.RobotServer._wait_lockstep
+
+    def brief(self: RobotServer, now_s: float) -> bytes | None:
+        self.timing = replace(self.timing, patience_s=0.2)
+        return whole(self, now_s)
+
+    monkeypatch.setattr(robot_server.RobotServer, "_wait_lockstep", brief)
+
+
+@pytest.mark.usefixtures("soon_alone")
 def test_a_controller_ends_when_its_partner_has_gone() -> None:
     """One that would wait for ever by its own time-out: the port is closed after ten answers."""
     config = read_config(DEMO / "rsi.xml")
@@ -80,6 +97,7 @@ def test_a_controller_ends_when_its_partner_has_gone() -> None:
     server.close()
 
 
+@pytest.mark.usefixtures("soon_alone")
 def test_a_partner_that_vanishes_in_the_middle_is_no_success(folder: Path, counterflex: Any) -> None:
     """0 said that all was well; a Stop from the partner is an answer, and 0."""
     shutil.copy(DEMO / "rsi.xml", folder / "rsi.xml")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +69,6 @@ class Plant:
         self.w0, self.zeta = delays.natural_per_s, delays.damping
         self.x, self.k, self.deviation = 0.0, 0, np.zeros(3)
         self.rng = np.random.default_rng(3)
-        self.worst = 0.0
 
     def cycle(
         self,
@@ -91,7 +91,6 @@ class Plant:
         load = np.zeros(3) if load is None else load
         bent = bending(load)
         self.deviation = self.y + bent + (0.0 if off is None else off)
-        self.worst = max(self.worst, float(np.linalg.norm(self.y - np.linalg.solve(self.P, self.y))))
         nominal = np.array([self.x, 0.0, 0.0])
         force = load if sensed is None else sensed
         tracked = self.loop.settings.tracker != TrackerMode.NONE and seen
@@ -121,10 +120,15 @@ class Plant:
 
 
 def bending(force: Float) -> Float:
+    return np.array(_bending(*force.tolist()))
+
+
+@lru_cache(maxsize=4096)
+def _bending(*force: float) -> tuple[float, ...]:
+    """Most cycles bear the force of the cycle before."""
     R_base_part = CELL.T_base_part[:3, :3]
-    w = np.concatenate([R_base_part @ force, np.zeros(3)])
-    out: Float = R_base_part.T @ deflection(CELL.chain, Q, w)[:3]
-    return out
+    w = np.concatenate([R_base_part @ np.array(force), np.zeros(3)])
+    return tuple((R_base_part.T @ deflection(CELL.chain, Q, w)[:3]).tolist())
 
 
 def blend_in(k: int, cycles: int) -> float:

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -337,8 +338,9 @@ def neighbours(plant: TrackerPlant, goals: DesignGoals) -> tuple[TrackerPlant, .
     return tuple(out)
 
 
+@lru_cache(maxsize=32)
 def design(plant: TrackerPlant, goals: DesignGoals | None = None, *, notch: bool = True) -> TrackerGains:
-    """Largest gains that keep the margins, on the robot as known and on its neighbours.
+    """Largest gains that keep the margins, on the robot as known and on its neighbours; found once per process.
 
     Args:
         plant: The robot.
