@@ -2,10 +2,13 @@
 
     python tools/measure_structure.py
     git worktree add ../before edd1e91 && python tools/measure_structure.py --before ../before --entered
+    python tools/measure_structure.py --entered --files
 
-Every figure is counted from the syntax trees below src/counterflex; --entered runs `counterflex compensate` on a
-shipped program and counts the files of which a function is called, without what importing calls. The table in
-docs/adr/0011-folders.md is what it prints.
+Every figure is counted from the syntax trees below src/counterflex; --entered runs a shipped program twice and counts
+the files of which a function is called, without what importing calls: once as `counterflex compensate`, once as the
+call `compensate(program, read_cell(cell))` of counterflex.app.compensation.compensate, which leaves out command line,
+report and writing of files; --files prints which files those are. The table in docs/adr/0011-folders.md is what it
+prints.
 """
 
 from __future__ import annotations
@@ -41,16 +44,27 @@ def note(frame, event, argument):
     if event == "call" and "/src/counterflex/" in file and file not in entered and not importing(frame):
         entered.add(file)
 program, cell = "examples/programs/groove.ngc", "examples/cells/kr300_d16_small.toml"
-sys.argv = ["counterflex", "compensate", program, "--cell", cell, "--out", sys.argv[1]]
-from counterflex.cli import start
+way, out = sys.argv[1:]
+if way == "command":
+    from counterflex.cli import start
+    sys.argv = ["counterflex", "compensate", program, "--cell", cell, "--out", out]
+    job = start.run
+else:
+    from counterflex.app.compensation.compensate import compensate
+    from counterflex.files.cell.cell import read_cell
+    job = lambda: compensate(program, read_cell(cell))
 sys.setprofile(note)
 threading.setprofile(note)
 try:
-    start.run()
-except SystemExit:
-    pass
+    job()
+except SystemExit as end:
+    failed = end.code
+else:
+    failed = None
 sys.setprofile(None)
-print("entered", len(entered))
+if failed:
+    sys.exit(failed)
+print("entered", *sorted(file.split("/src/counterflex/")[1] for file in entered))
 """
 
 
@@ -148,17 +162,22 @@ def circles(modules: list[Module]) -> int:
     return count
 
 
-def entered(root: Path) -> int:
-    """Files of which a function is called by one `counterflex compensate`."""
+def entered(root: Path, way: str) -> list[str]:
+    """Files below src/counterflex of which a function is called by one compensation.
+
+    Args:
+        root: Of the tree.
+        way: "command" for all of `counterflex compensate`, "text" for program and cell file to compensated text alone.
+    """
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | {"PYTHONPATH": str(root / "src")}
-        command = [sys.executable, "-c", _ENTERED, str(Path(folder) / "out")]
+        command = [sys.executable, "-c", _ENTERED, way, str(Path(folder) / "out")]
         done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=True)
-    return int(done.stdout.rsplit("entered", 1)[1])
+    return done.stdout.rsplit("entered", 1)[1].split()
 
 
-def measure(root: Path, with_entered: bool) -> dict[str, str]:
-    """All figures of one tree, by what they count."""
+def measure(root: Path, ways: dict[str, list[str]]) -> dict[str, str]:
+    """All figures of one tree, by what they count; ``ways``: files entered, see :func:`entered`."""
     source = root / "src"
     modules = [Module.read(source, file) for file in sorted((source / "counterflex").rglob("*.py"))]
     own = [m for m in modules if not m.package]
@@ -175,7 +194,8 @@ def measure(root: Path, with_entered: bool) -> dict[str, str]:
         "lines": text.count("\n"),
         "widest folder": f"{width[widest]} ({widest.removeprefix('counterflex.')})",
         "median folder": f"{median(width.values()):g}",
-        "files entered by one compensate": entered(root) if with_entered else "not run",
+        "files entered by one compensate": len(ways["command"]) if ways else "not run",
+        "files entered from program to compensated text": len(ways["text"]) if ways else "not run",
         f"functions above complexity {COMPLEX} outside kernels": sum(
             complexity(f) > COMPLEX for f, is_kernel in pairs if not is_kernel
         ),
@@ -209,15 +229,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--before", type=Path, help="a second tree to compare with, for example a git worktree")
     parser.add_argument(
-        "--entered", action="store_true", help="run compensate and count the files it enters (some 20 s)"
+        "--entered", action="store_true", help="run compensate and count the files it enters (some 40 s)"
     )
+    parser.add_argument("--files", action="store_true", help="with --entered: print which files these are")
     asked = parser.parse_args()
-    after = measure(Path(__file__).resolve().parents[1], asked.entered)
+    if asked.files and not asked.entered:
+        parser.error("--files lists what --entered counts: give both")
+
+    def ways(root: Path) -> dict[str, list[str]]:
+        return {way: entered(root, way) for way in ("command", "text")} if asked.entered else {}
+
+    here = Path(__file__).resolve().parents[1]
+    files = ways(here)
+    if asked.files:
+        for file in sorted({*files["command"], *files["text"]}):
+            print(f"{'text   ' if file in files['text'] else 'command'} {file}")
+    after = measure(here, files)
     if asked.before is None:
         print("| | now |\n|---|---|")
         print("\n".join(f"| {name} | {value} |" for name, value in after.items()))
         return
-    before = measure(asked.before.resolve(), asked.entered)
+    root = asked.before.resolve()
+    before = measure(root, ways(root))
     print("| | before | after |\n|---|---|---|")
     for name in dict.fromkeys([*before, *after]):
         print(f"| {name} | {before.get(name, '-')} | {after.get(name, '-')} |")
