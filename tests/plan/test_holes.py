@@ -13,8 +13,7 @@ from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.compensate import plan
-from counterflex.plan.inputs import with_settling
-from counterflex.plan.setting import Setting
+from counterflex.plan.inputs import Setting, with_settling
 from counterflex.plan.static_correction import held_in_holes
 
 PathOf = Callable[..., ToolPath]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from counterflex.plan.response import lasting
+from counterflex.plan.compensate import lasting
 
 RNG = np.random.default_rng(3)
 TIME = np.cumsum(np.where(RNG.random(2000) < 0.1, 0.0, 0.008 * RNG.random(2000)))

@@ -14,9 +14,8 @@ from counterflex.core.units import MM, UM, URAD
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import plan
-from counterflex.plan.inputs import solve_joints
+from counterflex.plan.inputs import Setting, solve_joints
 from counterflex.plan.sag_and_play import corrected_joints, play_deviation, touched_points
-from counterflex.plan.setting import Setting
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.model.description import Play
 from counterflex.signals.preview import Shaping

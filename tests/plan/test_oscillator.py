@@ -12,7 +12,7 @@ from scipy.linalg import expm
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.plan.cut_kernel import oscillator
-from counterflex.plan.response import swing
+from counterflex.plan.sag_and_play import swing
 from counterflex.signals.preview import Mode
 
 ZETAS = [1e-3, 0.05, 0.3, 0.999, 1.0, 1.001, 1.5, 20.0]

@@ -18,8 +18,8 @@ from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose, wrench
 from counterflex.path.toolpath import FEED, ToolPath, tool_orientation, tool_poses
 from counterflex.plan.compensate import plan
+from counterflex.plan.inputs import Limits, Setting
 from counterflex.plan.plan import Plan, across
-from counterflex.plan.setting import Limits, Setting
 from counterflex.robot.elasticity.chain import ElasticChain, forward_elastic
 from counterflex.robot.kinematics.inverse import inverse_path
 from counterflex.robot.model.description import Servo

@@ -13,11 +13,9 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM, MS, UM, URAD
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.inputs import solve_joints
+from counterflex.plan.inputs import Setting, solve_joints
 from counterflex.plan.play_compensation import play_compensation
-from counterflex.plan.response import swing
-from counterflex.plan.sag_and_play import corrected_joints, play_deviation, touched_points
-from counterflex.plan.setting import Setting
+from counterflex.plan.sag_and_play import corrected_joints, play_deviation, swing, touched_points
 from counterflex.robot.model.description import Play
 from counterflex.signals.preview import Mode
 

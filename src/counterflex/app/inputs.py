@@ -16,8 +16,7 @@ from counterflex.core.units import MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.inputs import with_settling
-from counterflex.plan.setting import Setting
+from counterflex.plan.inputs import Setting, with_settling
 from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine, read_parameter_file
 from counterflex.programs.gcode.read.reader import read_gcode_file

@@ -137,12 +137,12 @@ def read_toml(path: str | Path, kind: str = "") -> dict[str, Any]:
         raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
     except OSError as fault:
         raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
-    foreign = foreign_file.of_bytes(data)
-    if foreign is not None:
-        raise _foreign(file, foreign, kind)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as fault:
+        foreign = foreign_file.of_bytes(data)
+        if foreign is not None:
+            raise _foreign(file, foreign, kind) from fault
         raise FileFormatError(
             "not a text file in UTF-8",
             where=str(file),
@@ -154,7 +154,7 @@ def read_toml(path: str | Path, kind: str = "") -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as fault:
-        foreign = foreign_file.of_text(text)
+        foreign = foreign_file.of_bytes(data) or foreign_file.of_text(text)
         if foreign is not None:
             raise _foreign(file, foreign, kind) from fault
         raise FileFormatError(f"not valid TOML: {fault}", where=str(file)) from fault

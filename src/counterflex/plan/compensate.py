@@ -8,19 +8,47 @@ and one of the program as it is, are the prediction.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
-from counterflex.core.arrays import Int
+from counterflex.core.arrays import Float, Int
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.inputs import CORRECTION, JOINTS, UNDISTURBED, Inputs, solve_joints, work_of
-from counterflex.plan.plan import Plan
-from counterflex.plan.predict import dynamic_trial, predict_deviations
-from counterflex.plan.setting import Setting
-from counterflex.plan.static_correction import check_corrections, loaded_robot, static_correction
-from counterflex.plan.tool_deviation import can_move, lost_motion
+from counterflex.plan.inputs import (
+    CORRECTION,
+    JOINTS,
+    MENDED,
+    TRIAL,
+    UNCOMPENSATED,
+    UNDISTURBED,
+    Inputs,
+    Setting,
+    solve_joints,
+    work_of,
+)
+from counterflex.plan.plan import Plan, across
+from counterflex.plan.static_correction import (
+    Command,
+    LoadedRobot,
+    check_corrections,
+    command_against,
+    loaded_robot,
+    shaped,
+    static_correction,
+)
+from counterflex.plan.tool_deviation import can_move, lost_motion, run
 from counterflex.plan.undisturbed_cut import undisturbed_cut
+
+_BELIEVED = 0.3
+"""Share of the deflection that the trial may leave: if it leaves more, the model chatters and teaches nothing."""
+_SHARE = 0.7
+"""Of what is left: friction and cutting answer otherwise than the one mode that inverts the command."""
+_LASTING_S = 0.6
+"""What a trial leaves for that long is left to the correction at rest, which knows it better: in the model the grain of
+the stock shakes the drives free of friction that holds them in the cell."""
 
 
 def plan(
@@ -87,3 +115,105 @@ def plan(
         w_nominal_part=prediction.w_nominal_part,
         extrapolated=undisturbed.extrapolated.astype(np.int64),
     )
+
+
+def dynamic_trial(
+    loaded: LoadedRobot, displacement: Float, command: Command, parts: Mapping[str, Progress]
+) -> tuple[Command, Float]:
+    """Try a command, take back a share of what lasts of its deviation, and keep the better of the two commands.
+
+    Args:
+        loaded: The robot under load.
+        displacement: (n, 6) m, rad that the command takes back.
+        command: The correction at rest.
+        parts: Progress of the parts of the work; without :data:`~counterflex.plan.inputs.MENDED` nothing is mended, and
+            without :data:`~counterflex.plan.inputs.UNCOMPENSATED` (no prediction is asked for) nothing is tried for its
+            own sake.
+
+    Returns:
+        The command, and the deviation (n, 6) m, rad of the tool that it leaves in motion; zero if nothing was tried.
+    """
+    mends = MENDED in parts and bool(np.any(loaded.cut.contact))
+    if not mends and UNCOMPENSATED not in parts:
+        return command, np.zeros_like(displacement)
+    remaining = _tried(loaded, command, parts[TRIAL])
+    if not mends or _size(loaded, remaining) >= _BELIEVED * _size(loaded, loaded.deflection_part):
+        return command, remaining
+    second = command_against(loaded, displacement + _SHARE * _correctable(loaded, remaining))
+    remaining_of_second = _tried(loaded, second, parts[MENDED])
+    if _size(loaded, remaining_of_second) < _size(loaded, remaining):
+        return second, remaining_of_second
+    return command, remaining
+
+
+def _tried(loaded: LoadedRobot, command: Command, progress: Progress) -> Float:
+    return run(loaded.robot, loaded.inputs.stock, command.q, command.correction_part, progress)[1]
+
+
+def _size(loaded: LoadedRobot, deviation: Float) -> float:
+    """Root mean square of a deviation across the path, in contact; m."""
+    square = np.sum(across(deviation[:, :3], loaded.inputs.path.p_part_tcp)[loaded.cut.contact] ** 2, axis=1)
+    return float(np.sqrt(np.mean(square)))
+
+
+def _correctable(loaded: LoadedRobot, deviation: Float) -> Float:
+    """What of a deviation changes slower than it lasts and may be corrected, shaped in time."""
+    setting, path = loaded.inputs.setting, loaded.inputs.path
+    left = deviation if setting.orientation else np.pad(deviation[:, :3], ((0, 0), (0, 3)))
+    if setting.normal_only:
+        left = np.concatenate([across(left[:, :3], path.p_part_tcp), left[:, 3:]], axis=1)
+    left = left - lasting(left, path.time_s)
+    return shaped(loaded, left, np.zeros_like(left))
+
+
+def lasting(values: Float, time_s: Float) -> Float:
+    """What of a signal lasts: its mean over :data:`_LASTING_S` about each row, less at the ends.
+
+    Args:
+        values: (n, k).
+        time_s: (n,) s, not decreasing, longer than nothing.
+
+    Returns:
+        (n, k).
+    """
+    if len(time_s) < 2 or time_s[-1] <= time_s[0]:
+        return values.copy()
+    step = np.diff(time_s, prepend=time_s[0])[:, None]
+    middle = 0.5 * (values + np.concatenate([values[:1], values[:-1]]))
+    total = np.cumsum(middle * step, axis=0)
+    late, early = time_s + 0.5 * _LASTING_S, time_s - 0.5 * _LASTING_S
+    width = np.minimum(late, time_s[-1]) - np.maximum(early, time_s[0])
+    out = [(np.interp(late, time_s, c) - np.interp(early, time_s, c)) / width for c in total.T]
+    return np.stack(out, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Deviations of the tool from the programmed path, part axes; NaN where nothing was predicted.
+
+    Attributes:
+        deviation_nominal_part: (n, 3) m, the program as it is.
+        deviation_compensated_part: (n, 3) m, the compensated program.
+        w_nominal_part: (n, 6) N, N m, force on the tool that the program as it is makes.
+    """
+
+    deviation_nominal_part: Float
+    deviation_compensated_part: Float
+    w_nominal_part: Float
+
+
+def predict_deviations(loaded: LoadedRobot, deviation_part: Float, parts: Mapping[str, Progress]) -> Prediction:
+    """Run the program as it is on the moving robot; what the compensated one leaves is known from its trial.
+
+    Args:
+        loaded: The robot under load.
+        deviation_part: (n, 6) m, rad, deviation of the compensated program.
+        parts: Progress of the parts of the work; without :data:`~counterflex.plan.inputs.UNCOMPENSATED` nothing is
+            predicted.
+    """
+    n = len(loaded.inputs.path)
+    if UNCOMPENSATED not in parts:
+        return Prediction(np.full((n, 3), np.nan), np.full((n, 3), np.nan), np.full((n, 6), np.nan))
+    as_it_is = np.zeros((n, 3))
+    bent, deviation = run(loaded.robot, loaded.inputs.stock, loaded.inputs.q, as_it_is, parts[UNCOMPENSATED])
+    return Prediction(deviation[:, :3], deviation_part[:, :3], bent.w_tcp_part)

@@ -18,8 +18,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.path.toolpath import ToolPath
+from counterflex.plan.inputs import Setting
 from counterflex.plan.sag_and_play import corrected_joints, play_deviation, touched_points
-from counterflex.plan.setting import Setting
 from counterflex.signals.preview import Mode, Shaping, command_for
 
 SMOOTHING_S: Final = 0.04

@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, as_float
+from counterflex.core.jit import kernel
 from counterflex.geometry import pose, wrench
 from counterflex.path.toolpath import tool_orientation, tool_poses
-from counterflex.plan.response import swing
-from counterflex.plan.setting import Setting
+from counterflex.plan.cut_kernel import oscillator
+from counterflex.plan.inputs import Setting
 from counterflex.robot.elasticity import gravity, play
 from counterflex.robot.elasticity.chain import ElasticChain, forward, jacobian
 from counterflex.robot.elasticity.servo import servo_error
@@ -186,3 +187,40 @@ def _both(R_base_part: Float) -> Float:
     turn = np.zeros((6, 6))
     turn[:3, :3] = turn[3:, 3:] = R_base_part
     return turn
+
+
+@kernel("void(float64[:,::1], float64[::1], float64, float64, float64[:,::1])")
+def _swing(static: Float, time: Float, omega: float, zeta: float, out: Float) -> None:
+    x, v = static[0].copy(), np.zeros(static.shape[1])
+    out[0] = x
+    for i in range(1, static.shape[0]):
+        dt = time[i] - time[i - 1]
+        if dt > 0.0:
+            a, b, c, d = oscillator(dt, omega, zeta)
+            for k in range(static.shape[1]):
+                rest = x[k] - static[i, k]
+                x[k] = static[i, k] + a * rest + b * v[k]
+                v[k] = c * rest + d * v[k]
+        out[i] = x
+
+
+def swing(static: Float, time_s: Float, mode: Mode) -> Float:
+    """What arrives through a structure of one mode of something that acts at its end.
+
+    ``x'' + 2 zeta w x' + w^2 x = w^2 x_static(t)``, started at rest at the first value, with the value of each row held
+    since the row before; exact for that.
+
+    Args:
+        static: (n, k), for example the loads on the drives if the structure passed them on at once.
+        time_s: (n,) non-decreasing.
+        mode: The mode.
+
+    Returns:
+        (n, k) at the times of the rows.
+    """
+    values = np.array(as_float("static", static, (None, None)))
+    out = np.empty_like(values)
+    if len(values):
+        time = np.array(as_float("time_s", time_s, (len(values),)))
+        _swing(values, time, mode.omega_rad_s, mode.damping_ratio, out)
+    return out

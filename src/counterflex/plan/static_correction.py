@@ -21,11 +21,9 @@ from counterflex.core.progress import Progress
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import wrench
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.inputs import Inputs, feed_runs, part_compliance
+from counterflex.plan.inputs import Inputs, Limits, Setting, feed_runs, part_compliance
 from counterflex.plan.plan import across
-from counterflex.plan.response import within
 from counterflex.plan.sag_and_play import corrected_joints, residual_sag, touched_points
-from counterflex.plan.setting import Limits, Setting
 from counterflex.plan.tool_deviation import PlannedRobot, lost_motion, mode_of
 from counterflex.plan.undisturbed_cut import UndisturbedCut
 from counterflex.robot.elasticity import compliance
@@ -250,3 +248,31 @@ def _through_arm(setting: Setting, q: Float, w_part: Float, deflection_part: Flo
             at_once[some] = np.sum(own[:, setting.chain.flange_segment + 1 :], axis=1)
         out[rows] = deflection_part[rows] - wrench.rotate(R.T, at_once)
     return out
+
+
+def within(active: Bool, time_s: Float, group: Int, reach_s: float) -> Bool:
+    """Rows within a time of an active row of their group.
+
+    Args:
+        active: (n,).
+        time_s: (n,) s.
+        group: (n,) rows that follow each other without interruption have one number.
+        reach_s: The time.
+
+    Returns:
+        (n,).
+    """
+    out = active.copy()
+    for rows in _slices(group):
+        t, on = time_s[rows], time_s[rows][active[rows]]
+        if len(on):
+            at = np.searchsorted(on, t)
+            before = np.abs(t - on[np.maximum(at - 1, 0)])
+            behind = np.abs(t - on[np.minimum(at, len(on) - 1)])
+            out[rows] = np.minimum(before, behind) <= reach_s
+    return out
+
+
+def _slices(group: Int) -> list[slice]:
+    edges = np.flatnonzero(np.diff(group)) + 1
+    return [slice(int(a), int(b)) for a, b in zip([0, *edges], [*edges, len(group)], strict=True)]

@@ -14,8 +14,8 @@ from counterflex.path.toolpath import ToolPath
 from counterflex.plan.cut import Cut, at_points, cut
 from counterflex.plan.elastic_motion import DAMPING_S, commanded, lowest_mode, matrices, motion_along
 from counterflex.plan.elastic_motion_kernel import AXES, Motion
+from counterflex.plan.inputs import Setting
 from counterflex.plan.sag_and_play import in_touched_frame, play_deviation
-from counterflex.plan.setting import Setting
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode
 

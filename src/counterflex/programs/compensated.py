@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -221,3 +222,19 @@ def job_number(job: str) -> int:
     """
     mark(job)
     return 2 + int(job[:5], 16)
+
+
+def refuse_compensated(program: Program) -> None:
+    """Refuse a program that carries the mark of a plan.
+
+    Raises:
+        InputError: It is compensated already.
+    """
+    carried = marks("\n".join(program.lines))
+    if carried:
+        raise InputError(
+            "the program is compensated already and would be compensated twice",
+            where=Path(program.name).name,
+            value=f"job {', '.join(carried)}",
+            hint="Give the original program",
+        )

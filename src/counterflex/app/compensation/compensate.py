@@ -1,4 +1,9 @@
-"""The main job: a program in, the same program compensated out, with the plan and a summary beside it."""
+"""The main job: a program in, the same program compensated out, with the plan and a summary beside it.
+
+read (`app.inputs.read_job`) -> cell (`files.cell.cell.read_cell`) -> plan (`plan.compensate.plan`, five stages:
+`solve_joints`, `undisturbed_cut`, `static_correction`, `dynamic_trial`, `predict_deviations`) -> write
+(`languages.write`).
+"""
 
 from __future__ import annotations
 
@@ -10,12 +15,12 @@ from typing import Any
 from counterflex import __version__
 from counterflex.app.compensation.feed_for_tolerance import lowered_plan, shown_feed
 from counterflex.app.compensation.language_names import LANGUAGES
-from counterflex.app.compensation.languages import write
-from counterflex.app.compensation.prediction import beyond_measured, chatter_said, figures, prediction, summary_of
-from counterflex.app.compensation.refusals import refuse_compensated, require_options
+from counterflex.app.compensation.languages import require_tolerance, write
+from counterflex.app.compensation.prediction import prediction, summary_of
 from counterflex.app.compensation.robot_program import check_machine
 from counterflex.app.inputs import AS_IT_IS, Reading, faults_in, read_job, setting_of
 from counterflex.core import atomic
+from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
@@ -24,7 +29,7 @@ from counterflex.files.summary_file import write_summary
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.feed_for_tolerance import FeedTolerance, at_feed
 from counterflex.plan.plan import Plan
-from counterflex.programs.doubtful_readings import doubtful_readings
+from counterflex.programs.compensated import refuse_compensated
 
 READING, PLANNING, WRITING = "reading the program", "planning", "writing the program"
 WORK = {READING: 1.5, PLANNING: 35.0, WRITING: 1.5}
@@ -80,7 +85,9 @@ def compensate(
         CounterflexError: The program, the cell or the reach does not allow it; one line says what and where.
     """
     kind = LANGUAGES[language]
-    require_options(tolerance_m, feed, predict=predict)
+    require_tolerance(tolerance_m)
+    if feed is not None and not predict:
+        raise InputError("without a prediction no feed can be found for a tolerance", where="--no-predict")
     begin, parts = time.perf_counter(), in_parts(progress, WORK)
     parts[READING](0.0)
     job = read_job(program, cell, reading=reading)
@@ -98,19 +105,11 @@ def compensate(
             job = replace(job, path=plan.path, sampled=at_feed(job.sampled, lowered.share))
     parts[WRITING](0.0)
     files, facts = write(job, plan, cell, language, tolerance_m)
-    facts["tolerance_um"] = round(tolerance_m / UM, 3)
-    facts["lines_in"] = len("\n".join(job.program.lines).splitlines())
-    facts["lines_out"] = sum(len(text.splitlines()) for name, text in files.items() if not name.endswith(".dat"))
-    predicted = figures(plan)
-    said = (*doubtful_readings(job.program), *beyond_measured(cell, plan), *chatter_said(predicted["chatter"]))
-    facts["warnings"] = [*facts.get("warnings", ()), *said]
+    about = summary_of(job, plan, cell, language, files=files, written=facts, tolerance_m=tolerance_m)
     parts[WRITING](1.0)
-    about = summary_of(job, plan, cell, language, files=files, written=facts, prediction=predicted)
-    about |= ({} if feed is None else {"feed": shown_feed(lowered, feed)}) | {
-        "seconds": round(time.perf_counter() - begin, 3),
-        "counterflex": __version__,
-    }
-    return Compensated(plan, files, facts, about, job.program.encoding)
+    about |= {} if feed is None else {"feed": shown_feed(lowered, feed)}
+    about |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
+    return Compensated(plan, files, about["written"], about, job.program.encoding)
 
 
 def run(
@@ -122,9 +121,7 @@ def run(
     progress: Progress = silent,
     **options: Any,
 ) -> dict[str, Any]:
-    """Do the job on files: program files, ``plan.parquet``, ``summary.json`` and ``report.html`` in ``out``.
-
-    Either all files are written or none.
+    """Write program files, ``plan.parquet``, ``summary.json`` and ``report.html`` into ``out``: all or none of them.
 
     Args:
         program: G-code file.
@@ -132,10 +129,7 @@ def run(
         out: Folder; made when missing.
         report: Write the HTML page.
         progress: Progress callback, fraction 0 to 1.
-        options: As for :func:`compensate`.
-
-    Returns:
-        The summary.
+        options: As for :func:`compensate`; returned is its summary.
     """
     cell = read_cell(cell_file)
     with atomic.atomic_folder(out) as staging:

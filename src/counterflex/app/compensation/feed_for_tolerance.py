@@ -14,8 +14,8 @@ from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.feed_for_tolerance import ROUNDS, FeedTolerance, LoweredFeed, lower_feed
+from counterflex.plan.inputs import Setting
 from counterflex.plan.plan import Plan
-from counterflex.plan.setting import Setting
 from counterflex.programs.motion_rows import single_straight
 
 _PER_MINUTE = 94

@@ -17,7 +17,7 @@ from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.app.compensation.robot_program import left_out, other_lengths, routine_name, tool_data
 from counterflex.app.inputs import Job
 from counterflex.core.arrays import Float
-from counterflex.core.errors import CounterflexError, OutputError
+from counterflex.core.errors import CounterflexError, InputError, OutputError
 from counterflex.core.units import DEG, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
@@ -31,6 +31,8 @@ from counterflex.programs.robot_writer.machine_functions import Dialect
 
 RESULTS: Final = ("plan.parquet", "summary.json", "report.html")
 """What stands beside the program files."""
+TOLERANCE_M: Final = (0.1 * UM, 1000.0 * UM)
+"""Smallest and largest tolerance of the written path."""
 Written = tuple[dict[str, str], dict[str, Any]]
 """Program files by name, and what the writer says about them: SI, the unit as suffix; ``warnings`` a list of texts."""
 
@@ -174,6 +176,17 @@ def _payload(cell: Cell) -> tuple[float, list[float]]:
 GCODE: Final = LanguageKind("the same G-code", _gcode, orientation=False)
 KRL: Final = LanguageKind("KUKA KRL", _krl, dialect="krl")
 RAPID: Final = LanguageKind("ABB RAPID", _rapid, dialect="rapid")
+
+
+def require_tolerance(tolerance_m: float) -> None:
+    """Refuse a distance between the written path and the planned one outside :data:`TOLERANCE_M`."""
+    if not TOLERANCE_M[0] <= tolerance_m <= TOLERANCE_M[1]:
+        raise InputError(
+            "the tolerance of the written path is out of range",
+            where="compensation.tolerance_um",
+            value=f"{tolerance_m / UM:g}",
+            limit=f"{TOLERANCE_M[0] / UM:g} to {TOLERANCE_M[1] / UM:g}",
+        )
 
 
 def write(

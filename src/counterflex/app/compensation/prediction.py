@@ -19,6 +19,7 @@ from counterflex.evaluate.figures import weighted_figures
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import RAPID
 from counterflex.plan.plan import Plan, across, job_hash
+from counterflex.programs.gcode.read.reader import doubtful_readings
 from counterflex.report.data import Fact, PredictionData
 from counterflex.robot.model.elastic_region import beyond_regions
 
@@ -199,7 +200,7 @@ def summary_of(
     *,
     files: dict[str, str],
     written: dict[str, Any],
-    prediction: dict[str, Any],
+    tolerance_m: float,
 ) -> dict[str, Any]:
     """What ``summary.json`` says of a compensated program, in shop units.
 
@@ -210,8 +211,16 @@ def summary_of(
         language: Of the output.
         files: Program files by name.
         written: What the writer says about them.
-        prediction: See :func:`figures`.
+        tolerance_m: Largest distance between the written path and the planned one.
     """
+    predicted = figures(plan)
+    said = (*doubtful_readings(job.program), *beyond_measured(cell, plan), *chatter_said(predicted["chatter"]))
+    written = written | {
+        "tolerance_um": round(tolerance_m / UM, 3),
+        "lines_in": len("\n".join(job.program.lines).splitlines()),
+        "lines_out": sum(len(text.splitlines()) for name, text in files.items() if not name.endswith(".dat")),
+        "warnings": [*written.get("warnings", ()), *said],
+    }
     return {
         "job": "compensate",
         "program": Path(job.program.name).name,
@@ -221,5 +230,5 @@ def summary_of(
         "files": list(files),
         "job_hash": job_hash(plan),
         "written": written,
-        "prediction": prediction,
+        "prediction": predicted,
     }

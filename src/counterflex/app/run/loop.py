@@ -18,8 +18,7 @@ from counterflex.plan.ahead import arm_share, arrival
 from counterflex.plan.inputs import feed_runs, part_compliance
 from counterflex.plan.plan import Plan, across
 from counterflex.plan.play_compensation import play_compensation
-from counterflex.plan.response import within
-from counterflex.plan.static_correction import APPROACH_S
+from counterflex.plan.static_correction import APPROACH_S, within
 from counterflex.plan.tool_deviation import mode_of
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.runtime.loop import Loop

@@ -71,9 +71,8 @@ def path(
     inputs = [program, *([] if parameters is None else [parameters])]
     if csv is not None:
         keep_inputs(csv, *inputs, option="--csv")
-    from counterflex.programs.doubtful_readings import doubtful_readings
     from counterflex.programs.gcode.read.parameter_file import read_parameter_file
-    from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART, read_gcode_file
+    from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART, doubtful_readings, read_gcode_file
     from counterflex.programs.listing import listing, write_listing
 
     machine = COORDINATES_OF_THE_PART if parameters is None else read_parameter_file(parameters)

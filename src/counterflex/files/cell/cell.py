@@ -236,8 +236,10 @@ def resolve(tables: CellTables, path: Path) -> Cell:
         for body in tables.end_effector
     )
     end_effector = EndEffector(bodies, tables.tcp.matrix())
-    with _said_of(f"{where}: robot.calibration"):
-        true_robot, true_end_effector = calibrated(robot, end_effector, _calibration(tables))
+    true_robot, true_end_effector = robot, end_effector
+    if tables.robot.calibration:
+        with _said_of(f"{where}: robot.calibration"):
+            true_robot, true_end_effector = calibrated(robot, end_effector, _calibration(tables))
     with _said_of(where):
         chain = ElasticChain.build(true_robot, true_end_effector)
         cell = Cell(tables, path, true_robot, true_end_effector, chain, robot, end_effector)

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from counterflex.core.units import DEG, MM, MS
 from counterflex.files.schema import Table
-from counterflex.plan.setting import Limits
+from counterflex.plan.inputs import Limits
 from counterflex.signals.preview import Mode, Shaping
 
 NonNegative = Annotated[float, Field(ge=0.0)]

@@ -54,8 +54,10 @@ class ElasticChain(Segments):
             q: (..., 6) rad.
 
         Returns:
-            (..., n, 6) m/N, rad/(N m).
+            (..., n, 6) m/N, rad/(N m); not to be written to.
         """
+        if not self.regions:
+            return np.broadcast_to(self.compliance, (*np.shape(q)[:-1], *self.compliance.shape))
         out: Float = self.compliance * growth(self.regions, self.names, q)
         return out
 
@@ -111,7 +113,8 @@ class ElasticChain(Segments):
         if robot.servo is not None:
             check_servo(robot.servo, robot.name)
         compliance = np.array([s.compliance for s in segments], dtype=np.float64).reshape(n, 6)
-        check_regions(robot.regions, [s.name for s in segments], compliance)
+        if robot.regions:
+            check_regions(robot.regions, [s.name for s in segments], compliance)
         return cls(
             name=robot.name,
             names=tuple(s.name for s in segments),
