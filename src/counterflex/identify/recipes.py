@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from typing import Any, Final
 
 from counterflex.core.registry import Registry
@@ -24,19 +25,11 @@ RECIPES: Final[Registry[Any]] = Registry(
     },
 )
 
-TITLES: Final = {
-    "kinematics": "geometry of arm, base and tool, from tracker poses or points, distances, touched planes",
-    "tracker-frame": "pose of the tracker in the base, of its target on the tool, drift, from fiducials or poses",
-    "stiffness": "compliances of joints, links, bodies, from displacement of the tool under known loads",
-    "cubes": "compliances of single elements, from motion of measuring cubes on the structure",
-    "play": "lost motion and friction of the axes, from slow reversals",
-    "timing": "dead time, lag and clock offset between channels, from a recorded motion",
-    "servo": "drive lag, loop gains, bandwidth of corrections, from steps",
-    "payload": "bias, weight, centre of gravity, hose pack at the force sensor, from many orientations",
-    "holder": "force from strain gauges on the spindle holder, from known loads",
-    "cutting": "force constants of a material, from test slots",
-}
-"""What each recipe identifies, and from what: in the help, in result.json, over the report, in docs/identify.md."""
+
+def own_title(name: str) -> str:
+    """Title of one of our own recipes: ``TITLE`` of its folder, so that the help loads no recipe."""
+    title: str = importlib.import_module(RECIPES.own[name].rpartition(".")[0]).TITLE
+    return title
 
 
 def added_kinds() -> dict[str, str]:

@@ -12,10 +12,10 @@ from counterflex.cli.bounds import LARGEST_SEED, MOST_PROPOSED
 from counterflex.cli.given import pairs
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
 from counterflex.core.errors import InputError
-from counterflex.identify.recipes import RECIPES, TITLES
+from counterflex.identify.recipes import RECIPES, own_title
 
 HISTORY = "history"
-_LIST = "\n\n".join(f"`{name}`: {TITLES[name]}" for name in TITLES)
+_LIST = "\n\n".join(f"`{name}`: {own_title(name)}" for name in RECIPES.own)
 _HELP = f"""Identify parameters of a cell from measured data: a new cell file with standard deviations, and a report.
 
 DATA are manifests of datasets. Writes into DIR: cell.toml (the cell file with the identified values), result.json

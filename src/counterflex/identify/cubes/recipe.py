@@ -12,6 +12,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import in_parts
 from counterflex.core.units import URAD
 from counterflex.identify.counted_coverage import COUNTED
+from counterflex.identify.cubes import TITLE
 from counterflex.identify.cubes import proposal as cube_proposal
 from counterflex.identify.cubes.pairs import SCALE, CubeMotions, block, read_cubes
 from counterflex.identify.data.alternative_readings import row_mistakes, sign_mistakes, swapped_columns, unit_mistakes
@@ -23,7 +24,6 @@ from counterflex.identify.geometry.compliances import DIRECTIONS, bearing_of, sp
 from counterflex.identify.pulls import checks as pull_checks
 from counterflex.identify.pulls.blocks import Layout, layout, with_honest_sigma
 from counterflex.identify.recipe import Figure, Identification, Inputs, Proposal, Recipe
-from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.residuals import Residuals
@@ -199,7 +199,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
 
 RECIPE: Final = Recipe(
     "cubes",
-    TITLES["cubes"],
+    TITLE,
     ("cubes",),
     SETTINGS,
     identify,

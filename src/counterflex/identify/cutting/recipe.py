@@ -20,6 +20,7 @@ from counterflex.core.arrays import Bool, Float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, saying
 from counterflex.core.units import MM
+from counterflex.identify.cutting import TITLE
 from counterflex.identify.cutting.checks import check
 from counterflex.identify.cutting.considered import RUNOUT_M, WEAR, force_sensor, with_shared
 from counterflex.identify.cutting.force_forms import EDGES, FORMS, Form, form
@@ -32,7 +33,6 @@ from counterflex.identify.data.changes import CuttingLaw
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.recipe import Figure, Identification, Inputs, Recipe
-from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.jackknife import parts_of_groups, with_jackknife
@@ -283,7 +283,7 @@ def _source(data: Sequence[Dataset]) -> str:
 
 RECIPE = Recipe(
     name="cutting",
-    title=TITLES["cutting"],
+    title=TITLE,
     kinds=(KIND,),
     settings={**PROPOSAL, **SETTINGS},
     find=identify,

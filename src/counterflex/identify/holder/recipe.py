@@ -17,6 +17,7 @@ from counterflex.identify.data.changes import Change, TableValues
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.manifest_checks import Misfit, check_reading, misfit_of
 from counterflex.identify.data.model import CellModel
+from counterflex.identify.holder import TITLE
 from counterflex.identify.holder.estimators import cross_talk, hysteresis, regressions
 from counterflex.identify.holder.known_holder import holder_before
 from counterflex.identify.holder.proposal import LARGEST_N, SHORTER_M, propose
@@ -31,7 +32,6 @@ from counterflex.identify.holder.residuals import (
     with_honest_sigma,
 )
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
-from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate, fold_of_groups, score_separate
 from counterflex.identify.solver.parameters import Parameters
@@ -337,7 +337,7 @@ def _picture(blocks: Sequence[HolderReadings], unseen: Sequence[HolderReadings],
 
 RECIPE = Recipe(
     name="holder",
-    title=TITLES["holder"],
+    title=TITLE,
     kinds=("holder_loads",),
     settings=SETTINGS,
     find=identify,

@@ -24,6 +24,7 @@ from counterflex.identify.geometry.known_drives import axis_sag_table, drive_err
 from counterflex.identify.geometry.known_frames import KnownFrames, known_frames, tracker_table
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.geometry.tracker_data import ROBOT_M, check_tracker_data, fixes_target, start_frames
+from counterflex.identify.kinematics import TITLE
 from counterflex.identify.kinematics.approach_sense import as_play, play_remarks, with_approach
 from counterflex.identify.kinematics.file_offsets import file_offsets, refuse
 from counterflex.identify.kinematics.held_out import held_out, region_errors
@@ -42,7 +43,6 @@ from counterflex.identify.kinematics.setup import (
 )
 from counterflex.identify.kinematics.stages import model_of_data, priors_of, refitted, with_lost, with_turns
 from counterflex.identify.recipe import Identification, Inputs, Recipe
-from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut
 from counterflex.identify.solver.solve import solve
@@ -272,7 +272,7 @@ def _changes(cell: CellModel, setup: Setup, fit: Fit, plays: Mapping[int, AxisPl
 
 RECIPE: Final = Recipe(
     name="kinematics",
-    title=TITLES["kinematics"],
+    title=TITLE,
     kinds=KINDS,
     settings={
         "sag": "auto",

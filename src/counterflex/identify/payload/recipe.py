@@ -15,6 +15,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.data.changes import BodyMass, Change, TableValues
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
+from counterflex.identify.payload import TITLE
 from counterflex.identify.payload import checks as payload_checks
 from counterflex.identify.payload import weight as payload_weight
 from counterflex.identify.payload.data import KINDS, check_orientations, clock, readings, shared_mass, with_added_mass
@@ -45,7 +46,6 @@ from counterflex.identify.payload.proposal import FORCE_N, HEIGHT_M, MOMENT_NM, 
 from counterflex.identify.payload.residuals import SensorReadings, force_error
 from counterflex.identify.payload.sensor import sensor_before
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
-from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, score_separate
 from counterflex.identify.solver.jackknife import parts_of_groups, with_groups_once, with_jackknife
@@ -372,7 +372,7 @@ def _pictures(blocks: Sequence[SensorReadings], force: HeldOut, moment: HeldOut)
 
 RECIPE = Recipe(
     name="payload",
-    title=TITLES["payload"],
+    title=TITLE,
     kinds=KINDS,
     settings=SETTINGS,
     find=identify,

@@ -14,12 +14,12 @@ from counterflex.core.progress import in_parts, share_of
 from counterflex.core.units import MRAD, MS, URAD
 from counterflex.identify.data.changes import AxisPlay
 from counterflex.identify.data.model import CellModel
+from counterflex.identify.play import TITLE
 from counterflex.identify.play.considered import compliance_share, with_honest_sigma, with_spread
 from counterflex.identify.play.parameters import axis_play, blocks, compliance, parameters
 from counterflex.identify.play.proposal import propose
 from counterflex.identify.play.residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
-from counterflex.identify.recipes import TITLES
 from counterflex.identify.reversals.data import Motion, motions, motor_friction
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
@@ -294,7 +294,7 @@ def _loop(block: ReversalResiduals, fit: Fit, motion: Motion) -> Picture:
 
 RECIPE: Final = Recipe(
     name="play",
-    title=TITLES["play"],
+    title=TITLE,
     kinds=("reversals",),
     settings={"bearing_m": BEARING_M, "as_stated": False},
     find=identify,

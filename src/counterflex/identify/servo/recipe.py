@@ -21,8 +21,8 @@ from counterflex.identify.delays.checks import check_delay
 from counterflex.identify.delays.delay import Delay, find_delay
 from counterflex.identify.delays.pairs import FOLLOWING, pairs
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
-from counterflex.identify.recipes import TITLES
 from counterflex.identify.reversals.data import motions, motor_friction
+from counterflex.identify.servo import TITLE
 from counterflex.identify.servo.data import LoadStep, load_steps
 from counterflex.identify.servo.exchange import together, with_exchange
 from counterflex.identify.servo.proposal import FORCE_N, propose
@@ -337,7 +337,7 @@ def _pictures(block: ServoResiduals, fit: Fit) -> list[Picture]:
 
 RECIPE: Final = Recipe(
     name="servo",
-    title=TITLES["servo"],
+    title=TITLE,
     kinds=("servo_steps", "reversals", "record"),
     settings={"torque_share": 0.03, "force_n": FORCE_N, "as_stated": False},
     find=identify,

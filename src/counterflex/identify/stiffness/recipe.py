@@ -26,11 +26,10 @@ from counterflex.identify.pulls.proposal import propose_pulls
 from counterflex.identify.pulls.pulls import Pulls, read_pulls
 from counterflex.identify.pulls.residuals import PullResiduals
 from counterflex.identify.recipe import Identification, Inputs, Proposal, Recipe
-from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.solver.solve import solve
-from counterflex.identify.stiffness import piecewise_compliance
+from counterflex.identify.stiffness import TITLE, piecewise_compliance
 from counterflex.identify.stiffness import report as pull_report
 from counterflex.identify.stiffness.frame_pulls import with_displacements
 from counterflex.robot.elasticity.chain import ElasticChain
@@ -222,7 +221,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
 
 RECIPE: Final = Recipe(
     "stiffness",
-    TITLES["stiffness"],
+    TITLE,
     ("pulls",),
     SETTINGS,
     identify,

@@ -16,8 +16,8 @@ from counterflex.identify.delays.checks import check_delay
 from counterflex.identify.delays.delay import Delay, Pair, build, find_delay
 from counterflex.identify.delays.pairs import pairs
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
-from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.holdout import HeldOut, score_separate
+from counterflex.identify.timing import TITLE
 from counterflex.identify.timing.proposal import propose
 
 _ORDERS: Final = ("auto", "none", "first", "second")
@@ -231,7 +231,7 @@ def _loop(estimate: Delay, c: int, label: str) -> Picture:
 
 RECIPE: Final = Recipe(
     name="timing",
-    title=TITLES["timing"],
+    title=TITLE,
     kinds=("record",),
     settings={"pairs": "auto", "lag": "auto", "through": "program", "as_stated": False},
     find=identify,

@@ -30,12 +30,12 @@ from counterflex.identify.geometry.placed_frame import COMPONENTS, PlacedFrame, 
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.geometry.tracker_data import arm_of, check_tracker_data, start_frames, tracker_residuals
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
-from counterflex.identify.recipes import TITLES
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.residuals import Residuals
 from counterflex.identify.solver.solve import solve
+from counterflex.identify.tracker_frame import TITLE
 from counterflex.identify.tracker_frame.considered import SCALE, sigma_at, unrest, with_frame_sigma
 from counterflex.identify.tracker_frame.frame_drift import Drift, drifts, rounds_of
 from counterflex.identify.tracker_frame.proposal import propose
@@ -348,7 +348,7 @@ def _pictures(fit: Fit, blocks: Sequence[Residuals]) -> tuple[Picture, ...]:
 
 RECIPE: Final = Recipe(
     name="tracker-frame",
-    title=TITLES["tracker-frame"],
+    title=TITLE,
     kinds=("fiducials", "tracker_poses"),
     settings={
         "measure": "poses",
