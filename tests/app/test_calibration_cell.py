@@ -57,8 +57,8 @@ def test_identification_needs_nothing_of_milling(recipe: str, tmp_path: Path) ->
 def jobs(cell: Path, folder: Path) -> dict[str, Callable[[], Any]]:
     return {
         "compensate": lambda: compensate(PROGRAM, cell, folder / "out"),
-        "prove": lambda: prove(PROGRAM, cell, folder / "out", seeds=1),
-        "campaign": lambda: campaign(cell, folder / "out", seeds=1),
+        "prove": lambda: prove(PROGRAM, cell, folder / "out", seeds=[1]),
+        "campaign": lambda: campaign(cell, folder / "out", seeds=[1]),
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+MOST_SEEDS: Final = 100
 LARGEST_SEED: Final = 2**31 - 1
 MOST_WORKERS: Final = 256
 MOST_PROPOSED: Final = 500

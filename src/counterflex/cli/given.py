@@ -14,6 +14,7 @@ from typing import Any
 
 import typer
 
+from counterflex.cli.bounds import LARGEST_SEED, MOST_SEEDS
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.output_place import place_of
 from counterflex.core.similar import close_to, missing_file
@@ -143,6 +144,26 @@ def host_port(param: Param, value: Any) -> Any:
     if value is not None:
         address(value, param.opts[0] if param.opts[0].startswith("--") else "HOST:PORT")
     return value
+
+
+def seeds(text: str) -> range:
+    """Truth seeds of ``--seeds``: ``5`` is 1 to 5, ``1001-1020`` is the first and the last.
+
+    Raises:
+        InputError: Neither, or none, or more than :data:`MOST_SEEDS`, or beyond :data:`LARGEST_SEED`.
+    """
+    words = text.split("-")
+    if len(words) not in (1, 2) or not all(word.isascii() and word.isdigit() for word in words):
+        raise InputError(
+            "no seeds", where="--seeds", value=text, limit="a number of seeds such as 5, or a range such as 1001-1020"
+        )
+    numbers = [int(word) for word in words]
+    first, last = numbers if len(numbers) == 2 else (1, numbers[0])
+    if not first <= last < first + MOST_SEEDS:
+        raise InputError("number of seeds is out of range", where="--seeds", value=text, limit=f"1 to {MOST_SEEDS}")
+    if last > LARGEST_SEED:
+        raise InputError("seed is out of range", where="--seeds", value=last, limit=f"at most {LARGEST_SEED}")
+    return range(first, last + 1)
 
 
 def address(text: str, option: str) -> tuple[str, int]:

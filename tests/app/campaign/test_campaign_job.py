@@ -27,7 +27,7 @@ def done(tmp_path_factory: pytest.TempPathFactory, small: Path) -> tuple[Path, P
     program = folder / "groove.ngc"
     program.write_text(SHORT, encoding="ascii")
     out = folder / "out"
-    found = campaign.run(small, out, program=program, seeds=1, recipes=[RECIPE], with_exact=True, workers=1)
+    found = campaign.run(small, out, program=program, seeds=[1], recipes=[RECIPE], with_exact=True, workers=1)
     return program, out, found
 
 
@@ -85,7 +85,7 @@ def test_what_is_done_is_not_done_again(
 
     monkeypatch.setattr(simulate, "machine", fail)
     monkeypatch.setattr(laboratory, "measure", fail)
-    again = campaign.run(small, out, program=program, seeds=1, recipes=[RECIPE], with_exact=True, workers=1)
+    again = campaign.run(small, out, program=program, seeds=[1], recipes=[RECIPE], with_exact=True, workers=1)
     assert again["seeds"] == found["seeds"]
     assert again["campaigns"] == found["campaigns"]
 
@@ -161,4 +161,4 @@ def test_either_seeds_or_a_truth(small: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="either"):
         campaign.run(small, tmp_path / "out")
     with pytest.raises(InputError, match="seeds"):
-        campaign.run(small, tmp_path / "out", seeds=0)
+        campaign.run(small, tmp_path / "out", seeds=[])

@@ -32,7 +32,7 @@ def variants(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """Figures before and after, for a planner that knows the cell file and for one that knows the cell."""
     folder = tmp_path_factory.mktemp("goals")
     examples.write(folder / "cell.toml")
-    found = prove.run(folder / "part.ngc", folder / "cell.toml", folder / "out", seeds=1, exact=True, workers=1)
+    found = prove.run(folder / "part.ngc", folder / "cell.toml", folder / "out", seeds=[1], exact=True, workers=1)
     return {item["truth_level"]: item["variants"] for item in found["seeds"]}
 
 

@@ -34,7 +34,7 @@ def proof(tmp_path_factory: pytest.TempPathFactory, small: Path) -> tuple[Path, 
     folder = tmp_path_factory.mktemp("prove")
     program = folder / "groove.ngc"
     program.write_text(SHORT, encoding="ascii")
-    summary = prove.run(program, small, folder / "out", seeds=1, exact=False, workers=1, progress=note)
+    summary = prove.run(program, small, folder / "out", seeds=[1], exact=False, workers=1, progress=note)
     return program, folder / "out", summary
 
 
@@ -94,7 +94,7 @@ def test_the_uncompensated_error_is_what_the_record_shows(proof: tuple[Path, Pat
 
 def test_a_proof_needs_a_seed(small: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="seeds"):
-        prove.run("part.ngc", small, tmp_path / "out", seeds=0)
+        prove.run("part.ngc", small, tmp_path / "out", seeds=[])
     assert not (tmp_path / "out").exists()
 
 
@@ -107,6 +107,6 @@ def test_the_bar_moves_within_each_run_and_by_what_parts_cost(proof: tuple[Path,
     for name in ("machining, seed 1, nominal", "machining, seed 1, compensated"):
         assert len({fraction for fraction, what in REPORTED if what == name}) >= 3
     for time_s, workers, tasks in ((4.0, 2, 3), (100.0, 1, 2), (1000.0, 4, 15)):
-        work = prove._work(time_s, tasks // 3 or 1, tasks, workers, exact=tasks % 3 == 0)
+        work = prove._work(time_s, range(tasks // 3 or 1), tasks, workers, exact=tasks % 3 == 0)
         assert (prove.STARTING in work) == (workers > 1)  # processes that start take longer than a short program
         assert work[prove.MACHINING] >= 0.2 * time_s * tasks / workers

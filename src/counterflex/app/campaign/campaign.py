@@ -31,6 +31,7 @@ from counterflex.evaluate.summary import SeedResult, TruthLevel, summary
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.update import copied_text
 from counterflex.files.summary_file import write_summary
+from counterflex.twin.truth.family import MILD, Family
 from counterflex.twin.truth.file import read_truth, write_truth
 from counterflex.twin.truth.truth import Truth
 
@@ -64,7 +65,8 @@ def run(
     out: str | Path,
     *,
     program: str | Path | None = None,
-    seeds: int | None = None,
+    seeds: Sequence[int] | None = None,
+    family: Family = MILD,
     truth_file: str | Path | None = None,
     recipes: Sequence[str] | None = None,
     with_exact: bool = False,
@@ -81,7 +83,8 @@ def run(
         cell_file: Cell as it is before any measurement.
         out: Folder.
         program: G-code to compensate and machine before and after; None identifies only.
-        seeds: Number of truth seeds, from 1 on.
+        seeds: Truth seeds.
+        family: Family that the truths are drawn from.
         truth_file: The one truth to do it for, instead of ``seeds``.
         recipes: Only these; None is all that the cell allows.
         with_exact: Also machine the program planned with the truth's exact constants.
@@ -97,8 +100,8 @@ def run(
     """
     if (seeds is None) == (truth_file is None):
         raise InputError("a campaign needs either a number of seeds or one truth file")
-    if seeds is not None and seeds < 1:
-        raise InputError("number of truth seeds is out of range", value=seeds, limit=">= 1")
+    if seeds is not None and not seeds:
+        raise InputError("there are no truth seeds")
     begin, begun = time.perf_counter(), time.time()
     folder, cell = Path(out), read_cell(cell_file)
     cell.require_milling()
@@ -112,7 +115,7 @@ def run(
     part = None
     if program is not None:
         part = _keep(Path(program).read_bytes(), folder / "original" / Path(program).name)
-    places = _places(start, folder, seeds or 0, truth, steps)
+    places = _places(start, folder, seeds or (), family, truth, steps)
     tasks = _tasks(places, start, part, with_exact=with_exact)
     results = run_tasks(tasks, workers, progress)
     for place in places:
@@ -136,16 +139,23 @@ def _keep(data: bytes, target: Path) -> Path:
     return target
 
 
-def _places(start: Path, out: Path, seeds: int, truth: Truth | None, steps: tuple[Measurement, ...]) -> list[_Place]:
+def _places(
+    start: Path,
+    out: Path,
+    seeds: Sequence[int],
+    family: Family,
+    truth: Truth | None,
+    steps: tuple[Measurement, ...],
+) -> list[_Place]:
     places = []
     if truth is not None:
         name = "twin" if truth.seed is None else f"seed-{truth.seed}"
         places.append(_Place(name, out / name, truth.seed, steps))
         write_truth(places[0].truth, truth)
     cell = read_cell(start)
-    for seed in range(1, seeds + 1):
+    for seed in seeds:
         places.append(_Place(f"seed-{seed}", out / f"seed-{seed}", seed, steps))
-        make_truth(cell, seed, places[-1].truth)
+        make_truth(cell, seed, places[-1].truth, family)
     return places
 
 

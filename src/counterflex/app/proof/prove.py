@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,7 +20,7 @@ from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, 
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_held, pool_of, share
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import Judged, judge, reference_of
-from counterflex.app.proof.result import FIRST_SEED, Proof
+from counterflex.app.proof.result import Proof
 from counterflex.app.proof.truth import knowing, truth_of
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
@@ -32,6 +32,7 @@ from counterflex.files.run_file import write_run
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.twin.plant.record import Record
+from counterflex.twin.truth.family import FIRST_SEED, MILD, Family
 from counterflex.twin.truth.file import write_truth
 from counterflex.twin.truth.truth import Truth
 
@@ -53,7 +54,8 @@ def prove(
     cell_file: str | Path,
     scratch: Path,
     *,
-    seeds: int = 1,
+    seeds: Sequence[int] = (FIRST_SEED,),
+    family: Family = MILD,
     exact: bool = True,
     workers: int | None = None,
     reading: Reading = AS_IT_IS,
@@ -65,7 +67,8 @@ def prove(
         program: G-code file.
         cell_file: Cell file: all the planner knows.
         scratch: Folder for programs handed to the simulated cells.
-        seeds: Number of truth seeds, from 1 on.
+        seeds: Truth seeds.
+        family: Family that the truths are drawn from.
         exact: Also machine the program planned with the truth's exact constants.
         workers: Processes; None is one per core.
         reading: How the program is read.
@@ -75,12 +78,12 @@ def prove(
         InputError: There are no seeds, or the program removes nothing.
         CounterflexError: As the jobs it consists of.
     """
-    if seeds < 1:
-        raise InputError("number of truth seeds is out of range", value=seeds, limit=">= 1")
+    if not seeds:
+        raise InputError("there are no truth seeds")
     cell = read_cell(cell_file)
     job = read_job(program, cell, reading=reading)
     begin = time.perf_counter()
-    count = seeds * (3 if exact else 2)
+    count = len(seeds) * (3 if exact else 2)
     parts = in_parts(progress, _work(float(job.path.time_s[-1]), seeds, count, count_of(workers, count), exact=exact))
     parts[PLANNING](0.0)
     with faults_in(job):
@@ -95,7 +98,7 @@ def prove(
         )
     files, written = write(job, plan, cell, "gcode")
     timing = {"planning": time.perf_counter() - begin}
-    truths = {seed: truth_of(cell, seed) for seed in range(FIRST_SEED, FIRST_SEED + seeds)}
+    truths = {seed: truth_of(cell, seed, family) for seed in seeds}
     compensated = _program(scratch / "compensated", files, job.program.encoding)
     tasks: list[tuple[tuple[int, str], Path]] = []
     for seed, truth in truths.items():
@@ -125,6 +128,7 @@ def prove(
         "program": Path(job.program.name).name,
         "cell": cell.name,
         "robot": cell.chain.name,
+        "family": family.name,
         "prediction": figures(plan),
         "written": written,
         "seconds": {name: round(value, 2) for name, value in timing.items()},
@@ -139,7 +143,8 @@ def run(
     cell_file: str | Path,
     out: str | Path,
     *,
-    seeds: int = 1,
+    seeds: Sequence[int] = (FIRST_SEED,),
+    family: Family = MILD,
     exact: bool = True,
     workers: int | None = None,
     reading: Reading = AS_IT_IS,
@@ -159,7 +164,15 @@ def run(
 
     with atomic.atomic_folder(out) as staging:
         proof = prove(
-            program, cell_file, staging, seeds=seeds, exact=exact, workers=workers, reading=reading, progress=progress
+            program,
+            cell_file,
+            staging,
+            seeds=seeds,
+            family=family,
+            exact=exact,
+            workers=workers,
+            reading=reading,
+            progress=progress,
         )
         for folder in staging.glob("exact-*"):
             for file in folder.iterdir():
@@ -174,8 +187,8 @@ def run(
         for seed, truth in proof.truths.items():
             write_truth(staging / f"truth-{seed}.toml", truth)
         for variant in ("nominal", "compensated"):
-            item = proof.judged[FIRST_SEED, variant]
-            write_run(staging / f"{variant}.parquet", item.run, {**about, "seed": FIRST_SEED, "variant": variant})
+            item = proof.judged[proof.first_seed, variant]
+            write_run(staging / f"{variant}.parquet", item.run, {**about, "seed": proof.first_seed, "variant": variant})
             item.actual.save(staging / f"{variant}-surface.npz")
         write_summary(staging / "summary.json", proof.summary)
         write_page(proof_page(proof), staging / "report.html")
@@ -189,10 +202,10 @@ def _program(folder: Path, files: dict[str, str], encoding: str) -> Path:
     return folder / next(iter(files))
 
 
-def _work(time_s: float, seeds: int, tasks: int, workers: int, *, exact: bool) -> dict[str, float]:
+def _work(time_s: float, seeds: Sequence[int], tasks: int, workers: int, *, exact: bool) -> dict[str, float]:
     """Seconds that the parts of a proof take, for a program that takes ``time_s``; only their shares count."""
     first = {PLANNING: 1.0 + _PLANNING_S * time_s}
-    exact_parts = {_exact_part(FIRST_SEED + i): 1.0 + 0.5 * _PLANNING_S * time_s for i in range(seeds)} if exact else {}
+    exact_parts = {_exact_part(seed): 1.0 + 0.5 * _PLANNING_S * time_s for seed in seeds} if exact else {}
     starting = {STARTING: _START_S} if workers > 1 else {}
     return {
         **first,

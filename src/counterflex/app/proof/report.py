@@ -17,7 +17,7 @@ from counterflex.app.compensation.prediction import figures
 from counterflex.app.inputs import setting_of
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import Comparison, Judged, features
-from counterflex.app.proof.result import FIRST_SEED, Proof
+from counterflex.app.proof.result import Proof
 from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
@@ -37,8 +37,8 @@ _LIBRARIES = ("numpy", "scipy", "numba", "mujoco", "polars", "plotly")
 
 def proof_page(proof: Proof) -> str:
     """The page of a proven compensation, as HTML."""
-    judged = {name: proof.judged[FIRST_SEED, name] for name in ("nominal", "compensated")}
-    comparison = Comparison(proof.reference, judged, proof.truths[FIRST_SEED], proof.summary)
+    judged = {name: proof.judged[proof.first_seed, name] for name in ("nominal", "compensated")}
+    comparison = Comparison(proof.reference, judged, proof.truths[proof.first_seed], proof.summary)
     return _page(comparison, proof.plan, proof.summary["prediction"], proof.timing)
 
 

@@ -9,8 +9,6 @@ from counterflex.app.proof.judge import Judged, Reference
 from counterflex.plan.plan import Plan
 from counterflex.twin.truth.truth import Truth
 
-FIRST_SEED = 1
-
 
 @dataclass(frozen=True, eq=False)
 class Proof:
@@ -33,3 +31,8 @@ class Proof:
     program_files: dict[str, str]
     summary: dict[str, Any]
     timing: dict[str, float]
+
+    @property
+    def first_seed(self) -> int:
+        """Seed whose runs are written and shown."""
+        return next(iter(self.truths))

@@ -11,6 +11,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.model.description import EndEffector, Robot
 from counterflex.twin.truth.described import described
+from counterflex.twin.truth.family import MILD, Family
 from counterflex.twin.truth.file import write_truth
 from counterflex.twin.truth.nominal import nominal_truth
 from counterflex.twin.truth.perturb import perturbed
@@ -30,18 +31,18 @@ def cutting_truth(law: ForceLaw) -> CuttingTruth:
     )
 
 
-def truth_of(cell: Cell, seed: int | None) -> Truth:
-    """The truth of a cell: nominal for None, otherwise put off by the seed."""
+def truth_of(cell: Cell, seed: int | None, family: Family = MILD) -> Truth:
+    """The truth of a cell: nominal for None, otherwise put off by seed and family."""
     truth = nominal_truth(cell.nominal_robot, cell.nominal_end_effector, cutting_truth(cell.force_law), name=cell.name)
     table = cell.tables.sensor
     if table is not None:
         truth = replace(truth, sensor=SensorPlace(table.segment, table.matrix()))
-    return truth if seed is None else perturbed(truth, seed)
+    return truth if seed is None else perturbed(truth, seed, family)
 
 
-def make_truth(cell: Cell, seed: int | None, out: str | Path) -> Truth:
+def make_truth(cell: Cell, seed: int | None, out: str | Path, family: Family = MILD) -> Truth:
     """Write the truth of a cell to a file."""
-    truth = truth_of(cell, seed)
+    truth = truth_of(cell, seed, family)
     write_truth(out, truth)
     return truth
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import given
-from counterflex.cli.commands.prove import Workers
+from counterflex.cli.commands.prove import FamilyName, Workers
 from counterflex.cli.output import keep_inputs, print_json, print_made_again, print_table, progress_bar
 from counterflex.core.errors import InputError, Interrupted
 from counterflex.identify.recipes import RECIPES
@@ -44,8 +44,12 @@ def campaign(
         typer.Option("--twin", help="Truth file: the one simulated cell.", metavar="TRUTH", callback=given.file),
     ] = None,
     seeds: Annotated[
-        int | None, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)
+        str | None,
+        typer.Option(
+            "--seeds", help="Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B"
+        ),
     ] = None,
+    family: FamilyName = "mild",
     recipe: Annotated[
         list[str] | None,
         typer.Option(
@@ -76,10 +80,12 @@ def campaign(
             value="neither" if twin is None else "both",
             hint="--twin TRUTH is one simulated cell, --seeds 5 makes five",
         )
+    numbers = None if seeds is None else given.seeds(seeds)
     inputs = [path for path in (program, cell, twin) if path is not None]
     keep_inputs(out, *inputs)
     from counterflex.app import examples
     from counterflex.app.campaign import campaign as job
+    from counterflex.twin.truth.family import family_of
 
     with tempfile.TemporaryDirectory() as folder, progress_bar("campaign") as progress:
         if cell is None:
@@ -91,7 +97,8 @@ def campaign(
                 cell,
                 out,
                 program=program,
-                seeds=seeds,
+                seeds=numbers,
+                family=family_of(family),
                 truth_file=twin,
                 recipes=recipe or None,
                 with_exact=exact,

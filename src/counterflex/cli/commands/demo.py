@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import given
-from counterflex.cli.commands.prove import Seeds, Workers, show_proof
+from counterflex.cli.commands.prove import FamilyName, Seeds, Workers, show_proof
 from counterflex.cli.output import print_json, progress_bar
 
 
@@ -22,7 +22,8 @@ def demo(
     out: Annotated[
         Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=given.output_folder)
     ] = Path("counterflex-demo"),
-    seeds: Seeds = 1,
+    seeds: Seeds = "1",
+    family: FamilyName = "mild",
     workers: Workers = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
@@ -33,13 +34,15 @@ def demo(
 
     Example: `counterflex demo --out out/demo`
     """
+    numbers = given.seeds(seeds)
     from counterflex.app import examples
     from counterflex.app.proof import prove as job
+    from counterflex.twin.truth.family import family_of
 
     with tempfile.TemporaryDirectory() as folder, progress_bar("demonstration") as progress:
         cell = Path(folder) / "cell.toml"
         _, part = examples.write(cell)
-        summary = job.run(part, cell, out, seeds=seeds, workers=workers, progress=progress)
+        summary = job.run(part, cell, out, seeds=numbers, family=family_of(family), workers=workers, progress=progress)
     if as_json:
         print_json(summary)
     else:

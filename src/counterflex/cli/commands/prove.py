@@ -13,7 +13,18 @@ from counterflex.cli.bounds import LARGEST_SEED, MOST_WORKERS
 from counterflex.cli.commands.program import CellFile, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_folders, keep_inputs, print_json, print_table, progress_bar, say_written
 
-Seeds = Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)]
+Seeds = Annotated[
+    str,
+    typer.Option("--seeds", help="Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B"),
+]
+FamilyName = Annotated[
+    str,
+    typer.Option(
+        "--family",
+        help="How far the simulated cell is from the cell file: mild or wide (docs/twin.md).",
+        metavar="FAMILY",
+    ),
+]
 Workers = Annotated[
     int | None,
     typer.Option(
@@ -42,19 +53,22 @@ def truth(
             "--seed", help="Random seed of the deviations; without it truth and cell agree.", min=0, max=LARGEST_SEED
         ),
     ] = None,
+    family: FamilyName = "mild",
 ) -> None:
     """Make a truth file: the parameters of a simulated cell, which differ from the cell file as in a real cell.
 
-    Each elastic element 10 %, force constants 10 % in common, geometry 0.15 mm per link (one sigma each), bearings,
-    masses, runout, friction and play besides; the file lists every value.
+    Family mild: each elastic element 10 %, force constants 10 % in common, geometry 0.15 mm per link (one sigma each),
+    bearings, masses, runout, friction and play besides. Family wide: elements 30 %, all of them together 20 %, force
+    constants 30 % and 20 %, drives 30 %. The file lists every value.
 
     Example: `counterflex truth cell.toml --seed 1 --out truth.toml`
     """
     keep_inputs(out, cell)
     from counterflex.app.proof.truth import make_truth
     from counterflex.files.cell.cell import read_cell
+    from counterflex.twin.truth.family import family_of
 
-    made = make_truth(read_cell(cell), seed, out)
+    made = make_truth(read_cell(cell), seed, out, family_of(family))
     say_written(out, f"wrote {out}: {len(made.bodies)} bodies, seed {'none' if seed is None else seed}")
 
 
@@ -160,7 +174,8 @@ def prove(
     program: Program,
     cell: CellFile,
     out: Out,
-    seeds: Seeds = 1,
+    seeds: Seeds = "1",
+    family: FamilyName = "mild",
     exact: Annotated[
         bool, typer.Option("--exact/--no-exact", help="Also plan with the truth's exact constants.")
     ] = True,
@@ -173,14 +188,24 @@ def prove(
 
     Example: `counterflex prove part.ngc --cell cell.toml --seeds 5 --out out`
     """
+    numbers = given.seeds(seeds)
     keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
     from counterflex.app.inputs import Reading
     from counterflex.app.proof import prove as job
+    from counterflex.twin.truth.family import family_of
 
     reading = Reading(parameters=parameters, complete=not without_end)
     with progress_bar(f"proving {program.name}") as progress:
         summary = job.run(
-            program, cell, out, seeds=seeds, exact=exact, workers=workers, reading=reading, progress=progress
+            program,
+            cell,
+            out,
+            seeds=numbers,
+            family=family_of(family),
+            exact=exact,
+            workers=workers,
+            reading=reading,
+            progress=progress,
         )
     if as_json:
         print_json(summary)

@@ -19,6 +19,7 @@ from counterflex.core.similar import missing_file
 from counterflex.core.units import DEG, MM, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.geometry import pose, rotation
 from counterflex.robot.model.description import Counterbalance, ElasticRegion
+from counterflex.twin.truth.family import MILD, family_of
 from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, SensorPlace, Truth
 
 T = TypeVar("T")
@@ -39,7 +40,7 @@ def to_dict(truth: Truth) -> dict[str, Any]:
     """The truth as plain numbers, strings, lists and tables, in shop units named by the keys."""
     out: dict[str, Any] = {"format": FORMAT, "version": VERSION, "name": truth.name}
     if truth.seed is not None:
-        out["seed"] = truth.seed
+        out |= {"seed": truth.seed, "family": truth.family}
     out["stock_top_offset_mm"] = truth.stock_top_offset_m / MM
     out["gravity_base_m_s2"] = _list(truth.gravity_base, 1.0)
     out["tcp"] = _pose_to(truth.T_last_tcp)
@@ -111,6 +112,13 @@ def _body_to(body: Body) -> dict[str, Any]:
         "com_mm": _list(body.p_seg_com, MM),
         "inertia_kg_m2": _list(body.inertia_kg_m2, 1.0),
     }
+
+
+def _family_of(table: _Table, seed: int | None) -> str:
+    """Files of before the families are of the first one."""
+    if "family" not in table:
+        return "" if seed is None else MILD.name
+    return family_of(table.text("family")).name
 
 
 class _Table:
@@ -208,9 +216,11 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
         drives = top.rows("drives")
         bodies = top.rows("bodies")
         tcp = _Table(top.raw("tcp"), f"{where}: tcp")
+        seed = top.integer("seed") if "seed" in top else None
         truth = Truth(
             name=top.text("name"),
-            seed=top.integer("seed") if "seed" in top else None,
+            seed=seed,
+            family=_family_of(top, seed),
             stock_top_offset_m=top.number("stock_top_offset_mm", MM),
             gravity_base=np.array(top.numbers("gravity_base_m_s2", 3)),
             T_last_tcp=_closed(tcp, _Table.pose),

@@ -18,23 +18,14 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, MRAD, MS, N_PER_MM2, UM, URAD
 from counterflex.robot.model.description import ElasticRegion
+from counterflex.twin.truth.family import MILD, Family
 from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, Truth
 
-COMPLIANCE_SIGMA = 0.10  # of each elastic element, log-normal
-REGION_SIGMA = 0.10  # of what a region adds to a compliance or takes from it, log-normal
-FORCE_COMMON_SIGMA = 0.10  # of all force constants together, log-normal
-FORCE_EACH_SIGMA = 0.03  # of c, r and a separately, log-normal
 EDGE_N_M = (2000.0, 2000.0, 0.0)  # ploughing force that the planner's law has no term for
 EDGE_SIGMA = 0.30
 LINK_M = 0.15e-3  # per axis of each fixed pose
 JOINT_OFFSET_RAD = 0.05e-3
 BEARING_M = 10.0e-3  # per axis of the point each elastic element turns about
-MASS_SIGMA = 0.10
-FRICTION_SIGMA = 0.20
-PLAY_SIGMA = 0.20
-SERVO_SIGMA = 0.10  # of the gain of each axis' speed loop
-LOOP_SIGMA = 0.05  # of position gain and integral time
-SLIP_SIGMA = 0.20  # of the angles within which dry friction turns round
 DAMPING_SIGMA = 0.15
 RUNOUT_M = 5.0e-6
 RUNOUT_SIGMA = 0.30
@@ -59,20 +50,20 @@ def _vector(seed: int, name: str, sigma: float) -> Float:
     return np.array([sigma * _draw(seed, f"{name}.{c}") for c in "xyz"])
 
 
-def perturbed(truth: Truth, seed: int) -> Truth:
+def perturbed(truth: Truth, seed: int, family: Family = MILD) -> Truth:
     """The truth a user gets: everything off by documented, seeded amounts (one sigma, cut at three).
 
-    Each elastic element 10 % (all its entries together), what a region changes of it 10 %, force constants 10 % in
-    common and 3 % separately, a ploughing force of 2 N/mm, 5 um runout, geometry 0.15 mm per link and axis, joint
-    offsets 0.05 mrad, bearing positions 10 mm, masses 10 %, friction and play 20 %, speed-loop gains 10 %, position
-    gains and integral times 5 %, slip angles 20 %, damping 15 %, blank height 0.05 mm.
+    The family says how far compliances, force constants, drives, friction, play and masses are off. All families have a
+    ploughing force of 2 N/mm, 5 um runout, geometry off by 0.15 mm per link and axis, joint offsets by 0.05 mrad,
+    bearing positions by 10 mm, damping by 15 %, the height of the blank by 0.05 mm.
 
     Args:
         truth: Nominal truth.
         seed: 0, 1, 2, ...
+        family: How far it is off.
 
     Returns:
-        The same truth for the same seed on every machine.
+        The same truth for the same seed and family on every machine.
 
     Raises:
         InputError: The seed is negative.
@@ -83,33 +74,36 @@ def perturbed(truth: Truth, seed: int) -> Truth:
     moved_tip[:3, 3] += _vector(seed, "tcp", LINK_M)
     return replace(
         truth,
-        name=f"seed {seed}",
+        name=f"seed {seed}" if family is MILD else f"{family.name}, seed {seed}",
         seed=seed,
-        bodies=tuple(_body(body, seed) for body in truth.bodies),
+        family=family.name,
+        bodies=tuple(_body(body, seed, family) for body in truth.bodies),
         T_last_tcp=moved_tip,
-        drives=tuple(_drive(drive, seed, axis) for axis, drive in enumerate(truth.drives)),
-        cutting=_cutting(truth.cutting, seed),
+        drives=tuple(_drive(drive, seed, axis, family) for axis, drive in enumerate(truth.drives)),
+        cutting=_cutting(truth.cutting, seed, family),
         stock_top_offset_m=truth.stock_top_offset_m + STOCK_TOP_M * _draw(seed, "stock.top"),
-        regions=tuple(_region(region, seed) for region in truth.regions),
+        regions=tuple(_region(region, seed, family) for region in truth.regions),
     )
 
 
-def _region(region: ElasticRegion, seed: int) -> ElasticRegion:
+def _region(region: ElasticRegion, seed: int, family: Family) -> ElasticRegion:
     """By how much the factors differ from 1 is off, in proportion."""
-    off = _factor(seed, f"{region.segment}.{region.direction}.region{region.axis + 1}", REGION_SIGMA)
+    off = _factor(seed, f"{region.segment}.{region.direction}.region{region.axis + 1}", family.region_sigma)
     return replace(region, factors=tuple(max(1.0 + off * (f - 1.0), 0.5 * f) for f in region.factors))
 
 
-def _body(body: Body, seed: int) -> Body:
+def _body(body: Body, seed: int, family: Family) -> Body:
     T = np.array(body.T_prev_seg)
     T[:3, 3] += _vector(seed, f"{body.name}.link", LINK_M)
-    mass = _factor(seed, f"{body.name}.mass", MASS_SIGMA)
+    softer = _factor(seed, f"{body.name}.compliance", family.compliance_sigma)
+    softer *= _factor(seed, "compliance.common", family.compliance_common_sigma)
+    mass = _factor(seed, f"{body.name}.mass", family.mass_sigma)
     return replace(
         body,
         T_prev_seg=T,
         offset_rad=body.offset_rad
         + (JOINT_OFFSET_RAD * _draw(seed, f"{body.name}.offset") if body.joint is not None else 0.0),
-        compliance=body.compliance * _factor(seed, f"{body.name}.compliance", COMPLIANCE_SIGMA),
+        compliance=body.compliance * softer,
         damping_s=body.damping_s * _factor(seed, f"{body.name}.damping", DAMPING_SIGMA),
         p_seg_bearing=body.p_seg_bearing + _vector(seed, f"{body.name}.bearing", BEARING_M),
         mass_kg=body.mass_kg * mass,
@@ -117,31 +111,31 @@ def _body(body: Body, seed: int) -> Body:
     )
 
 
-def _drive(drive: Drive, seed: int, axis: int) -> Drive:
-    dry = _factor(seed, f"axis{axis + 1}.friction", FRICTION_SIGMA)
-    slip = _factor(seed, f"axis{axis + 1}.slip", SLIP_SIGMA)
+def _drive(drive: Drive, seed: int, axis: int, family: Family) -> Drive:
+    dry = _factor(seed, f"axis{axis + 1}.friction", family.friction_sigma)
+    slip = _factor(seed, f"axis{axis + 1}.slip", family.slip_sigma)
     trailing = drive.following_gain_per_s
     if trailing is not None:
-        trailing *= _factor(seed, f"axis{axis + 1}.following", LOOP_SIGMA)
+        trailing *= _factor(seed, f"axis{axis + 1}.following", family.loop_sigma)
     return replace(
         drive,
-        speed_bandwidth_per_s=drive.speed_bandwidth_per_s * _factor(seed, f"axis{axis + 1}.servo", SERVO_SIGMA),
-        position_gain_per_s=drive.position_gain_per_s * _factor(seed, f"axis{axis + 1}.kv", LOOP_SIGMA),
-        integral_time_s=drive.integral_time_s * _factor(seed, f"axis{axis + 1}.ti", LOOP_SIGMA),
+        speed_bandwidth_per_s=drive.speed_bandwidth_per_s * _factor(seed, f"axis{axis + 1}.servo", family.servo_sigma),
+        position_gain_per_s=drive.position_gain_per_s * _factor(seed, f"axis{axis + 1}.kv", family.loop_sigma),
+        integral_time_s=drive.integral_time_s * _factor(seed, f"axis{axis + 1}.ti", family.loop_sigma),
         motor_slip_rad=drive.motor_slip_rad * slip,
         link_slip_rad=tuple(angle * slip for angle in drive.link_slip_rad),
-        dead_band_rad=drive.dead_band_rad * _factor(seed, f"axis{axis + 1}.play", PLAY_SIGMA),
+        dead_band_rad=drive.dead_band_rad * _factor(seed, f"axis{axis + 1}.play", family.play_sigma),
         motor_friction_nm=drive.motor_friction_nm * dry,
         link_friction_nm=tuple(f * dry for f in drive.link_friction_nm),
         following_gain_per_s=trailing,
     )
 
 
-def _cutting(cutting: CuttingTruth, seed: int) -> CuttingTruth:
-    common = _factor(seed, "cutting.common", FORCE_COMMON_SIGMA)
+def _cutting(cutting: CuttingTruth, seed: int, family: Family) -> CuttingTruth:
+    common = _factor(seed, "cutting.common", family.force_common_sigma)
     edge = _factor(seed, "cutting.edge", EDGE_SIGMA)
     c, r, a = (
-        k * common * _factor(seed, f"cutting.{name}", FORCE_EACH_SIGMA)
+        k * common * _factor(seed, f"cutting.{name}", family.force_each_sigma)
         for name, k in zip("cra", cutting.k_pa, strict=True)
     )
     return replace(

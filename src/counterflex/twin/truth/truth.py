@@ -192,6 +192,7 @@ class Truth:
     Attributes:
         name: For reports.
         seed: Seed that drew it, None for a nominal truth.
+        family: Family that it was drawn from, empty for a nominal truth.
         bodies: From the base outward, robot and end effector in one chain.
         T_last_tcp: (4, 4) tool tip in the last body's frame.
         drives: Six.
@@ -210,6 +211,7 @@ class Truth:
     drives: tuple[Drive, ...]
     cutting: CuttingTruth
     seed: int | None = None
+    family: str = ""
     counterbalance: Counterbalance | None = None
     stock_top_offset_m: float = 0.0
     gravity_base: Float = field(default_factory=lambda: np.array([0.0, 0.0, -STANDARD_GRAVITY]))

@@ -143,8 +143,9 @@ def _identify(folder: Path, seeds: int, level: str, workers: int | None, progres
     folder.mkdir(parents=True, exist_ok=True)
     start = folder / _BASE
     write_toml(start, haehn_case.cell_table(haehn_case.demonstration_cell(), 0.0))
-    campaign.run(start, folder / level, seeds=seeds, recipes=RECIPES[level], workers=workers, progress=progress)
-    return {seed: folder / level / f"seed-{seed}" / CELL for seed in range(1, seeds + 1)}
+    numbers = range(1, seeds + 1)
+    campaign.run(start, folder / level, seeds=numbers, recipes=RECIPES[level], workers=workers, progress=progress)
+    return {seed: folder / level / f"seed-{seed}" / CELL for seed in numbers}
 
 
 def _prepare(place: Path, edge: str, cell: Path) -> None:
