@@ -27,7 +27,6 @@ from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.kernels.batch import ON_RIGID, compliance_threads, deflection_threads, step_threads
 from counterflex.robot.elasticity.kernels.lanes import deflection_lanes
 from counterflex.robot.elasticity.kernels.lanes_step import step_lanes
-from counterflex.robot.elasticity.kernels.scalar import DRIVE, POSITION, ROTATES, SLIDES, TURN
 from counterflex.robot.model import catalog, load_cases
 from online_step import ElasticStep
 
@@ -183,12 +182,11 @@ def jax_steps(chain: ElasticChain) -> tuple[Step, Step]:
 
 def flops(chain: ElasticChain) -> dict[str, int]:
     """Floating-point operations per point, zeros of this chain skipped; sine, cosine, root count 10."""
-    kind, real = chain.compact.kind, chain.compact.real
-    m = chain.compact.stations
-    place = 6 * int(np.count_nonzero(real[: m + 1, POSITION : POSITION + 3]))
-    turns = int(np.sum(np.choose(kind[:, TURN], [0, 18, 18, 18, 45])))
-    driven = int(np.sum(kind[:m, DRIVE] >= 0))
-    bends, slides = int(np.sum(kind[:m, ROTATES])), int(np.sum(kind[:m, SLIDES]))
+    stations = chain.compact.stations
+    place = 6 * int(np.count_nonzero(stations["position"]))
+    turns = int(np.sum(np.choose(stations["turn"], [0, 18, 18, 18, 45])))
+    driven = int(np.sum(stations["drive"] >= 0))
+    bends, slides = int(np.sum(stations["rotates"])), int(np.sum(stations["slides"]))
     rigid = place + turns + 18 * driven
     # moment 15, into element axes 18, six polynomials 60, three plane rotations 54; slide: force 18, move 18
     elastic = place + turns + 18 * driven + bends * (15 + 18 + 60 + 54) + slides * 36
@@ -314,11 +312,11 @@ def run(quick: bool) -> dict[str, Any]:
     c = chain.compact
     out, full, status, C = np.empty((n, 6)), np.empty((n, 19)), np.empty(n, dtype=np.int64), np.empty((n, 36))
     ours: dict[str, Callable[[], Any]] = {
-        "deflection, lanes": lambda: deflection_lanes(c.real, c.kind, q, w, out),
-        "deflection, scalar": lambda: deflection_threads(c.real, c.kind, q, w, ON_RIGID, 0, out),
-        "compliance, scalar": lambda: compliance_threads(c.real, c.kind, q, C),
-        "step, lanes": lambda: step_lanes(c.real, c.kind, q, w, full, status),
-        "step, scalar": lambda: step_threads(c.real, c.kind, q, w, 0, full, status),
+        "deflection, lanes": lambda: deflection_lanes(c, q, w, out),
+        "deflection, scalar": lambda: deflection_threads(c, q, w, ON_RIGID, 0, out),
+        "compliance, scalar": lambda: compliance_threads(c, q, C),
+        "step, lanes": lambda: step_lanes(c, q, w, full, status),
+        "step, scalar": lambda: step_threads(c, q, w, 0, full, status),
     }
     for call_batch in ours.values():
         call_batch()

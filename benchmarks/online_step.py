@@ -9,20 +9,10 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.records import records
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.robot.elasticity.kernels.step import (
-    OUT_C,
-    OUT_D,
-    OUT_Q,
-    OUT_RESIDUAL,
-    OUT_SIGMA,
-    OUT_SIZE,
-    OUT_T0,
-    OUT_TC,
-    OUT_TE,
-    SCRATCH,
-    step,
-)
+from counterflex.robot.elasticity.kernels.records import STEP, WORK, Elastic
+from counterflex.robot.elasticity.kernels.step import step
 
 
 class ElasticStep:
@@ -34,7 +24,7 @@ class ElasticStep:
     the step is damped, each Newton step is clamped to STEP_LIMIT, and below REFUSE_BELOW no correction is given:
     ``q_c = q``.
 
-    Call it with q and w, or write into ``q`` and ``w`` and call :meth:`run`. Results are views of one vector that the
+    Call it with q and w, or write into ``q`` and ``w`` and call :meth:`run`. Results are views of one record that the
     next call overwrites; copy what must last. Not safe to share between threads.
 
     Attributes:
@@ -52,39 +42,30 @@ class ElasticStep:
 
     def __init__(self, chain: ElasticChain, *, gravity: bool = False) -> None:
         """Allocate the buffers; ``gravity`` adds own weight and payload to the load, so that sag is undone too."""
-        compact = chain.compact
-        m = compact.stations
+        m = len(chain.compact.stations) - 1
         self.chain = chain
         self.status = 0
-        self._real = compact.real
-        self._kind = compact.kind
         self._given = np.zeros(12)
-        self._out = np.zeros(OUT_SIZE)
-        self._frame = np.zeros((m + 1, 12))
-        self._delta = np.zeros((m, 6))
-        self._scratch = np.zeros((SCRATCH, 36))
+        self._results = records(STEP)
+        self._elastic = Elastic(chain.compact, self._results, np.zeros((m + 1, 12)), np.zeros((m, 6)), records(WORK))
         self._gravity = int(gravity)
         self.q = self._given[:6]
         self.w = self._given[6:]
-        self.T0 = self._out[OUT_T0:OUT_TE].reshape(4, 4)
-        self.Te = self._out[OUT_TE:OUT_C].reshape(4, 4)
-        self.C = self._out[OUT_C:OUT_D].reshape(6, 6)
-        self.d = self._out[OUT_D:OUT_Q]
-        self.q_c = self._out[OUT_Q:OUT_TC]
-        self.Tc = self._out[OUT_TC:OUT_RESIDUAL].reshape(4, 4)
-        self.residual = self._out[OUT_RESIDUAL:OUT_SIGMA]
+        result = self._results[0]
+        self.T0, self.Te, self.Tc = (array.reshape(4, 4) for array in (result.T0, result.Te, result.Tc))
+        self.C = result.compliance.reshape(6, 6)
+        self.d, self.q_c, self.residual = result.deflection, result.q, result.residual
+        self._sigma = self._results["sigma"]
         self.run()
 
     @property
     def sigma(self) -> float:
         """Distance from singularity: 1/sqrt(6) to 1 times the smallest singular value of J (1 m counts as 1 rad)."""
-        return float(self._out[OUT_SIGMA])
+        return float(self._sigma[0])
 
     def run(self) -> int:
         """Step for what stands in ``q`` and ``w``. Returns the status bits."""
-        self.status = step(
-            self._real, self._kind, self._given, self._out, self._frame, self._delta, self._scratch, self._gravity
-        )
+        self.status = step(self._elastic, self._given, self._gravity)
         return self.status
 
     def __call__(self, q: Float, w_tcp_base: Float) -> int:

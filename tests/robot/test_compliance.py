@@ -340,8 +340,8 @@ def by_lanes(chain: ElasticChain, q: Float, w: Float) -> tuple[Float, Float, Int
     """Both lane kernels, below the size at which the public functions choose them."""
     out, full, status = np.empty((len(q), 6)), np.empty((len(q), 19)), np.empty(len(q), dtype=np.int64)
     c = chain.compact
-    redone = deflection_lanes(c.real, c.kind, q, w, out)
-    return out, full, status, redone, step_lanes(c.real, c.kind, q, w, full, status)
+    redone = deflection_lanes(c, q, w, out)
+    return out, full, status, redone, step_lanes(c, q, w, full, status)
 
 
 def test_lanes_equal_scalar_kernels(chain: ElasticChain, poses: Float, wrenches: Float) -> None:

@@ -17,7 +17,6 @@ from counterflex.runtime.design.feed_forward import lag_filter
 from counterflex.runtime.design.tracker import (
     DesignGoals,
     TrackerGains,
-    TrackerPlant,
     closed_loop_radius,
     design,
     grid,
@@ -28,6 +27,7 @@ from counterflex.runtime.design.tracker import (
     observer_gain,
     observer_response,
 )
+from counterflex.runtime.design.tracker_plant import TrackerPlant
 from counterflex.runtime.settings import Delays
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.memory import STATE

@@ -9,14 +9,12 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from counterflex.core.errors import InputError
+from counterflex.core.meter import Meter, duration
 from counterflex.core.output_place import is_printed
 from counterflex.core.progress import Progress
-
-if TYPE_CHECKING:
-    from counterflex.core.meter import Meter
 
 
 def print_json(data: Any) -> None:
@@ -115,8 +113,6 @@ def progress_bar(what: str, *, quiet: bool = False) -> Iterator[Progress]:
     Yields the function jobs report to. A line comes every 10 s, also while a job says nothing; the environment variable
     COUNTERFLEX_PROGRESS_S says another period, 0 none.
     """
-    from counterflex.core.meter import Meter
-
     meter = Meter(what)
     if quiet:
         yield meter
@@ -161,8 +157,6 @@ def _bar(meter: Meter) -> Iterator[Progress]:
     from rich.progress import BarColumn, ProgressColumn, Task, TextColumn
     from rich.progress import Progress as Bar
     from rich.text import Text
-
-    from counterflex.core.meter import duration
 
     class Left(ProgressColumn):
         def render(self, _: Task) -> Text:

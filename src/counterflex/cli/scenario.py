@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from counterflex.cli.given import address
-
-if TYPE_CHECKING:
-    from counterflex.files.scenario_file import Scenario
 
 Layers = Annotated[
     list[str] | None,
@@ -26,18 +23,3 @@ Layers = Annotated[
 def host_port(text: str | None) -> tuple[str, int] | None:
     """Host and port of an address of the scenario, or None."""
     return None if text is None else address(text, "--scenario")
-
-
-def read(layers: list[str] | None, *tables: str) -> Scenario:
-    """The scenario of the option.
-
-    Args:
-        layers: Of the option.
-        tables: That the command reads.
-
-    Raises:
-        InputError: It cannot be used.
-    """
-    from counterflex.files.scenario_file import read_scenario
-
-    return read_scenario(layers or (), tables)

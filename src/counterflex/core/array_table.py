@@ -1,15 +1,22 @@
-"""Many arrays handed to a compiled kernel as one table of where they are.
+"""Many arrays handed to a compiled kernel as one record of where they are, each under its name.
 
 Numba unpacks every argument of a call from Python anew, about 0.1 us for each array; a kernel of the online loop takes
-forty of them and computes no longer than that. A table is unpacked once: one row per array with the address of its
-first number, and its shape. The arrays must stay where they are, so a table keeps them alive, and they are never
-replaced by others.
+forty of them and computes no longer than that. A table is one record: for each array the address of its first number,
+and its shape. The arrays must stay where they are, so a table keeps them alive, and they are never replaced by others::
+
+    ARRAYS = addresses("plan", "frame")
+
+    @kernel("void(Arrays[::1])", Arrays=ARRAYS)
+    def work(tables: Records) -> None:
+        table = tables[0]
+        plan, frame = matrix(table.plan), matrix(table.frame)
+
+    work(ArrayTable(ARRAYS, plan=plan, frame=frame).rows)
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
 from typing import Any, Final, TypeVar
 
 import numba
@@ -20,36 +27,44 @@ from numba.extending import intrinsic
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
+from counterflex.core.records import Record, Records, record, records
 
-COLUMNS: Final = 3
-"""Address, rows, columns; 0 columns: one dimension."""
+ADDRESS: Final = record(place=int, rows=int, columns=int)
+"""Where an array lies; 0 columns: one dimension."""
 Number = TypeVar("Number", bound=np.generic)
+
+
+def addresses(*names: str) -> np.dtype[np.record]:
+    """Type of a table of arrays with these names."""
+    return record(**dict.fromkeys(names, ADDRESS))
 
 
 class ArrayTable:
     """A table of arrays.
 
     Args:
-        arrays: In the order in which the kernel counts them: float64 or int64 or uint8, of one or two dimensions, or
-            records (:mod:`counterflex.core.records`) of one; C order.
+        kind: Names of the arrays that the kernel takes, of :func:`addresses`.
+        arrays: Those: float64 or int64 or uint8, of one or two dimensions, or records
+            (:mod:`counterflex.core.records`) of one; C order.
 
     Attributes:
-        rows: (n, COLUMNS) to be given to the kernel.
+        rows: (1,) of that type, to be given to the kernel.
 
     Raises:
-        InputError: An array of another kind.
+        InputError: An array is missing, or of another name or kind.
     """
 
-    def __init__(self, arrays: Sequence[np.ndarray[Any, Any]]) -> None:
-        self._kept = tuple(arrays)
-        self.rows: Int = np.zeros((len(self._kept), COLUMNS), dtype=np.int64)
-        for k, array in enumerate(self._kept):
+    def __init__(self, kind: np.dtype[np.record], **arrays: np.ndarray[Any, Any]) -> None:
+        self._kept = arrays
+        self.rows: Records = records(kind)
+        if set(arrays) != set(kind.names or ()):
+            raise InputError("a kernel takes other arrays", value=", ".join(arrays), limit=", ".join(kind.names or ()))
+        for name, array in arrays.items():
             plain = array.dtype.str in ("<f8", "<i8", "|u1") and array.ndim in (1, 2)
             if not (plain or (array.dtype.fields and array.ndim == 1)) or not array.flags.c_contiguous:
-                raise InputError(
-                    "a kernel's array", where=f"number {k}", value=f"{array.dtype}{array.shape}", limit="C order"
-                )
-            self.rows[k] = array.ctypes.data, array.shape[0], array.shape[1] if array.ndim == 2 else 0
+                raise InputError("a kernel's array", where=name, value=f"{array.dtype}{array.shape}", limit="C order")
+            columns = array.shape[1] if array.ndim == 2 else 0
+            self.rows[name] = (array.ctypes.data, array.shape[0], columns)
 
 
 def _pointer(kind: Any) -> Any:
@@ -75,47 +90,46 @@ else:
         _pointer(types.CPointer(kind)) for kind in (types.float64, types.int64, types.uint8)
     )
     to_pointer = _pointer(types.voidptr)
-"""Address as a pointer to anything: ``carray(to_pointer(table[k, 0]), (table[k, 1],), KIND)`` are the records of array
-``k``."""
+"""Address as a pointer to anything: ``carray(to_pointer(a.place), (a.rows,), KIND)`` are the records at ``a``."""
 
 
-@kernel("float64[::1](int64[:, ::1], int64)")
-def reals(table: Int, k: int) -> Float:
-    """Array ``k`` of a table: float64, one dimension."""
-    out: Float = carray(_to_float(table[k, 0]), (table[k, 1],))
+@kernel("float64[::1](Address)", Address=ADDRESS)
+def reals(a: Record) -> Float:
+    """Array of a table: float64, one dimension."""
+    out: Float = carray(_to_float(a.place), (a.rows,))
     return out
 
 
-@kernel("float64[:, ::1](int64[:, ::1], int64)")
-def matrix(table: Int, k: int) -> Float:
-    """Array ``k`` of a table: float64, two dimensions."""
-    out: Float = carray(_to_float(table[k, 0]), (table[k, 1], table[k, 2]))
+@kernel("float64[:, ::1](Address)", Address=ADDRESS)
+def matrix(a: Record) -> Float:
+    """Array of a table: float64, two dimensions."""
+    out: Float = carray(_to_float(a.place), (a.rows, a.columns))
     return out
 
 
-@kernel("int64[::1](int64[:, ::1], int64)")
-def wholes(table: Int, k: int) -> Int:
-    """Array ``k`` of a table: int64, one dimension."""
-    out: Int = carray(_to_int(table[k, 0]), (table[k, 1],))
+@kernel("int64[::1](Address)", Address=ADDRESS)
+def wholes(a: Record) -> Int:
+    """Array of a table: int64, one dimension."""
+    out: Int = carray(_to_int(a.place), (a.rows,))
     return out
 
 
-@kernel("int64[:, ::1](int64[:, ::1], int64)")
-def whole_matrix(table: Int, k: int) -> Int:
-    """Array ``k`` of a table: int64, two dimensions."""
-    out: Int = carray(_to_int(table[k, 0]), (table[k, 1], table[k, 2]))
+@kernel("int64[:, ::1](Address)", Address=ADDRESS)
+def whole_matrix(a: Record) -> Int:
+    """Array of a table: int64, two dimensions."""
+    out: Int = carray(_to_int(a.place), (a.rows, a.columns))
     return out
 
 
-@kernel("uint8[:, ::1](int64[:, ::1], int64)")
-def byte_matrix(table: Int, k: int) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
-    """Array ``k`` of a table: uint8, two dimensions."""
-    out: np.ndarray[tuple[int, int], np.dtype[np.uint8]] = carray(_to_byte(table[k, 0]), (table[k, 1], table[k, 2]))
+@kernel("uint8[:, ::1](Address)", Address=ADDRESS)
+def byte_matrix(a: Record) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
+    """Array of a table: uint8, two dimensions."""
+    out: np.ndarray[tuple[int, int], np.dtype[np.uint8]] = carray(_to_byte(a.place), (a.rows, a.columns))
     return out
 
 
-@kernel("uint8[::1](int64[:, ::1], int64)")
-def raw_bytes(table: Int, k: int) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:
-    """Array ``k`` of a table: uint8, one dimension."""
-    out: np.ndarray[tuple[int], np.dtype[np.uint8]] = carray(_to_byte(table[k, 0]), (table[k, 1],))
+@kernel("uint8[::1](Address)", Address=ADDRESS)
+def raw_bytes(a: Record) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:
+    """Array of a table: uint8, one dimension."""
+    out: np.ndarray[tuple[int], np.dtype[np.uint8]] = carray(_to_byte(a.place), (a.rows,))
     return out

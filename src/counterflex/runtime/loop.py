@@ -13,8 +13,8 @@ from counterflex.core.errors import InputError
 from counterflex.core.jit import compile_stated
 from counterflex.core.records import as_reals, as_words, attributes, reals_and_words, records
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.robot.elasticity.kernels.step import OUT_C, OUT_SIZE, SCRATCH
-from counterflex.runtime.cycle import cycle, take_fast
+from counterflex.robot.elasticity.kernels.records import STEP, WORK
+from counterflex.runtime.cycle import ARRAYS, cycle, take_fast
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.loop_constants import SCALE_VARIANCE, pack_limits, pack_settings
 from counterflex.runtime.loop_plan import LoopPlan
@@ -94,9 +94,8 @@ class Loop:
         monitor = unwatched(settings) if monitor is None else monitor
         if plan is not None and override is not None:
             plan = plan.at_speeds(settings, override, monitor.exponent)
-        compact = chain.compact
-        m = compact.stations
-        self._real, self._kind = compact.real, compact.kind
+        self._chain = chain.compact
+        m = len(self._chain.stations) - 1
         self._plan = np.zeros((2, PLAN_COLUMNS)) if plan is None else plan.packed()
         self._loop = loop = records(LOOP)
         self.given, self.result, self.step_state, self.tests = (
@@ -114,10 +113,10 @@ class Loop:
         self.axes: Float = self.result.axes
         self.measured_filter = Smoother(settings.smoothing, 6)
         self.predicted_filter = Smoother(settings.smoothing, 6)
-        self._elastic: Float = np.zeros(OUT_SIZE)
+        self._elastic = records(STEP)
         self._frame: Float = np.zeros((m + 1, 12))
         self._delta: Float = np.zeros((m, 6))
-        self._scratch: Float = np.zeros((SCRATCH, 36))
+        self._work = records(WORK)
         self.monitor = _monitor(settings, self._plan, plan, monitor, override)
         self._axis_play: AxisPlay | None = None
         if settings.axis_play:
@@ -132,8 +131,8 @@ class Loop:
 
     def reset(self) -> None:
         """Begin anew: IDLE, correction zero, nothing learnt, place on the path unknown; as a loop just made."""
-        for array in (self._elastic, self._frame, self._delta, self._scratch):
-            array[:] = 0.0
+        for array in (self._elastic, self._frame, self._delta, self._work):
+            as_words(array)[:] = 0
         for name in ("given", "state", "ring", "result", "tests", "cycle", "work"):
             as_words(self._loop[name])[:] = 0
         state = self.step_state
@@ -150,16 +149,34 @@ class Loop:
             self._axis_play.reset()
 
     def _arrays(self) -> ArrayTable:
-        """Arrays of a cycle beside its record, in the order of :mod:`counterflex.runtime.cycle`."""
+        """Arrays of a cycle beside its record."""
         m, p = self.measured_filter, self.predicted_filter
         none = records(PLAY, 0), records(PLAYED, 0), np.zeros(1, dtype=np.int64)
+        plays, played, begun = none if self._axis_play is None else self._axis_play.arrays()
+        watched_plan, monitor_settings, monitor_memory = self.monitor.records
         return ArrayTable(
-            (
-                *(self._plan, self._real, self._kind, self._elastic, self._frame, self._delta, self._scratch),
-                *(m.coefficients, m.memory, m.ring, m.place, p.memory, p.ring, p.place),
-                *(none if self._axis_play is None else self._axis_play.arrays()),
-                *self.monitor.records,
-            )
+            ARRAYS,
+            plan=self._plan,
+            stations=self._chain.stations,
+            surroundings=self._chain.surroundings,
+            regions=self._chain.regions,
+            elastic=self._elastic,
+            frame=self._frame,
+            delta=self._delta,
+            work=self._work,
+            low_pass=m.coefficients,
+            measured_memory=m.memory,
+            measured_ring=m.ring,
+            measured_place=m.place,
+            predicted_memory=p.memory,
+            predicted_ring=p.ring,
+            predicted_place=p.place,
+            plays=plays,
+            played=played,
+            play_begun=begun,
+            watched_plan=watched_plan,
+            monitor_settings=monitor_settings,
+            monitor_memory=monitor_memory,
         )
 
     def _memory(self) -> dict[str, np.ndarray[Any, Any]]:
@@ -174,10 +191,10 @@ class Loop:
             "predicted.memory": p.memory,
             "predicted.ring": p.ring,
             "predicted.place": p.place,
-            "elastic": self._elastic,
+            "elastic": as_reals(self._elastic),
             "frame": self._frame,
             "delta": self._delta,
-            "scratch": self._scratch,
+            "scratch": as_reals(self._work),
             "tests": self._loop["tests"],
         }
         if play is not None:
@@ -281,7 +298,8 @@ class Loop:
     @property
     def compliance(self) -> Float:
         """(36,) view: compliance of the arm at the tip in the last cycle, base axes, by rows."""
-        return self._elastic[OUT_C : OUT_C + 36]
+        out: Float = self._elastic["compliance"][0]
+        return out
 
     @property
     def in_effect(self) -> Float:
@@ -318,8 +336,7 @@ class Loop:
             as_words(self._loop["settings"]),
             as_words(self._loop["limits"]),
             self._plan,
-            self._real,
-            self._kind,
+            *(as_words(array) for array in self._chain),
             m.coefficients,
             np.array(m.ring.shape),
             *self.monitor.numbers(),

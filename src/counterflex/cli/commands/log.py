@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -11,9 +11,6 @@ from counterflex.cli import given
 from counterflex.cli.bounds import MOST_RECORDS
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
-
-if TYPE_CHECKING:
-    from counterflex.app.run.log import Replayed
 
 _log = typer.Typer(no_args_is_help=True, help="What an online run logged: show it, replay it, export it, repair it.")
 _SHOWN = 20
@@ -259,15 +256,18 @@ def replay(
                 f" logged {first.logged!r}, replayed {first.replayed!r}{more}"
             )
         same = "bit for bit the same" if first is None else "the same until there"
-        typer.echo(f"{found.compared} of {found.records + found.missing} cycles {same}" + _left_out(found))
+        typer.echo(
+            f"{found.compared} of {found.records + found.missing} cycles {same}"
+            + _left_out(found.missing, found.skipped)
+        )
     if first is not None:
         raise typer.Exit(1)
     _end(incomplete=not found.proved or found.lost.incomplete)
 
 
-def _left_out(found: Replayed) -> str:
-    parts = [f"{found.missing} cycles missing"] if found.missing else []
-    parts += [f"{found.skipped} not computed: after a gap"] if found.skipped else []
+def _left_out(missing: int, skipped: int) -> str:
+    parts = [f"{missing} cycles missing"] if missing else []
+    parts += [f"{skipped} not computed: after a gap"] if skipped else []
     return "".join(f", {part}" for part in parts)
 
 

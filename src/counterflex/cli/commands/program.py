@@ -11,7 +11,7 @@ import typer
 from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.cli import given
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
-from counterflex.cli.scenario import Layers, read
+from counterflex.cli.scenario import Layers
 from counterflex.core.units import UM
 
 Program = Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=given.file)]
@@ -124,7 +124,9 @@ def compensate(
     Example: `counterflex compensate part.ngc --cell cell.toml --out out --as krl`
     """
     keep_inputs(out, program, *([] if parameters is None else [parameters]))
-    wish, table = None, read(scenario, "compensation").compensation
+    from counterflex.files.scenario_file import read_scenario
+
+    wish, table = None, read_scenario(scenario or (), ("compensation",)).compensation
     from counterflex.app.compensation import compensate as job
     from counterflex.app.inputs import Reading
     from counterflex.plan.feed_for_tolerance import FeedTolerance

@@ -10,7 +10,7 @@ import typer
 
 from counterflex.cli import given
 from counterflex.cli.given import address
-from counterflex.cli.scenario import Layers, read
+from counterflex.cli.scenario import Layers
 
 
 def register(app: typer.Typer) -> None:
@@ -46,7 +46,9 @@ def proxy(
 
     Example: `counterflex twin proxy --listen 127.0.0.1:49160 --to 127.0.0.1:49152 -s network.loss=0.05 --log proxy.csv`
     """
-    trial = read(scenario, "network")
+    from counterflex.files.scenario_file import read_scenario
+
+    trial = read_scenario(scenario or (), ("network",))
     from counterflex.app.simulated_cell import proxy as job
     from counterflex.app.simulated_cell.scenario import impairment
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -13,11 +13,8 @@ from counterflex.cli.commands.program import CellFile, Out, Parameters, Program,
 from counterflex.cli.commands.simulated.options import left_alone
 from counterflex.cli.given import address
 from counterflex.cli.output import keep_inputs, line_period_s, print_json, print_table, progress_bar
-from counterflex.cli.scenario import Layers, host_port, read
+from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
-
-if TYPE_CHECKING:
-    from counterflex.app.run.status import Status
 
 Rsi = Annotated[
     Path | None,
@@ -93,13 +90,15 @@ def run(
 
     Example: `counterflex run --cell cell.toml --rsi rsi.xml --plan plan.parquet --scenario trial.toml --out log`
     """
-    trial = read(scenario, "run", "force_sensor", "tracker")
+    from counterflex.files.scenario_file import read_scenario
+
+    trial = read_scenario(scenario or (), ("run", "force_sensor", "tracker"))
     sensor, program, lockstep = trial.force_sensor, trial.run.program, trial.run.lockstep
     keep_inputs(out, cell, *(path for path in (rsi, plan, program) if path is not None))
     one_protocol(rsi, egm)
     from counterflex.app.run import run as job
     from counterflex.app.run.session import RunSettings
-    from counterflex.cli.commands.status_line import process_lines, status_line
+    from counterflex.cli.commands.status_line import show_status
 
     tracker = host_port(trial.tracker.address)
     if arm and not lockstep and not trust_machine:
@@ -125,10 +124,6 @@ def run(
         force_wait_s=60.0 if lockstep else 10.0,
     )
 
-    def watch(status: Status) -> None:
-        for line in (*process_lines(status), status_line(status)):
-            typer.echo(line, err=True)
-
     def started(where: tuple[str, int]) -> None:
         interrupt.keeps(f"the log up to here is in {out}; the loop ramps the correction out and ends by itself")
         typer.echo(f"waiting for the robot at {where[0]}:{where[1]}", err=True)
@@ -138,7 +133,7 @@ def run(
 
     if line_period_s() > 0.0:
         typer.echo("preparing the loop: cell, plan, sensors", err=True)
-    summary = job.run(settings, out, watch=watch, most_s=trial.run.seconds, started=started, told=told)
+    summary = job.run(settings, out, watch=show_status, most_s=trial.run.seconds, started=started, told=told)
     if as_json:
         print_json(summary)
     else:
@@ -208,7 +203,9 @@ def cell(
 
     Example: `counterflex twin cell part.ngc --cell cell.toml --truth truth.toml --rsi rsi.xml --out part`
     """
-    trial = read(scenario, "controller", "rsi", "egm", "force_sensor", "tracker")
+    from counterflex.files.scenario_file import read_scenario
+
+    trial = read_scenario(scenario or (), ("controller", "rsi", "egm", "force_sensor", "tracker"))
     keep_inputs(out, *(path for path in (program, cell, truth, rsi, original, parameters) if path is not None))
     one_protocol(rsi, egm)
     from counterflex.app.inputs import Reading

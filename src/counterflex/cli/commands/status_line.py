@@ -5,12 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+import typer
+
 from counterflex.app.run.process_events import shown_event
 from counterflex.app.run.status import Status, force_said
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.runtime.estimator.fusion import level
 
 _STILL_S: Final = 0.5
+
+
+def show_status(status: Status) -> None:
+    """Print what process monitoring has found, and how the run is, on standard error."""
+    for line in (*process_lines(status), status_line(status)):
+        typer.echo(line, err=True)
 
 
 def status_line(status: Status) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
 from counterflex.core.units import DEG, MM, MS, PERCENT, UM, URAD
 from counterflex.files.cell.timing import TimingTable
 from counterflex.files.schema import Table
+from counterflex.runtime.design.tracker_plant import TrackerPlant
 from counterflex.runtime.estimator.fusion import FusionTuning
 from counterflex.runtime.plausibility.axis_tolerance import AxisTolerance
 from counterflex.runtime.settings import (
@@ -27,9 +28,6 @@ from counterflex.runtime.settings import (
 from counterflex.runtime.state.supervisor import SupervisorSettings
 from counterflex.signals.filters import Smoothing
 from counterflex.signals.limiter import MotionLimit
-
-if TYPE_CHECKING:
-    from counterflex.runtime.design.tracker import TrackerPlant
 
 Above = Annotated[float, Field(gt=0.0, le=1e6)]
 Signed = Annotated[float, Field(ge=-1e5, le=1e5)]
@@ -234,8 +232,6 @@ def tracker_plant(delays: Delays, period_s: float, mode: tuple[float, float] | N
         period_s: Cycle.
         mode: Lowest mode, Hz, and its damping ratio; None is a robot without one.
     """
-    from counterflex.runtime.design.tracker import TrackerPlant
-
     hz, damping = mode if mode is not None else (0.0, 0.1)
     delay = delays.dead_s + delays.tracker_s
     return TrackerPlant(period_s, delay, delays.natural_per_s, delays.damping, 2.0 * math.pi * hz, damping)

@@ -4,27 +4,22 @@ from __future__ import annotations
 
 from typing import Final
 
-from counterflex.core.array_table import raw_bytes, reals, whole_matrix, wholes
-from counterflex.core.arrays import Float, Int
+from counterflex.core.array_table import addresses, raw_bytes, reals, whole_matrix, wholes
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
+from counterflex.core.records import Records
 from counterflex.protocols.kuka_rsi.kernel import compose
 from counterflex.protocols.kuka_rsi.pose_kernel import write_axes, write_correction
 from counterflex.protocols.system.system_calls import send_to
 
-# Arrays of the table.
-B_VALUES: Final = 0
-B_POSE: Final = 1  # (6,) where a Cartesian correction goes; (0,): nowhere
-B_AXES: Final = 2  # (6,) where an axis correction goes; (0,): nowhere
-B_FREE: Final = 3  # (4,) places of Stop, FeedHold, Override and State; -1: not there
-B_BUFFER: Final = 4
-B_PIECES: Final = 5
-B_PARTS: Final = 6
-B_NAME: Final = 7  # whom to answer
+ARRAYS: Final = addresses("values", "pose", "axes", "free", "buffer", "pieces", "parts", "name")
+"""``pose``, ``axes``: (6,) places where a Cartesian or axis correction goes; (0,): nowhere. ``free``: (4,) places of
+Stop, FeedHold, Override and State; -1: not there. ``name``: whom to answer."""
 
 
-@kernel("int64(int64[:, ::1], int64, int64, float64[::1], boolean, boolean, boolean, float64, int64)")
+@kernel("int64(Arrays[::1], int64, int64, float64[::1], boolean, boolean, boolean, float64, int64)", Arrays=ARRAYS)
 def answer(
-    table: Int,
+    tables: Records,
     fd: int,
     counter: int,
     correction: Float,
@@ -37,7 +32,7 @@ def answer(
     """Write an answer, and send it.
 
     Args:
-        table: The arrays ``B_...`` of this module; values and buffer are changed.
+        tables: (1,) ARRAYS; values and buffer are changed.
         fd: Socket to send with; below zero: the answer is only written.
         counter: IPOC that is answered.
         correction: (6,) m and rotation vector, or with ``as_axes`` rad.
@@ -50,22 +45,24 @@ def answer(
     Returns:
         Bytes of the answer; 0: a number cannot be written, or the system did not take it, and nothing was sent.
     """
-    values, free, buffer = reals(table, B_VALUES), wholes(table, B_FREE), raw_bytes(table, B_BUFFER)
-    pose, axes = wholes(table, B_POSE), wholes(table, B_AXES)
+    table = tables[0]
+    values, free, buffer = reals(table.values), wholes(table.free), raw_bytes(table.buffer)
+    pose, axes = wholes(table.pose), wholes(table.axes)
+    at_stop, at_hold, at_override, at_state = free[0], free[1], free[2], free[3]
     values[:] = 0.0
     if as_axes and axes.shape[0] > 0:
         write_axes(correction, values, axes)
     elif pose.shape[0] > 0:
         write_correction(correction, values, pose)
-    if free[0] >= 0:
-        values[free[0]] = 1.0 if stop else 0.0
-    if free[1] >= 0:
-        values[free[1]] = 1.0 if feed_hold else 0.0
-    if free[2] >= 0:
-        values[free[2]] = 100.0 * override
-    if free[3] >= 0:
-        values[free[3]] = float(state)
-    length = compose(buffer, raw_bytes(table, B_PIECES), whole_matrix(table, B_PARTS), values, counter)
-    if length > 0 and fd >= 0 and not send_to(fd, buffer, length, raw_bytes(table, B_NAME)):
+    if at_stop >= 0:
+        values[at_stop] = 1.0 if stop else 0.0
+    if at_hold >= 0:
+        values[at_hold] = 1.0 if feed_hold else 0.0
+    if at_override >= 0:
+        values[at_override] = 100.0 * override
+    if at_state >= 0:
+        values[at_state] = float(state)
+    length = compose(buffer, raw_bytes(table.pieces), whole_matrix(table.parts), values, counter)
+    if length > 0 and fd >= 0 and not send_to(fd, buffer, length, raw_bytes(table.name)):
         return 0
     return length

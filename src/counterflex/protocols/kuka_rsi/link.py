@@ -9,7 +9,7 @@ import numpy as np
 from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.protocols.kuka_rsi.answer_kernel import answer
+from counterflex.protocols.kuka_rsi.answer_kernel import ARRAYS, answer
 from counterflex.protocols.kuka_rsi.config import RsiConfig
 from counterflex.protocols.kuka_rsi.kernel import MISSING, OK
 from counterflex.protocols.kuka_rsi.pose_kernel import read_pose, read_stand
@@ -110,14 +110,17 @@ class RsiLink:
         self.holds_feed = self._place_of("FeedHold") >= 0
         places = [self._place_of("Stop"), self._place_of("FeedHold"), self._override, self._place_of("State")]
         nowhere = np.zeros(0, dtype=np.int64)
+        pieces, parts = self._writer.fixed
         self._table = ArrayTable(
-            (
-                self._writer.values,
-                nowhere if self._pose_out is None else self._pose_out,
-                nowhere if self._axes_out is None else self._axes_out,
-                np.array(places, dtype=np.int64),
-                *(self._writer.buffer, *self._writer.fixed, self._port.name),
-            )
+            ARRAYS,
+            values=self._writer.values,
+            pose=nowhere if self._pose_out is None else self._pose_out,
+            axes=nowhere if self._axes_out is None else self._axes_out,
+            free=np.array(places, dtype=np.int64),
+            buffer=self._writer.buffer,
+            pieces=pieces,
+            parts=parts,
+            name=self._port.name,
         )
         self._empty = False
         self._again: tuple[bool, bool, float, State] | None = None

@@ -16,7 +16,7 @@ from counterflex.core.errors import OutputError, ProtocolError
 from counterflex.core.records import Record, records
 from counterflex.protocols.netft import kernel as reading
 from counterflex.protocols.netft import telegram as netft
-from counterflex.protocols.netft.drain_kernel import drain_records
+from counterflex.protocols.netft.drain_kernel import ARRAYS, drain_records
 from counterflex.protocols.system.datagrams import ROWS, Datagrams
 
 SATURATED: Final = 0.95
@@ -76,7 +76,7 @@ class NetftLink:
         self.samples: Float = np.zeros((MOST_SAMPLES, 6))
         self.good, self.first = 0, -1
         self.saturated = self.frozen = False
-        self._table = ArrayTable((*self._inbox.arrays(), self.samples, self._received))
+        self._table = ArrayTable(ARRAYS, **self._inbox.arrays(), samples=self.samples, received=self._received)
 
     def start(self) -> None:
         """Ask for the stream (again)."""

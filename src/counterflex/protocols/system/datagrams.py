@@ -16,6 +16,9 @@ ROWS: Final = 64
 SIZE: Final = 2048
 """Bytes that are kept of a datagram; none of the protocols has longer ones."""
 
+INBOX: Final = ("heads", "names", "lengths", "hosts", "datagrams")
+"""Names of the arrays of an inbox in a kernel's table."""
+
 
 class Datagrams:
     """What came to a UDP socket of IPv4.
@@ -46,9 +49,10 @@ class Datagrams:
         """Of the socket; -1 where it is closed."""
         return self._socket.fileno()
 
-    def arrays(self) -> tuple[np.ndarray[Any, Any], ...]:
-        """Heads, names, lengths, hosts and data, as a kernel that calls the system itself takes them."""
-        return self._heads, self._names, self.lengths, self.hosts, self.data
+    def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
+        """Arrays of :data:`INBOX`, as a kernel that calls the system itself takes them."""
+        own = self._heads, self._names, self.lengths, self.hosts, self.data
+        return dict(zip(INBOX, own, strict=True))
 
     def take(self) -> int:
         """Take what is there, at most ROWS; never waits, never raises. Call again where it returns ROWS.

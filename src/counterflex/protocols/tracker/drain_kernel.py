@@ -1,7 +1,6 @@
 """Tracker poses taken from their socket in one compiled call, system call included.
 
-The arrays come as a table (:mod:`counterflex.core.array_table`): first those of
-:meth:`counterflex.protocols.system.datagrams.Datagrams.arrays`, then those that the kernel names.
+The arrays come as a table (:mod:`counterflex.core.array_table`).
 """
 
 from __future__ import annotations
@@ -10,46 +9,42 @@ from typing import Final
 
 from numba import carray
 
-from counterflex.core.array_table import byte_matrix, matrix, to_pointer, whole_matrix, wholes
-from counterflex.core.arrays import Int
+from counterflex.core.array_table import addresses, byte_matrix, matrix, to_pointer, whole_matrix, wholes
 from counterflex.core.jit import kernel
 from counterflex.core.records import Records
+from counterflex.protocols.system.datagrams import INBOX
 from counterflex.protocols.system.system_calls import receive
 from counterflex.protocols.tracker import kernel as tracker
 
-_INBOX: Final = 5
+ARRAYS: Final = addresses(*INBOX, "allowed", "pose", "spare", "received")
 
 
-@kernel("Received[::1](int64[:, ::1])", Received=tracker.RECEIVED)
-def _received(table: Int) -> Records:
-    out: Records = carray(to_pointer(table[_INBOX + 3, 0]), (1,), tracker.RECEIVED)
-    return out
-
-
-@kernel("boolean(int64, int64[:, ::1])")
-def drain_poses(fd: int, table: Int) -> bool:
+@kernel("boolean(int64, Arrays[::1])", Arrays=ARRAYS)
+def drain_poses(fd: int, tables: Records) -> bool:
     """Take every tracker datagram that is there.
 
     Args:
         fd: Of the socket.
-        table: Inbox; allowed, pose, spare and RECEIVED of :func:`counterflex.protocols.tracker.kernel.take_poses`.
+        tables: (1,) ARRAYS: inbox; allowed, pose, spare and RECEIVED of
+            :func:`counterflex.protocols.tracker.kernel.take_poses`.
 
     Returns:
         Whether a new good pose is among them.
     """
-    heads, lengths, hosts = whole_matrix(table, 0), wholes(table, 2), wholes(table, 3)
-    received, fresh = _received(table), False
+    table = tables[0]
+    heads, lengths, hosts = whole_matrix(table.heads), wholes(table.lengths), wholes(table.hosts)
+    received, fresh = carray(to_pointer(table.received.place), (1,), tracker.RECEIVED), False
     while True:
-        count = receive(fd, heads, byte_matrix(table, 1), lengths, hosts)
+        count = receive(fd, heads, byte_matrix(table.names), lengths, hosts)
         if count > 0:
             fresh |= tracker.take_poses(
-                byte_matrix(table, 4),
+                byte_matrix(table.datagrams),
                 lengths,
                 hosts,
                 count,
-                wholes(table, _INBOX),
-                matrix(table, _INBOX + 1),
-                matrix(table, _INBOX + 2),
+                wholes(table.allowed),
+                matrix(table.pose),
+                matrix(table.spare),
                 received,
             )
         if count < heads.shape[0]:

@@ -13,7 +13,7 @@ from counterflex.core.records import Record, records
 from counterflex.core.units import MM
 from counterflex.protocols.system.datagrams import ROWS, Datagrams, host_number
 from counterflex.protocols.tracker import kernel as reading
-from counterflex.protocols.tracker.drain_kernel import drain_poses
+from counterflex.protocols.tracker.drain_kernel import ARRAYS, drain_poses
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN
 
 
@@ -66,7 +66,12 @@ class TrackerLink:
         self._mean_ns = -1
         self.T_tracker_target: Float = np.eye(4)
         self._table = ArrayTable(
-            (*self._inbox.arrays(), self._allowed, self.T_tracker_target, self._spare, self._received)
+            ARRAYS,
+            **self._inbox.arrays(),
+            allowed=self._allowed,
+            pose=self.T_tracker_target,
+            spare=self._spare,
+            received=self._received,
         )
 
     def drain(self) -> bool:

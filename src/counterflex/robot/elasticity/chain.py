@@ -24,7 +24,7 @@ from counterflex.robot.elasticity.chain_checks import (
     joint_speeds,
     rigid_motion,
 )
-from counterflex.robot.elasticity.compact import Compact, Segments, compact, frozen_int
+from counterflex.robot.elasticity.compact import Segments, compact, frozen_int
 from counterflex.robot.elasticity.kernels.batch import (
     CHUNK,
     ON_RIGID,
@@ -34,6 +34,7 @@ from counterflex.robot.elasticity.kernels.batch import (
     pose_range,
     pose_threads,
 )
+from counterflex.robot.elasticity.kernels.records import Compact
 from counterflex.robot.model.description import EndEffector, Robot
 from counterflex.robot.model.elastic_region import check_regions, growth
 
@@ -243,7 +244,7 @@ def jacobian(chain: ElasticChain, q: Float) -> Float:
     """
     rows, _, lead = points(q, None)
     out = np.empty((len(rows), JOINTS * JOINTS))
-    jacobian_range(chain.compact.real, chain.compact.kind, rows, out, 0, len(rows))
+    jacobian_range(chain.compact, rows, out, 0, len(rows))
     return out.reshape(*lead, JOINTS, JOINTS)
 
 
@@ -279,11 +280,10 @@ def forward_elastic(
 def _poses(chain: ElasticChain, q: Float, w: Float | None, how: int, *, gravity: bool) -> Float:
     q, w, lead = points(q, w)
     out = np.empty((len(q), 4, 4))
-    real, kind = chain.compact.real, chain.compact.kind
     if len(q) <= CHUNK:
-        failed = pose_range(real, kind, q, w, how, int(gravity), out, 0, len(q))
+        failed = pose_range(chain.compact, q, w, how, int(gravity), out, 0, len(q))
     else:
-        failed = pose_threads(real, kind, q, w, how, int(gravity), out)
+        failed = pose_threads(chain.compact, q, w, how, int(gravity), out)
     require_settled(failed)
     return out.reshape(*lead, 4, 4)
 

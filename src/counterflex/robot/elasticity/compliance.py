@@ -99,11 +99,10 @@ def cartesian_compliance(chain: ElasticChain, q: Float) -> Float:
     """
     rows, _, lead = points(q, None)
     out = np.empty((len(rows), 36))
-    compact = chain.compact
     if len(rows) <= CHUNK:
-        compliance_range(compact.real, compact.kind, rows, out, 0, len(rows))
+        compliance_range(chain.compact, rows, out, 0, len(rows))
     else:
-        compliance_threads(compact.real, compact.kind, rows, out)
+        compliance_threads(chain.compact, rows, out)
     return out.reshape(*lead, 6, 6)
 
 
@@ -142,17 +141,16 @@ def deflection(
         out: Float = (cartesian_compliance(chain, q) @ w[:, :, None])[..., 0]
     else:
         out = np.empty((len(q), 6))
-        compact = chain.compact
         how = SETTLED if equilibrium else ON_RIGID
         if len(q) <= CHUNK:
-            failed = deflection_range(compact.real, compact.kind, q, w, how, int(gravity), out, 0, len(q))
+            failed = deflection_range(chain.compact, q, w, how, int(gravity), out, 0, len(q))
         elif len(q) >= LANES_FROM and not (gravity or equilibrium or chain.regions):
             from counterflex.robot.elasticity.kernels.lanes import deflection_lanes
 
-            deflection_lanes(compact.real, compact.kind, q, w, out)
+            deflection_lanes(chain.compact, q, w, out)
             failed = 0
         else:
-            failed = deflection_threads(compact.real, compact.kind, q, w, how, int(gravity), out)
+            failed = deflection_threads(chain.compact, q, w, how, int(gravity), out)
         require_settled(failed)
     _plausible(out)
     return out.reshape(*lead, 6)
@@ -232,15 +230,14 @@ def corrections(chain: ElasticChain, q: Float, w_tcp_base: Float, *, gravity: bo
     q, w, lead = points(q, w_tcp_base)
     out = np.empty((len(q), 19))
     status = np.empty(len(q), dtype=np.int64)
-    compact = chain.compact
     if len(q) <= CHUNK:
-        step_range(compact.real, compact.kind, q, w, int(gravity), out, status, 0, len(q))
+        step_range(chain.compact, q, w, int(gravity), out, status, 0, len(q))
     elif len(q) >= LANES_FROM and not (gravity or chain.regions):
         from counterflex.robot.elasticity.kernels.lanes_step import step_lanes
 
-        step_lanes(compact.real, compact.kind, q, w, out, status)
+        step_lanes(chain.compact, q, w, out, status)
     else:
-        step_threads(compact.real, compact.kind, q, w, int(gravity), out, status)
+        step_threads(chain.compact, q, w, int(gravity), out, status)
     return Corrections(
         deflection=out[:, :6].reshape(*lead, 6),
         q_c=out[:, 6:12].reshape(*lead, 6),

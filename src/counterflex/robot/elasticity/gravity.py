@@ -85,8 +85,5 @@ def sag(chain: ElasticChain, q: Float, *, equilibrium: bool = True) -> Float:
     """
     rows, _, lead = points(q, None)
     out = np.empty((len(rows), 6))
-    compact = chain.compact
-    require_settled(
-        sag_range(compact.real, compact.kind, rows, SETTLED if equilibrium else ON_RIGID, out, 0, len(rows))
-    )
+    require_settled(sag_range(chain.compact, rows, SETTLED if equilibrium else ON_RIGID, out, 0, len(rows)))
     return out.reshape(*lead, 6)

@@ -266,9 +266,7 @@ class _Problem:
     """A loaded chain in the arrays of the kernels."""
 
     def __init__(self, chain: ElasticChain, w: Float | None, gravity: bool) -> None:
-        packed = chain.compact
         self.chain = chain
-        self.real, self.kind, self.m = np.array(packed.real), np.array(packed.kind), packed.stations
         self.length = arm_length(chain) / 2.0
         self.w = np.zeros(6) if w is None else np.array(as_float("w_tcp_base", w, (6,)))
         self.gravity = int(gravity)
@@ -277,7 +275,7 @@ class _Problem:
     def polish(self, target: Float, seed: Float) -> tuple[Float, float, float] | None:
         q, measures = np.array(seed, dtype=np.float64), np.empty(3)
         done = inverse_kernel.newton(
-            self.real, self.kind, self.m, np.array(target), self.w, self.gravity, self.loaded, self.length, q,
+            self.chain.compact, np.array(target), self.w, self.gravity, self.loaded, self.length, q,
             measures,
         )  # fmt: skip
         return (q, float(measures[0]), float(measures[1])) if done else None
@@ -290,7 +288,7 @@ def _follow(
     q, out, axes, fault = np.empty((n, 6)), np.empty((n, 3)), np.empty(n, dtype=np.int64), np.zeros(2)
     ws = np.zeros((1, 6)) if loads is None else np.array(loads)
     done, code, axis = inverse_kernel.follow(
-        problem.real, problem.kind, problem.m, Ts, ws, problem.gravity, problem.loaded, problem.length,
+        chain.compact, Ts, ws, problem.gravity, problem.loaded, problem.length,
         np.array(first.q), np.array(chain.joint_limits_rad), int(enforce), sigma_floor, q, out, axes, fault,
     )  # fmt: skip
     if code != inverse_kernel.OK:

@@ -14,6 +14,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
+from counterflex.robot.elasticity.kernels.records import Compact
 from counterflex.robot.elasticity.kernels.scalar import chain_pass, joint_trig, loads, rigid_jacobian
 
 OK, UNREACHED, OUTSIDE, SINGULAR = 0, 1, 2, 3
@@ -125,15 +126,13 @@ def _sigma_min(C: Float, squarings: int, B: Float, D: Float) -> float:
 
 @kernel()
 def newton(
-    real: Float, kind: Int, m: int, target: Float, w: Float, gravity: int, loaded: int, length: float, q: Float,
+    chain: Compact, target: Float, w: Float, gravity: int, loaded: int, length: float, q: Float,
     measures: Float,
 ) -> bool:  # fmt: skip
     """Bring the loaded chain's TCP to a pose; ``q`` (6,) rad is start and result.
 
     Args:
-        real: Chain of m stations, see :mod:`counterflex.robot.elasticity.compact`.
-        kind: Chain.
-        m: Stations.
+        chain: Compact chain.
         target: (4, 4) T_base_tcp, m.
         w: (6,) N, N m about the TCP in base axes.
         gravity: Not 0: own weight acts.
@@ -146,6 +145,7 @@ def newton(
     Returns:
         Whether the residual fell below the tolerance.
     """
+    m = len(chain.stations) - 1
     frame, delta, trig, flat = np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty(12), np.empty(36)
     J, A, C, e = flat.reshape((6, 6)), np.empty((6, 6)), np.zeros((6, 6)), np.empty(6)
     dR, turn, step = np.empty((3, 3)), np.empty(3), np.empty(6)
@@ -153,9 +153,9 @@ def newton(
     for _ in range(MAX_STEPS):
         joint_trig(q, trig)
         if loaded != 0:
-            chain_pass(real, kind, m, trig, delta, 0, frame)
-            loads(real, kind, m, frame, q, w, gravity, delta)
-        chain_pass(real, kind, m, trig, delta, loaded, frame)
+            chain_pass(chain, trig, delta, 0, frame)
+            loads(chain, frame, q, w, gravity, delta)
+        chain_pass(chain, trig, delta, loaded, frame)
         tip = frame[m]
         for i in range(3):
             for j in range(3):
@@ -166,7 +166,7 @@ def newton(
             e[i] = (target[i, 3] - tip[9 + i]) / length
             e[3 + i] = turn[i]
             worst = max(worst, abs(e[i]) * length, abs(turn[i]))
-        rigid_jacobian(real, kind, m, frame, flat)
+        rigid_jacobian(chain, frame, flat)
         for k in range(18):
             flat[k] /= length
         for i in range(6):
@@ -211,7 +211,7 @@ def newton(
 
 @kernel()
 def follow(
-    real: Float, kind: Int, m: int, targets: Float, ws: Float, gravity: int, loaded: int, length: float, start: Float,
+    chain: Compact, targets: Float, ws: Float, gravity: int, loaded: int, length: float, start: Float,
     limits: Float, enforce: int, sigma_floor: float, out_q: Float, out: Float, axes: Int, fault: Float,
 ) -> tuple[int, int, int]:  # fmt: skip
     """Follow a path of poses on one branch, each point seeded by the one before; stops at the first fault.
@@ -220,9 +220,7 @@ def follow(
     the joints move as the controller would move them.
 
     Args:
-        real: See :func:`newton`.
-        kind: See :func:`newton`.
-        m: Stations.
+        chain: See :func:`newton`.
         targets: (n, 4, 4) T_base_tcp.
         ws: (n, 6) or (1, 6) wrench per point.
         gravity: See :func:`newton`.
@@ -286,7 +284,7 @@ def follow(
             else:
                 goal = targets[n]
             here[:] = q
-            done = newton(real, kind, m, goal, w, gravity, loaded, length, q, measures)
+            done = newton(chain, goal, w, gravity, loaded, length, q, measures)
             lowest = min(lowest, measures[0])
             if not done:
                 fault[0], fault[1] = measures[2], measures[0]

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int, as_float
+from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG
 from counterflex.robot.model.description import ElasticRegion
@@ -139,25 +139,3 @@ def check_regions(regions: Sequence[ElasticRegion], names: Sequence[str], compli
                 value=f"{low[i, region.direction]:.3g} to {high[i, region.direction]:.3g}",
                 limit=f"{LEAST:g} to {MOST:g}, those of one spring multiplied",
             )
-
-
-def rows(regions: Sequence[ElasticRegion], names: Sequence[str], segment: Int, width: int) -> Float:
-    """Regions as the kernels read them, see :mod:`counterflex.robot.elasticity.kernels.regions`.
-
-    Args:
-        regions: Checked ones.
-        names: Segments of the chain.
-        segment: (m,) index of each station in the chain.
-        width: Columns.
-
-    Returns:
-        (r, width).
-    """
-    out = np.zeros((len(regions), width))
-    places = [names[i] for i in segment]
-    for row, region in zip(out, regions, strict=True):
-        count = len(region.angles_rad)
-        row[:4] = places.index(region.segment), region.direction, region.axis, count
-        row[4 : 4 + count] = region.angles_rad
-        row[4 + ANGLES[1] : 4 + ANGLES[1] + count] = region.factors
-    return out

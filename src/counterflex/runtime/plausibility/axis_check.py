@@ -43,10 +43,10 @@ class AxisCheck:
         self, chain: ElasticChain, T_base_part: Float, period_s: float, tolerance: AxisTolerance | None = None
     ) -> None:
         chosen = AxisTolerance() if tolerance is None else tolerance
-        self._real, self._kind = chain.compact.real, chain.compact.kind
+        self._chain = chain.compact
         T_part_base = pose.inverse(as_float("T_base_part", T_base_part, (4, 4)))
         rows = max(2, round(_TRAIL_S / as_positive("period_s", period_s)))
-        self._frame: Float = np.zeros((chain.compact.stations + 1, 12))
+        self._frame: Float = np.zeros((len(self._chain.stations), 12))
         self._trail, self._checks = records(ak.TRAIL, rows), records(ak.CHECK)
         c = self._checks[0]
         c.T_part_base = np.concatenate([T_part_base[:3, :3].reshape(-1), T_part_base[:3, 3]])
@@ -87,7 +87,7 @@ class AxisCheck:
         self._measured_is[0] = ABSENT if measured is None else measured_is
         reported = commanded if measured is None else measured
         verdict = ak.angles_agree(
-            q, correction, commanded, reported, self._real, self._kind, self._frame, self._trail, self._checks
+            q, correction, commanded, reported, self._chain, self._frame, self._trail, self._checks
         )
         if verdict == ak.DISAGREE and self._check.good == 1:
             q[:] = self._check.angles

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records, record
+from counterflex.robot.elasticity.kernels.records import CHAIN, Compact
 from counterflex.robot.elasticity.kernels.scalar import chain_pass, joint_trig
 from counterflex.runtime.primitives.frames import all_finite, pose_deviation
 
@@ -174,8 +175,8 @@ def _follow(c: Record, trail: Records, commanded: Float) -> None:
 
 
 @kernel(
-    "int64(float64[::1], float64[::1], float64[::1], float64[::1], float64[:, ::1], int64[:, ::1], float64[:, ::1],"
-    " Trail[::1], Check[::1])",
+    "int64(float64[::1], float64[::1], float64[::1], float64[::1], Chain, float64[:, ::1], Trail[::1], Check[::1])",
+    Chain=CHAIN,
     Trail=TRAIL,
     Check=CHECK,
 )
@@ -184,8 +185,7 @@ def angles_agree(
     correction: Float,
     commanded: Float,
     measured: Float,
-    real: Float,
-    kind: Int,
+    chain: Compact,
     frame: Float,
     trail: Records,
     checks: Records,
@@ -206,8 +206,7 @@ def angles_agree(
         correction: (6,) m and rotation vector.
         commanded: (12,) rotation by rows and position, part frame.
         measured: (12,) pose that the controller reports.
-        real: Compact chain of the nominal robot.
-        kind: Likewise.
+        chain: Compact chain of the nominal robot.
         frame: (m + 1, 12) work space.
         trail: (n,) TRAIL; changed.
         checks: (1,) CHECK; how the poses belong to the angles and whether the offset is learnt are given; changed.
@@ -222,10 +221,9 @@ def angles_agree(
     measured_is = c.measured_is
     if measured_is != ABSENT and not all_finite(measured):
         measured_is = ABSENT
-    m = kind.shape[0] - 1
     joint_trig(q, c.trig[:])
-    chain_pass(real, kind, m, c.trig[:], frame, 0, frame)
-    _place_in_part(c, frame[m])
+    chain_pass(chain, c.trig[:], frame, 0, frame)
+    _place_in_part(c, frame[len(chain.stations) - 1])
     for k in range(12):
         c.lead[k] = measured[k] if measured_is == EXACT else commanded[k]
     learn = c.learn == 1

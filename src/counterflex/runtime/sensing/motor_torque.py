@@ -14,20 +14,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int, as_float
+from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.kernels.gravity import weight_torque
+from counterflex.robot.elasticity.kernels.records import CHAIN, Compact
 
 
 @kernel(
-    "void(float64[:, ::1], int64[:, ::1], float64[::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1],"
-    " float64[::1], float64[::1])"
+    "void(Chain, float64[::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[::1],"
+    " float64[::1])",
+    Chain=CHAIN,
 )
 def _process_torque(
-    real: Float,
-    kind: Int,
+    chain: Compact,
     per_current: Float,
     q: Float,
     current: Float,
@@ -36,7 +37,7 @@ def _process_torque(
     trig: Float,
     out: Float,
 ) -> None:
-    weight_torque(real, kind, q, frame, still, trig, out)
+    weight_torque(chain, q, frame, still, trig, out)
     for k in range(6):
         out[k] = -per_current[k] * current[k] - out[k]
 
@@ -63,8 +64,8 @@ class MotorTorque:
                 "torque per motor current", value=torque_per_current.tolist(), limit="six numbers that are not zero"
             )
         self._per_current: Float = np.ascontiguousarray(torque_per_current)
-        self._real, self._kind = chain.compact.real, chain.compact.kind
-        m = chain.compact.stations
+        self._chain = chain.compact
+        m = len(self._chain.stations) - 1
         self._frame: Float = np.zeros((m + 1, 12))
         self._still: Float = np.zeros((m, 6))
         self._trig: Float = np.zeros(12)
@@ -77,6 +78,4 @@ class MotorTorque:
             q: (6,) rad, C order.
             out: (6,) N m, positive in the positive direction of each axis; written.
         """
-        _process_torque(
-            self._real, self._kind, self._per_current, q, self.current, self._frame, self._still, self._trig, out
-        )
+        _process_torque(self._chain, self._per_current, q, self.current, self._frame, self._still, self._trig, out)

@@ -3,62 +3,69 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numba import carray
 
-from counterflex.core.array_table import ArrayTable, matrix, reals, to_pointer, whole_matrix, wholes
-from counterflex.core.arrays import Float, Int, as_float
+from counterflex.core.array_table import ArrayTable, addresses, matrix, reals, to_pointer
+from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
-from counterflex.core.records import Records
+from counterflex.core.records import Record, Records, record, records
 from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.elasticity.kernels.records import CHAIN, REGION, STATION, SURROUNDINGS, Compact
 from counterflex.robot.elasticity.kernels.scalar import chain_pass, joint_trig, loads
 from counterflex.sensing.carrier import carrier_to_tcp, hose_place, segment_index
 from counterflex.sensing.flange_sensor import IDLE, FlangeSensor
 from counterflex.sensing.wrench_kernel import idle, to_tcp
 
+CARRIED: Final = record(
+    station=int,
+    hose=int,
+    R_station_sensor=(float, 9),
+    gravity=(float, 3),
+    p_sensor_tcp=(float, 3),
+    unturned=(float, 9),
+    R_base_part=(float, 9),
+    trig=(float, 12),
+    turn=(float, 9),
+    R_base_sensor=(float, 9),
+    R_rest=(float, 9),
+    idle=(float, 6),
+)
+"""A sensor in the chain: what does not change, work rows, and what the last sample gave.
+
+``station`` of the body that carries it, or the one before it; ``hose``: station of the body that the hose pack comes
+from, or -1. ``R_station_sensor``: sensor in the station, behind its elastic element; rotations by rows. ``R_rest``:
+rotation that the offset goes by, in the hose's body on the unbent arm, else ``R_base_sensor``. ``idle`` (N, N m): what
+the sensor shows without a process.
+"""
+ARRAYS: Final = addresses(
+    "stations", "surroundings", "regions", "frame", "delta", "carried", "constants", "w_base", "w_part"
+)
+
 
 @kernel(
-    "void(float64[:, ::1], int64[:, ::1], int64, int64, float64[::1], float64[::1], float64[::1], float64[:, ::1],"
-    " float64[:, ::1], float64[::1], float64[::1], float64[::1], float64[::1])"
+    "void(Chain, Carried, float64[::1], float64[::1], float64[:, ::1], float64[:, ::1])", Chain=CHAIN, Carried=CARRIED
 )
-def bent_rotation(
-    real: Float,
-    kind: Int,
-    station: int,
-    hose: int,
-    R_station_sensor: Float,
-    q: Float,
-    w_tcp_base: Float,
-    frame: Float,
-    delta: Float,
-    trig: Float,
-    turn: Float,
-    out: Float,
-    rest: Float,
-) -> None:
-    """Rotation of the sensor in the base, weight and the last process wrench included: ``R_base_sensor`` (9,) by rows.
+def bent_rotation(chain: Compact, carried: Record, q: Float, w_tcp_base: Float, frame: Float, delta: Float) -> None:
+    """Rotation of the sensor in the base, weight and the last process wrench included.
 
     Args:
-        real: Compact chain.
-        kind: Likewise.
-        station: Of the body that carries the sensor, or the one before it.
-        hose: Station of the body that the hose pack comes from, or -1.
-        R_station_sensor: (9,) sensor in the station, behind its elastic element.
+        chain: Compact chain.
+        carried: The sensor; ``R_base_sensor`` and ``R_rest`` are written.
         q: (6,) rad.
         w_tcp_base: (6,).
         frame: Work arrays of the chain.
         delta: Likewise.
-        trig: (12,) likewise.
-        turn: (9,) likewise.
-        out: (9,) written.
-        rest: (9,) written: rotation that the offset goes by, in that body on the unbent arm, else the same as ``out``.
     """
-    m = kind.shape[0] - 1
+    station, hose = carried.station, carried.hose
+    trig, turn, R_station_sensor = carried.trig[:], carried.turn[:], carried.R_station_sensor[:]
+    out, rest = carried.R_base_sensor[:], carried.R_rest[:]
     joint_trig(q, trig)
-    chain_pass(real, kind, m, trig, delta, 0, frame)
+    chain_pass(chain, trig, delta, 0, frame)
     if hose >= 0:
         a, b = frame[hose], frame[station]
         for i in range(3):
@@ -70,8 +77,8 @@ def bent_rotation(
                 for k in range(3):
                     total += turn[3 * i + k] * R_station_sensor[3 * k + j]
                 rest[3 * i + j] = total
-    loads(real, kind, m, frame, q, w_tcp_base, 1, delta)
-    chain_pass(real, kind, m, trig, delta, 1, frame)
+    loads(chain, frame, q, w_tcp_base, 1, delta)
+    chain_pass(chain, trig, delta, 1, frame)
     f, d = frame[station], delta[station]
     cz, sz, cy, sy, cx, sx = (
         math.cos(d[5]), math.sin(d[5]), math.cos(d[4]), math.sin(d[4]), math.cos(d[3]), math.sin(d[3]),
@@ -92,45 +99,31 @@ def bent_rotation(
                 rest[3 * i + j] = total
 
 
-@kernel("Idle[::1](int64[:, ::1])", Idle=IDLE)
-def _sensor(table: Int) -> Records:
-    out: Records = carray(to_pointer(table[10, 0]), (1,), IDLE)
-    return out
-
-
-@kernel("void(int64[:, ::1], float64[::1], float64[::1], float64, float64)")
-def sensor_wrench(table: Int, q: Float, w_sensor: Float, time_s: float, temperature_c: float) -> None:
+@kernel("void(Arrays[::1], float64[::1], float64[::1], float64, float64)", Arrays=ARRAYS)
+def sensor_wrench(tables: Records, q: Float, w_sensor: Float, time_s: float, temperature_c: float) -> None:
     """Process wrench of one reading; see :meth:`SensorWrench.__call__`.
 
     Args:
-        table: Real, kind; (2,) stations of sensor and hose; rotation of the sensor in its station; frame, delta, trig,
-            turn, both rotations of :func:`bent_rotation`; IDLE of the sensor, gravity, idle reading, TCP in the
-            sensor, the unit rotation, R_base_part; and the wrench in base and in part axes: these two are written.
+        tables: (1,) ARRAYS; the wrench in base and in part axes is written.
         q: (6,) rad.
         w_sensor: (6,) N, N m.
         time_s: Since the sensor's zero.
         temperature_c: NaN is the reference temperature.
     """
-    stations, R, R_rest = wholes(table, 2), reals(table, 8), reals(table, 9)
-    still, p, w_base = reals(table, 12), reals(table, 13), reals(table, 16)
-    bent_rotation(
-        matrix(table, 0),
-        whole_matrix(table, 1),
-        stations[0],
-        stations[1],
-        reals(table, 3),
-        q,
-        w_base,
-        matrix(table, 4),
-        matrix(table, 5),
-        reals(table, 6),
-        reals(table, 7),
-        R,
-        R_rest,
+    table = tables[0]
+    stations, surroundings, regions = table.stations, table.surroundings, table.regions
+    chain = Compact(
+        carray(to_pointer(stations.place), (stations.rows,), STATION),
+        carray(to_pointer(surroundings.place), (1,), SURROUNDINGS),
+        carray(to_pointer(regions.place), (regions.rows,), REGION),
     )
-    idle(_sensor(table), R, R_rest, reals(table, 11), time_s, temperature_c, still)
-    to_tcp(w_sensor, still, R, p, reals(table, 14), w_base)
-    to_tcp(w_sensor, still, R, p, reals(table, 15), reals(table, 17))
+    sensors, w_base = carray(to_pointer(table.constants.place), (1,), IDLE), reals(table.w_base)
+    carried = carray(to_pointer(table.carried.place), (1,), CARRIED)[0]
+    R, still, p = carried.R_base_sensor[:], carried.idle[:], carried.p_sensor_tcp[:]
+    bent_rotation(chain, carried, q, w_base, matrix(table.frame), matrix(table.delta))
+    idle(sensors, R, carried.R_rest[:], carried.gravity[:], time_s, temperature_c, still)
+    to_tcp(w_sensor, still, R, p, carried.unturned[:], w_base)
+    to_tcp(w_sensor, still, R, p, carried.R_base_part[:], reals(table.w_part))
 
 
 class SensorWrench:
@@ -154,40 +147,36 @@ class SensorWrench:
         place = segment_index(chain, sensor.segment)
         if np.any(chain.joint[place + 1 :] >= 0):
             raise InputError("an axis moves between the sensor and the tool", value=sensor.segment)
-        stations = compact.segment
-        self._station = int(np.flatnonzero(stations <= place)[-1])
+        stations = compact.stations["segment"][:-1]
+        carried = records(CARRIED)
+        self._carried: Record = carried[0]
+        station = int(np.flatnonzero(stations <= place)[-1])
         T = np.eye(4)
-        for i in range(int(stations[self._station]) + 1, place + 1):
+        for i in range(int(stations[station]) + 1, place + 1):
             T = T @ chain.fixed[i] @ pose.make(rotation.about_z(chain.offset[i]))
-        self._hose = -1
+        self._carried.station, self._carried.hose = station, -1
         if sensor.hose_from:
-            self._hose = int(np.flatnonzero(stations == hose_place(chain, sensor.hose_from, sensor.segment))[0])
-        self._R_station_sensor = np.ascontiguousarray((T @ sensor.T_seg_sensor)[:3, :3].reshape(-1))
+            hose = hose_place(chain, sensor.hose_from, sensor.segment)
+            self._carried.hose = int(np.flatnonzero(stations == hose)[0])
+        self._carried.R_station_sensor = (T @ sensor.T_seg_sensor)[:3, :3].reshape(-1)
         p = (pose.inverse(sensor.T_seg_sensor) @ carrier_to_tcp(chain, sensor.segment))[:3, 3]
-        self._p_sensor_tcp = np.ascontiguousarray(p)
-        R_base_part = as_float("T_base_part", T_base_part, (4, 4))[:3, :3]
-        self._R_base_part = np.ascontiguousarray(R_base_part.reshape(-1))
-        self._real, self._kind = compact.real, compact.kind
-        self._sensor, self._gravity = sensor.record(), np.array(chain.gravity)
-        m = compact.stations
-        self._frame: Float = np.zeros((m + 1, 12))
-        self._delta: Float = np.zeros((m, 6))
-        self._trig: Float = np.zeros(12)
-        self._turn: Float = np.zeros(9)
-        self._R: Float = np.zeros(9)
-        self._R_rest: Float = np.zeros(9)
-        self._idle: Float = np.zeros(6)
-        self._unturned: Float = np.eye(3).reshape(-1).copy()
+        self._carried.p_sensor_tcp = p
+        self._carried.R_base_part = as_float("T_base_part", T_base_part, (4, 4))[:3, :3].reshape(-1)
+        self._carried.gravity, self._carried.unturned = chain.gravity, np.eye(3).reshape(-1)
+        m = len(stations)
         self.w_part: Float = np.zeros(6)
         self.w_base: Float = np.zeros(6)
-        stations_of = np.array([self._station, self._hose], dtype=np.int64)
         self._table = ArrayTable(
-            (
-                *(self._real, self._kind, stations_of, self._R_station_sensor),
-                *(self._frame, self._delta, self._trig, self._turn, self._R, self._R_rest),
-                *(self._sensor, self._gravity, self._idle, self._p_sensor_tcp, self._unturned, self._R_base_part),
-                *(self.w_base, self.w_part),
-            )
+            ARRAYS,
+            stations=compact.stations,
+            surroundings=compact.surroundings,
+            regions=compact.regions,
+            frame=np.zeros((m + 1, 12)),
+            delta=np.zeros((m, 6)),
+            carried=carried,
+            constants=sensor.record(),
+            w_base=self.w_base,
+            w_part=self.w_part,
         )
 
     def __call__(self, q: Float, w_sensor: Float, time_s: float = 0.0, temperature_c: float = math.nan) -> Float:
@@ -208,4 +197,5 @@ class SensorWrench:
     @property
     def R_base_sensor(self) -> Float:
         """(3, 3) of the last sample."""
-        return self._R.reshape(3, 3).copy()
+        out: Float = self._carried.R_base_sensor.reshape(3, 3).copy()
+        return out

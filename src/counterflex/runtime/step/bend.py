@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
-
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
-from counterflex.robot.elasticity.kernels.step import OUT_D, OUT_SIGMA, REFUSED, deflect
+from counterflex.robot.elasticity.kernels.records import ELASTIC, Elastic
+from counterflex.robot.elasticity.kernels.step import REFUSED, deflect
 from counterflex.runtime.primitives.frames import across, turn, turn_back
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
@@ -15,21 +14,20 @@ from counterflex.runtime.state.given import GIVEN
 from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import Cause
 
-ELASTIC: Final = (
-    "Tuple((float64[:, ::1], int64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1]))"
-)
-"""Compact chain, its kinds, output (OUT_SIZE,), frames, deltas and work space of the elastic step."""
 _NOT_FINITE, _SINGULAR = int(Cause.NOT_FINITE), int(Cause.SINGULAR)
 
 
 @kernel(
-    f"void(Given, Settings, float64[:, ::1], Cycle, Result, {ELASTIC})",
+    "void(Given, Settings, float64[:, ::1], Cycle, Result, Elastic)",
     Given=GIVEN,
     Settings=SETTINGS,
     Cycle=CYCLE,
     Result=RESULT,
+    Elastic=ELASTIC,
 )
-def find_deflection(given: Record, settings: Record, plan: Float, cycle: Record, result: Record, elastic: Any) -> None:
+def find_deflection(
+    given: Record, settings: Record, plan: Float, cycle: Record, result: Record, elastic: Elastic
+) -> None:
     """Deflection under the wrench that is corrected, part axes.
 
     Args:
@@ -38,9 +36,9 @@ def find_deflection(given: Record, settings: Record, plan: Float, cycle: Record,
         plan: (n, PLAN_COLUMNS).
         cycle: With the wrench; status of the elastic step is written.
         result: Deflection and smallest singular value are written.
-        elastic: See :data:`ELASTIC`; changed.
+        elastic: Chain and arrays of the elastic step; changed.
     """
-    real, kind, out, frame, delta, scratch = elastic
+    bending = elastic.results[0]
     load, bent, R = cycle.load[:], result.deflection[:], settings.R_base_part[:]
     for k in range(6):
         load[k] = given.q[k]
@@ -49,13 +47,13 @@ def find_deflection(given: Record, settings: Record, plan: Float, cycle: Record,
     if cycle.hard != _NOT_FINITE:
         turn(R, 0, load, 6)
         turn(R, 0, load, 9)
-        cycle.elastic = deflect(real, kind, load, out, frame, delta, scratch, 0)
+        cycle.elastic = deflect(elastic, load, 0)
         for k in range(6):
-            bent[k] = out[OUT_D + k]
+            bent[k] = bending.deflection[k]
         turn_back(R, 0, bent, 0)
         turn_back(R, 0, bent, 3)
     if cycle.elastic & REFUSED and cycle.soft == 0:
         cycle.soft = _SINGULAR
     if settings.normal_only == 1 and cycle.planned == 1:
         across(bent, 0, plan, cycle.row)
-    result.sigma = out[OUT_SIGMA]
+    result.sigma = bending.sigma

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
+from counterflex.robot.elasticity.kernels.records import WORK
 from counterflex.robot.elasticity.kernels.step import DAMPED, REFUSED, cholesky_inverse, newton_step
 from counterflex.runtime.estimator.deflection import answered
 from counterflex.runtime.primitives.frames import shorten, turn
@@ -117,13 +117,14 @@ def remember(given: Record, settings: Record, state: Record, ring: Records, cycl
 
 
 @kernel(
-    "void(Settings, State, float64[:, ::1], Cycle, Result)",
+    "void(Settings, State, Work, Cycle, Result)",
     Settings=SETTINGS,
     State=STATE,
+    Work=WORK,
     Cycle=CYCLE,
     Result=RESULT,
 )
-def as_axes(settings: Record, state: Record, scratch: Float, cycle: Record, result: Record) -> None:
+def as_axes(settings: Record, state: Record, work: Record, cycle: Record, result: Record) -> None:
     """The correction as change of the axis angles: one Newton step with the rigid Jacobian, never damped.
 
     Where axis angles cannot be computed they stay as they were: a fault holds, also in the axes.
@@ -131,7 +132,7 @@ def as_axes(settings: Record, state: Record, scratch: Float, cycle: Record, resu
     Args:
         settings: Of the loop.
         state: Of the step; changed.
-        scratch: (SCRATCH, 36) of the elastic step, which left Jacobian and inverse factor there.
+        work: Of the elastic step, which left Jacobian and inverse factor there.
         cycle: With the status of the elastic step, to which CLAMPED is added.
         result: The axis correction is written.
     """
@@ -145,8 +146,8 @@ def as_axes(settings: Record, state: Record, scratch: Float, cycle: Record, resu
     turn(R, 0, error, 0)
     turn(R, 0, error, 3)
     if cycle.elastic & DAMPED:
-        cholesky_inverse(scratch[1], 0.0, scratch[2], scratch[3])
-    cycle.elastic |= newton_step(scratch[1], scratch[3], error, scratch[5], axes)
+        cholesky_inverse(work.jacobian[:], 0.0, work.factor[:], work.inverse[:])
+    cycle.elastic |= newton_step(work.jacobian[:], work.inverse[:], error, work.half[:], axes)
     for k in range(6):
         state.axes[k] = axes[k]
 

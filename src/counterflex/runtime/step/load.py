@@ -7,6 +7,7 @@ from typing import Any, Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
+from counterflex.robot.elasticity.kernels.records import WORK
 from counterflex.runtime.estimator.deflection import (
     currents_shown,
     estimate_loads,
@@ -138,7 +139,8 @@ def _use_scaled(given: Record, settings: Record, state: Record, cycle: Record, r
 
 
 @kernel(
-    f"void(Given, Settings, State, Past[::1], float64[:, ::1], float64[:, ::1], Cycle, Result, {FILTER}, {FILTER})",
+    f"void(Given, Settings, State, Past[::1], float64[:, ::1], Work, Cycle, Result, {FILTER}, {FILTER})",
+    Work=WORK,
     Given=GIVEN,
     Settings=SETTINGS,
     State=STATE,
@@ -152,7 +154,7 @@ def find_load(
     state: Record,
     ring: Records,
     plan: Float,
-    scratch: Float,
+    work: Record,
     cycle: Record,
     result: Record,
     measured: Any,
@@ -166,7 +168,7 @@ def find_load(
         state: Of the step; changed.
         ring: Past cycles.
         plan: (n, PLAN_COLUMNS).
-        scratch: (SCRATCH, 36) of the elastic step, with the rigid Jacobian of the last cycle, base axes, in row 1.
+        work: Of the elastic step, with the rigid Jacobian of the last cycle, base axes.
         cycle: Written.
         result: Measured, used and predicted wrench are written.
         measured: Coefficients, memory, ring and place of the filter of the measured force; changed.
@@ -183,13 +185,13 @@ def find_load(
     if mode == MEASURED:
         _use_measured(settings, cycle, result)
     elif mode == PILOT:
-        _use_blend(given, settings, state, cycle, result, scratch[6])
+        _use_blend(given, settings, state, cycle, result, work.move[:])
     elif mode == SCALE:
         _use_scaled(given, settings, state, cycle, result)
     elif mode == FUSED and finite:
         known = cycle.sources if cycle.moving == 1 else cycle.sources & ~_PROCESS
         estimate_loads(
-            given, known, cycle.moving == 1 and currents_shown(given), settings, scratch[1], state, cycle, result
+            given, known, cycle.moving == 1 and currents_shown(given), settings, work.jacobian[:], state, cycle, result
         )
     for k in range(6):
         state.predicted_before[k] = cycle.late[k]

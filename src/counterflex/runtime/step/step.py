@@ -11,13 +11,13 @@ from typing import Any
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
-from counterflex.robot.elasticity.kernels.step import OUT_C
+from counterflex.robot.elasticity.kernels.records import ELASTIC, Elastic
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
 from counterflex.runtime.state.given import GIVEN
 from counterflex.runtime.state.memory import PAST, STATE
 from counterflex.runtime.state.result import RESULT
-from counterflex.runtime.step.bend import ELASTIC, find_deflection
+from counterflex.runtime.step.bend import find_deflection
 from counterflex.runtime.step.deviation import find_deviation
 from counterflex.runtime.step.limit import as_axes, limit, remember, report
 from counterflex.runtime.step.load import FILTER, find_load
@@ -27,13 +27,14 @@ from counterflex.runtime.step.supervise import supervise_cycle
 
 
 @kernel(
-    f"void(Given, Settings, State, Past[::1], float64[:, ::1], Cycle, Result, {ELASTIC}, {FILTER}, {FILTER})",
+    f"void(Given, Settings, State, Past[::1], float64[:, ::1], Cycle, Result, Elastic, {FILTER}, {FILTER})",
     Given=GIVEN,
     Settings=SETTINGS,
     State=STATE,
     Past=PAST,
     Cycle=CYCLE,
     Result=RESULT,
+    Elastic=ELASTIC,
 )
 def step(
     given: Record,
@@ -43,7 +44,7 @@ def step(
     plan: Float,
     cycle: Record,
     result: Record,
-    elastic: Any,
+    elastic: Elastic,
     measured: Any,
     predicted: Any,
 ) -> None:
@@ -57,20 +58,20 @@ def step(
         plan: (n, PLAN_COLUMNS), or two rows that mean nothing without a plan.
         cycle: What the stages hand to each other; written.
         result: Written.
-        elastic: Chain and arrays of the elastic step, :data:`counterflex.runtime.step.bend.ELASTIC`; changed.
+        elastic: Chain and arrays of the elastic step; changed.
         measured: Filter of the measured force, :data:`counterflex.runtime.step.load.FILTER`; changed.
         predicted: Likewise of the predicted force.
     """
-    _, _, out, _, _, scratch = elastic
+    bending, work = elastic.results[0], elastic.works[0]
     begin(given, settings, state, cycle)
     localize(given, settings, state, plan, cycle)
-    find_load(given, settings, state, ring, plan, scratch, cycle, result, measured, predicted)
+    find_load(given, settings, state, ring, plan, work, cycle, result, measured, predicted)
     find_deflection(given, settings, plan, cycle, result, elastic)
-    find_deviation(given, settings, state, ring, plan, out[OUT_C:], cycle, result)
+    find_deviation(given, settings, state, ring, plan, bending.compliance[:], cycle, result)
     request_correction(settings, state, plan, cycle, result)
     check_reach(settings, result.wanted[:], cycle)
     share = supervise_cycle(given, settings, state, ring, cycle, result)
     result.limits = limit(share, settings, state, cycle, result)
     remember(given, settings, state, ring, cycle, result)
-    as_axes(settings, state, scratch, cycle, result)
+    as_axes(settings, state, work, cycle, result)
     report(settings, state, cycle, result)

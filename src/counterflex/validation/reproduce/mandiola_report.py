@@ -20,12 +20,12 @@ from counterflex.report.tracking_page import TrackingData, tracking_page
 from counterflex.runtime.design.tracker import (
     Margins,
     TrackerGains,
-    TrackerPlant,
     grid,
     margins,
     margins_of,
     observer_response,
 )
+from counterflex.runtime.design.tracker_plant import TrackerPlant
 from counterflex.runtime.settings import OnlineSettings
 from counterflex.validation.reproduce.mandiola_case import RUN_IN_DEG, VARIANTS, Case
 

@@ -19,7 +19,7 @@ from counterflex.cli.commands.simulated.options import (
 )
 from counterflex.cli.given import address
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
-from counterflex.cli.scenario import Layers, read
+from counterflex.cli.scenario import Layers
 
 
 def register(twin: typer.Typer) -> None:
@@ -56,7 +56,9 @@ def egm(
     """
     if record is not None:
         keep_inputs(record, program, cell, option="--record")
-    trial = read(scenario, "controller", "egm")
+    from counterflex.files.scenario_file import read_scenario
+
+    trial = read_scenario(scenario or (), ("controller", "egm"))
     import numpy as np
 
     from counterflex.app.simulated_cell import egm as job

@@ -13,7 +13,7 @@ from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import Fault, Seconds
 from counterflex.cli.given import address
 from counterflex.cli.output import print_json
-from counterflex.cli.scenario import Layers, host_port, read
+from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
 
 
@@ -48,7 +48,9 @@ def netft(
 
     Example: `counterflex twin netft -s force_sensor.wrench_n_nm=0,0,-50,0,0,0 --fault saturated@5+0.1 --seconds 10`
     """
-    trial = read(scenario, "force_sensor")
+    from counterflex.files.scenario_file import read_scenario
+
+    trial = read_scenario(scenario or (), ("force_sensor",))
     import numpy as np
 
     from counterflex.app.simulated_cell import instruments as job
@@ -118,7 +120,9 @@ def tracker(
         raise InputError("two logs to replay", value=f"{log}, {run_log}", hint="Give --log or --run-log")
     if (run_log is None) != (cell is None):
         raise InputError("--run-log and --cell belong together", hint="Give both, or none of them")
-    trial = read(scenario, "tracker", "target")
+    from counterflex.files.scenario_file import read_scenario
+
+    trial = read_scenario(scenario or (), ("tracker", "target"))
     from counterflex.app.simulated_cell import instruments as job
     from counterflex.app.simulated_cell.scenario import late, schedule, target
     from counterflex.core.units import UM, URAD
@@ -181,7 +185,9 @@ def ads(
 
     Example: `counterflex twin ads --cell cell.toml -s strain.force_n=0,200,-50 --seconds 60`
     """
-    trial = read(scenario, "strain", "target")
+    from counterflex.files.scenario_file import read_scenario
+
+    trial = read_scenario(scenario or (), ("strain", "target"))
     import numpy as np
 
     from counterflex.app.simulated_cell import ads as job

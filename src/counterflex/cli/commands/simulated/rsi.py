@@ -18,7 +18,7 @@ from counterflex.cli.commands.simulated.options import (
     print_start,
 )
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
-from counterflex.cli.scenario import Layers, host_port, read
+from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
 
 
@@ -68,7 +68,9 @@ def rsi(
         keep_inputs(record, *(path for path in (rsi, program, cell) if path is not None), option="--record")
     if program is not None and cell is None:
         raise InputError("a program needs the cell it runs in", value=program.name, hint="Give --cell")
-    trial = read(scenario, "controller", "rsi", "standstill")
+    from counterflex.files.scenario_file import read_scenario
+
+    trial = read_scenario(scenario or (), ("controller", "rsi", "standstill"))
     place = trial.standstill.pose_mm_deg
     if cell is not None and program is None and place is not None:
         raise InputError(

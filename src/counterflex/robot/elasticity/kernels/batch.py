@@ -16,6 +16,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.robot.elasticity.kernels.equilibrium import settle
+from counterflex.robot.elasticity.kernels.records import CHAIN, STEP, WORK, Compact, Elastic
 from counterflex.robot.elasticity.kernels.scalar import (
     chain_pass,
     joint_trig,
@@ -24,7 +25,7 @@ from counterflex.robot.elasticity.kernels.scalar import (
     rigid_jacobian,
     tcp_compliance,
 )
-from counterflex.robot.elasticity.kernels.step import OUT_D, OUT_Q, OUT_RESIDUAL, OUT_SIGMA, OUT_SIZE, SCRATCH, step
+from counterflex.robot.elasticity.kernels.step import step
 
 CHUNK = 256  # fewest points that are worth a thread
 
@@ -32,38 +33,35 @@ RIGID, ON_RIGID, SETTLED = 0, 1, 2  # loads: none at all, on the rigid geometry,
 
 
 @kernel(
-    "int64(float64[:, ::1], int64[:, ::1], float64[::1], float64[::1], float64[::1], int64, int64,"
-    " float64[:, ::1], float64[:, ::1])",
+    "int64(Chain, float64[::1], float64[::1], float64[::1], int64, int64, float64[:, ::1], float64[:, ::1])",
+    Chain=CHAIN,
 )
 def load_pose(
-    real: Float, kind: Int, trig: Float, q: Float, w: Float, how: int, gravity: int, delta: Float, frame: Float
+    chain: Compact, trig: Float, q: Float, w: Float, how: int, gravity: int, delta: Float, frame: Float
 ) -> int:
     """Leave the pose of the TCP under load in the last row of ``frame``; 1 where the equilibrium did not converge."""
-    m = kind.shape[0] - 1
     if how == SETTLED:
-        return 0 if settle(real, kind, m, trig, q, w, gravity, delta, frame) >= 0 else 1
-    chain_pass(real, kind, m, trig, delta, 0, frame)
+        return 0 if settle(chain, trig, q, w, gravity, delta, frame) >= 0 else 1
+    chain_pass(chain, trig, delta, 0, frame)
     if how == ON_RIGID:
-        loads(real, kind, m, frame, q, w, gravity, delta)
-        chain_pass(real, kind, m, trig, delta, 1, frame)
+        loads(chain, frame, q, w, gravity, delta)
+        chain_pass(chain, trig, delta, 1, frame)
     return 0
 
 
 @kernel(
-    "int64(float64[:, ::1], int64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64,"
-    " float64[:, :, ::1], int64, int64)",
+    "int64(Chain, float64[:, ::1], float64[:, ::1], int64, int64, float64[:, :, ::1], int64, int64)",
     waits=True,
+    Chain=CHAIN,
 )
-def pose_range(
-    real: Float, kind: Int, q: Float, w: Float, how: int, gravity: int, out: Float, first: int, last: int
-) -> int:
+def pose_range(chain: Compact, q: Float, w: Float, how: int, gravity: int, out: Float, first: int, last: int) -> int:
     """Poses (n, 4, 4) of the TCP under load for the points first..last-1; number that did not converge."""
-    m = kind.shape[0] - 1
+    m = len(chain.stations) - 1
     frame, delta, trig = np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty(12)
     failed = 0
     for n in range(first, last):
         joint_trig(q[n], trig)
-        failed += load_pose(real, kind, trig, q[n], w[n], how, gravity, delta, frame)
+        failed += load_pose(chain, trig, q[n], w[n], how, gravity, delta, frame)
         for r in range(3):
             for c in range(3):
                 out[n, r, c] = frame[m, 3 * r + c]
@@ -73,89 +71,89 @@ def pose_range(
 
 
 @kernel(
-    "int64(float64[:, ::1], int64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64, float64[:, ::1],"
-    " int64, int64)",
+    "int64(Chain, float64[:, ::1], float64[:, ::1], int64, int64, float64[:, ::1], int64, int64)",
     waits=True,
+    Chain=CHAIN,
 )
 def deflection_range(
-    real: Float, kind: Int, q: Float, w: Float, how: int, gravity: int, out: Float, first: int, last: int
+    chain: Compact, q: Float, w: Float, how: int, gravity: int, out: Float, first: int, last: int
 ) -> int:
     """Deflections (n, 6), pose under load minus pose without, for the points first..last-1; number not converged."""
-    m = kind.shape[0] - 1
+    m = len(chain.stations) - 1
     frame, delta, trig = np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty(12)
     before, none = np.empty(12), np.zeros(6)
     failed = 0
     for n in range(first, last):
         joint_trig(q[n], trig)
-        chain_pass(real, kind, m, trig, delta, 0, frame)
+        chain_pass(chain, trig, delta, 0, frame)
         if gravity != 0:
-            failed += load_pose(real, kind, trig, q[n], none, how, gravity, delta, frame)
+            failed += load_pose(chain, trig, q[n], none, how, gravity, delta, frame)
         before[:] = frame[m]
-        failed += load_pose(real, kind, trig, q[n], w[n], how, gravity, delta, frame)
+        failed += load_pose(chain, trig, q[n], w[n], how, gravity, delta, frame)
         pose_difference(before, frame[m], out[n])
     return failed
 
 
-@kernel("int64(float64[:, ::1], int64[:, ::1], float64[:, ::1], int64, float64[:, ::1], int64, int64)")
-def sag_range(real: Float, kind: Int, q: Float, how: int, out: Float, first: int, last: int) -> int:
+@kernel("int64(Chain, float64[:, ::1], int64, float64[:, ::1], int64, int64)", Chain=CHAIN)
+def sag_range(chain: Compact, q: Float, how: int, out: Float, first: int, last: int) -> int:
     """Sag (n, 6), pose under own weight minus weightless pose, for the points first..last-1; number not converged."""
-    m = kind.shape[0] - 1
+    m = len(chain.stations) - 1
     frame, delta, trig = np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty(12)
     before, none = np.empty(12), np.zeros(6)
     failed = 0
     for n in range(first, last):
         joint_trig(q[n], trig)
-        chain_pass(real, kind, m, trig, delta, 0, frame)
+        chain_pass(chain, trig, delta, 0, frame)
         before[:] = frame[m]
-        failed += load_pose(real, kind, trig, q[n], none, how, 1, delta, frame)
+        failed += load_pose(chain, trig, q[n], none, how, 1, delta, frame)
         pose_difference(before, frame[m], out[n])
     return failed
 
 
-@kernel("void(float64[:, ::1], int64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64)", waits=True)
-def compliance_range(real: Float, kind: Int, q: Float, out: Float, first: int, last: int) -> None:
+@kernel("void(Chain, float64[:, ::1], float64[:, ::1], int64, int64)", waits=True, Chain=CHAIN)
+def compliance_range(chain: Compact, q: Float, out: Float, first: int, last: int) -> None:
     """Cartesian compliances (n, 36) for the points first..last-1."""
-    m = kind.shape[0] - 1
+    m = len(chain.stations) - 1
     frame, delta, trig = np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty(12)
     for n in range(first, last):
         joint_trig(q[n], trig)
-        chain_pass(real, kind, m, trig, delta, 0, frame)
-        tcp_compliance(real, kind, m, frame, q[n], out[n])
+        chain_pass(chain, trig, delta, 0, frame)
+        tcp_compliance(chain, frame, q[n], out[n])
 
 
-@kernel("void(float64[:, ::1], int64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64)")
-def jacobian_range(real: Float, kind: Int, q: Float, out: Float, first: int, last: int) -> None:
+@kernel("void(Chain, float64[:, ::1], float64[:, ::1], int64, int64)", Chain=CHAIN)
+def jacobian_range(chain: Compact, q: Float, out: Float, first: int, last: int) -> None:
     """Rigid Jacobians (n, 36) for the points first..last-1."""
-    m = kind.shape[0] - 1
+    m = len(chain.stations) - 1
     frame, delta, trig = np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty(12)
     for n in range(first, last):
         joint_trig(q[n], trig)
-        chain_pass(real, kind, m, trig, delta, 0, frame)
-        rigid_jacobian(real, kind, m, frame, out[n])
+        chain_pass(chain, trig, delta, 0, frame)
+        rigid_jacobian(chain, frame, out[n])
 
 
 @kernel(
-    "void(float64[:, ::1], int64[:, ::1], float64[:, ::1], float64[:, ::1], int64, float64[:, ::1],"
-    " int64[::1], int64, int64)",
+    "void(Chain, float64[:, ::1], float64[:, ::1], int64, float64[:, ::1], int64[::1], int64, int64)",
     waits=True,
+    Chain=CHAIN,
 )
 def step_range(
-    real: Float, kind: Int, q: Float, w: Float, gravity: int, out: Float, status: Int, first: int, last: int
+    chain: Compact, q: Float, w: Float, gravity: int, out: Float, status: Int, first: int, last: int
 ) -> None:
     """Steps for the points first..last-1: ``out`` (n, 19) = deflection, q_c, residual, sigma."""
-    m = kind.shape[0] - 1
-    frame, delta, scratch = np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty((SCRATCH, 36))
-    given, full = np.empty(12), np.empty(OUT_SIZE)
+    m = len(chain.stations) - 1
+    elastic = Elastic(chain, np.empty(1, STEP), np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty(1, WORK))
+    given, result = np.empty(12), elastic.results[0]
     for n in range(first, last):
         for k in range(6):
             given[k] = q[n, k]
             given[6 + k] = w[n, k]
-        status[n] = step(real, kind, given, full, frame, delta, scratch, gravity)
+        status[n] = step(elastic, given, gravity)
         for k in range(6):
-            out[n, k] = full[OUT_D + k]
-            out[n, 6 + k] = full[OUT_Q + k]
-            out[n, 12 + k] = full[OUT_RESIDUAL + k]
-        out[n, 18] = full[OUT_SIGMA]
+            out[n, k] = result.deflection[k]
+            out[n, 6 + k] = result.q[k]
+            out[n, 12 + k] = result.residual[k]
+        out[n, 18] = result.sigma
 
 
 @functools.cache
@@ -181,21 +179,21 @@ def _in_threads(work: Callable[[int, int], int | None], count: int) -> int:
     return sum(number or 0 for number in _threads(threads).map(lambda part: work(*part), parts))
 
 
-def pose_threads(real: Float, kind: Int, q: Float, w: Float, how: int, gravity: int, out: Float) -> int:
+def pose_threads(chain: Compact, q: Float, w: Float, how: int, gravity: int, out: Float) -> int:
     """Threaded :func:`pose_range` over all points."""
-    return _in_threads(lambda a, b: pose_range(real, kind, q, w, how, gravity, out, a, b), len(q))
+    return _in_threads(lambda a, b: pose_range(chain, q, w, how, gravity, out, a, b), len(q))
 
 
-def deflection_threads(real: Float, kind: Int, q: Float, w: Float, how: int, gravity: int, out: Float) -> int:
+def deflection_threads(chain: Compact, q: Float, w: Float, how: int, gravity: int, out: Float) -> int:
     """Threaded :func:`deflection_range` over all points."""
-    return _in_threads(lambda a, b: deflection_range(real, kind, q, w, how, gravity, out, a, b), len(q))
+    return _in_threads(lambda a, b: deflection_range(chain, q, w, how, gravity, out, a, b), len(q))
 
 
-def compliance_threads(real: Float, kind: Int, q: Float, out: Float) -> None:
+def compliance_threads(chain: Compact, q: Float, out: Float) -> None:
     """Threaded :func:`compliance_range` over all points."""
-    _in_threads(lambda a, b: compliance_range(real, kind, q, out, a, b), len(q))
+    _in_threads(lambda a, b: compliance_range(chain, q, out, a, b), len(q))
 
 
-def step_threads(real: Float, kind: Int, q: Float, w: Float, gravity: int, out: Float, status: Int) -> None:
+def step_threads(chain: Compact, q: Float, w: Float, gravity: int, out: Float, status: Int) -> None:
     """Threaded :func:`step_range` over all points."""
-    _in_threads(lambda a, b: step_range(real, kind, q, w, gravity, out, status, a, b), len(q))
+    _in_threads(lambda a, b: step_range(chain, q, w, gravity, out, status, a, b), len(q))

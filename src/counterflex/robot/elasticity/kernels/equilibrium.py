@@ -4,29 +4,18 @@ from __future__ import annotations
 
 import math
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
+from counterflex.robot.elasticity.kernels.records import CHAIN, Compact
 from counterflex.robot.elasticity.kernels.regions import growth_at
-from counterflex.robot.elasticity.kernels.scalar import (
-    BALANCED,
-    CARRIED,
-    COM,
-    COMPLIANCE,
-    GRAVITY,
-    MASS,
-    balance_torque,
-    chain_pass,
-    loads,
-)
+from counterflex.robot.elasticity.kernels.scalar import balance_torque, chain_pass, loads
 
 
 @kernel(
-    "int64(float64[:, ::1], int64[:, ::1], int64, float64[::1], float64[::1], float64[::1], int64, "
-    "float64[:, ::1], float64[:, ::1])",
+    "int64(Chain, float64[::1], float64[::1], float64[::1], int64, float64[:, ::1], float64[:, ::1])",
+    Chain=CHAIN,
 )
-def settle(
-    real: Float, kind: Int, m: int, trig: Float, q: Float, w: Float, gravity: int, delta: Float, frame: Float
-) -> int:
+def settle(chain: Compact, trig: Float, q: Float, w: Float, gravity: int, delta: Float, frame: Float) -> int:
     """Equilibrium with the loads on the deflected geometry, by fixed-point iteration from the rigid one.
 
     Each virtual joint (three slides, then hinges z, y', x'') carries the generalised force of everything beyond it
@@ -35,18 +24,20 @@ def settle(
     Returns:
         Iterations used, or -1 where they did not converge.
     """
-    chain_pass(real, kind, m, trig, delta, 0, frame)
-    loads(real, kind, m, frame, q, w, gravity, delta)
-    gx, gy, gz = real[m + 1, GRAVITY], real[m + 1, GRAVITY + 1], real[m + 1, GRAVITY + 2]
+    m = len(chain.stations) - 1
+    chain_pass(chain, trig, delta, 0, frame)
+    loads(chain, frame, q, w, gravity, delta)
+    surroundings = chain.surroundings[0]
+    gx, gy, gz = surroundings.gravity[0], surroundings.gravity[1], surroundings.gravity[2]
     last = 1e300
     for count in range(1, 60):
-        chain_pass(real, kind, m, trig, delta, 1, frame)
+        chain_pass(chain, trig, delta, 1, frame)
         tip = frame[m]
         sx, sy, sz = 0.0, 0.0, 0.0
         change = 0.0
         for k in range(m):
             i = m - 1 - k
-            f = frame[i]
+            f, s = frame[i], chain.stations[i]
             a, b, c = delta[i, 0], delta[i, 1], delta[i, 2]
             px = f[9] + f[0] * a + f[1] * b + f[2] * c
             py = f[10] + f[3] * a + f[4] * b + f[5] * c
@@ -65,13 +56,13 @@ def settle(
             mz = w[5] + lx * fy - ly * fx
             twist = 0.0
             if gravity != 0:
-                mass = real[i, MASS]
-                a, b, c = real[i, COM], real[i, COM + 1], real[i, COM + 2]
+                mass = s.mass
+                a, b, c = s.com[0], s.com[1], s.com[2]
                 b, c = ca * b - sa * c, sa * b + ca * c
                 sx += mass * (px + a * xx + b * yx + c * vx)
                 sy += mass * (py + a * xy + b * yy + c * vy)
                 sz += mass * (pz + a * xz + b * yz + c * vz)
-                carried = real[i, CARRIED]
+                carried = s.carried
                 ox, oy, oz = sx - carried * px, sy - carried * py, sz - carried * pz
                 fx += carried * gx
                 fy += carried * gy
@@ -79,9 +70,9 @@ def settle(
                 mx += oy * gz - oz * gy
                 my += oz * gx - ox * gz
                 mz += ox * gy - oy * gx
-                if kind[i, BALANCED] != 0:
-                    twist = balance_torque(real[m + 1], q[abs(kind[i, BALANCED]) - 1])
-                    twist = twist if kind[i, BALANCED] > 0 else -twist
+                if s.balanced != 0:
+                    twist = balance_torque(surroundings, q[abs(s.balanced) - 1])
+                    twist = twist if s.balanced > 0 else -twist
             for d in range(6):
                 if d == 0:
                     load = f[0] * fx + f[3] * fy + f[6] * fz
@@ -95,13 +86,13 @@ def settle(
                     load = yx * mx + yy * my + yz * mz
                 else:
                     load = f[2] * mx + f[5] * my + f[8] * mz + twist
-                new = real[i, COMPLIANCE + d] * load
-                if real.shape[0] > m + 2:
-                    new *= growth_at(real, m, i, d, q)
+                new = s.compliance[d] * load
+                if len(chain.regions) > 0:
+                    new *= growth_at(chain.regions, i, d, q)
                 change = max(change, abs(new - delta[i, d]))
                 delta[i, d] = new
         if change < 1e-17 or (change >= last and change < 1e-14):
-            chain_pass(real, kind, m, trig, delta, 1, frame)
+            chain_pass(chain, trig, delta, 1, frame)
             return count
         last = change
     return -1

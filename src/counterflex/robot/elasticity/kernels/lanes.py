@@ -13,23 +13,11 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel, prange
 from counterflex.robot.elasticity.kernels.batch import ON_RIGID, deflection_range
-from counterflex.robot.elasticity.kernels.scalar import (
-    COMPLIANCE,
-    DRIVE,
-    POSITION,
-    ROTATES,
-    ROTATION,
-    SIGN,
-    SLIDES,
-    SMALL,
-    TURN,
-    small_asin_ratio,
-    small_cos,
-    small_sin,
-)
+from counterflex.robot.elasticity.kernels.records import Compact
+from counterflex.robot.elasticity.kernels.scalar import SMALL, small_asin_ratio, small_cos, small_sin
 
 LANES: Final = 16
 L: Final = LANES
@@ -187,7 +175,7 @@ def lane_bend(
 
 @kernel()
 def lane_pass(
-    real: Float, kind: Int, m: int, trig: Float, W: Float, elastic: int, F: Float, S: Float, peak: Float, unit: Float
+    chain: Compact, trig: Float, W: Float, elastic: int, F: Float, S: Float, peak: Float, unit: Float
 ) -> None:
     """Rigid pass: frames ``F`` (m + 1, 12 rows) after the drives and TCP. Elastic pass: TCP in ``S``, loads from ``F``.
 
@@ -197,36 +185,38 @@ def lane_pass(
     S[0:L] = 1.0
     S[4 * L : 5 * L] = 1.0
     S[8 * L : 9 * L] = 1.0
+    m = len(chain.stations) - 1
     for i in range(m + 1):
-        a, b, c = real[i, POSITION], real[i, POSITION + 1], real[i, POSITION + 2]
+        s = chain.stations[i]
+        a, b, c = s.position[0], s.position[1], s.position[2]
         if a != 0.0 or b != 0.0 or c != 0.0:
             lane_shift(S, a, b, c)
-        turn = kind[i, TURN]
+        turn = s.turn
         if turn == 1:
-            lane_turn(S[3 * L : 6 * L], S[6 * L : 9 * L], real[i, ROTATION + 4], real[i, ROTATION + 7])
+            lane_turn(S[3 * L : 6 * L], S[6 * L : 9 * L], s.rotation[4], s.rotation[7])
         elif turn == 2:
-            lane_turn(S[6 * L : 9 * L], S[0 : 3 * L], real[i, ROTATION], real[i, ROTATION + 2])
+            lane_turn(S[6 * L : 9 * L], S[0 : 3 * L], s.rotation[0], s.rotation[2])
         elif turn == 3:
-            lane_turn(S[0 : 3 * L], S[3 * L : 6 * L], real[i, ROTATION], real[i, ROTATION + 3])
+            lane_turn(S[0 : 3 * L], S[3 * L : 6 * L], s.rotation[0], s.rotation[3])
         elif turn == 4:
-            lane_rotate(S, real[i, ROTATION : ROTATION + 9])
-        joint = kind[i, DRIVE]
+            lane_rotate(S, s.rotation[:])
+        joint = s.drive
         if i == m:
             break
-        bends = elastic != 0 and kind[i, ROTATES] != 0
-        slides = elastic != 0 and kind[i, SLIDES] != 0
+        bends = elastic != 0 and s.rotates != 0
+        slides = elastic != 0 and s.slides != 0
         driven = joint >= 0
         if driven and (slides or not bends):
-            lane_drive(S, trig[joint * L : joint * L + L], trig[(6 + joint) * L : (7 + joint) * L], real[i, SIGN])
+            lane_drive(S, trig[joint * L : joint * L + L], trig[(6 + joint) * L : (7 + joint) * L], s.sign)
         if elastic == 0:
             F[i, :] = S
         if slides:
-            lane_slide(S, F[i], W, real[i, COMPLIANCE], real[i, COMPLIANCE + 1], real[i, COMPLIANCE + 2])
+            lane_slide(S, F[i], W, s.compliance[0], s.compliance[1], s.compliance[2])
         if bends:
-            x, y, z = real[i, COMPLIANCE + 3], real[i, COMPLIANCE + 4], real[i, COMPLIANCE + 5]
+            x, y, z = s.compliance[3], s.compliance[4], s.compliance[5]
             if driven and not slides:
                 cosine, sine = trig[joint * L : joint * L + L], trig[(6 + joint) * L : (7 + joint) * L]
-                lane_bend(S, F[i], F[m], W, peak, cosine, sine, real[i, SIGN], x, y, z)
+                lane_bend(S, F[i], F[m], W, peak, cosine, sine, s.sign, x, y, z)
             else:
                 lane_bend(S, F[i], F[m], W, peak, unit[0:L], unit[L : 2 * L], 1.0, x, y, z)
     if elastic == 0:
@@ -264,9 +254,9 @@ def gather(values: Float, first: int, rows: Float) -> None:
 
 
 @kernel()
-def deflection_blocks(real: Float, kind: Int, q: Float, w: Float, out: Float, first: int, last: int) -> int:
+def deflection_blocks(chain: Compact, q: Float, w: Float, out: Float, first: int, last: int) -> int:
     """Deflections (n, 6) for the points first..last-1; returns how many were left to the scalar kernel."""
-    m = kind.shape[0] - 1
+    m = len(chain.stations) - 1
     F, S, unit = np.empty((m + 1, 12 * L)), np.empty(12 * L), np.zeros(2 * L)
     Q, W, E, trig, peak = np.empty(6 * L), np.empty(6 * L), np.empty(6 * L), np.empty(12 * L), np.empty(L)
     unit[:L] = 1.0
@@ -276,22 +266,22 @@ def deflection_blocks(real: Float, kind: Int, q: Float, w: Float, out: Float, fi
         gather(w, n, W)
         peak[:] = 0.0
         lane_trig(Q, trig)
-        lane_pass(real, kind, m, trig, W, 0, F, S, peak, unit)
-        lane_pass(real, kind, m, trig, W, 1, F, S, peak, unit)
+        lane_pass(chain, trig, W, 0, F, S, peak, unit)
+        lane_pass(chain, trig, W, 1, F, S, peak, unit)
         lane_difference(F[m], S, E, peak)
         for p in range(min(L, last - n)):
             for k in range(6):
                 out[n + p, k] = E[k * L + p]
             if not peak[p] <= SMALL:
-                deflection_range(real, kind, q, w, ON_RIGID, 0, out, n + p, n + p + 1)
+                deflection_range(chain, q, w, ON_RIGID, 0, out, n + p, n + p + 1)
                 redone += 1
     return redone
 
 
 @kernel(parallel=True)
-def deflection_lanes(real: Float, kind: Int, q: Float, w: Float, out: Float) -> int:
+def deflection_lanes(chain: Compact, q: Float, w: Float, out: Float) -> int:
     """Threaded :func:`deflection_blocks` over all points."""
     redone = 0
     for k in prange((len(q) + BLOCKS * L - 1) // (BLOCKS * L)):
-        redone += deflection_blocks(real, kind, q, w, out, k * BLOCKS * L, min(len(q), (k + 1) * BLOCKS * L))
+        redone += deflection_blocks(chain, q, w, out, k * BLOCKS * L, min(len(q), (k + 1) * BLOCKS * L))
     return redone

@@ -11,13 +11,8 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel, prange
 from counterflex.robot.elasticity.kernels.batch import step_range
 from counterflex.robot.elasticity.kernels.lanes import BLOCKS, L, gather, lane_difference, lane_pass, lane_trig
-from counterflex.robot.elasticity.kernels.scalar import (
-    DRIVE,
-    SIGN,
-    SMALL,
-    small_cos,
-    small_sin,
-)
+from counterflex.robot.elasticity.kernels.records import Compact
+from counterflex.robot.elasticity.kernels.scalar import SMALL, small_cos, small_sin
 from counterflex.robot.elasticity.kernels.step import DAMPING_BELOW, STEP_LIMIT
 
 REGULAR: Final = min(SMALL, STEP_LIMIT)  # rad, largest angle the series of a block may meet
@@ -202,13 +197,14 @@ def lane_newton(J: Float, inv: Float, E: Float, step: Float, peak: Float) -> Non
 
 
 @kernel()
-def lane_jacobian(real: Float, kind: Int, m: int, F: Float, J: Float) -> None:
+def lane_jacobian(chain: Compact, F: Float, J: Float) -> None:
     """Rigid Jacobians (36 rows) at the TCP in base axes."""
+    m = len(chain.stations) - 1
     tip = F[m]
     for i in range(m):
-        j = kind[i, DRIVE]
+        j = chain.stations[i].drive
         if j >= 0:
-            f, column, sign = F[i], J[j * L :], real[i, SIGN]
+            f, column, sign = F[i], J[j * L :], chain.stations[i].sign
             for p in range(L):
                 a, b, c = sign * f[6 * L + p], sign * f[7 * L + p], sign * f[8 * L + p]
                 x = tip[9 * L + p] - f[9 * L + p]
@@ -232,9 +228,9 @@ def lane_advance(trig: Float, step: Float, q: Float) -> None:
 
 
 @kernel()
-def step_blocks(real: Float, kind: Int, q: Float, w: Float, out: Float, status: Int, first: int, last: int) -> int:
+def step_blocks(chain: Compact, q: Float, w: Float, out: Float, status: Int, first: int, last: int) -> int:
     """Steps (n, 19) like :func:`step_range` for the points first..last-1; returns how many the scalar kernel did."""
-    m = kind.shape[0] - 1
+    m = len(chain.stations) - 1
     F, S, unit = np.empty((m + 1, 12 * L)), np.empty(12 * L), np.zeros(2 * L)
     Q, W, E, trig, peak = np.empty(6 * L), np.empty(6 * L), np.empty(6 * L), np.empty(12 * L), np.empty(L)
     T0, J, inv, move, sigma = np.empty(12 * L), np.empty(36 * L), np.empty(21 * L), np.empty(6 * L), np.empty(L)
@@ -246,11 +242,11 @@ def step_blocks(real: Float, kind: Int, q: Float, w: Float, out: Float, status: 
         gather(w, n, W)
         peak[:] = 0.0
         lane_trig(Q, trig)
-        lane_pass(real, kind, m, trig, W, 0, F, S, peak, unit)
-        lane_jacobian(real, kind, m, F, J)
+        lane_pass(chain, trig, W, 0, F, S, peak, unit)
+        lane_jacobian(chain, F, J)
         lane_factor(J, inv, sigma)
         T0[:] = S
-        lane_pass(real, kind, m, trig, W, 1, F, S, peak, unit)
+        lane_pass(chain, trig, W, 1, F, S, peak, unit)
         lane_difference(T0, S, E, peak)
         for p in range(count):
             for k in range(6):
@@ -258,8 +254,8 @@ def step_blocks(real: Float, kind: Int, q: Float, w: Float, out: Float, status: 
         for _ in range(2):
             lane_newton(J, inv, E, move, peak)
             lane_advance(trig, move, Q)
-            lane_pass(real, kind, m, trig, W, 0, F, S, peak, unit)
-            lane_pass(real, kind, m, trig, W, 1, F, S, peak, unit)
+            lane_pass(chain, trig, W, 0, F, S, peak, unit)
+            lane_pass(chain, trig, W, 1, F, S, peak, unit)
             lane_difference(T0, S, E, peak)
         for p in range(count):
             for k in range(6):
@@ -268,15 +264,15 @@ def step_blocks(real: Float, kind: Int, q: Float, w: Float, out: Float, status: 
             out[n + p, 18] = sigma[p]
             status[n + p] = 0
             if not (peak[p] <= REGULAR and sigma[p] >= DAMPING_BELOW):
-                step_range(real, kind, q, w, 0, out, status, n + p, n + p + 1)
+                step_range(chain, q, w, 0, out, status, n + p, n + p + 1)
                 redone += 1
     return redone
 
 
 @kernel(parallel=True)
-def step_lanes(real: Float, kind: Int, q: Float, w: Float, out: Float, status: Int) -> int:
+def step_lanes(chain: Compact, q: Float, w: Float, out: Float, status: Int) -> int:
     """Threaded :func:`step_blocks` over all points."""
     redone = 0
     for k in prange((len(q) + BLOCKS * L - 1) // (BLOCKS * L)):
-        redone += step_blocks(real, kind, q, w, out, status, k * BLOCKS * L, min(len(q), (k + 1) * BLOCKS * L))
+        redone += step_blocks(chain, q, w, out, status, k * BLOCKS * L, min(len(q), (k + 1) * BLOCKS * L))
     return redone

@@ -1,8 +1,6 @@
 """Scalar kernels of the elastic chain: one point at a time, generic in the chain, no allocation.
 
-``real`` and ``kind`` are the arrays of :class:`counterflex.robot.elasticity.compact.Compact` with m stations. Work
-arrays: ``frame`` (m + 1, 12) rotation row by row and position of each station after its drive, last row the TCP;
-``delta`` (m, 6) elastic displacements, rows of rigid stations zero; ``trig`` (12,) cosines then sines of the joints.
+Chain and work arrays are those of :mod:`counterflex.robot.elasticity.kernels.records`.
 """
 
 from __future__ import annotations
@@ -10,31 +8,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
+from counterflex.core.records import Record
+from counterflex.robot.elasticity.kernels.records import CHAIN, SURROUNDINGS, Compact
 from counterflex.robot.elasticity.kernels.regions import grow, growth_at
-
-# Columns of ``real`` (one row per station, then one row for the TCP, then one row for the surroundings).
-ROTATION: Final = 0  # 9 entries, row by row: fixed rotation, the drive's offset included
-POSITION: Final = 9  # 3 entries, m
-SIGN: Final = 12  # of the drive
-COMPLIANCE: Final = 13  # 6 entries
-MASS: Final = 19  # kg, of the bodies that ride on this station
-COM: Final = 20  # 3 entries, m, of those bodies in the station's frame
-CARRIED: Final = 23  # kg, this station and all beyond
-WIDTH: Final = 24
-
-# Entries of the row for the surroundings.
-GRAVITY: Final = 0  # 3 entries, m/s2
-BALANCE: Final = 3  # D, k, q_min_force, A, Z R T m, V_max
-
-# Columns of ``kind``.
-TURN: Final = 0  # fixed rotation: 0 none, 1 about x, 2 about y, 3 about z, 4 general
-DRIVE: Final = 1  # joint 0..5 or -1
-ROTATES: Final = 2  # 1 where the element has rotational compliance
-SLIDES: Final = 3  # 1 where it has translational compliance
-BALANCED: Final = 4  # sign times (joint + 1) where the counterbalance acts on this torsion, else 0
-KINDS: Final = 5
 
 SMALL: Final = 0.1  # rad; below this the series are exact to double precision
 
@@ -70,37 +48,39 @@ def joint_trig(q: Float, trig: Float) -> None:
         trig[6 + j] = math.sin(q[j])
 
 
-@kernel("void(float64[:, ::1], int64[:, ::1], int64, float64[::1], float64[:, ::1], int64, float64[:, ::1])")
-def chain_pass(real: Float, kind: Int, m: int, trig: Float, delta: Float, elastic: int, frame: Float) -> None:
+@kernel("void(Chain, float64[::1], float64[:, ::1], int64, float64[:, ::1])", Chain=CHAIN)
+def chain_pass(chain: Compact, trig: Float, delta: Float, elastic: int, frame: Float) -> None:
     """Pose of every station after its drive, and of the TCP.
 
     With ``elastic`` every station is displaced by its row of ``delta`` (m, 6): translation, then z-y'-x'' rotations.
     """
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
     x, y, z = 0.0, 0.0, 0.0
+    m = len(chain.stations) - 1
     for i in range(m + 1):
-        a, b, c = real[i, POSITION], real[i, POSITION + 1], real[i, POSITION + 2]
+        station = chain.stations[i]
+        a, b, c = station.position[0], station.position[1], station.position[2]
         x += r00 * a + r01 * b + r02 * c
         y += r10 * a + r11 * b + r12 * c
         z += r20 * a + r21 * b + r22 * c
-        turn = kind[i, TURN]
+        turn = station.turn
         if turn == 1:
-            c, s = real[i, ROTATION + 4], real[i, ROTATION + 7]
+            c, s = station.rotation[4], station.rotation[7]
             r01, r02 = c * r01 + s * r02, c * r02 - s * r01
             r11, r12 = c * r11 + s * r12, c * r12 - s * r11
             r21, r22 = c * r21 + s * r22, c * r22 - s * r21
         elif turn == 2:
-            c, s = real[i, ROTATION], real[i, ROTATION + 2]
+            c, s = station.rotation[0], station.rotation[2]
             r00, r02 = c * r00 - s * r02, c * r02 + s * r00
             r10, r12 = c * r10 - s * r12, c * r12 + s * r10
             r20, r22 = c * r20 - s * r22, c * r22 + s * r20
         elif turn == 3:
-            c, s = real[i, ROTATION], real[i, ROTATION + 3]
+            c, s = station.rotation[0], station.rotation[3]
             r00, r01 = c * r00 + s * r01, c * r01 - s * r00
             r10, r11 = c * r10 + s * r11, c * r11 - s * r10
             r20, r21 = c * r20 + s * r21, c * r21 - s * r20
         elif turn == 4:
-            f = real[i]
+            f = station.rotation[:]
             r00, r01, r02 = (
                 r00 * f[0] + r01 * f[3] + r02 * f[6],
                 r00 * f[1] + r01 * f[4] + r02 * f[7],
@@ -116,9 +96,9 @@ def chain_pass(real: Float, kind: Int, m: int, trig: Float, delta: Float, elasti
                 r20 * f[1] + r21 * f[4] + r22 * f[7],
                 r20 * f[2] + r21 * f[5] + r22 * f[8],
             )
-        joint = kind[i, DRIVE]
+        joint = station.drive
         if joint >= 0:
-            c, s = trig[joint], real[i, SIGN] * trig[6 + joint]
+            c, s = trig[joint], station.sign * trig[6 + joint]
             r00, r01 = c * r00 + s * r01, c * r01 - s * r00
             r10, r11 = c * r10 + s * r11, c * r11 - s * r10
             r20, r21 = c * r20 + s * r21, c * r21 - s * r20
@@ -129,12 +109,12 @@ def chain_pass(real: Float, kind: Int, m: int, trig: Float, delta: Float, elasti
         out[9], out[10], out[11] = x, y, z
         if elastic == 0 or i == m:
             continue
-        if kind[i, SLIDES] != 0:
+        if station.slides != 0:
             a, b, c = delta[i, 0], delta[i, 1], delta[i, 2]
             x += r00 * a + r01 * b + r02 * c
             y += r10 * a + r11 * b + r12 * c
             z += r20 * a + r21 * b + r22 * c
-        if kind[i, ROTATES] != 0:
+        if station.rotates != 0:
             a, b, c = delta[i, 3], delta[i, 4], delta[i, 5]
             if abs(a) + abs(b) + abs(c) <= SMALL:
                 ca, sa, cb, sb, cc, sc = (
@@ -153,34 +133,34 @@ def chain_pass(real: Float, kind: Int, m: int, trig: Float, delta: Float, elasti
             r21, r22 = ca * r21 + sa * r22, ca * r22 - sa * r21
 
 
-@kernel("float64(float64[::1], float64)")
-def balance_torque(surroundings: Float, q: float) -> float:
+@kernel("float64(Surroundings, float64)", Surroundings=SURROUNDINGS)
+def balance_torque(surroundings: Record, q: float) -> float:
     """Torque of the counterbalance on its axis; see :func:`.gravity.counterbalance_torque`."""
-    column, arm = surroundings[BALANCE], surroundings[BALANCE + 1]
-    area = surroundings[BALANCE + 3]
-    d = q - surroundings[BALANCE + 2]
+    column, arm = surroundings.anchor_column, surroundings.anchor_arm
+    area = surroundings.piston_area
+    d = q - surroundings.q_min_force
     length = math.sqrt(column * column + arm * arm - 2.0 * column * arm * math.cos(d))
     lever = column * arm * math.sin(d) / length
     stroke = length - (column - arm)
-    pressure: float = surroundings[BALANCE + 4] / (surroundings[BALANCE + 5] - stroke * area)
+    pressure: float = surroundings.gas_constant / (surroundings.gas_volume_max - stroke * area)
     torque: float = -lever * area * pressure
     return torque
 
 
-@kernel(
-    "void(float64[:, ::1], int64[:, ::1], int64, float64[:, ::1], float64[::1], float64[::1], int64, float64[:, ::1])",
-)
-def loads(real: Float, kind: Int, m: int, frame: Float, q: Float, w: Float, gravity: int, delta: Float) -> None:
+@kernel("void(Chain, float64[:, ::1], float64[::1], float64[::1], int64, float64[:, ::1])", Chain=CHAIN)
+def loads(chain: Compact, frame: Float, q: Float, w: Float, gravity: int, delta: Float) -> None:
     """Elastic displacement of every station under the wrench at the TCP and, on request, own weight; rigid geometry.
 
     ``delta[i] = compliance(q) * load`` with the load about the station's origin in the station's axes.
     """
-    gx, gy, gz = real[m + 1, GRAVITY], real[m + 1, GRAVITY + 1], real[m + 1, GRAVITY + 2]
+    m = len(chain.stations) - 1
+    surroundings = chain.surroundings[0]
+    gx, gy, gz = surroundings.gravity[0], surroundings.gravity[1], surroundings.gravity[2]
     tip = frame[m]
     sx, sy, sz = 0.0, 0.0, 0.0  # first mass moment of all bodies from this station outward
     for k in range(m):
         i = m - 1 - k
-        f = frame[i]
+        f, s = frame[i], chain.stations[i]
         lx, ly, lz = tip[9] - f[9], tip[10] - f[10], tip[11] - f[11]
         fx, fy, fz = w[0], w[1], w[2]
         mx = w[3] + ly * fz - lz * fy
@@ -188,12 +168,12 @@ def loads(real: Float, kind: Int, m: int, frame: Float, q: Float, w: Float, grav
         mz = w[5] + lx * fy - ly * fx
         twist = 0.0
         if gravity != 0:
-            mass = real[i, MASS]
-            a, b, c = real[i, COM], real[i, COM + 1], real[i, COM + 2]
+            mass = s.mass
+            a, b, c = s.com[0], s.com[1], s.com[2]
             sx += mass * (f[9] + f[0] * a + f[1] * b + f[2] * c)
             sy += mass * (f[10] + f[3] * a + f[4] * b + f[5] * c)
             sz += mass * (f[11] + f[6] * a + f[7] * b + f[8] * c)
-            carried = real[i, CARRIED]
+            carried = s.carried
             hx, hy, hz = sx - carried * f[9], sy - carried * f[10], sz - carried * f[11]
             fx += carried * gx
             fy += carried * gy
@@ -201,19 +181,19 @@ def loads(real: Float, kind: Int, m: int, frame: Float, q: Float, w: Float, grav
             mx += hy * gz - hz * gy
             my += hz * gx - hx * gz
             mz += hx * gy - hy * gx
-            if kind[i, BALANCED] != 0:
-                twist = balance_torque(real[m + 1], q[abs(kind[i, BALANCED]) - 1])
-                twist = twist if kind[i, BALANCED] > 0 else -twist
-        if kind[i, SLIDES] != 0:
-            delta[i, 0] = real[i, COMPLIANCE] * (f[0] * fx + f[3] * fy + f[6] * fz)
-            delta[i, 1] = real[i, COMPLIANCE + 1] * (f[1] * fx + f[4] * fy + f[7] * fz)
-            delta[i, 2] = real[i, COMPLIANCE + 2] * (f[2] * fx + f[5] * fy + f[8] * fz)
-        if kind[i, ROTATES] != 0:
-            delta[i, 3] = real[i, COMPLIANCE + 3] * (f[0] * mx + f[3] * my + f[6] * mz)
-            delta[i, 4] = real[i, COMPLIANCE + 4] * (f[1] * mx + f[4] * my + f[7] * mz)
-            delta[i, 5] = real[i, COMPLIANCE + 5] * (f[2] * mx + f[5] * my + f[8] * mz + twist)
-    if real.shape[0] > m + 2:
-        grow(real, m, q, delta)
+            if s.balanced != 0:
+                twist = balance_torque(surroundings, q[abs(s.balanced) - 1])
+                twist = twist if s.balanced > 0 else -twist
+        if s.slides != 0:
+            delta[i, 0] = s.compliance[0] * (f[0] * fx + f[3] * fy + f[6] * fz)
+            delta[i, 1] = s.compliance[1] * (f[1] * fx + f[4] * fy + f[7] * fz)
+            delta[i, 2] = s.compliance[2] * (f[2] * fx + f[5] * fy + f[8] * fz)
+        if s.rotates != 0:
+            delta[i, 3] = s.compliance[3] * (f[0] * mx + f[3] * my + f[6] * mz)
+            delta[i, 4] = s.compliance[4] * (f[1] * mx + f[4] * my + f[7] * mz)
+            delta[i, 5] = s.compliance[5] * (f[2] * mx + f[5] * my + f[8] * mz + twist)
+    if len(chain.regions) > 0:
+        grow(chain.regions, q, delta)
 
 
 @kernel("void(float64[::1], float64[::1], float64[::1])")
@@ -236,21 +216,22 @@ def pose_difference(a: Float, b: Float, out: Float) -> None:
     out[3], out[4], out[5] = ratio * x, ratio * y, ratio * z
 
 
-@kernel("void(float64[:, ::1], int64[:, ::1], int64, float64[:, ::1], float64[::1], float64[::1])")
-def tcp_compliance(real: Float, kind: Int, m: int, frame: Float, q: Float, out: Float) -> None:
+@kernel("void(Chain, float64[:, ::1], float64[::1], float64[::1])", Chain=CHAIN)
+def tcp_compliance(chain: Compact, frame: Float, q: Float, out: Float) -> None:
     """Cartesian compliance (36,) at the TCP in base axes: sum over the elements, 3x3 blocks."""
     t00, t01, t02, t11, t12, t22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     r00, r01, r02, r11, r12, r22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     m00, m01, m02, m10, m11, m12, m20, m21, m22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    m = len(chain.stations) - 1
     tip = frame[m]
     for i in range(m):
-        f = frame[i]
-        if kind[i, ROTATES] != 0:
-            a, b, c = real[i, COMPLIANCE + 3], real[i, COMPLIANCE + 4], real[i, COMPLIANCE + 5]
-            if real.shape[0] > m + 2:
-                a *= growth_at(real, m, i, 3, q)
-                b *= growth_at(real, m, i, 4, q)
-                c *= growth_at(real, m, i, 5, q)
+        f, s = frame[i], chain.stations[i]
+        if s.rotates != 0:
+            a, b, c = s.compliance[3], s.compliance[4], s.compliance[5]
+            if len(chain.regions) > 0:
+                a *= growth_at(chain.regions, i, 3, q)
+                b *= growth_at(chain.regions, i, 4, q)
+                c *= growth_at(chain.regions, i, 5, q)
             ax, ay, az = a * f[0], a * f[3], a * f[6]
             bx, by, bz = b * f[1], b * f[4], b * f[7]
             cx, cy, cz = c * f[2], c * f[5], c * f[8]
@@ -287,12 +268,12 @@ def tcp_compliance(real: Float, kind: Int, m: int, frame: Float, q: Float, out: 
             t11 += u21 * x - u01 * z
             t12 += u22 * x - u02 * z
             t22 += u02 * y - u12 * x
-        if kind[i, SLIDES] != 0:
-            a, b, c = real[i, COMPLIANCE], real[i, COMPLIANCE + 1], real[i, COMPLIANCE + 2]
-            if real.shape[0] > m + 2:
-                a *= growth_at(real, m, i, 0, q)
-                b *= growth_at(real, m, i, 1, q)
-                c *= growth_at(real, m, i, 2, q)
+        if s.slides != 0:
+            a, b, c = s.compliance[0], s.compliance[1], s.compliance[2]
+            if len(chain.regions) > 0:
+                a *= growth_at(chain.regions, i, 0, q)
+                b *= growth_at(chain.regions, i, 1, q)
+                c *= growth_at(chain.regions, i, 2, q)
             t00 += a * f[0] * f[0] + b * f[1] * f[1] + c * f[2] * f[2]
             t01 += a * f[0] * f[3] + b * f[1] * f[4] + c * f[2] * f[5]
             t02 += a * f[0] * f[6] + b * f[1] * f[7] + c * f[2] * f[8]
@@ -311,16 +292,16 @@ def tcp_compliance(real: Float, kind: Int, m: int, frame: Float, q: Float, out: 
     out[5], out[11], out[17] = m20, m21, m22
 
 
-@kernel("void(float64[:, ::1], int64[:, ::1], int64, float64[:, ::1], float64[::1])")
-def rigid_jacobian(real: Float, kind: Int, m: int, frame: Float, out: Float) -> None:
+@kernel("void(Chain, float64[:, ::1], float64[::1])", Chain=CHAIN)
+def rigid_jacobian(chain: Compact, frame: Float, out: Float) -> None:
     """Jacobian (36,) at the TCP in base axes, row by row; column j belongs to controller angle j."""
+    m = len(chain.stations) - 1
     tip = frame[m]
     for i in range(m):
-        j = kind[i, DRIVE]
+        j = chain.stations[i].drive
         if j >= 0:
-            f = frame[i]
-            s = real[i, SIGN]
-            ax, ay, az = s * f[2], s * f[5], s * f[8]
+            f, sign = frame[i], chain.stations[i].sign
+            ax, ay, az = sign * f[2], sign * f[5], sign * f[8]
             x, y, z = tip[9] - f[9], tip[10] - f[10], tip[11] - f[11]
             out[j] = ay * z - az * y
             out[6 + j] = az * x - ax * z

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
+from counterflex.robot.elasticity.kernels.records import ELASTIC, Elastic
 from counterflex.robot.elasticity.kernels.scalar import (
     chain_pass,
     joint_trig,
@@ -25,18 +26,6 @@ STEP_LIMIT: Final = 0.1  # rad, clamp of one Newton step
 DAMPED: Final = 1  # status bits
 CLAMPED: Final = 2
 REFUSED: Final = 4
-
-# Layout of the output vector.
-OUT_T0: Final = 0
-OUT_TE: Final = 16
-OUT_C: Final = 32
-OUT_D: Final = 68
-OUT_Q: Final = 74
-OUT_TC: Final = 80
-OUT_RESIDUAL: Final = 96
-OUT_SIGMA: Final = 102
-OUT_SIZE: Final = 103
-SCRATCH: Final = 9  # rows of 36
 
 
 @kernel("float64(float64[::1], float64, float64[::1], float64[::1])")
@@ -117,39 +106,32 @@ def write_pose(tip: Float, out: Float) -> None:
     out[12], out[13], out[14], out[15] = 0.0, 0.0, 0.0, 1.0
 
 
-_SIGNATURE = (
-    "int64(float64[:, ::1], int64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1],"
-    " float64[:, ::1], int64)"
-)
-
-
-@kernel(_SIGNATURE)
-def deflect(
-    real: Float, kind: Int, given: Float, out: Float, frame: Float, delta: Float, scratch: Float, gravity: int
-) -> int:
+@kernel("int64(Elastic, float64[::1], int64)", Elastic=ELASTIC)
+def deflect(elastic: Elastic, given: Float, gravity: int) -> int:
     """Deflection, compliance and rigid Jacobian for ``given = [q, w_tcp_base]`` (12,): the first half of :func:`step`.
 
-    ``OUT_T0 .. OUT_D`` and ``OUT_SIGMA`` are written, and ``scratch`` holds the Jacobian in its row 1 and the inverse
-    of the (where needed damped) Cholesky factor in its row 3. Returns DAMPED, REFUSED or 0.
+    Both poses, compliance, deflection and sigma are written; the work space then holds the Jacobian and the inverse of
+    the (where needed damped) Cholesky factor. Returns DAMPED, REFUSED or 0.
     """
-    m = kind.shape[0] - 1
-    trig, jac, low, inv, error = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
-    nominal, tip = scratch[7], frame[m]
+    chain, frame, delta = elastic.chain, elastic.frame, elastic.delta
+    result, work = elastic.results[0], elastic.works[0]
+    trig, jac, low, inv, error = work.trig[:], work.jacobian[:], work.factor[:], work.inverse[:], work.error[:]
+    nominal, tip = work.nominal[:], frame[len(chain.stations) - 1]
     joint_trig(given, trig)
-    chain_pass(real, kind, m, trig, delta, 0, frame)
-    loads(real, kind, m, frame, given, given[6:], gravity, delta)
-    tcp_compliance(real, kind, m, frame, given, out[OUT_C:])
-    rigid_jacobian(real, kind, m, frame, jac)
+    chain_pass(chain, trig, delta, 0, frame)
+    loads(chain, frame, given, given[6:], gravity, delta)
+    tcp_compliance(chain, frame, given, result.compliance[:])
+    rigid_jacobian(chain, frame, jac)
     for k in range(12):
         nominal[k] = tip[k]
-    write_pose(tip, out[OUT_T0:])
-    chain_pass(real, kind, m, trig, delta, 1, frame)
-    write_pose(tip, out[OUT_TE:])
+    write_pose(tip, result.T0[:])
+    chain_pass(chain, trig, delta, 1, frame)
+    write_pose(tip, result.Te[:])
     pose_difference(nominal, tip, error)
     for k in range(6):
-        out[OUT_D + k] = error[k]
+        result.deflection[k] = error[k]
     sigma = cholesky_inverse(jac, 0.0, low, inv)
-    out[OUT_SIGMA] = sigma
+    result.sigma = sigma
     if not sigma >= REFUSE_BELOW:
         return REFUSED
     if sigma >= DAMPING_BELOW:
@@ -158,26 +140,24 @@ def deflect(
     return DAMPED
 
 
-@kernel(_SIGNATURE)
-def step(
-    real: Float, kind: Int, given: Float, out: Float, frame: Float, delta: Float, scratch: Float, gravity: int
-) -> int:
+@kernel("int64(Elastic, float64[::1], int64)", Elastic=ELASTIC)
+def step(elastic: Elastic, given: Float, gravity: int) -> int:
     """One online step for ``given = [q, w_tcp_base]`` (12,), see :func:`counterflex.robot.elasticity.equations.step`.
 
     Returns the status bits.
     """
-    m = kind.shape[0] - 1
-    w = given[6:]
-    trig, jac, inv, error, half, move = scratch[0], scratch[1], scratch[3], scratch[4], scratch[5], scratch[6]
-    nominal, tip = scratch[7], frame[m]
-    status = deflect(real, kind, given, out, frame, delta, scratch, gravity)
-    q = out[OUT_Q:]
-    residual = out[OUT_RESIDUAL:]
+    chain, frame, delta = elastic.chain, elastic.frame, elastic.delta
+    result, work = elastic.results[0], elastic.works[0]
+    trig, jac, inv, error = work.trig[:], work.jacobian[:], work.inverse[:], work.error[:]
+    half, move, nominal = work.half[:], work.move[:], work.nominal[:]
+    w, tip = given[6:], frame[len(chain.stations) - 1]
+    status = deflect(elastic, given, gravity)
+    q, residual, Tc = result.q[:], result.residual[:], result.Tc[:]
     for k in range(6):
         residual[k] = error[k]
         q[k] = given[k]
     for k in range(16):
-        out[OUT_TC + k] = out[OUT_T0 + k]
+        Tc[k] = result.T0[k]
     if status & REFUSED:
         return REFUSED
     for _ in range(2):
@@ -185,10 +165,10 @@ def step(
         for j in range(6):
             q[j] += move[j]
         advance_trig(trig, move)
-        chain_pass(real, kind, m, trig, delta, 0, frame)
-        loads(real, kind, m, frame, q, w, gravity, delta)
-        write_pose(tip, out[OUT_TC:])
-        chain_pass(real, kind, m, trig, delta, 1, frame)
+        chain_pass(chain, trig, delta, 0, frame)
+        loads(chain, frame, q, w, gravity, delta)
+        write_pose(tip, Tc)
+        chain_pass(chain, trig, delta, 1, frame)
         pose_difference(nominal, tip, error)
     for k in range(6):
         residual[k] = error[k]
