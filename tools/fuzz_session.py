@@ -26,7 +26,8 @@ from counterflex.protocols.kuka_rsi.config import RsiConfig
 from counterflex.protocols.kuka_rsi.link import RsiLink
 from counterflex.protocols.kuka_rsi.telegram import Writer, robot_writer
 from counterflex.protocols.processes.control_array import Request
-from counterflex.protocols.session.session import OnlineSession, Sensing
+from counterflex.protocols.session.senses import Sensing
+from counterflex.protocols.session.session import OnlineSession
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.model import catalog, load_cases

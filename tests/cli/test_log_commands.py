@@ -19,7 +19,8 @@ from counterflex.app.run.missing import counted
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.mcap_salvage import MAGIC, salvage
-from counterflex.files.logs.run_log import LAYOUT, RunLog, read_log, read_segment
+from counterflex.files.logs.run_log import LAYOUT, RunLog
+from counterflex.files.logs.segments import read_log, read_segment
 from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose, rotation
 from counterflex.runtime import record_ring as record

@@ -15,7 +15,8 @@ from counterflex.app.run import log as job
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.files.logs import segment as run_log_segment
-from counterflex.files.logs.run_log import LAYOUT, RunLog, read_log, read_segment
+from counterflex.files.logs.run_log import LAYOUT, RunLog
+from counterflex.files.logs.segments import read_log, read_segment
 from counterflex.runtime.record_ring import COLUMNS, WIDTH
 from counterflex.runtime.state.states import Cause, State
 

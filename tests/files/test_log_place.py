@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from counterflex.files.logs.place import GONE, LOOKED_S, trouble_said
-from counterflex.files.logs.run_log import RunLog, read_log
+from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.segments import read_log
 from counterflex.runtime.record_ring import WIDTH
 
 

@@ -11,7 +11,8 @@ import pytest
 from counterflex.app.run.missing import LogMissing
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.files.logs.run_log import RunLog, read_log, read_segment, segments
+from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.segments import read_log, read_segment, segments
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, ROWS, WIDTH, RecordRing
 
 

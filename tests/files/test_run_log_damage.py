@@ -21,7 +21,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.files.logs.mcap_salvage import salvage
 from counterflex.files.logs.repair import repair_segment
-from counterflex.files.logs.run_log import UNKNOWN, RunLog, read_segment, segments
+from counterflex.files.logs.run_log import UNKNOWN, RunLog
+from counterflex.files.logs.segments import read_segment, segments
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, WIDTH
 from counterflex.runtime.state_slots import LoopState
 

@@ -19,7 +19,8 @@ from mcap.reader import make_reader
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError, OutputError
 from counterflex.files.logs.repair import repair_segment
-from counterflex.files.logs.run_log import RunLog, read_log, read_segment, segments
+from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.segments import read_log, read_segment, segments
 from counterflex.runtime.record_ring import WIDTH
 
 LATER = 4e9

@@ -14,7 +14,8 @@ from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose
 from counterflex.protocols.processes.control_array import REQUESTS, Request
-from counterflex.protocols.session.session import OnlineSession, Sensing, SessionChecks
+from counterflex.protocols.session.senses import Sensing
+from counterflex.protocols.session.session import OnlineSession, SessionChecks
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.robot.elasticity.chain import forward
 from counterflex.runtime.loop import Loop

@@ -14,7 +14,7 @@ import pytest
 from tests.runtime.test_replay import loop
 
 from counterflex.core.errors import InputError
-from counterflex.files.logs.run_log import Segment, read_segment
+from counterflex.files.logs.segments import Segment, read_segment
 from counterflex.runtime.record_ring import column
 from counterflex.runtime.replay import Replay
 from counterflex.runtime.settings import ForceMode, TrackerMode

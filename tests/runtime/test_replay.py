@@ -17,7 +17,8 @@ from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.processes.control_array import REQUESTS, Request
-from counterflex.protocols.session.session import OnlineSession, Sensing, SessionChecks
+from counterflex.protocols.session.senses import Sensing
+from counterflex.protocols.session.session import OnlineSession, SessionChecks
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop

@@ -20,6 +20,7 @@ from counterflex.plan.inputs import Setting, with_settling
 from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine, read_parameter_file
 from counterflex.programs.gcode.read.reader import read_gcode_file
+from counterflex.programs.limits import DIALECTS
 from counterflex.programs.program import Program
 from counterflex.robot.elasticity.chain import ElasticChain
 
@@ -57,7 +58,7 @@ class Reading:
         complete: Refuse a program that stops without M2, M30 or a closing ``%``.
     """
 
-    dialect: str = "linuxcnc"
+    dialect: str = DIALECTS[0]
     parameters: Path | None = None
     complete: bool = True
 

@@ -1,4 +1,4 @@
-"""What the controllers accept: decimals, line lengths, names, program sizes, each with its source.
+"""What is read and what controllers accept: dialects of G-code; decimals, lines, names, sizes, each with its source.
 
 ``measured`` marks what was tried with the program named; ``manual`` what vendors' manuals state; ``cautious`` a
 setting of ours that stays far below what is known to work, because no binding figure is published.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal, get_args
 
 from counterflex.core.errors import InputError
 
@@ -33,6 +33,10 @@ class Limits:
     angle_decimals: int
     source: str
 
+
+GcodeDialect = Literal["linuxcnc"]
+DIALECTS: Final[tuple[GcodeDialect, ...]] = get_args(GcodeDialect)
+"""Dialects of G-code that can be read; the first is taken where none is named."""
 
 LINUXCNC: Final = Limits(
     line_characters=252,

@@ -128,7 +128,7 @@ class Program:
 
     Attributes:
         name: File name.
-        dialect: ``linuxcnc`` for now.
+        dialect: One of :data:`~counterflex.programs.limits.DIALECTS`.
         lines: The source, without line ends.
         newline: Line end of the source.
         blocks: Executed blocks in order (comment and empty lines included where they are passed).

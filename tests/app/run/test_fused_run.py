@@ -14,7 +14,7 @@ from counterflex.app.run import log as run_log
 from counterflex.app.run import session as online_session
 from counterflex.app.simulated_cell import cell as live
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.logs.run_log import read_log
+from counterflex.files.logs.segments import read_log
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.plausibility.kernel import DOUBT_STEP
 from counterflex.runtime.record_ring import COLUMNS

@@ -20,7 +20,7 @@ from counterflex.app.simulated_cell import cell as live
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.logs.run_log import read_log
+from counterflex.files.logs.segments import read_log
 from counterflex.protocols.kuka_rsi.config import parse_config
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.record_ring import COLUMNS

@@ -18,7 +18,7 @@ from counterflex.app.run import session as online_session
 from counterflex.app.simulated_cell import cell as live
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.logs.run_log import read_log
+from counterflex.files.logs.segments import read_log
 from counterflex.runtime.plausibility.kernel import DOUBT_STEP
 from counterflex.runtime.record_ring import COLUMNS
 from counterflex.runtime.state.supervisor import Cause, State

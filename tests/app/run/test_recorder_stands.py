@@ -13,7 +13,7 @@ import pytest
 from counterflex.app.run import run as online
 from counterflex.app.run.end import End, ended_how
 from counterflex.app.run.run import Supervised
-from counterflex.files.logs.run_log import read_log
+from counterflex.files.logs.segments import read_log
 from counterflex.protocols.processes.control_array import Kept, Life, Shown
 from counterflex.runtime.record_ring import CYCLE, column
 from counterflex.runtime.state.supervisor import State

@@ -27,7 +27,7 @@ from counterflex.files.logs.run_log import RunLog
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.netft import telegram as netft
 from counterflex.protocols.netft.link import NetftLink, fetch_scaling
-from counterflex.protocols.session.session import tracker_frames
+from counterflex.protocols.session.senses import tracker_frames
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, TrackerPose, read_pose
 from counterflex.runtime.record_ring import COLUMNS

@@ -16,7 +16,8 @@ from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.tables import CellTables
 from counterflex.programs.compensated import marks
-from counterflex.programs.krl.rsi import RsiSwitching, called, check_main, check_path, link_test, with_correction
+from counterflex.programs.krl.rsi import called, check_main, check_path, link_test, with_correction
+from counterflex.programs.krl.rsi_switching import RsiSwitching
 from counterflex.protocols.finding import Finding
 from counterflex.protocols.kuka_rsi.calls import parse_calls, read_calls
 from counterflex.protocols.kuka_rsi.check.all_rules import check as judge

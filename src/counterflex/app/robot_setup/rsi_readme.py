@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from counterflex.programs.krl.rsi import RsiSwitching
+from counterflex.programs.krl.rsi_switching import RsiSwitching
 from counterflex.protocols.kuka_rsi.make.files import (
     CORRECTION_INDEX,
     ENABLE_INDEX,

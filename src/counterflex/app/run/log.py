@@ -26,7 +26,8 @@ from counterflex.evaluate.run_record import RunFigures, RunRecord
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.columns import require_all
 from counterflex.files.logs.repair import Repaired, repair_segment
-from counterflex.files.logs.run_log import LAYOUT, UNKNOWN, Segment, segments
+from counterflex.files.logs.run_log import LAYOUT, UNKNOWN
+from counterflex.files.logs.segments import Segment, segments
 from counterflex.files.plan_file import read_plan
 from counterflex.runtime.estimator.fusion import level
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, is_whole

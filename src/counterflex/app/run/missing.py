@@ -8,7 +8,7 @@ from typing import Any
 
 from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.missing_cycles import MissingCycles, MissingFinder
-from counterflex.files.logs.run_log import Segment, segments
+from counterflex.files.logs.segments import Segment, segments
 from counterflex.files.summary_file import read_summary
 from counterflex.runtime.record_ring import CYCLE
 

@@ -23,7 +23,8 @@ from counterflex.protocols.abb_egm.link import EgmLink
 from counterflex.protocols.force.sensors import Opening, link_values, opened
 from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.robot.link import RobotLink
-from counterflex.protocols.session.session import OnlineSession, Sensing, SessionChecks, compile_kernels, tracker_frames
+from counterflex.protocols.session.senses import Sensing, tracker_frames
+from counterflex.protocols.session.session import OnlineSession, SessionChecks, compile_kernels
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.runtime.loop import Loop

@@ -10,9 +10,9 @@ from counterflex.app.run.loop import tcp_target
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.logs.run_log import read_log
+from counterflex.files.logs.segments import read_log
 from counterflex.geometry import pose
-from counterflex.protocols.session.session import tracker_frames
+from counterflex.protocols.session.senses import tracker_frames
 from counterflex.runtime.record_ring import COLUMNS
 from counterflex.twin.devices.pose_source import TrackerLog
 

@@ -13,6 +13,7 @@ from counterflex.cli import given
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.scenario import Layers
 from counterflex.core.units import UM
+from counterflex.programs.limits import DIALECTS
 
 Program = Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=given.file)]
 CellFile = Annotated[Path, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=given.file)]
@@ -25,7 +26,7 @@ Out = Annotated[
 Dialect = Annotated[
     str,
     typer.Option(
-        "--dialect", help="Dialect of the program: linuxcnc.", callback=given.one_of(("linuxcnc",), "dialect")
+        "--dialect", help=f"Dialect of the program: {', '.join(DIALECTS)}.", callback=given.one_of(DIALECTS, "dialect")
     ),
 ]
 Parameters = Annotated[
@@ -59,7 +60,7 @@ def path(
             callback=given.output_file,
         ),
     ] = None,
-    dialect: Dialect = "linuxcnc",
+    dialect: Dialect = DIALECTS[0],
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the motions as JSON.")] = False,

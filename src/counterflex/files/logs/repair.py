@@ -16,8 +16,9 @@ from counterflex.core.errors import FileFormatError, InputError, OutputError
 from counterflex.core.held import boot_id, own
 from counterflex.evaluate.missing_cycles import MissingFinder
 from counterflex.files.logs.columns import require_all
-from counterflex.files.logs.run_log import HELD, Segment, read_segment
+from counterflex.files.logs.run_log import HELD
 from counterflex.files.logs.segment import KIND, VERSION, add_about, add_record, add_state, begin_segment
+from counterflex.files.logs.segments import Segment, read_segment
 from counterflex.runtime.record_ring import CYCLE
 
 STILL_S: Final = 5.0

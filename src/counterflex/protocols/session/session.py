@@ -14,38 +14,25 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import compile_stated
-from counterflex.core.units import MS, NS
-from counterflex.geometry import pose
-from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.processes.control_array import CONTROL, REQUESTS, Kept, Life, Request
 from counterflex.protocols.robot.link import RobotLink
 from counterflex.protocols.session.record import write_record
+from counterflex.protocols.session.senses import Senses, Sensing
 from counterflex.protocols.session.shared_status import Teller
 from counterflex.protocols.session.tare import Tare
 from counterflex.protocols.session.telegram_watch import TelegramWatch, WatchSettings
-from counterflex.protocols.tracker.kernel import tool_pose
-from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.runtime import record_ring as record
-from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.plausibility.axis_check import ABSENT, AxisCheck
 from counterflex.runtime.record_ring import RecordRing
-from counterflex.runtime.sensing.motor_torque import MotorTorque
-from counterflex.runtime.sensing.sensor_wrench import SensorWrench
-from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
-from counterflex.runtime.settings import ForceMode, Output, TrackerMode
+from counterflex.runtime.settings import Output
 from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.signals.arrival import ArrivalClock
 
-_FORGET_CYCLES = 10_000
 _FORGET_PEER_CYCLES = 250
 _IDLE, _READY, _ARMED = int(State.IDLE), int(State.READY), int(State.ARMED)
 _STATES = tuple(State)
 _RESTARTED, _CLAMPED = int(Cause.SESSION_RESTARTED), int(Cause.CLAMPED_BY_ROBOT)
-_SATURATED, _OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OFFSET)
 _INTERNAL, _LOG_LOST, _WRONG_JOB = int(Cause.INTERNAL), int(Cause.LOG_LOST), int(Cause.WRONG_JOB)
-_TRACKER_LOST, _FORCE_STALE = int(Cause.TRACKER_LOST), int(Cause.FORCE_STALE)
-_SCATTERED = int(Cause.TELEGRAMS_SCATTERED)
 _RUN_LOST = int(Cause.RUN_LOST)
 _LOG_LATE_ROWS = 125
 """Records that may wait before the loop is armed: half a second."""
@@ -88,31 +75,6 @@ class SessionChecks:
     run_silent_s: float | None = 0.08
 
 
-@dataclass(frozen=True, eq=False)
-class Sensing:
-    """What an online session measures with, beside what the robot says.
-
-    Attributes:
-        force: Force sensor, or None.
-        wrench: Its reading as process wrench; needed with ``force``.
-        inertia: Takes the inertia of the spindle out of it, or None.
-        currents: Torque of the motor currents that the robot sends, for the estimator; None leaves them.
-        angles: Holds the axis angles of each telegram against its poses; None: they are believed.
-        tracker: Tracker, or None.
-        T_part_tracker: (4, 4) tracker in the part frame; needed with ``tracker``.
-        T_target_tcp: (4, 4) tool tip in the tracker's target; needed with ``tracker``.
-    """
-
-    force: ForceSource | None = None
-    wrench: SensorWrench | None = None
-    inertia: SpindleInertia | None = None
-    currents: MotorTorque | None = None
-    angles: AxisCheck | None = None
-    tracker: TrackerLink | None = None
-    T_part_tracker: Float | None = None
-    T_target_tcp: Float | None = None
-
-
 class OnlineSession:
     """Ties links, sensors and loop together.
 
@@ -147,41 +109,22 @@ class OnlineSession:
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         compile_kernels()
-        senses = Sensing() if sensing is None else sensing
-        force, tracker, currents = senses.force, senses.tracker, senses.currents
-        T_part_tracker, T_target_tcp = senses.T_part_tracker, senses.T_target_tcp
+        sensing = Sensing() if sensing is None else sensing
+        force, tracker = sensing.force, sensing.tracker
         self.link, self.loop, self.force, self.tracker, self.ring = link, loop, force, tracker, ring
-        self._wrench, self._inertia, self._motors = senses.wrench, senses.inertia, currents
-        self._angles = senses.angles
-        self._current_age = _FORGET_CYCLES
-        self._torque: Float = loop.given.torque
+        self._angles = sensing.angles
         self._q: Float = loop.given.q
-        self._w: Float = loop.given.wrench
         self._given, self._result = loop.quick_given, loop.quick_result
         self._stand: Float = np.zeros(12)
         self._nominal: Float = loop.given.nominal
-        self._actual: Float = loop.given.actual
         self._reported: Float = loop.given.reported
-        self._in_effect: Float = loop.step_state.in_effect[:3]
-        self._since = 0
-        self._T_part_tracker = np.eye(4) if T_part_tracker is None else np.ascontiguousarray(T_part_tracker)
-        self._T_target_tcp = np.eye(4) if T_target_tcp is None else np.ascontiguousarray(T_target_tcp)
         self.control: Int = np.zeros(REQUESTS, dtype=np.int64) if control is None else control
         self._checks = checks if checks is not None else SessionChecks()
         self._axes = loop.settings.output == Output.AXES
-        self._fused = loop.settings.force == ForceMode.FUSED
-        self._needs_force = loop.settings.force in (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.SCALE)
-        self._needs_force |= self._fused and force is not None
-        self._needs_tracker = loop.settings.tracker != TrackerMode.NONE or (self._fused and tracker is not None)
-        self._sources = int(Source.FORCE) * (force is not None) | int(Source.TRACKER) * (tracker is not None)
-        self._sources |= int(Source.CURRENTS) * (currents is not None)
-        self._arrival = ArrivalClock(loop.settings.delays.tracker_s)
-        stale_s = loop.settings.fusion.tracker_stale_s if self._fused else 0.0
-        self._tracker_stale = max(loop.settings.stale_cycles, round(stale_s / loop.settings.period_s))
-        self._force_age = self._tracker_age = _FORGET_CYCLES
         self.watch = TelegramWatch(loop.settings.period_s, watch)
         self._clock_ns = clock_ns
         self._tare = Tare(self._checks.force_n, self._checks.moment_nm, keep=self._checks.tare)
+        self._senses = Senses(sensing, link, loop, self._tare, self._checks.settle_cycles, clock_ns)
         self._job = self._checks.job
         silent_s = self._checks.run_silent_s
         self._run_silent_ns = None if silent_s is None else round(silent_s * 1e9)
@@ -191,7 +134,6 @@ class OnlineSession:
                 self.control, loop, link.counters, self._tare, force=force is not None, tracker=tracker is not None
             )
         self.trouble = ""
-        self._time_zero_ns = clock_ns()
         self._silent_cycles = self._repeated = 0
         self._another, self._answered = False, True
         self._repeat = getattr(link, "repeat", None)  # a link that cannot do it leaves it out
@@ -201,7 +143,7 @@ class OnlineSession:
     @property
     def set_back(self) -> int:
         """How often the tracker's clock was set back."""
-        return self._arrival.set_back
+        return self._senses.set_back
 
     @property
     def patience_s(self) -> float:
@@ -249,19 +191,19 @@ class OnlineSession:
         soft, hard = self._watch_telegrams(received, received_ns, hard)
         if received and self._angles is not None:
             soft = self._watch_angles(self._angles) or soft
-        self._since += link.elapsed if received else 0
-        new = 0
+        senses, new = self._senses, 0
+        senses.since += link.elapsed if received else 0
         try:
-            soft, hard = self._read_force(soft, hard)
-            new = self._read_tracker()
-            self._read_currents(received)
+            soft = senses.read_force(soft, self.watch.good)
+            new = senses.read_tracker()
+            senses.read_currents(received)
         except Exception as fault:  # whatever it is: the robot is told to stop, not left with what stood last
             self._failed(fault)
         if link.clamped and soft == 0:
             soft = _CLAMPED
         soft, hard = self._watch_program(soft, hard, received_ns)
         if soft == 0 and result.state <= _READY:
-            soft = self._lacking()
+            soft = senses.lacking(self.watch.good, self.cycles)
         self._fill_flags(received, soft, hard, new)
         loop.run()
         self._serve_requests()
@@ -280,8 +222,8 @@ class OnlineSession:
                 cycles=self.cycles,
                 clock_jumps=self.watch.clock_jumps,
                 set_back=self.set_back,
-                force_age=self._force_age,
-                tracker_age=self._tracker_age,
+                force_age=senses.force_age,
+                tracker_age=senses.tracker_age,
             )
         return received
 
@@ -299,14 +241,12 @@ class OnlineSession:
         """Write what this cycle knows beside numbers into the inputs of the step."""
         link, given, control = self.link, self._given, self.control
         given.elapsed = link.elapsed if received else 0
-        given.force_age = self._force_age if self._needs_force or self.force is None else 0
-        given.tracker_new, given.tracker_age = new, self._tracker_age
-        given.healthy = self._healthy()
+        self._senses.fill_ages()
+        given.tracker_new, given.healthy = new, self._senses.healthy(self.watch.good)
         given.arm, given.stop = int(control[_ARM]), int(control[_STOP])
         given.reset = int(control[_RESET])
         given.enable = int(link.enable) if received else given.enable
         given.soft, given.hard = soft, hard
-        given.sources, given.current_age = self._sources, self._current_age
 
     def _reply(self, due: bool) -> None:
         """Answer the telegram, or repeat a stop where the protocol does that without one."""
@@ -409,80 +349,7 @@ class OnlineSession:
         if idle and (reset or self._silent_cycles >= _FORGET_PEER_CYCLES):
             self.link.forget()
 
-    def _read_force(self, soft: int, hard: int) -> tuple[int, int]:
-        if self.force is None or self._wrench is None:
-            return soft, hard
-        force = self.force
-        good = force.drain()
-        if force.first >= 0:
-            self.loop.take(force.samples, force.good, force.first)
-        if force.saturated:
-            self._force_age += 1
-            return (soft or _SATURATED), hard
-        if good == 0 or force.frozen:
-            self._force_age += 1
-            return soft, hard  # it ages: the step goes on by the plan for a while where there is one, then holds
-        self._force_age = 0
-        age = (self._clock_ns() - self._time_zero_ns) * 1e-9
-        w = self._wrench(self._q, force.w_sensor, age)
-        tare = self._tare
-        idle = self._result.state <= _READY
-        if not tare.accepted and idle and self.watch.good > self._checks.settle_cycles // 2:
-            tare.take(w)
-        if self._needs_force and tare.refusals and soft == 0:
-            soft = _OFFSET
-        w -= tare.zero
-        if self._inertia is None:
-            self._w[:] = w
-        elif self._since > 0:
-            self._w[:] = self._without_inertia(self._inertia, w)
-        return soft, hard
-
-    def _without_inertia(self, inertia: SpindleInertia, w: Float) -> Float:
-        """From where the motors stand: as the controller says, else as it should answer what was sent."""
-        if not self.link.fill_actual(self._stand):
-            self._stand[:] = self._nominal
-            self._stand[9:] += self._in_effect
-        since, self._since = self._since, 0
-        return inertia(self._stand, w, self.loop.compliance, since)
-
-    def _read_tracker(self) -> int:
-        self._tracker_age += 1
-        if self.tracker is None or not self.tracker.drain():
-            return 0
-        self._tracker_age = 0
-        tool_pose(self._T_part_tracker, self.tracker.T_tracker_target, self._T_target_tcp, self._actual, 0)
-        self._given.tracker_late = self._arrival.age(self.link.counter * MS, self.tracker.time_ns * NS)
-        self._given.tracker_sigma = self.tracker.sigma_m
-        return 1
-
-    def _read_currents(self, received: bool) -> None:
-        self._current_age += 1
-        if received and self._motors is not None and self.link.fill_currents(self._motors.current):
-            self._motors(self._q, self._torque)
-            self._current_age = 0
-
-    def _lacking(self) -> int:
-        """Why it cannot be armed, where a sensor that is needed says nothing or the telegrams do not come steadily."""
-        if self._needs_tracker and self._tracker_age >= self._tracker_stale:
-            return _TRACKER_LOST
-        if self._needs_force and self._force_age >= self.loop.settings.stale_cycles:
-            return _FORCE_STALE
-        settle = self._checks.settle_cycles
-        return _SCATTERED if self.watch.good < settle < self.cycles - 2 * settle else 0
-
-    def _healthy(self) -> int:
-        force = not self._needs_force or (self._tare.accepted and self._force_age == 0)
-        tracker = not self._needs_tracker or self._tracker_age < self._tracker_stale
-        return int(self.watch.good >= self._checks.settle_cycles and force and tracker)
-
     @property
     def idle_force(self) -> Float:
         """(6,) N, N m: mean reading before the cut that the checks were made on, part axes; zero before it is known."""
         return self._tare.mean
-
-
-def tracker_frames(T_base_part: Float, T_base_tracker: Float, T_tcp_target: Float) -> tuple[Float, Float]:
-    """``T_part_tracker`` and ``T_target_tcp`` of identified frames."""
-    T_part_tracker: Float = pose.inverse(T_base_part) @ T_base_tracker
-    return T_part_tracker, pose.inverse(T_tcp_target)

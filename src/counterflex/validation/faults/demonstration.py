@@ -16,7 +16,8 @@ from counterflex.protocols.kuka_rsi.config import RsiConfig, read_config
 from counterflex.protocols.kuka_rsi.link import RsiLink
 from counterflex.protocols.netft.link import NetftLink
 from counterflex.protocols.netft.telegram import Scaling
-from counterflex.protocols.session.session import OnlineSession, Sensing, SessionChecks
+from counterflex.protocols.session.senses import Sensing
+from counterflex.protocols.session.session import OnlineSession, SessionChecks
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.kinematics.inverse import inverse_path
 from counterflex.runtime.loop import Loop

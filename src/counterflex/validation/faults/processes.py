@@ -18,7 +18,7 @@ import numpy as np
 
 from counterflex.app.run.missing import counted
 from counterflex.core.units import MM
-from counterflex.files.logs.run_log import read_log
+from counterflex.files.logs.segments import read_log
 from counterflex.protocols.processes.control_array import Request
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.state.supervisor import State

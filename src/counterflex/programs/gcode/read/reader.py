@@ -22,9 +22,9 @@ from counterflex.programs.gcode.read.flow import Source, line_end, split_lines
 from counterflex.programs.gcode.read.interpreter import Interpreter
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.state import State, work_offset_table
+from counterflex.programs.limits import DIALECTS
 from counterflex.programs.program import Block, Motion, Program
 
-DIALECTS: Final = ("linuxcnc",)
 Point = tuple[float, float, float]
 _HERE: Final[Point] = (0.0, 0.0, 0.0)
 _LARGEST_FILE: Final = 500_000_000
@@ -36,7 +36,7 @@ def read_gcode(
     text: str,
     *,
     name: str = "program",
-    dialect: str = "linuxcnc",
+    dialect: str = DIALECTS[0],
     machine: MillingMachine = COORDINATES_OF_THE_PART,
     step_limit: int = 2_000_000,
     includes: Callable[[str], str | None] | None = None,
@@ -52,7 +52,7 @@ def read_gcode(
     Args:
         text: The program.
         name: Its name, for errors.
-        dialect: ``linuxcnc``.
+        dialect: One of :data:`~counterflex.programs.limits.DIALECTS`.
         machine: What is known of the machine that the program was written for.
         step_limit: Largest number of lines executed.
         includes: Given the name of a subroutine that the text does not define, returns the text of its file or None.
@@ -161,7 +161,7 @@ def _moved(motion: Motion, zero: Point) -> Motion:
 def read_gcode_file(
     path: str | os.PathLike[str],
     *,
-    dialect: str = "linuxcnc",
+    dialect: str = DIALECTS[0],
     machine: MillingMachine = COORDINATES_OF_THE_PART,
     step_limit: int = 2_000_000,
     block_delete: bool = False,

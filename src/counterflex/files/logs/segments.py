@@ -1,0 +1,188 @@
+"""Segments of a run log read back, also those that were cut short or are damaged, and the runs that they belong to."""
+
+from __future__ import annotations
+
+import mmap
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Channel
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError
+from counterflex.files.logs.columns import columns_of, placed, require_all
+from counterflex.files.logs.mcap_salvage import Salvaged, message, parsed, salvage
+from counterflex.files.logs.run_log import LAYOUT, UNKNOWN
+from counterflex.files.logs.segment import (
+    CYCLE_CHANNEL,
+    KIND,
+    STATE_CHANNEL,
+    STATE_HEAD,
+    VERSION,
+    Unreadable,
+    lost_at_end,
+    nothing_said,
+    read_about,
+    require_ours,
+)
+from counterflex.runtime.record_ring import COLUMNS, CYCLE
+from counterflex.runtime.state_slots import LoopState
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One file of a run log.
+
+    Attributes:
+        name: Of the file.
+        rows: (n, WIDTH) records: all that stand in sound chunks.
+        about: What the run was made of; empty where nothing of it can be read.
+        finished: It ends as a finished file does; else it was cut short, or is being written.
+        states: Of the loop, in order.
+        damage: Stretches that cannot be read.
+        lost_at_end: Records behind the last one that can be read, as far as the file's own index still names them.
+        absent: Columns that older code did not record: 0 in counts and flags, else not a number.
+    """
+
+    name: str
+    rows: Float
+    about: dict[str, Any]
+    finished: bool
+    states: tuple[LoopState, ...] = ()
+    damage: tuple[Unreadable, ...] = ()
+    lost_at_end: int = 0
+    absent: tuple[str, ...] = ()
+
+    @property
+    def whole(self) -> bool:
+        """It was finished and all of it can be read."""
+        return self.finished and not self.damage
+
+    @property
+    def run(self) -> int:
+        """Number of the first segment of the run it belongs to: a folder can hold several runs."""
+        return int(self.about.get("run", 0))
+
+
+def read_segment(path: str | Path) -> Segment:
+    """Read a segment, also one that was cut short or is damaged: every record that stands in a sound chunk.
+
+    Args:
+        path: MCAP file.
+
+    Raises:
+        FileFormatError: Missing, not a run log, newer than this program reads, or without a single sound record.
+    """
+    file = Path(path)
+    try:
+        result = _salvaged(file)
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(file)) from fault
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
+    about = read_about(result)
+    if about.get("format", KIND) != KIND:
+        raise FileFormatError("not a run log", where=str(file), value=about["format"])
+    if about.get("version", 0) > VERSION:
+        raise FileFormatError(
+            "the run log is newer than this program reads", where=str(file), value=about["version"], limit=VERSION
+        )
+    rows: list[Float] = []
+    states: list[LoopState] = []
+    layout = tuple((str(name), str(kind), int(count)) for name, kind, count in about.get(LAYOUT, ()))
+    columns = columns_of(result, str(about.get("counterflex", UNKNOWN)), file)
+    before = [0]  # records before each chunk
+    for chunk in result.chunks:
+        for opcode, content in chunk.records():
+            if opcode == Opcode.MESSAGE:
+                channel, _, data = message(content)
+                if channel == STATE_CHANNEL and len(data) >= STATE_HEAD.size:
+                    words = np.frombuffer(data, dtype="<i8", offset=STATE_HEAD.size)
+                    cycle, time_ns = STATE_HEAD.unpack_from(data)
+                    states.append(LoopState(cycle, time_ns, words, layout))
+                elif channel == CYCLE_CHANNEL and len(data) == 8 * len(columns):
+                    rows.append(np.frombuffer(data, dtype="<f8"))
+            elif opcode == Opcode.CHANNEL:
+                require_ours(parsed(Channel, content), str(file))
+        before.append(len(rows))
+    if not about and not rows:
+        text, hint = nothing_said(result, file.stat().st_size)
+        raise FileFormatError(text, where=str(file), nothing=True, hint=hint)
+    damage = tuple(Unreadable(d.begin, d.end, before[d.chunks]) for d in result.damage)
+    table = placed(np.array(rows).reshape(-1, len(columns)), columns)
+    absent = tuple(name for name in COLUMNS if name not in columns)
+    lost = lost_at_end(result, table) + int(about.get("repaired", {}).get("missing_at_end", 0))
+    return Segment(file.name, table, about, result.finished, tuple(states), damage, lost, absent)
+
+
+def _salvaged(file: Path) -> Salvaged:
+    with file.open("rb") as stream:
+        if os.fstat(stream.fileno()).st_size == 0:
+            return Salvaged()
+        with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            return salvage(data)
+
+
+def segments(folder: str | Path) -> Iterator[Segment]:
+    """Segments of a folder in order, one at a time; a file of which nothing can be read is a segment without records.
+
+    A segment that has lost what it was made of belongs to the run whose cycles it continues, else to one of its own.
+
+    Raises:
+        FileFormatError: There is none, none can be read, or one is no run log.
+    """
+    files = sorted(Path(folder).glob("run-*.mcap"))
+    if not files:
+        raise FileFormatError("there is no run log in this folder", where=str(folder), hint="Expected run-000.mcap")
+    refused = None
+    before: Segment | None = None  # the last one with records
+    read = False
+    for file in files:
+        try:
+            result = read_segment(file)
+        except FileFormatError as fault:
+            if not fault.data.get("nothing"):
+                raise
+            refused = refused or fault
+            yield Segment(file.name, np.zeros((0, len(COLUMNS))), {}, False)
+            continue
+        result = result if result.about else replace(result, about=_likely(result, before))
+        yield result
+        read = True
+        before = result if len(result.rows) else before
+    if refused is not None and not read:
+        raise refused
+
+
+def _likely(segment: Segment, before: Segment | None) -> dict[str, Any]:
+    """The run that a segment without its facts belongs to: the one before, whose cycles it continues, or its own."""
+    number, rows = segment.name[4:].partition(".")[0], segment.rows
+    own = int(number) if number.isdigit() else 0
+    if before is not None and len(rows) and rows[0, CYCLE] > before.rows[-1, CYCLE]:
+        return {**before.about, "segment": own}
+    return {"run": own, "segment": own, UNKNOWN: True}
+
+
+def read_log(folder: str | Path) -> tuple[Float, dict[str, Any], list[str]]:
+    """Read all segments of a folder in order.
+
+    Returns:
+        Records, facts of the first segment, and the names of segments that were cut short or are damaged.
+
+    Raises:
+        FileFormatError: There is none, none can be read, one is no run log, or of older code that recorded less.
+    """
+    parts, cut = [], []
+    about: dict[str, Any] = {}
+    for segment in segments(folder):
+        require_all(segment.absent, segment.about, str(folder), "computed again")
+        parts.append(segment.rows)
+        about = about or segment.about
+        if not segment.whole:
+            cut.append(segment.name)
+    return np.concatenate(parts), about, cut

@@ -1,0 +1,210 @@
+"""What a session measures with: sensors drained into the inputs of the step, and how old the reading of each is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import MS, NS
+from counterflex.geometry import pose
+from counterflex.protocols.force.source import ForceSource
+from counterflex.protocols.robot.link import RobotLink
+from counterflex.protocols.session.tare import Tare
+from counterflex.protocols.tracker.kernel import tool_pose
+from counterflex.protocols.tracker.link import TrackerLink
+from counterflex.runtime.estimator.fusion import Source
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.plausibility.axis_check import AxisCheck
+from counterflex.runtime.sensing.motor_torque import MotorTorque
+from counterflex.runtime.sensing.sensor_wrench import SensorWrench
+from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
+from counterflex.runtime.settings import ForceMode, TrackerMode
+from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.signals.arrival import ArrivalClock
+
+_FORGET_CYCLES = 10_000
+_READY = int(State.READY)
+_SATURATED, _OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OFFSET)
+_TRACKER_LOST, _FORCE_STALE = int(Cause.TRACKER_LOST), int(Cause.FORCE_STALE)
+_SCATTERED = int(Cause.TELEGRAMS_SCATTERED)
+
+
+@dataclass(frozen=True, eq=False)
+class Sensing:
+    """What an online session measures with, beside what the robot says.
+
+    Attributes:
+        force: Force sensor, or None.
+        wrench: Its reading as process wrench; needed with ``force``.
+        inertia: Takes the inertia of the spindle out of it, or None.
+        currents: Torque of the motor currents that the robot sends, for the estimator; None leaves them.
+        angles: Holds the axis angles of each telegram against its poses; None: they are believed.
+        tracker: Tracker, or None.
+        T_part_tracker: (4, 4) tracker in the part frame; needed with ``tracker``.
+        T_target_tcp: (4, 4) tool tip in the tracker's target; needed with ``tracker``.
+    """
+
+    force: ForceSource | None = None
+    wrench: SensorWrench | None = None
+    inertia: SpindleInertia | None = None
+    currents: MotorTorque | None = None
+    angles: AxisCheck | None = None
+    tracker: TrackerLink | None = None
+    T_part_tracker: Float | None = None
+    T_target_tcp: Float | None = None
+
+
+class Senses:
+    """Reads the sensors of a session, once per cycle each.
+
+    Args:
+        sensing: The sensors.
+        link: The robot.
+        loop: The step whose inputs are filled.
+        tare: Zero of the force sensor.
+        settle_cycles: Good telegrams in a row before the correction may be armed.
+        clock_ns: Monotonic clock.
+
+    Attributes:
+        force_age: Cycles since the last good reading of the force sensor.
+        tracker_age: The same of the tracker.
+        current_age: The same of the motor currents.
+        since: Cycles of the robot since the inertia of the spindle was last taken out.
+    """
+
+    def __init__(
+        self,
+        sensing: Sensing,
+        link: RobotLink,
+        loop: Loop,
+        tare: Tare,
+        settle_cycles: int,
+        clock_ns: Callable[[], int],
+    ) -> None:
+        force, tracker, currents = sensing.force, sensing.tracker, sensing.currents
+        T_part_tracker, T_target_tcp = sensing.T_part_tracker, sensing.T_target_tcp
+        self._link, self._loop, self._force, self._tracker, self._tare = link, loop, force, tracker, tare
+        self._wrench, self._inertia, self._motors = sensing.wrench, sensing.inertia, currents
+        self._settle, self._clock_ns = settle_cycles, clock_ns
+        self._given = loop.quick_given
+        self._torque: Float = loop.given.torque
+        self._q: Float = loop.given.q
+        self._w: Float = loop.given.wrench
+        self._nominal: Float = loop.given.nominal
+        self._actual: Float = loop.given.actual
+        self._in_effect: Float = loop.step_state.in_effect[:3]
+        self._stand: Float = np.zeros(12)
+        self._T_part_tracker = np.eye(4) if T_part_tracker is None else np.ascontiguousarray(T_part_tracker)
+        self._T_target_tcp = np.eye(4) if T_target_tcp is None else np.ascontiguousarray(T_target_tcp)
+        fused = loop.settings.force == ForceMode.FUSED
+        self._needs_force = loop.settings.force in (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.SCALE)
+        self._needs_force |= fused and force is not None
+        self._needs_tracker = loop.settings.tracker != TrackerMode.NONE or (fused and tracker is not None)
+        self._sources = int(Source.FORCE) * (force is not None) | int(Source.TRACKER) * (tracker is not None)
+        self._sources |= int(Source.CURRENTS) * (currents is not None)
+        self._arrival = ArrivalClock(loop.settings.delays.tracker_s)
+        stale_s = loop.settings.fusion.tracker_stale_s if fused else 0.0
+        self._tracker_stale = max(loop.settings.stale_cycles, round(stale_s / loop.settings.period_s))
+        self.force_age = self.tracker_age = self.current_age = _FORGET_CYCLES
+        self.since = 0
+        self._time_zero_ns = clock_ns()
+
+    @property
+    def set_back(self) -> int:
+        """How often the tracker's clock was set back."""
+        return self._arrival.set_back
+
+    def fill_ages(self) -> None:
+        """Write into the inputs of the step which sensors there are, and how old their readings are."""
+        given = self._given
+        given.force_age = self.force_age if self._needs_force or self._force is None else 0
+        given.tracker_age, given.current_age = self.tracker_age, self.current_age
+        given.sources = self._sources
+
+    def read_force(self, soft: int, good_telegrams: int) -> int:
+        """Drain the force sensor into the wrench of the step.
+
+        Args:
+            soft: Cause of a hold that is known already, or 0.
+            good_telegrams: In a row; the sensor's zero is taken once there are enough.
+
+        Returns:
+            Cause of a hold, or 0.
+        """
+        if self._force is None or self._wrench is None:
+            return soft
+        force = self._force
+        good = force.drain()
+        if force.first >= 0:
+            self._loop.take(force.samples, force.good, force.first)
+        if force.saturated:
+            self.force_age += 1
+            return soft or _SATURATED
+        if good == 0 or force.frozen:
+            self.force_age += 1
+            return soft  # it ages: the step goes on by the plan for a while where there is one, then holds
+        self.force_age = 0
+        age = (self._clock_ns() - self._time_zero_ns) * 1e-9
+        w = self._wrench(self._q, force.w_sensor, age)
+        tare = self._tare
+        idle = self._loop.quick_result.state <= _READY
+        if not tare.accepted and idle and good_telegrams > self._settle // 2:
+            tare.take(w)
+        if self._needs_force and tare.refusals and soft == 0:
+            soft = _OFFSET
+        w -= tare.zero
+        if self._inertia is None:
+            self._w[:] = w
+        elif self.since > 0:
+            self._w[:] = self._without_inertia(self._inertia, w)
+        return soft
+
+    def _without_inertia(self, inertia: SpindleInertia, w: Float) -> Float:
+        """From where the motors stand: as the controller says, else as it should answer what was sent."""
+        if not self._link.fill_actual(self._stand):
+            self._stand[:] = self._nominal
+            self._stand[9:] += self._in_effect
+        since, self.since = self.since, 0
+        return inertia(self._stand, w, self._loop.compliance, since)
+
+    def read_tracker(self) -> int:
+        """Drain the tracker into the tool's pose of the step: 1 where a new one came, else 0."""
+        self.tracker_age += 1
+        if self._tracker is None or not self._tracker.drain():
+            return 0
+        self.tracker_age = 0
+        tool_pose(self._T_part_tracker, self._tracker.T_tracker_target, self._T_target_tcp, self._actual, 0)
+        self._given.tracker_late = self._arrival.age(self._link.counter * MS, self._tracker.time_ns * NS)
+        self._given.tracker_sigma = self._tracker.sigma_m
+        return 1
+
+    def read_currents(self, received: bool) -> None:
+        """Turn the motor currents of a telegram into torques, where they are used."""
+        self.current_age += 1
+        if received and self._motors is not None and self._link.fill_currents(self._motors.current):
+            self._motors(self._q, self._torque)
+            self.current_age = 0
+
+    def lacking(self, good_telegrams: int, cycles: int) -> int:
+        """Why it cannot be armed, where a sensor that is needed says nothing or the telegrams do not come steadily."""
+        if self._needs_tracker and self.tracker_age >= self._tracker_stale:
+            return _TRACKER_LOST
+        if self._needs_force and self.force_age >= self._loop.settings.stale_cycles:
+            return _FORCE_STALE
+        settle = self._settle
+        return _SCATTERED if good_telegrams < settle < cycles - 2 * settle else 0
+
+    def healthy(self, good_telegrams: int) -> int:
+        """1 where telegrams and every sensor that is needed are as they must be for arming, else 0."""
+        force = not self._needs_force or (self._tare.accepted and self.force_age == 0)
+        tracker = not self._needs_tracker or self.tracker_age < self._tracker_stale
+        return int(good_telegrams >= self._settle and force and tracker)
+
+
+def tracker_frames(T_base_part: Float, T_base_tracker: Float, T_tcp_target: Float) -> tuple[Float, Float]:
+    """``T_part_tracker`` and ``T_target_tcp`` of identified frames."""
+    T_part_tracker: Float = pose.inverse(T_base_part) @ T_base_tracker
+    return T_part_tracker, pose.inverse(T_tcp_target)
