@@ -106,20 +106,19 @@ def quat_wxyz(R: Float) -> Float:
     if R.ndim == 2 and not np.isnan(R.sum()):
         return np.array(_quat_of_one(*R.ravel().tolist()))
     d0, d1, d2 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
-    four = np.stack([1 + d0 + d1 + d2, 1 + d0 - d1 - d2, 1 - d0 + d1 - d2, 1 - d0 - d1 + d2], axis=-1)
-    best = np.argmax(four, axis=-1)
     wx, wy, wz = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
     xy, yz, zx = R[..., 1, 0] + R[..., 0, 1], R[..., 2, 1] + R[..., 1, 2], R[..., 0, 2] + R[..., 2, 0]
-    candidates = np.stack(
-        [
-            np.stack([four[..., 0], wx, wy, wz], axis=-1),
-            np.stack([wx, four[..., 1], xy, zx], axis=-1),
-            np.stack([wy, xy, four[..., 2], yz], axis=-1),
-            np.stack([wz, zx, yz, four[..., 3]], axis=-1),
-        ],
-        axis=-2,
-    )
-    q = np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :]
+    ways = np.empty((*d0.shape, 4, 4))  # the quaternion times four of its numbers each
+    ways[..., 0, 0], ways[..., 1, 1] = 1 + d0 + d1 + d2, 1 + d0 - d1 - d2
+    ways[..., 2, 2], ways[..., 3, 3] = 1 - d0 + d1 - d2, 1 - d0 - d1 + d2
+    ways[..., 0, 1] = ways[..., 1, 0] = wx
+    ways[..., 0, 2] = ways[..., 2, 0] = wy
+    ways[..., 0, 3] = ways[..., 3, 0] = wz
+    ways[..., 1, 2] = ways[..., 2, 1] = xy
+    ways[..., 1, 3] = ways[..., 3, 1] = zx
+    ways[..., 2, 3] = ways[..., 3, 2] = yz
+    best = np.argmax(np.diagonal(ways, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(ways, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     first = np.take_along_axis(q, np.argmax(np.abs(q) > 1e-12, axis=-1)[..., None], axis=-1)
     out: Float = np.where(first < 0.0, -q, q)

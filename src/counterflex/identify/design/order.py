@@ -172,18 +172,25 @@ def _moved(tour: list[int], cost: Float) -> list[int] | None:
     t = np.array(tour)
     n = len(t)
     step = cost[t[:-1], t[1:]]
-    best: tuple[float, list[int]] | None = None
+    found: tuple[float, list[int]] | None = None
     for size in (1, 2, 3):
-        for a in range(1, n - size + 1):
-            b = a + size - 1
-            joined = cost[t[a - 1], t[b + 1]] if b + 1 < n else 0.0
-            out = step[a - 1] + (step[b] if b + 1 < n else 0.0) - joined
-            rest = np.concatenate([t[:a], t[b + 1 :]])
-            inner = cost[rest[:-1], rest[1:]]
-            into = cost[rest, t[a]]
-            into[:-1] += cost[t[b], rest[1:]] - inner
-            k = int(np.argmin(into))
-            gain = out - into[k]
-            if gain > 1e-9 and (best is None or gain > best[0]):
-                best = (gain, [*rest[: k + 1].tolist(), *tour[a : b + 1], *rest[k + 1 :].tolist()])
-    return None if best is None else best[1]
+        first = np.arange(1, n - size + 1)  # of each stretch, one to a row
+        if len(first) == 0:
+            continue
+        last = first + size - 1
+        inside = last + 1 < n
+        after = np.minimum(last + 1, n - 1)
+        out = step[first - 1] + np.where(inside, step[np.minimum(last, n - 2)], 0.0)
+        out -= np.where(inside, cost[t[first - 1], t[after]], 0.0)
+        place = np.arange(n - size)
+        rest = t[place + size * (place >= first[:, None])]
+        into = cost[rest, t[first][:, None]]
+        into[:, :-1] += cost[t[last][:, None], rest[:, 1:]] - cost[rest[:, :-1], rest[:, 1:]]
+        k = np.argmin(into, axis=1)
+        gain = out - into[first - 1, k]
+        best = int(np.argmax(gain))
+        if gain[best] > 1e-9 and (found is None or gain[best] > found[0]):
+            a, cut = int(first[best]), int(k[best]) + 1
+            others = rest[best].tolist()
+            found = (float(gain[best]), [*others[:cut], *tour[a : a + size], *others[cut:]])
+    return None if found is None else found[1]

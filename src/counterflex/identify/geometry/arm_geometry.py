@@ -106,6 +106,9 @@ class ArmGeometry:
     unit_loads: Float | None = None
     unit_turns: Float | None = None
     sense: Float | None = None
+    _last: dict[bytes, tuple[list[Float], list[Float], Float, Float]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     def subset(self, rows: Bool) -> ArmGeometry:
         """The marked poses only."""
@@ -120,7 +123,7 @@ class ArmGeometry:
 
     def poses(self, x: Float) -> Float:
         """T_base_tcp (m, 4, 4) at the values x (p,) of all parameters."""
-        return self._frames(x)[-1]
+        return self._frames(x)[-1].copy()
 
     def moved(self, x: Float) -> tuple[Float, Int, Float]:
         """What the parameters move.
@@ -208,7 +211,17 @@ class ArmGeometry:
         return None if loads is None else self._compliance(x) * loads
 
     def _frames(self, x: Float) -> tuple[list[Float], list[Float], Float, Float]:
-        """Frames behind every drive, behind every sag, of the TCP before its displacement, and of the TCP."""
+        """Frames behind every drive, behind every sag, of the TCP before its displacement, and of the TCP.
+
+        Residuals and their derivatives are asked for at the same values one after the other: the last are kept.
+        """
+        key = x.tobytes()
+        if key not in self._last:
+            self._last.clear()
+            self._last[key] = self._frames_at(x)
+        return self._last[key]
+
+    def _frames_at(self, x: Float) -> tuple[list[Float], list[Float], Float, Float]:
         chain, lay, m = self.chain, self.layout, len(self.q)
         delta = self._sag(x)
         base = lay.displacement_at(BASE, x)
