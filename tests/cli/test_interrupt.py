@@ -44,7 +44,7 @@ def test_prove(folder: Path, refused: Any, monkeypatch: pytest.MonkeyPatch, frac
 
 
 def test_demo(refused: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("counterflex.cli.commands.demo.progress_bar", _stops_at(0.0))
+    monkeypatch.setattr("counterflex.cli.commands.prove.progress_bar", _stops_at(0.0))
     assert refused("demo", "--out", "new/out", status=130) == SAID
 
 
@@ -68,7 +68,7 @@ def test_failure_while_files_are_moved_puts_everything_back(folder: Path, refuse
 PRESS = """
 import contextlib, os, signal, sys
 from counterflex.cli import start
-from counterflex.cli.commands import demo, program, prove
+from counterflex.cli.commands import program, prove
 
 @contextlib.contextmanager
 def bar(what, *, quiet=False):
@@ -77,7 +77,7 @@ def bar(what, *, quiet=False):
             os.killpg(0, getattr(signal, os.environ["SIGNAL"]))
     yield report
 
-demo.progress_bar = program.progress_bar = prove.progress_bar = bar
+program.progress_bar = prove.progress_bar = bar
 if __name__ == "__main__":
     start.run()
 """

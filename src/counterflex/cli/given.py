@@ -10,14 +10,23 @@ import math
 import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import typer
 
-from counterflex.cli.bounds import LARGEST_SEED, MOST_SEEDS
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.output_place import place_of
 from counterflex.core.similar import close_to, missing_file
+
+MOST_SEEDS: Final = 100
+LARGEST_SEED: Final = 2**31 - 1
+MOST_WORKERS: Final = 256
+MOST_PROPOSED: Final = 500
+"""Measurements that a laboratory could still make."""
+MOST_RECORDS: Final = 100_000_000
+"""Cycles, samples, datagrams: four days at 4 ms."""
+LARGEST_PORT: Final = 65535
+
 
 Param = typer.CallbackParam
 

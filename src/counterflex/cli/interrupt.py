@@ -1,4 +1,4 @@
-"""Ctrl-C that always arrives, only where Python can bear it, and that is told in the exit status."""
+"""Ctrl-C that always arrives, only where Python can bear it, and is told in the exit status; the line of an error."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from types import FrameType
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 _AGAIN_S: Final = 0.05
 _SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
@@ -100,3 +100,14 @@ def interruptible() -> Iterator[None]:
         sys.unraisablehook = report
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def end(line: str, status: int = 2) -> NoReturn:
+    """End the command with a line on standard error.
+
+    Args:
+        line: What is wrong.
+        status: Exit status.
+    """
+    print(f"error: {' '.join(line.split())}", file=sys.stderr)
+    sys.exit(status)

@@ -21,7 +21,6 @@ from counterflex.cli.commands import (
     ads,
     campaign,
     dataset,
-    demo,
     doctor,
     egm,
     extensions,
@@ -39,7 +38,7 @@ from counterflex.cli.commands import (
     twin,
 )
 from counterflex.cli.commands import run as online
-from counterflex.cli.ending import end
+from counterflex.cli.interrupt import end
 from counterflex.cli.output import line_period_s
 from counterflex.core import compiling
 from counterflex.core.errors import InputError
@@ -151,7 +150,7 @@ def _in_panels(app: typer.Typer) -> None:
 
 for room in (question, program, prove, dataset, identify, twin, tracker, ads, campaign):
     room.register(app)
-for room in (online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce, demo):
+for room in (online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
     room.register(app)
 _in_panels(app)
 _with_own_classes(app)

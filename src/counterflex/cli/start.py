@@ -9,8 +9,7 @@ from typing import Final
 
 from counterflex.cli import interrupt
 from counterflex.cli.commands import operator_now
-from counterflex.cli.ending import end
-from counterflex.cli.interrupt import interruptible
+from counterflex.cli.interrupt import end, interruptible
 from counterflex.core.errors import CounterflexError, Interrupted
 
 _INTERRUPTED: Final = 130

@@ -18,8 +18,7 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import rotation
 from counterflex.identify.data.changes import BodyMass, Calibration
 from counterflex.identify.data.dataset import Dataset, of_arrays
-from counterflex.identify.design.line_of_sight import seen
-from counterflex.identify.design.pose_candidates import measurable
+from counterflex.identify.design.pose_candidates import measurable, seen
 from counterflex.identify.kinematics.proposal import propose
 from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.recipe import Identification

@@ -14,7 +14,7 @@ from counterflex.core.units import DEG, MM, N_PER_MM2
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell
-from counterflex.files.cell.tables import PlayTable, ServoTable
+from counterflex.files.cell.robot import PlayTable, ServoTable
 from counterflex.geometry import pose
 from counterflex.path.toolpath import FEED
 from counterflex.plan.plan import Plan

@@ -15,7 +15,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.evaluate.incidents import Incident, IncidentFinder
-from counterflex.files.logs.record_units import headings
+from counterflex.files.logs.columns import headings
 from counterflex.files.logs.segments import segments
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.state.supervisor import Cause, State

@@ -24,7 +24,7 @@ from counterflex.app.run.process_events import shown_process
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError
 from counterflex.evaluate.incidents import IncidentFinder
-from counterflex.evaluate.latency import LatencyHistogram
+from counterflex.evaluate.loop_timing import LatencyHistogram
 from counterflex.evaluate.process_record import ProcessRecord
 from counterflex.files.logs.run_log import RunLog
 from counterflex.files.summary_file import write_summary

@@ -7,10 +7,9 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import given
-from counterflex.cli.bounds import MOST_RECORDS
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.commands.question import AsJson
-from counterflex.cli.given import address
+from counterflex.cli.given import MOST_RECORDS, address
 from counterflex.cli.output import print_json, print_table
 
 _ads = typer.Typer(no_args_is_help=True, help="A TwinCAT (Beckhoff ADS): check the connection, read, write, forward.")

@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import given
-from counterflex.cli.bounds import LARGEST_SEED
 from counterflex.cli.commands.program import Out
+from counterflex.cli.given import LARGEST_SEED
 from counterflex.cli.output import print_json, print_table, progress_bar
 
 

@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import given
-from counterflex.cli.bounds import LARGEST_SEED, MOST_PROPOSED
-from counterflex.cli.given import pairs
+from counterflex.cli.given import LARGEST_SEED, MOST_PROPOSED, pairs
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
 from counterflex.core.errors import InputError
 from counterflex.identify.recipes import RECIPES, own_title

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Final
 import typer
 
 from counterflex.cli import given
-from counterflex.cli.bounds import MOST_RECORDS
 from counterflex.cli.commands.program import CellFile
+from counterflex.cli.given import MOST_RECORDS
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 
 _log = typer.Typer(no_args_is_help=True, help="What an online run logged: show it, replay it, export it, repair it.")

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import given
-from counterflex.cli.bounds import LARGEST_SEED
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.commands.proxy import register as register_proxy
 from counterflex.cli.commands.question import AsJson
@@ -16,6 +15,7 @@ from counterflex.cli.commands.run import register_twin
 from counterflex.cli.commands.simulated.egm import register as register_egm
 from counterflex.cli.commands.simulated.instruments import register as register_fakes
 from counterflex.cli.commands.simulated.rsi import register as register_rsi
+from counterflex.cli.given import LARGEST_SEED
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.errors import InputError
 

@@ -20,7 +20,8 @@ from counterflex.cutting.force_laws import ValidFor, built
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.measured import CalibrationTable
 from counterflex.files.cell.plausibility import require_units
-from counterflex.files.cell.tables import CellTables, MaterialTable, OpwTable, PartTable, StockTable
+from counterflex.files.cell.robot import OpwTable
+from counterflex.files.cell.tables import CellTables, MaterialTable, PartTable, StockTable
 from counterflex.programs.robot_writer.machine_functions import Dialect, MachineFunctions
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.drive_error import DriveErrors

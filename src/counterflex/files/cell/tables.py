@@ -11,136 +11,59 @@ from pydantic import Field, field_validator, model_validator
 from counterflex.core.errors import CounterflexError
 from counterflex.cutting.force_laws import FORCE_LAWS, require_parameters
 from counterflex.files.cell.ads import AdsTable
-from counterflex.files.cell.axis_sag import AxisSagTable
 from counterflex.files.cell.controller import ControllerTable
-from counterflex.files.cell.dh import DhTable
-from counterflex.files.cell.drive_error import DriveErrorTable
 from counterflex.files.cell.egm import EgmTable
-from counterflex.files.cell.elastic_region import MOST_REGIONS, ElasticRegionTable
-from counterflex.files.cell.measured import CalibrationTable, IdentifiedTable
+from counterflex.files.cell.measured import IdentifiedTable
 from counterflex.files.cell.monitor import MonitorTable, OverrideTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.planning import DynamicsTable, LimitsTable, PostureTable
-from counterflex.files.cell.sensing import HolderTable, SensorTable
+from counterflex.files.cell.robot import AxisSagTable, DriveErrorTable, Mass, RobotTable
+from counterflex.files.cell.sensing import HolderTable, SensorTable, TrackerTable
 from counterflex.files.cell.timing import TimingTable
-from counterflex.files.cell.tracker import TrackerTable
-from counterflex.files.schema import Angle, ComplianceTable, Length, PoseTable, Table, Versioned
+from counterflex.files.schema import ComplianceTable, Length, PoseTable, Table, Versioned
 from counterflex.programs.limits import RESERVED
 
 Positive = Annotated[float, Field(gt=0.0)]
+
+
 NonNegative = Annotated[float, Field(ge=0.0)]
+
+
 Vector = tuple[Length, Length, Length]
+
+
 Share = Annotated[float, Field(ge=0.0, le=5.0)]
+
+
 ToolLength = Annotated[float, Field(gt=0.0, le=1000.0)]
-Mass = Annotated[float, Field(ge=0.0, le=5000.0)]
+
+
 Pressure = Annotated[float, Field(ge=0.0, le=20000.0)]
+
+
 EdgeForce = Annotated[float, Field(ge=0.0, le=1000.0)]
-MAX_SLIP_ELEMENTS: Final = 3
+
+
 MIN_CELLS: Final = 16
+
+
 MAX_CELLS: Final = 200_000_000
+
+
 SignedShare = Annotated[float, Field(ge=-5.0, le=5.0)]
+
+
 _NEEDED: Final = {
     "kienzle": ("kc11_n_mm2", "mc", "kr_over_kc", "ka_over_kc"),
     "linear_edge": ("ktc_n_mm2", "krc_n_mm2"),
 }
+
+
 _LAW_KEYS: Final = (
     *("kc11_n_mm2", "mc", "kr_over_kc", "mr", "ka_over_kc", "ma"),
     *("ktc_n_mm2", "krc_n_mm2", "kac_n_mm2", "kte_n_mm", "kre_n_mm", "kae_n_mm"),
 )
 """Keys of our own force laws, besides the edge forces of Kienzle's."""
-
-
-class OpwTable(Table):
-    """Own geometry of a six-axis arm with parallel base and spherical wrist."""
-
-    a1_mm: Length
-    a2_mm: Length
-    b_mm: Length = 0.0
-    c1_mm: Length
-    c2_mm: Length
-    c3_mm: Length
-    c4_mm: Length
-    offsets_deg: Annotated[list[Angle], Field(min_length=6, max_length=6)]
-    signs: Annotated[list[Literal[-1, 1]], Field(min_length=6, max_length=6)]
-    limits_deg: Annotated[list[tuple[Angle, Angle]], Field(min_length=6, max_length=6)]
-
-
-class ElasticTable(ComplianceTable):
-    """Replaces entries of the compliance (and the mass) of one segment of the robot."""
-
-    segment: str
-    mass_kg: Mass | None = None
-    source: str = ""
-
-
-class PlayTable(Table):
-    """Gear play and dry friction of one axis, as slow reversals of the unloaded axis show them."""
-
-    axis: Annotated[int, Field(ge=1, le=6)]
-    dead_band_half_urad: Annotated[float, Field(ge=0.0, le=10_000.0)] = 0.0
-    friction_nm: tuple[Annotated[float, Field(ge=0.0, le=100_000.0)], ...] = ()
-    slip_urad: tuple[Annotated[float, Field(ge=0.1, le=10_000.0)], ...] = ()
-    source: str = ""
-
-    @model_validator(mode="after")
-    def _elements(self) -> PlayTable:
-        if len(self.friction_nm) != len(self.slip_urad):
-            raise ValueError(
-                f"friction_nm has {len(self.friction_nm)} values and slip_urad {len(self.slip_urad)}; "
-                "expected one slip angle for every friction torque"
-            )
-        if len(self.friction_nm) > MAX_SLIP_ELEMENTS:
-            raise ValueError(
-                f"friction_nm has {len(self.friction_nm)} values; expected at most {MAX_SLIP_ELEMENTS} slip elements"
-            )
-        return self
-
-
-class ServoTable(Table):
-    """Loop gains of one axis, on the link side, as the controller's machine data or a load step show them."""
-
-    axis: Annotated[int, Field(ge=1, le=6)]
-    speed_gain_nm_s: Annotated[float, Field(ge=1e-3, le=1e9)]
-    position_gain_per_s: Annotated[float, Field(ge=0.1, le=1e4)]
-    integral_time_ms: Annotated[float, Field(ge=0.1, le=1e5)]
-    friction_nm: Annotated[float, Field(ge=0.0, le=100_000.0)] = 0.0
-    slip_urad: Annotated[float, Field(ge=0.1, le=10_000.0)] = 10.0
-    source: str = ""
-
-
-class RobotTable(Table):
-    """Which robot: by catalogue name, by own geometry, by Denavit-Hartenberg rows, or from a URDF file."""
-
-    catalog: str | None = None
-    geometry: OpwTable | None = None
-    dh: DhTable | None = None
-    urdf: str | None = None
-    urdf_tip: str | None = None
-    elastic: tuple[ElasticTable, ...] = ()
-    elastic_region: Annotated[tuple[ElasticRegionTable, ...], Field(max_length=MOST_REGIONS)] = ()
-    play: tuple[PlayTable, ...] = ()
-    servo: tuple[ServoTable, ...] = ()
-    calibration: tuple[CalibrationTable, ...] = ()
-
-    @model_validator(mode="after")
-    def _one_table_each(self) -> RobotTable:
-        for what, axes in (("play", [row.axis for row in self.play]), ("servo", [row.axis for row in self.servo])):
-            for axis in axes:
-                if axes.count(axis) > 1:
-                    raise ValueError(f"{what} of axis {axis} is given {axes.count(axis)} times; expected once")
-        segments = [row.segment for row in self.calibration]
-        for segment in segments:
-            if segments.count(segment) > 1:
-                raise ValueError(f"calibration of {segment} is given {segments.count(segment)} times; expected once")
-        return self
-
-    @model_validator(mode="after")
-    def _one_source(self) -> RobotTable:
-        given = [key for key in ("catalog", "geometry", "dh", "urdf") if getattr(self, key) is not None]
-        if len(given) != 1:
-            result = " and ".join(given) or "none of them"
-            raise ValueError(f"a robot comes from exactly one of catalog, geometry, dh and urdf; got {result}")
-        return self
 
 
 class BodyTable(PoseTable, ComplianceTable):

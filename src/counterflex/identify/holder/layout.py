@@ -1,4 +1,4 @@
-"""Where to glue the bridges of a spindle holder: D-optimal choice among places on its cheeks."""
+"""The instrumented spindle holder of a cell, and where to glue its bridges: D-optimal among places on its cheeks."""
 
 from __future__ import annotations
 
@@ -7,10 +7,31 @@ from itertools import product
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
+from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import DEG, MM
+from counterflex.identify.data.model import CellModel
 from counterflex.sensing.holder_beam import Gauge, HolderBeam
-from counterflex.sensing.strain_holder import tool_matrix
+from counterflex.sensing.strain_holder import StrainHolder, tool_matrix
+
+
+def holder_before(cell: CellModel) -> StrainHolder:
+    """The holder before identification.
+
+    Raises:
+        InputError: The cell has none.
+        ModelError: What the cell holds as its holder is none.
+    """
+    table = cell.tables.get("holder")
+    if table is None:
+        raise InputError(
+            "the cell has no instrumented spindle holder",
+            where=cell.name,
+            hint="Add a table [holder] with its dimensions, [[holder.gauges]] and tcp_mm to the cell file",
+        )
+    if not isinstance(table, StrainHolder):
+        raise ModelError("the holder of the cell is not a holder", value=type(table).__name__)
+    return table
+
 
 SPACING_M = 12.0 * MM
 """Least distance between two bridges."""

@@ -14,8 +14,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.design.greedy import greedy
-from counterflex.identify.holder.known_holder import holder_before
-from counterflex.identify.holder.layout import choose_gauges
+from counterflex.identify.holder.layout import choose_gauges, holder_before
 from counterflex.identify.holder.residuals import DRAWING_SHARE, parameters, readings
 from counterflex.identify.recipe import Proposal
 from counterflex.sensing.strain_holder import StrainHolder, sight, tool_matrix

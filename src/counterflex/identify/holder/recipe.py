@@ -19,7 +19,7 @@ from counterflex.identify.data.manifest_checks import Misfit, check_reading, mis
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.holder import TITLE
 from counterflex.identify.holder.estimators import cross_talk, hysteresis, regressions
-from counterflex.identify.holder.known_holder import holder_before
+from counterflex.identify.holder.layout import holder_before
 from counterflex.identify.holder.proposal import LARGEST_N, SHORTER_M, propose
 from counterflex.identify.holder.residuals import (
     DRAWING_SHARE,

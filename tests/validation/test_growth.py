@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from counterflex.core.errors import InputError
-from counterflex.evaluate.growth import growth
-from counterflex.evaluate.latency import LatencyHistogram
+from counterflex.evaluate.loop_timing import LatencyHistogram
+from counterflex.validation.soak.figures import growth
 
 
 def test_slope_and_standard_error_are_those_of_polyfit() -> None:
