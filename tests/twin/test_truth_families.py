@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from counterflex.app.proof.truth import make_truth, truth_of
 from counterflex.cli import given
-from counterflex.cli.bounds import MOST_SEEDS
+from counterflex.cli.given import MOST_SEEDS
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.twin.truth.family import FAMILIES, MILD, REPORTING_SEEDS, TUNING_SEEDS, WIDE, family_of
